@@ -1,0 +1,1 @@
+"""Instrument drivers, one module per instrument, each reading like its manual."""

@@ -1,0 +1,125 @@
+"""The one small thing every driver talks through; no driver knows which it has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from rigctl.errors import LinkLost, LinkTimeout
+
+
+class Transport(Protocol):
+    """A byte stream to one instrument.
+
+    `timeout_s` is rig time. Bytes that arrive after a terminator are kept for the next read. One user at a
+    time; a driver that may be asked from several threads holds a lock around each exchange.
+    """
+
+    address: str
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`; `LinkLost` when the other end is gone."""
+        ...
+
+    def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
+        """Bytes up to and including `terminator`; `LinkTimeout` (naming what came so far) or `LinkLost`."""
+        ...
+
+    def read_exactly(self, count: int, timeout_s: float) -> bytes:
+        """Exactly `count` bytes; `LinkTimeout` or `LinkLost`."""
+        ...
+
+    def discard_input(self) -> None:
+        """Forget what has arrived unasked."""
+        ...
+
+    def close(self) -> None:
+        """End the connection; may be called twice."""
+        ...
+
+
+Connect = Callable[[], Transport]
+"""Opens one connection to an instrument; drivers that need two sockets call it twice."""
+
+
+class Connection(Protocol):
+    """The instrument's end of one connection."""
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the client."""
+        ...
+
+    def close(self) -> None:
+        """The client has gone."""
+        ...
+
+
+class Endpoint(Protocol):
+    """Something in this process that takes and gives an instrument's bytes."""
+
+    def connect(self, send: Callable[[bytes], None]) -> Connection:
+        """Serve one more client, which is sent bytes through `send`."""
+        ...
+
+
+class WaitingClock(Protocol):
+    """A clock that can wait for a condition which events in this process bring about."""
+
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Let time pass until `condition` holds; False when `timeout_s` of rig time passed first."""
+        ...
+
+
+class InProcessTransport:
+    """A connection to an endpoint in this process."""
+
+    def __init__(self, address: str, endpoint: Endpoint, clock: WaitingClock) -> None:
+        self.address = address
+        self._clock = clock
+        self._received = bytearray()
+        self._open = True
+        self._connection = endpoint.connect(self._received.extend)
+
+    def write(self, data: bytes) -> None:
+        """Hand `data` to the instrument's end."""
+        if not self._open:
+            raise LinkLost(f"{self.address}: the connection is closed")
+        self._connection.receive(data)
+
+    def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
+        """Bytes up to and including `terminator`."""
+        if not self._clock.wait_for(lambda: terminator in self._received, timeout_s):
+            raise self._timeout(f"{terminator!r}", timeout_s)
+        return self._take(self._received.index(terminator) + len(terminator))
+
+    def read_exactly(self, count: int, timeout_s: float) -> bytes:
+        """Exactly `count` bytes."""
+        if not self._clock.wait_for(lambda: len(self._received) >= count, timeout_s):
+            raise self._timeout(f"{count} bytes", timeout_s)
+        return self._take(count)
+
+    def discard_input(self) -> None:
+        """Forget what has arrived unasked."""
+        self._received.clear()
+
+    def close(self) -> None:
+        """End the connection."""
+        if self._open:
+            self._open = False
+            self._connection.close()
+
+    def _take(self, count: int) -> bytes:
+        taken = bytes(self._received[:count])
+        del self._received[:count]
+        return taken
+
+    def _timeout(self, wanted: str, timeout_s: float) -> LinkTimeout:
+        return timed_out(self.address, wanted, timeout_s, bytes(self._received))
+
+
+def timed_out(address: str, wanted: str, timeout_s: float, received: bytes) -> LinkTimeout:
+    """The one wording of a time-out: what was awaited, how long, what came instead."""
+    came = f"only {received[:60]!r} came" if received else "nothing came"
+    return LinkTimeout(
+        f"{address}: waited {timeout_s:g} s for {wanted}, {came}; check power, cable, address and settings"
+    )

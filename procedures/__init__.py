@@ -1,0 +1,1 @@
+"""Measurement procedures: they ask the interfaces, never an instrument."""

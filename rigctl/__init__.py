@@ -1,0 +1,1 @@
+"""rigctl: instrument control and model building for precision accelerometer calibration."""

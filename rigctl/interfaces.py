@@ -1,0 +1,217 @@
+"""What a procedure may ask of an instrument.
+
+Units are in the names: degrees for angles, millimetres for positions, as on the instruments' panels; times
+are rig seconds. All calls raise `rigctl.errors.LinkError` when the wire fails and
+`rigctl.errors.InstrumentError` when the instrument refuses; set-points outside the limits raise
+`rigctl.errors.LimitError` before a byte is sent. `stop` may be called at any time from any thread, any
+number of times; a blocked motion then raises `rigctl.errors.MotionStopped`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who answered: as the instrument says it."""
+
+    model: str
+    serial: str
+    firmware: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A value with its unit and the rig time it was taken; NaN when the instrument has no valid value."""
+
+    value: float
+    unit: str
+    time_s: float
+
+
+@runtime_checkable
+class Instrument(Protocol):
+    """Anything with a wire. The constructor touches nothing: `open` connects, `close` ends."""
+
+    name: str
+
+    def open(self) -> None:
+        """Connect and check that the right model answers; `WrongInstrument` otherwise. Moves nothing."""
+        ...
+
+    def close(self) -> None:
+        """Disconnect; may be called twice."""
+        ...
+
+    def identify(self) -> Identity:
+        """Ask the instrument who it is."""
+        ...
+
+    def stop(self) -> None:
+        """Bring it to rest: motion halted, acquisition ended. Any thread, any time, any number of times."""
+        ...
+
+
+@dataclass(frozen=True)
+class RotationLimits:
+    """Soft limits of a rotation stage."""
+
+    angle_min_deg: float
+    angle_max_deg: float
+    speed_deg_s: float
+    acceleration_deg_s2: float
+
+
+@dataclass(frozen=True)
+class LinearLimits:
+    """Soft limits of a linear stage; positions are relative to home."""
+
+    position_min_mm: float
+    position_max_mm: float
+    speed_mm_s: float
+    acceleration_mm_s2: float
+
+
+@runtime_checkable
+class RotationStage(Instrument, Protocol):
+    """A rotary axis."""
+
+    limits: RotationLimits
+
+    def home(self) -> None:
+        """Initialise if needed and find the reference; returns when done. No-op when already homed."""
+        ...
+
+    def is_homed(self) -> bool:
+        """True when positions are referenced and the axis is ready to move."""
+        ...
+
+    def move_to(self, angle_deg: float) -> None:
+        """Move and return when the stage has arrived and settled (its own motion-done)."""
+        ...
+
+    def angle(self) -> Reading:
+        """The encoder's angle now [deg]; may be called while a move blocks another thread."""
+        ...
+
+
+@runtime_checkable
+class LinearStage(Instrument, Protocol):
+    """A linear axis that can be moved and oscillated."""
+
+    limits: LinearLimits
+
+    def home(self) -> None:
+        """Enable, find the reference, return when done. No-op when already homed and enabled."""
+        ...
+
+    def is_homed(self) -> bool:
+        """True when enabled and referenced."""
+        ...
+
+    def move_to(self, position_mm: float) -> None:
+        """Move and return when arrived."""
+        ...
+
+    def oscillate(self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float) -> None:
+        """Start a sinusoid about `centre_mm` that lasts at least `duration_s`; returns once it runs.
+
+        `amplitude_mm` is half the peak-to-peak travel. The axis first goes where the motion starts.
+        Replaces an oscillation that is running. Ends by itself after the duration, or with `rest`.
+        """
+        ...
+
+    def rest(self) -> None:
+        """End an oscillation smoothly and return when the axis stands still."""
+        ...
+
+    def position(self) -> Reading:
+        """The encoder's position now [mm]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column of a run as an instrument delivers it."""
+
+    name: str
+    unit: str
+    kind: str
+    latency_s: float = 0.0
+    full_scale: float | None = None
+
+
+@runtime_checkable
+class PacedRecorder(Protocol):
+    """Records one row per trigger edge that comes from outside."""
+
+    name: str
+
+    def channels(self) -> tuple[Channel, ...]:
+        """The columns `collect` delivers, in order."""
+        ...
+
+    def arm(self, samples: int, period_s: float) -> None:
+        """Clear and wait for `samples` edges, `period_s` apart; `LimitError` if the memory cannot hold them."""
+        ...
+
+    def collect(self) -> FloatArray:
+        """The recorded rows, shape (samples, channels), after the last edge; NaN where there was no value.
+
+        Raises `InstrumentError` when fewer edges than armed for have been recorded.
+        """
+        ...
+
+
+@runtime_checkable
+class PacingRecorder(Protocol):
+    """Records on its own sample timer and gives the trigger edges all the others record on."""
+
+    name: str
+
+    def channels(self) -> tuple[Channel, ...]:
+        """The columns `fetch` delivers, in order."""
+        ...
+
+    def start(self, samples: int, period_s: float) -> float:
+        """Clear, start the train of edges, and return the rig time of the start."""
+        ...
+
+    def fetch(self) -> FloatArray:
+        """The rows recorded since the last call, shape (n, channels), n may be 0; NaN where overloaded."""
+        ...
+
+
+@runtime_checkable
+class DisplacementMeter(Instrument, PacedRecorder, Protocol):
+    """A controller with one or more displacement heads."""
+
+    def displacements(self) -> tuple[Reading, ...]:
+        """The value of each head now [mm], NaN when out of range or without a target."""
+        ...
+
+
+@runtime_checkable
+class Voltmeter(Instrument, Protocol):
+    """Single voltage readings."""
+
+    def voltage(self) -> Reading:
+        """One reading now [V]; NaN when overloaded."""
+        ...
+
+
+@runtime_checkable
+class Thermometer(Instrument, Protocol):
+    """Single temperature readings."""
+
+    def temperature(self) -> Reading:
+        """One reading now [degC]."""
+        ...

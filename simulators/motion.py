@@ -1,0 +1,197 @@
+"""How a simulated axis moves: piecewise constant acceleration, and sinusoids.
+
+An axis knows its motion for all times of the recent past and, until it is told otherwise, of the future, so
+a world can be sampled at any instant. Units are the stage's own (deg or mm, per second).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+HISTORY_S = 120.0
+"""How far back an axis remembers; longer than any sensor rings."""
+
+
+class Segment(Protocol):
+    """A stretch of motion that begins at `start_s`."""
+
+    start_s: float
+
+    def sample(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and acceleration at the given times."""
+        ...
+
+
+@dataclass(frozen=True)
+class Ballistic:
+    """Constant acceleration."""
+
+    start_s: float
+    position: float
+    velocity: float = 0.0
+    acceleration: float = 0.0
+
+    def sample(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and acceleration at the given times."""
+        dt = times_s - self.start_s
+        return (
+            self.position + dt * (self.velocity + 0.5 * self.acceleration * dt),
+            self.velocity + self.acceleration * dt,
+            np.full_like(dt, self.acceleration),
+        )
+
+
+@dataclass(frozen=True)
+class Sinusoid:
+    """A raised cosine from rest: position + sum_h amplitude_h (1 - cos(h w t)).
+
+    `amplitudes[0]` belongs to the fundamental and is signed: the axis sets out towards its sign.
+    """
+
+    start_s: float
+    position: float
+    frequency_hz: float
+    amplitudes: tuple[float, ...]
+
+    def sample(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and acceleration at the given times."""
+        dt = times_s - self.start_s
+        position = np.full_like(dt, self.position)
+        velocity = np.zeros_like(dt)
+        acceleration = np.zeros_like(dt)
+        for order, amplitude in enumerate(self.amplitudes, start=1):
+            w = 2.0 * math.pi * self.frequency_hz * order
+            cos, sin = np.cos(w * dt), np.sin(w * dt)
+            position += amplitude * (1.0 - cos)
+            velocity += amplitude * w * sin
+            acceleration += amplitude * w * w * cos
+        return position, velocity, acceleration
+
+
+class MotionAxis:
+    """One axis of motion; commands take effect at the time given, which never runs backwards."""
+
+    def __init__(self, position: float = 0.0) -> None:
+        self._segments: list[Segment] = [Ballistic(-math.inf, position)]
+        self._end_s = -math.inf
+
+    def sample(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and acceleration, each of the shape of `times_s`."""
+        times_s = np.asarray(times_s, dtype=np.float64)
+        starts = np.array([s.start_s for s in self._segments])
+        index = np.clip(np.searchsorted(starts, times_s, side="right") - 1, 0, None)
+        out = np.empty((3, *times_s.shape))
+        for i in np.unique(index):
+            chosen = index == i
+            segment = self._segments[i]
+            if math.isinf(segment.start_s):
+                out[:, chosen] = [[segment.position], [0.0], [0.0]]  # type: ignore[attr-defined]
+            else:
+                out[:, chosen] = segment.sample(times_s[chosen])
+        return out[0], out[1], out[2]
+
+    def position(self, at_s: float) -> float:
+        """Position at one instant."""
+        return self._state(at_s)[0]
+
+    def velocity(self, at_s: float) -> float:
+        """Velocity at one instant."""
+        return self._state(at_s)[1]
+
+    def acceleration(self, at_s: float) -> float:
+        """Acceleration at one instant."""
+        return self._state(at_s)[2]
+
+    def moving(self, at_s: float) -> bool:
+        """True while the commanded motion has not ended."""
+        return at_s < self._end_s
+
+    @property
+    def end_s(self) -> float:
+        """When the commanded motion ends; inf for an endless one, in the past at rest."""
+        return self._end_s
+
+    def move_to(self, at_s: float, target: float, speed: float, acceleration: float) -> float:
+        """A trapezoidal move from where the axis stands; returns its end."""
+        start = self.position(at_s)
+        distance = target - start
+        if distance == 0.0:
+            self._command(at_s, [Ballistic(at_s, start)], at_s)
+            return at_s
+        sign = math.copysign(1.0, distance)
+        peak = min(speed, math.sqrt(abs(distance) * acceleration))
+        ramp_s = peak / acceleration
+        cruise_s = abs(distance) / peak - ramp_s
+        ramp = sign * 0.5 * acceleration * ramp_s**2
+        t1, t2, t3 = at_s + ramp_s, at_s + ramp_s + cruise_s, at_s + 2 * ramp_s + cruise_s
+        self._command(
+            at_s,
+            [
+                Ballistic(at_s, start, 0.0, sign * acceleration),
+                Ballistic(t1, start + ramp, sign * peak, 0.0),
+                Ballistic(t2, target - ramp, sign * peak, -sign * acceleration),
+                Ballistic(t3, target),
+            ],
+            t3,
+        )
+        return t3
+
+    def jog(self, at_s: float, velocity: float, acceleration: float) -> None:
+        """Go to a constant velocity and stay there."""
+        position, now, _ = self._state(at_s)
+        if velocity == now:
+            self._command(at_s, [Ballistic(at_s, position, velocity)], math.inf)
+            return
+        sign = math.copysign(1.0, velocity - now)
+        ramp_s = abs(velocity - now) / acceleration
+        reached = position + now * ramp_s + 0.5 * sign * acceleration * ramp_s**2
+        self._command(
+            at_s,
+            [Ballistic(at_s, position, now, sign * acceleration), Ballistic(at_s + ramp_s, reached, velocity)],
+            math.inf,
+        )
+
+    def oscillate(
+        self, at_s: float, frequency_hz: float, amplitudes: Sequence[float], cycles: float
+    ) -> float:
+        """A sinusoid from rest for a whole number of cycles (inf: until told otherwise); returns its end."""
+        position = self.position(at_s)
+        end_s = at_s + cycles / frequency_hz
+        segments: list[Segment] = [Sinusoid(at_s, position, frequency_hz, tuple(amplitudes))]
+        if math.isfinite(end_s):
+            segments.append(Ballistic(end_s, position))
+        self._command(at_s, segments, end_s)
+        return end_s
+
+    def halt(self, at_s: float, deceleration: float) -> float:
+        """Brake to rest; returns when it stands."""
+        position, velocity, _ = self._state(at_s)
+        brake_s = abs(velocity) / deceleration
+        rest = position + 0.5 * velocity * brake_s
+        braking = Ballistic(at_s, position, velocity, -math.copysign(deceleration, velocity))
+        end_s = at_s + brake_s
+        self._command(at_s, [braking, Ballistic(end_s, rest)], end_s)
+        return end_s
+
+    def place(self, at_s: float, position: float) -> None:
+        """Be somewhere at once: the start of a simulation, or a reference found."""
+        self._command(at_s, [Ballistic(at_s, position)], at_s)
+
+    def _state(self, at_s: float) -> tuple[float, float, float]:
+        position, velocity, acceleration = self.sample(np.array([at_s]))
+        return float(position[0]), float(velocity[0]), float(acceleration[0])
+
+    def _command(self, at_s: float, segments: Sequence[Segment], end_s: float) -> None:
+        kept = [s for s in self._segments if s.start_s < at_s]
+        while len(kept) > 1 and kept[1].start_s < at_s - HISTORY_S:
+            kept.pop(0)
+        self._segments = [*kept, *segments]
+        self._end_s = end_s

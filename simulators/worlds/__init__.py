@@ -1,0 +1,1 @@
+"""The physics behind the simulated instruments, integrated in the time domain."""
