@@ -155,7 +155,10 @@ class MotionAxis:
         reached = position + now * ramp_s + 0.5 * sign * acceleration * ramp_s**2
         self._command(
             at_s,
-            [Ballistic(at_s, position, now, sign * acceleration), Ballistic(at_s + ramp_s, reached, velocity)],
+            [
+                Ballistic(at_s, position, now, sign * acceleration),
+                Ballistic(at_s + ramp_s, reached, velocity),
+            ],
             math.inf,
         )
 
