@@ -82,20 +82,18 @@ class InProcessTransport:
 
     def write(self, data: bytes) -> None:
         """Hand `data` to the instrument's end."""
-        if not self._open:
-            raise LinkLost(f"{self.address}: the connection is closed")
+        if self._ended():
+            raise self._lost()
         self._connection.receive(data)
 
     def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
         """Bytes up to and including `terminator`."""
-        if not self._clock.wait_for(lambda: terminator in self._received, timeout_s):
-            raise self._timeout(f"{terminator!r}", timeout_s)
+        self._await(lambda: terminator in self._received, f"{terminator!r}", timeout_s)
         return self._take(self._received.index(terminator) + len(terminator))
 
     def read_exactly(self, count: int, timeout_s: float) -> bytes:
         """Exactly `count` bytes."""
-        if not self._clock.wait_for(lambda: len(self._received) >= count, timeout_s):
-            raise self._timeout(f"{count} bytes", timeout_s)
+        self._await(lambda: len(self._received) >= count, f"{count} bytes", timeout_s)
         return self._take(count)
 
     def discard_input(self) -> None:
@@ -113,8 +111,25 @@ class InProcessTransport:
         del self._received[:count]
         return taken
 
-    def _timeout(self, wanted: str, timeout_s: float) -> LinkTimeout:
-        return timed_out(self.address, wanted, timeout_s, bytes(self._received))
+    def _await(self, complete: Callable[[], bool], wanted: str, timeout_s: float) -> None:
+        settled = self._clock.wait_for(lambda: complete() or self._ended(), timeout_s)
+        if not settled:
+            raise timed_out(self.address, wanted, timeout_s, bytes(self._received))
+        if not complete():
+            raise self._lost()
+
+    def _ended(self) -> bool:
+        return not self._open or bool(getattr(self._connection, "hung_up", False))
+
+    def _lost(self) -> LinkLost:
+        return lost(
+            self.address, "the instrument ended the connection" if self._open else "it is closed here"
+        )
+
+
+def lost(address: str, why: str) -> LinkLost:
+    """The one wording of a lost connection: where and why, and what to try."""
+    return LinkLost(f"{address}: no connection, {why}; check power and cable, then reconnect")
 
 
 def timed_out(address: str, wanted: str, timeout_s: float, received: bytes) -> LinkTimeout:

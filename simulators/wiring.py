@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,17 @@ class Connection(Protocol):
     def close(self) -> None:
         """The client has gone."""
         ...
+
+
+@runtime_checkable
+class EndsItself(Protocol):
+    """A connection its instrument may end: an idle time-out, a reboot, another client's request.
+
+    Whoever carries the bytes looks at `hung_up` after every receive and event; once it is True it sends what
+    is left, ends the connection and calls `close`.
+    """
+
+    hung_up: bool
 
 
 class SimulatedInstrument(Protocol):
