@@ -1,0 +1,17 @@
+"""Fits that say whether to trust them: least squares, the plane of the motion vectors, budgets."""
+
+from rigctl.fitting.least_squares import FitResult, Parameter, Prior, least_squares
+from rigctl.fitting.plane import ARCSEC, Axis, AxisAngle, PlaneFit, angle_between, fit_plane
+
+__all__ = [
+    "ARCSEC",
+    "Axis",
+    "AxisAngle",
+    "FitResult",
+    "Parameter",
+    "PlaneFit",
+    "Prior",
+    "angle_between",
+    "fit_plane",
+    "least_squares",
+]

@@ -1,0 +1,23 @@
+"""From samples to amplitudes with honest noise: sine fits and spectra of what they leave."""
+
+from rigctl.signals.noise import DcNoise, NoiseLevel, Spectrum, pooled_psd, spectrum
+from rigctl.signals.sine_fit import (
+    FrequencyFit,
+    HarmonicBasis,
+    HarmonicFit,
+    referred_to,
+    refine_frequency,
+)
+
+__all__ = [
+    "DcNoise",
+    "FrequencyFit",
+    "HarmonicBasis",
+    "HarmonicFit",
+    "NoiseLevel",
+    "Spectrum",
+    "pooled_psd",
+    "referred_to",
+    "refine_frequency",
+    "spectrum",
+]

@@ -1,0 +1,172 @@
+"""The noise of a run, taken from what the sine fit left of it and never assumed white.
+
+A fit takes degrees of freedom where its columns lie. A spectral bin whose vector w keeps the fraction
+m = w^H M w / w^H w outside the fitted space (M the residual projector) has the expectation m S(f), so
+dividing by m unbiases it and m is its share of the two degrees of freedom of a whole bin; a bin under a
+fitted line has m = 0 and says nothing. The window is the fit's own (rectangular, trend removed), so that
+leakage from steep noise enters the estimate as it enters the fitted amplitudes.
+
+Spectra pool by joining their bins: a run driven at another frequency shows the noise at this one's line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rigctl.errors import DataError
+from rigctl.interfaces import FloatArray
+
+if TYPE_CHECKING:
+    from rigctl.signals.sine_fit import HarmonicBasis
+
+# Accelerometer noise lies between white (0) and a random walk (-2); a local slope beyond needs evidence.
+_SLOPE_PRIOR, _SLOPE_PRIOR_SIGMA = -0.8, 1.0
+_MIN_KEPT = 0.2
+_WHITE_ENOUGH = -0.5
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """One-sided noise density at a frequency, as well known as a chi-squared of `dof` degrees of freedom.
+
+    `psd` is in unit^2/Hz; `slope` is d ln S / d ln f there, with its sigma. The in-phase and the quadrature amplitude of a
+    line fitted over T seconds have the variance psd / T each, so an amplitude divided by its estimated
+    sigma follows Student's t with `dof`.
+    """
+
+    frequency_hz: float
+    psd: float
+    dof: float
+    slope: float
+    slope_sigma: float
+
+
+@dataclass(frozen=True)
+class DcNoise:
+    """Variance of a run's mean as far as the run itself can tell.
+
+    A record ends at 1/T and most of the mean's noise lies below. `between_runs` is true when the lowest
+    bins do not show white noise: `variance` is then no more than a lower bound and the sigma of the DC
+    has to come from the scatter between runs. `reason` says which and why.
+    """
+
+    variance: float
+    dof: float
+    between_runs: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Spectral bins of one or several runs in order of frequency.
+
+    `frequency_hz`, `psd` (one-sided, unit^2/Hz, unbiased by the fit) and `weight`, the kept fraction of a
+    bin's two degrees of freedom; all of shape (bins,).
+    """
+
+    frequency_hz: FloatArray
+    psd: FloatArray
+    weight: FloatArray
+
+    def level(self, frequency_hz: float, *, target_dof: float = 20.0) -> NoiseLevel:
+        """Give the noise at `frequency_hz` from the nearest bins that hold `target_dof` degrees of freedom.
+
+        The bins are described by a local power law, fitted by Whittle likelihood, so that a slope does not
+        bias the level; the more runs were pooled, the narrower the band. Raises `DataError` without bins.
+        """
+        distance = np.abs(self.frequency_hz - frequency_hz)
+        order = np.argsort(distance, kind="stable")
+        gathered = np.cumsum(2.0 * self.weight[order])
+        if not gathered.size or gathered[-1] < 1.0:
+            raise DataError(
+                f"no spectral bins left near {frequency_hz:g} Hz to take the noise from: "
+                "record longer, or pool other runs"
+            )
+        last = min(int(np.searchsorted(gathered, target_dof)), gathered.size - 1)
+        near = distance <= distance[order[last]] * (1.0 + 1e-9)
+        return _local_power_law(frequency_hz, self.frequency_hz[near], self.psd[near], self.weight[near])
+
+    def dc_noise(self, duration_s: float, *, target_dof: float = 60.0) -> DcNoise:
+        """Give the variance of the mean over `duration_s` from the lowest bins, and say if that is honest."""
+        level = self.level(1.0 / duration_s, target_dof=target_dof)
+        variance = level.psd / (2.0 * duration_s)
+        slope = f"f^{level.slope:+.1f} +- {level.slope_sigma:.1f} near 1/T"
+        if level.slope - 2.0 * level.slope_sigma < _WHITE_ENOUGH:
+            reason = f"noise may go as {slope}: take the sigma of the DC from the scatter between runs"
+            return DcNoise(variance, level.dof, between_runs=True, reason=reason)
+        return DcNoise(variance, level.dof, between_runs=False, reason=f"noise is flat, {slope}")
+
+
+def spectrum(residuals: FloatArray, basis: HarmonicBasis) -> Spectrum:
+    """Give the noise bins of one channel's residuals, shape (samples,), of a fit with `basis`.
+
+    Raises `DataError` when the times are no uniform grid (missing samples are fine) or the shape differs.
+    """
+    if residuals.shape != (basis.samples,):
+        raise DataError(
+            f"residuals have shape {residuals.shape}, the basis {basis.samples} samples: pass one channel"
+        )
+    on_grid = np.zeros(basis.grid_length)
+    on_grid[basis.grid_index] = residuals
+    transform = np.fft.rfft(on_grid)
+    kept = basis.kept_fraction
+    use = kept > _MIN_KEPT
+    use[0] = False
+    if basis.grid_length % 2 == 0:
+        use[-1] = False
+    scale = 2.0 * basis.sample_period_s / basis.samples
+    frequency_hz = np.fft.rfftfreq(basis.grid_length, basis.sample_period_s)
+    psd = scale * np.abs(transform[use]) ** 2 / kept[use]
+    return Spectrum(np.asarray(frequency_hz[use], dtype=np.float64), psd, kept[use])
+
+
+def pooled_psd(spectra: Iterable[Spectrum]) -> Spectrum:
+    """Join the bins of several runs of one channel into one spectrum; raises `DataError` for none."""
+    pool = list(spectra)
+    if not pool:
+        raise DataError("no spectra to pool: give at least one run")
+    frequency_hz = np.concatenate([each.frequency_hz for each in pool])
+    order = np.argsort(frequency_hz, kind="stable")
+    psd = np.concatenate([each.psd for each in pool])
+    weight = np.concatenate([each.weight for each in pool])
+    return Spectrum(frequency_hz[order], psd[order], weight[order])
+
+
+def _local_power_law(
+    at_hz: float, frequency_hz: FloatArray, psd: FloatArray, weight: FloatArray
+) -> NoiseLevel:
+    """Fit S = exp(a) (f / at)^b by Fisher scoring of the Whittle likelihood with a prior on the slope b."""
+    floor = np.finfo(float).tiny
+    if not np.any(psd > floor):
+        return NoiseLevel(at_hz, 0.0, float(2.0 * weight.sum()), 0.0, _SLOPE_PRIOR_SIGMA)
+    design = np.stack([np.ones_like(frequency_hz), np.log(frequency_hz / at_hz)])
+    prior = np.diag([0.0, _SLOPE_PRIOR_SIGMA**-2])
+    centre = np.array([0.0, _SLOPE_PRIOR])
+    information = (design * weight) @ design.T + prior
+    estimate = np.array([np.log(weight @ psd / weight.sum()), 0.0])
+
+    def cost(p: FloatArray) -> float:
+        log_s = p @ design
+        return float(weight @ (log_s + psd * np.exp(-log_s)) + 0.5 * (p - centre) @ prior @ (p - centre))
+
+    current = cost(estimate)
+    for _ in range(60):
+        score = (design * weight) @ (psd * np.exp(-estimate @ design) - 1.0) - prior @ (estimate - centre)
+        step = np.linalg.solve(information, score)
+        while (trial := cost(estimate + step)) > current and np.abs(step).max() > 1e-9:
+            step = step / 2.0
+        estimate, current = estimate + step, trial
+        if np.abs(step).max() < 1e-6:
+            break
+    variance = np.diag(np.linalg.inv(information))
+    return NoiseLevel(
+        frequency_hz=at_hz,
+        psd=float(np.exp(estimate[0])),
+        dof=2.0 / float(variance[0]),
+        slope=float(estimate[1]),
+        slope_sigma=float(np.sqrt(variance[1])),
+    )
