@@ -1,0 +1,180 @@
+"""VISA resources, through pyvisa: raw TCP sockets, HiSLIP, GPIB, USB and serial lines.
+
+The backend is pyvisa-py unless another is named; with an installed VISA library that is `@ivi`.
+"""
+
+from __future__ import annotations
+
+import math
+import select
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+
+import pyvisa
+from pyvisa import constants
+from pyvisa.resources import MessageBasedResource, SerialInstrument
+
+from drivers.buffered import WALL_FLOOR_S, BufferedTransport
+from drivers.transport import lost
+from drivers.transport_serial import SerialSettings
+from rigctl.clock import Clock
+from rigctl.errors import LinkLost, LinkTimeout
+
+PYVISA_PY = "@py"
+PEEK_BYTES = 1 << 18
+OPEN_TIMEOUT_S = 5.0
+
+PARITIES = {
+    "N": constants.Parity.none,
+    "E": constants.Parity.even,
+    "O": constants.Parity.odd,
+    "M": constants.Parity.mark,
+    "S": constants.Parity.space,
+}
+STOP_BITS = {
+    1: constants.StopBits.one,
+    1.5: constants.StopBits.one_and_a_half,
+    2: constants.StopBits.two,
+}
+FLOW_CONTROL = {
+    (False, False): constants.ControlFlow.none,
+    (True, False): constants.ControlFlow.rts_cts,
+    (False, True): constants.ControlFlow.xon_xoff,
+}
+
+
+class VisaTransport(BufferedTransport):
+    """A VISA session as a byte stream; a message-based session's messages follow each other in it.
+
+    On a raw socket of pyvisa-py a connection that the instrument ended is noticed before anything is sent.
+    Other backends deliver raw sockets byte by byte and report a loss as their library does.
+    """
+
+    def __init__(
+        self,
+        resource_name: str,
+        clock: Clock,
+        *,
+        backend: str = PYVISA_PY,
+        settings: SerialSettings | None = None,
+        address: str = "",
+        floor_s: float = WALL_FLOOR_S,
+    ) -> None:
+        super().__init__(address or resource_name, clock, floor_s)
+        self._resource = self._open(resource_name, backend)
+        try:
+            with self._failures("cannot set up"):
+                if settings is not None and isinstance(self._resource, SerialInstrument):
+                    _set_line(self._resource, settings)
+                self._socket = _socket_of(self._resource)
+                if self._socket is not None:
+                    self._socket.getpeername()  # pyvisa-py takes a refused connection for an open one
+        except LinkLost:
+            self.close()
+            raise
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`; `LinkLost` when the other end is gone, `LinkTimeout` when it takes nothing."""
+        with self._failures("sending failed"):
+            if self._socket is not None:
+                self._arrived(self._socket, 0.0)
+            _set_timeout(self._resource, self._floor_s)
+            try:
+                self._resource.write_raw(data)
+            except pyvisa.VisaIOError as error:
+                if error.error_code != constants.StatusCode.error_timeout:
+                    raise
+                raise LinkTimeout(
+                    f"{self.address}: could not send {data[:60]!r}; is it switched on?"
+                ) from error
+
+    def close(self) -> None:
+        """End the connection; may be called twice."""
+        self._resource.close()
+
+    def discard_input(self) -> None:
+        """Forget what has arrived unasked; stale messages a message-based protocol drops by itself."""
+        if self._message_based():
+            self._received.clear()
+        else:
+            super().discard_input()
+
+    def _receive(self, wait_s: float) -> bytes:
+        with self._failures("reading failed"):
+            if self._socket is not None:
+                count = self._arrived(self._socket, wait_s)
+                return self._resource.read_bytes(count) if count else b""
+            _set_timeout(self._resource, wait_s)
+            try:
+                if self._message_based():
+                    return bytes(self._resource.read_raw())
+                first = self._resource.read_bytes(1)
+            except pyvisa.VisaIOError as error:
+                if error.error_code != constants.StatusCode.error_timeout:
+                    raise
+                return b""
+            if isinstance(self._resource, SerialInstrument) and (more := self._resource.bytes_in_buffer):
+                return first + self._resource.read_bytes(more)
+            return first
+
+    def _arrived(self, stream: socket.socket, wait_s: float) -> int:
+        """How many bytes can be read at once; pyvisa-py itself takes a closed connection for silence."""
+        if not select.select([stream], [], [], wait_s)[0]:
+            return 0
+        if not (waiting := len(stream.recv(PEEK_BYTES, socket.MSG_PEEK))):
+            raise lost(self.address, "the instrument ended the connection")
+        return waiting
+
+    def _message_based(self) -> bool:
+        return self._resource.resource_class == "INSTR" and not isinstance(self._resource, SerialInstrument)
+
+    def _open(self, resource_name: str, backend: str) -> MessageBasedResource:
+        try:
+            resource = _manager(backend).open_resource(
+                resource_name, open_timeout=round(OPEN_TIMEOUT_S * 1000)
+            )
+        except Exception as error:  # pyvisa-py raises bare Exception when it cannot connect
+            raise lost(self.address, f"VISA cannot open it ({_one_line(error)})") from error
+        if isinstance(resource, MessageBasedResource):
+            return resource
+        resource.close()
+        raise lost(self.address, "VISA cannot exchange messages with this kind of resource")
+
+    @contextmanager
+    def _failures(self, what: str) -> Iterator[None]:
+        # pyvisa-py lets socket and serial errors through, and raises RuntimeError for a dropped HiSLIP link
+        try:
+            yield
+        except (pyvisa.Error, OSError, RuntimeError, ValueError) as error:
+            raise lost(self.address, f"{what} ({_one_line(error)})") from error
+
+
+@cache
+def _manager(backend: str) -> pyvisa.ResourceManager:
+    return pyvisa.ResourceManager(backend)
+
+
+def _socket_of(resource: MessageBasedResource) -> socket.socket | None:
+    sessions = getattr(resource.visalib, "sessions", {})
+    interface = getattr(sessions.get(resource.session), "interface", None)
+    return interface if isinstance(interface, socket.socket) else None
+
+
+def _set_timeout(resource: MessageBasedResource, wait_s: float) -> None:
+    resource.timeout = max(1, math.ceil(wait_s * 1000.0))
+
+
+def _set_line(line: SerialInstrument, settings: SerialSettings) -> None:
+    line.baud_rate = settings.baud
+    line.parity = PARITIES[settings.parity]
+    line.data_bits = settings.bytesize
+    line.stop_bits = STOP_BITS[settings.stopbits]
+    line.flow_control = FLOW_CONTROL[settings.rtscts, settings.xonxoff]
+    line.end_input = constants.SerialTermination.none
+    line.end_output = constants.SerialTermination.none
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

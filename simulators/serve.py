@@ -1,0 +1,308 @@
+"""Simulated instruments on real ports: loopback TCP and pseudo-terminals, one thread, one clock."""
+
+from __future__ import annotations
+
+import math
+import os
+import pty
+import selectors
+import socket
+import time
+import tty
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Protocol
+
+from rigctl.errors import ConfigError
+from simulators.clock import ScaledClock
+from simulators.hislip import HislipPort
+from simulators.operator_port import Handler, OperatorPort
+from simulators.wiring import Connection, SimulatedInstrument
+
+LOOPBACK = "127.0.0.1"
+READ_BYTES = 65536
+HIGH_WATER_BYTES = 1 << 20
+"""A client that owes this much reading is not listened to until it has read."""
+
+UNREAD_S = 2.0
+"""A serial line waits for nobody: bytes that no program has taken for so long are lost."""
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where one instrument is served."""
+
+    name: str
+    kind: str
+    transport: str
+    host: str | None = None
+    port: int | None = None
+    device: str | None = None
+    baud: int | None = None
+
+    def as_dict(self) -> dict[str, str | int]:
+        """The fields that apply."""
+        return {key: value for key, value in asdict(self).items() if value is not None}
+
+
+class Stream(Protocol):
+    """A non-blocking descriptor with a client at its far end."""
+
+    def fileno(self) -> int:
+        """The descriptor to wait on."""
+        ...
+
+    def recv(self, limit: int) -> bytes:
+        """What has come, b"" at the end; `BlockingIOError` when nothing has."""
+        ...
+
+    def send(self, data: bytearray) -> int:
+        """Send what fits; `BlockingIOError` when nothing does."""
+        ...
+
+    def close(self) -> None:
+        """End it."""
+        ...
+
+
+class _Terminal:
+    """The instrument's side of a pseudo-terminal; clients may come and go.
+
+    The far side is held open here as well: otherwise the first client that closes it would end it for all.
+    """
+
+    def __init__(self, unread_s: float) -> None:
+        self._near, self._far = pty.openpty()
+        tty.setraw(self._far)
+        os.set_blocking(self._near, False)
+        self.device = os.ttyname(self._far)
+        self._unread_s = unread_s
+        self._full_since = math.inf
+
+    def fileno(self) -> int:
+        return self._near
+
+    def recv(self, limit: int) -> bytes:
+        return os.read(self._near, limit)
+
+    def send(self, data: bytearray) -> int:
+        if time.monotonic() - self._full_since > self._unread_s:
+            self._full_since = math.inf
+            return len(data)
+        try:
+            sent = os.write(self._near, data)
+        except BlockingIOError:
+            self._full_since = min(self._full_since, time.monotonic())
+            raise
+        self._full_since = math.inf
+        return sent
+
+    def close(self) -> None:
+        os.close(self._near)
+        os.close(self._far)
+
+
+class _Client:
+    """Carries bytes between a stream and an instrument."""
+
+    def __init__(
+        self,
+        stream: Stream,
+        instrument: SimulatedInstrument,
+        clock: ScaledClock,
+        selector: selectors.BaseSelector,
+    ) -> None:
+        self._stream = stream
+        self._instrument = instrument
+        self._clock = clock
+        self._selector = selector
+        self._unsent = bytearray()
+        self._ended = False
+        self._broken = False
+        self._watched = selectors.EVENT_READ
+        selector.register(stream, self._watched, self.ready)
+        with clock.lock:
+            self._connection = self._connect()
+
+    @property
+    def over(self) -> bool:
+        """True when the stream can be closed: one side has ended it and nothing is left to send."""
+        return self._broken or (self._ended and not self._unsent)
+
+    def ready(self, events: int) -> None:
+        """The stream can be read or written."""
+        if events & selectors.EVENT_WRITE:
+            self._flush()
+        if events & selectors.EVENT_READ:
+            self._read()
+
+    def look(self) -> None:
+        """See whether the instrument has ended the connection."""
+        if self._ended or not getattr(self._connection, "hung_up", False):
+            return
+        if isinstance(self._stream, _Terminal):  # a wire has no connection to end: the next one begins
+            with self._clock.lock:
+                self._connection.close()
+                self._connection = self._connect()
+        else:
+            self._end()
+
+    def close(self) -> None:
+        """End the stream."""
+        self._end()
+        self._selector.unregister(self._stream)
+        self._stream.close()
+
+    def _connect(self) -> Connection:
+        return self._instrument.connect(self._send)
+
+    def _read(self) -> None:
+        try:
+            data = self._stream.recv(READ_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._broken = True
+            return
+        if not data:
+            self._end()
+        elif not self._ended:
+            with self._clock.lock:
+                self._connection.receive(data)
+
+    def _send(self, data: bytes) -> None:
+        if not self._ended and not self._broken:
+            waiting = bool(self._unsent)
+            self._unsent += data
+            if not waiting:
+                self._flush()
+
+    def _flush(self) -> None:
+        try:
+            while self._unsent:
+                del self._unsent[: self._stream.send(self._unsent)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._broken = True
+        self._watch()
+
+    def _watch(self) -> None:
+        wanted = selectors.EVENT_WRITE if self._unsent else 0
+        if not self._ended and len(self._unsent) < HIGH_WATER_BYTES:
+            wanted |= selectors.EVENT_READ
+        if wanted and wanted != self._watched:
+            self._selector.modify(self._stream, wanted, self.ready)
+            self._watched = wanted
+
+    def _end(self) -> None:
+        if not self._ended:
+            self._ended = True
+            self._watch()
+            with self._clock.lock:
+                self._connection.close()
+
+
+class Server:
+    """Serves any number of instruments from the thread that calls `serve`, all on `clock`.
+
+    Everything is bound to 127.0.0.1. Instruments are called under the clock's lock. What an instrument sends
+    in one call goes out in one piece if the client has room for it.
+    """
+
+    def __init__(self, clock: ScaledClock, *, unread_s: float = UNREAD_S) -> None:
+        self._clock = clock
+        self._unread_s = unread_s
+        # epoll waits whole milliseconds, which on a fast clock are rig seconds
+        self._selector = selectors.SelectSelector()
+        self._clients: set[_Client] = set()
+        self._listeners: list[socket.socket] = []
+        self._stopping = False
+        self._bell, self._rope = socket.socketpair()
+        self._bell.setblocking(False)
+        self._rope.setblocking(False)
+        self._selector.register(self._bell, selectors.EVENT_READ, lambda _: self._bell.recv(READ_BYTES))
+
+    def add_tcp(self, name: str, instrument: SimulatedInstrument, port: int = 0) -> Address:
+        """Serve raw TCP; a free port unless one is given. `ConfigError` when the port is taken."""
+        return self._listen(name, instrument, port, "tcp")
+
+    def add_hislip(self, name: str, instrument: SimulatedInstrument, port: int = 0) -> Address:
+        """Serve HiSLIP, sub-address `hislip0`, an instrument whose messages end with LF."""
+        return self._listen(name, HislipPort(instrument), port, "hislip")
+
+    def add_operator(self, handler: Handler, port: int = 0, name: str = "operator") -> Address:
+        """Serve the operator's port: one JSON object per line, see `simulators.operator_port`."""
+        return self._listen(name, OperatorPort(handler, self._clock), port, "tcp")
+
+    def add_serial(self, name: str, instrument: SimulatedInstrument, baud: int) -> Address:
+        """Serve a pseudo-terminal; `baud` is told to clients, bytes travel as fast as they can."""
+        terminal = _Terminal(self._unread_s)
+        self._clients.add(_Client(terminal, instrument, self._clock, self._selector))
+        return Address(name, instrument.kind, "serial", device=terminal.device, baud=baud)
+
+    def serve(self, stop: Callable[[], bool] | None = None) -> None:
+        """Serve until `stop()` is true (looked at after every event) or `stop` is called."""
+        while not self._stopping and not (stop and stop()):
+            self._clock.run_due()
+            self._settle()
+            for key, events in self._selector.select(self._idle_s()):
+                key.data(events)
+        self._stopping = False
+
+    def stop(self) -> None:
+        """Make `serve` return at once; any thread, also a signal handler."""
+        self._stopping = True
+        self.wake()
+
+    def wake(self) -> None:
+        """Make `serve` look at its clock and its stop condition now."""
+        with suppress(BlockingIOError):  # it is awake already
+            self._rope.send(b"\0")
+
+    def close(self) -> None:
+        """End all connections and give the ports back; may be called twice."""
+        for client in self._clients:
+            client.close()
+        self._clients.clear()
+        for stream in (*self._listeners, self._bell, self._rope):
+            stream.close()
+        self._selector.close()
+
+    def _listen(self, name: str, instrument: SimulatedInstrument, port: int, transport: str) -> Address:
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind((LOOPBACK, port))
+        except (OSError, OverflowError) as error:
+            listener.close()
+            raise ConfigError(
+                f"{name}: cannot serve on {LOOPBACK} port {port} ({error}); choose another or leave it out"
+            ) from error
+        listener.listen()
+        listener.setblocking(False)
+        self._listeners.append(listener)
+        self._selector.register(listener, selectors.EVENT_READ, partial(self._accept, listener, instrument))
+        return Address(name, instrument.kind, transport, host=LOOPBACK, port=listener.getsockname()[1])
+
+    def _accept(self, listener: socket.socket, instrument: SimulatedInstrument, _events: int) -> None:
+        try:
+            stream, _ = listener.accept()
+        except OSError:
+            return  # it left again before we came to it
+        stream.setblocking(False)
+        stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._clients.add(_Client(stream, instrument, self._clock, self._selector))
+
+    def _settle(self) -> None:
+        for client in list(self._clients):
+            client.look()
+            if client.over:
+                self._clients.remove(client)
+                client.close()
+
+    def _idle_s(self) -> float | None:
+        due_s = self._clock.next_event_s()
+        return None if math.isinf(due_s) else max(0.0, (due_s - self._clock.now_s()) / self._clock.speed)
