@@ -6,6 +6,7 @@ a world can be sampled at any instant. Units are the stage's own (deg or mm, per
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -82,12 +83,12 @@ class MotionAxis:
     def __init__(self, position: float = 0.0) -> None:
         self._segments: list[Segment] = [Ballistic(-math.inf, position)]
         self._end_s = -math.inf
+        self._forgotten_direction = 0.0
 
     def sample(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Position, velocity and acceleration, each of the shape of `times_s`."""
         times_s = np.asarray(times_s, dtype=np.float64)
-        starts = np.array([s.start_s for s in self._segments])
-        index = np.clip(np.searchsorted(starts, times_s, side="right") - 1, 0, None)
+        index = self._segment_index(times_s)
         out = np.empty((3, *times_s.shape))
         for i in np.unique(index):
             chosen = index == i
@@ -109,6 +110,15 @@ class MotionAxis:
     def acceleration(self, at_s: float) -> float:
         """Acceleration at one instant."""
         return self._state(at_s)[2]
+
+    def directions(self, times_s: FloatArray) -> FloatArray:
+        """Sign of the last non-zero velocity up to each time: +1, -1, or 0 for an axis that never moved."""
+        times_s = np.asarray(times_s, dtype=np.float64)
+        before = [self._forgotten_direction]
+        for segment, following in itertools.pairwise(self._segments):
+            before.append(_last_direction(segment, following.start_s) or before[-1])
+        velocity = self.sample(times_s)[1]
+        return np.where(velocity == 0.0, np.array(before)[self._segment_index(times_s)], np.sign(velocity))
 
     def moving(self, at_s: float) -> bool:
         """True while the commanded motion has not ended."""
@@ -189,12 +199,31 @@ class MotionAxis:
         self._command(at_s, [Ballistic(at_s, position)], at_s)
 
     def _state(self, at_s: float) -> tuple[float, float, float]:
-        position, velocity, acceleration = self.sample(np.array([at_s]))
+        segment = next((s for s in reversed(self._segments) if s.start_s <= at_s), self._segments[0])
+        if math.isinf(segment.start_s):
+            return segment.position, 0.0, 0.0  # type: ignore[attr-defined]
+        position, velocity, acceleration = segment.sample(np.array([at_s]))
         return float(position[0]), float(velocity[0]), float(acceleration[0])
+
+    def _segment_index(self, times_s: FloatArray) -> NDArray[np.intp]:
+        starts = np.array([s.start_s for s in self._segments])
+        return np.clip(np.searchsorted(starts, times_s, side="right") - 1, 0, None)
 
     def _command(self, at_s: float, segments: Sequence[Segment], end_s: float) -> None:
         kept = [s for s in self._segments if s.start_s < at_s]
         while len(kept) > 1 and kept[1].start_s < at_s - HISTORY_S:
-            kept.pop(0)
+            forgotten = kept.pop(0)
+            self._forgotten_direction = (
+                _last_direction(forgotten, kept[0].start_s) or self._forgotten_direction
+            )
         self._segments = [*kept, *segments]
         self._end_s = end_s
+
+
+def _last_direction(segment: Segment, end_s: float) -> float:
+    duration_s = end_s - segment.start_s
+    if not math.isfinite(duration_s) or duration_s <= 0.0:
+        return 0.0
+    # A braking axis stands still at the very end of its segment: look just before.
+    _, velocity, _ = segment.sample(np.array([end_s - 1e-3 * duration_s]))
+    return float(np.sign(velocity[0]))
