@@ -1,0 +1,197 @@
+"""The meter itself: triggers, readings, memory. Knows nothing of SCPI but the error numbers it refuses with."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from simulators.clock import SimulationClock
+from simulators.keysight_34465a.acquisition import (
+    FloatArray,
+    Memory,
+    PacedReadings,
+    Readings,
+    TimedReadings,
+)
+from simulators.keysight_34465a.configuration import OVERLOAD_V, RANGES_V, Configuration, Integration
+from simulators.keysight_34465a.settings import MeterSettings
+from simulators.scpi import Register, ScpiError
+from simulators.wiring import Signal, TriggerLine
+
+OVERLOAD = 9.9e37
+NOT_A_NUMBER = 9.91e37
+TIMING_VIOLATION, MEMORY_OVERFLOW, VOLTAGE_OVERLOAD = 1 << 2, 1 << 14, 1
+"""Bits of the questionable register."""
+MEASURING, WAITING = 1 << 4, 1 << 5
+"""Bits of the operation register."""
+EXPECTED_S = 0.01
+"""How soon to look again for edges that nobody has announced."""
+LISTENERS_LIMIT = 1_000_000
+"""A train on the VM COMP output is announced up to this many edges."""
+
+
+class Meter:
+    """Takes readings of two signals; all times are rig time."""
+
+    def __init__(
+        self,
+        clock: SimulationClock,
+        volts: Signal,
+        celsius: Signal,
+        trigger_out: TriggerLine | None,
+        trigger_in: TriggerLine | None,
+        settings: MeterSettings,
+    ) -> None:
+        self.configuration = Configuration(settings)
+        self.memory = Memory(settings.memory)
+        self.questionable = Register(self._no_condition)
+        self.operation = Register(self._operation)
+        self._settings = settings
+        self._clock = clock
+        self._signals = {"VOLT": volts, "TEMP": celsius}
+        self._trigger_out, self._trigger_in = trigger_out, trigger_in
+        self._lag_s = max(settings.latency_s, 0.0)
+        self._readings: Readings | None = None
+        self._triggers_awaited = 0.0
+        self._random = np.random.default_rng(settings.seed)
+
+    def key_noise(self, *key: int) -> None:
+        """Draw the noise from here on from (seed, *key), whatever was drawn before."""
+        self._random = np.random.default_rng([self._settings.seed, *key])
+
+    @property
+    def idle(self) -> bool:
+        """True when no acquisition is initiated."""
+        self.advance()
+        return self._readings is None and not self._triggers_awaited
+
+    def idle_s(self) -> float:
+        """When the acquisition will end; inf when that depends on a trigger that nobody has announced."""
+        if self._triggers_awaited or self._readings is None:
+            return math.inf
+        return self.stored_s(self._readings.remaining)
+
+    def stored_s(self, count: int) -> float:
+        """When `count` more readings will be in memory."""
+        if self._readings is None:
+            return math.inf
+        at_s = self._readings.reached_s(count)
+        if math.isinf(at_s) and isinstance(self._readings, PacedReadings):
+            return self._clock.now_s() + EXPECTED_S
+        return at_s
+
+    def initiate(self) -> None:
+        """INIT: forget the readings and wait for the trigger, which IMM does not need."""
+        if not self.idle:
+            raise ScpiError(-213)
+        self.memory.clear()
+        setup = self.configuration
+        if setup.sample_source == "TIM" and setup.timer_s < setup.timer_minimum_s * (1 - 1e-9):
+            self.questionable.event |= TIMING_VIOLATION
+        if setup.trigger_source == "IMM":
+            self._begin(setup.sample_count * setup.trigger_count)
+        elif setup.trigger_source == "BUS":
+            self._triggers_awaited = setup.trigger_count
+        else:
+            self._readings = PacedReadings(
+                self._trigger_in,
+                self._clock.now_s(),
+                setup.trigger_count,
+                setup.sample_count,
+                setup.trigger_delay_s or 0.0,
+                setup.period_s if setup.sample_count > 1 else setup.interval_s,
+                self._lag_s,
+            )
+
+    def trigger(self) -> None:
+        """*TRG: -211 unless the meter waits for it."""
+        self.advance()
+        if self._readings is not None or not self._triggers_awaited:
+            raise ScpiError(-211)
+        self._triggers_awaited -= 1
+        self._begin(self.configuration.sample_count)
+
+    def abort(self) -> None:
+        """Back to idle; the readings so far stay, the train of edges ends."""
+        self.advance()
+        if isinstance(self._readings, TimedReadings) and self._trigger_out is not None:
+            self._trigger_out.end(self._clock.now_s())
+        self._readings = None
+        self._triggers_awaited = 0.0
+
+    def change(self) -> None:
+        """A setting of the measurement changes: it ends, and the memory is cleared."""
+        self.abort()
+        self.memory.clear()
+
+    def reset(self) -> None:
+        """*RST."""
+        self.change()
+        self.configuration = Configuration(self._settings)
+
+    def configure(self, function: str) -> None:
+        """CONFigure: the function with everything about its measurement at the default."""
+        self.change()
+        setup = self.configuration
+        setup.function = function
+        setup.preset_triggering()
+        setup.integrations[function] = Integration()
+        setup.autorange, setup.asked_resolution_v = True, None
+
+    def advance(self) -> None:
+        """Take the readings that are due by now."""
+        if self._readings is None:
+            return
+        times = self._readings.due(self._clock.now_s())
+        if len(times) and self.memory.append(self._measure(times + self._settings.latency_s)):
+            self.questionable.event |= MEMORY_OVERFLOW
+        if not self._readings.remaining:
+            self._readings = None
+
+    def _no_condition(self) -> int:
+        self.advance()
+        return 0
+
+    def _operation(self) -> int:
+        if self.idle:
+            return 0
+        return MEASURING if isinstance(self._readings, TimedReadings) else WAITING
+
+    def _begin(self, count: float) -> None:
+        """Readings on the own timer, the first complete after one integration; each gives a VM COMP edge."""
+        setup = self.configuration
+        first_s = self._clock.now_s() + (setup.trigger_delay_s or 0.0) + setup.integration_s
+        readings = TimedReadings(first_s, setup.period_s, count, self._lag_s)
+        self._readings = readings
+        if self._trigger_out is not None:
+            self._trigger_out.begin(first_s, setup.period_s, min(readings.count, LISTENERS_LIMIT))
+
+    def _measure(self, times_s: FloatArray) -> FloatArray:
+        values = np.asarray(self._signals[self.configuration.function](times_s), dtype=np.float64)
+        noise = self._random.standard_normal(len(times_s))
+        if self.configuration.function == "TEMP":
+            return self._as_temperature(values + self._settings.noise_c_rms * noise)
+        return self._as_voltage(values + self._settings.noise_v_rms * noise)
+
+    def _as_voltage(self, volts: FloatArray) -> FloatArray:
+        setup = self.configuration
+        if setup.autorange:
+            index = np.minimum(np.searchsorted(OVERLOAD_V, np.abs(volts)), len(RANGES_V) - 1)
+        else:
+            index = np.full(len(volts), RANGES_V.index(setup.range_v))
+        steps = [self._settings.resolution_v or setup.resolution_v(r) for r in RANGES_V]
+        step = np.take(steps, index)
+        readings = np.round(volts / step) * step
+        overload = np.abs(volts) > np.take(OVERLOAD_V, index)
+        if np.any(overload):
+            self.questionable.event |= VOLTAGE_OVERLOAD
+        readings = np.where(overload, np.copysign(OVERLOAD, volts), readings)
+        return np.where(np.isnan(volts), NOT_A_NUMBER, readings)
+
+    def _as_temperature(self, celsius: FloatArray) -> FloatArray:
+        step = self._settings.resolution_c
+        rounded = np.round(celsius / step) * step
+        unit = self.configuration.temperature_unit
+        scale, offset = {"C": (1.0, 0.0), "F": (1.8, 32.0), "K": (1.0, 273.15)}[unit]
+        return np.where(np.isnan(celsius), NOT_A_NUMBER, rounded * scale + offset)

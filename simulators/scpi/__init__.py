@@ -1,0 +1,21 @@
+"""SCPI and IEEE 488.2 as an instrument hears them: the grammar, and the shell around a simulated device."""
+
+from simulators.scpi.device import Command, Pending, Register, Reply, ScpiShell, setting
+from simulators.scpi.grammar import Boolean, Choice, Integer, Number, ScpiError, Text, header_regex, parse
+
+__all__ = [
+    "Boolean",
+    "Choice",
+    "Command",
+    "Integer",
+    "Number",
+    "Pending",
+    "Register",
+    "Reply",
+    "ScpiError",
+    "ScpiShell",
+    "Text",
+    "header_regex",
+    "parse",
+    "setting",
+]

@@ -1,0 +1,337 @@
+"""The shell around a simulated SCPI device: clients, error queue, status registers, common commands."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from simulators.clock import SimulationClock
+from simulators.scpi.grammar import (
+    ERROR_TEXTS,
+    Integer,
+    Number,
+    ScpiError,
+    Unit,
+    header_regex,
+    parse,
+    split_message,
+)
+
+QUEUE_LENGTH = 20
+SHORTEST_WAIT_S = 1e-6
+
+
+@dataclass(frozen=True)
+class Pending:
+    """A reply that comes later: when `ready`, which is looked at after every command and at `wake_s`."""
+
+    ready: Callable[[], bool]
+    reply: Callable[[], Reply]
+    wake_s: Callable[[], float]
+    is_query: bool = True
+
+
+Immediate = str | bytes | None
+Reply = Immediate | Pending
+
+
+@dataclass(frozen=True)
+class Command:
+    """A header as the manual writes it and what it does with its parameters (after numeric suffixes)."""
+
+    pattern: str
+    handler: Callable[..., Reply]
+    required: int = 0
+    optional: int = 0
+
+
+class ParameterType(Protocol):
+    """How one parameter is read and written."""
+
+    def parse(self, text: str) -> Any:
+        """The value of what was sent."""
+        ...
+
+    def format(self, value: Any) -> str:
+        """The value as it is sent."""
+        ...
+
+
+def setting(
+    pattern: str, kind: ParameterType, get: Callable[[], Any], put: Callable[[Any], None]
+) -> tuple[Command, Command]:
+    """The command that sets a value, and its query; that of a number also answers MIN, MAX and DEF."""
+
+    def query(*which: str) -> str:
+        return kind.format(kind.limit(which[0]) if which and isinstance(kind, Number) else get())
+
+    return (
+        Command(pattern, lambda text: put(kind.parse(text)), 1),
+        Command(pattern + "?", query, 0, isinstance(kind, Number)),
+    )
+
+
+@dataclass
+class Register:
+    """A status register; `condition`, asked before the latched events are read, may bring more of them."""
+
+    condition: Callable[[], int] = lambda: 0
+    event: int = 0
+    enable: int = 0
+
+    def read(self) -> int:
+        """The events since the last time."""
+        self.condition()
+        event, self.event = self.event, 0
+        return event
+
+    def set_enable(self, mask: float) -> None:
+        """Which events the summary tells of."""
+        self.enable = int(mask)
+
+    @property
+    def summary(self) -> bool:
+        """True when an enabled event is latched."""
+        self.condition()
+        return bool(self.event & self.enable)
+
+
+class ScpiShell:
+    """Reads messages of any number of clients and lets the device's commands answer them.
+
+    `busy` tells whether an overlapped operation is pending and `idle_s` when it may end (inf: unknown); both
+    are what *OPC, *OPC? and *WAI wait for.
+    """
+
+    def __init__(
+        self,
+        clock: SimulationClock,
+        commands: Iterable[Command],
+        busy: Callable[[], bool],
+        idle_s: Callable[[], float],
+        questionable: Register,
+        operation: Register,
+    ) -> None:
+        self.clock = clock
+        self.standard = Register(event=128)
+        self.questionable = questionable
+        self.operation = operation
+        self._service_enable = 0
+        self._busy, self._idle_s = busy, idle_s
+        self._completion_asked = False
+        self._errors: deque[int] = deque()
+        self._sessions: list[Session] = []
+        self._wake_s = -math.inf
+        self._commands: list[tuple[re.Pattern[str], Command]] = [
+            (header_regex(c.pattern), c) for c in (*self._common(), *commands)
+        ]
+
+    def connect(self, send: Callable[[bytes], None]) -> Session:
+        """Serve one more client."""
+        session = Session(self, send)
+        self._sessions.append(session)
+        return session
+
+    def disconnect(self, session: Session) -> None:
+        """Forget a client."""
+        if session in self._sessions:
+            self._sessions.remove(session)
+
+    def error(self, code: int) -> None:
+        """Queue an error; when full the last one becomes -350."""
+        bit = {1: 32, 2: 16, 3: 8, 4: 4}[-code // 100]
+        self.standard.event |= bit
+        if len(self._errors) < QUEUE_LENGTH:
+            self._errors.append(code)
+        else:
+            self._errors[-1] = -350
+
+    def execute(self, unit: Unit) -> Reply:
+        """What one unit answers; `ScpiError` when it is refused."""
+        for regex, command in self._commands:
+            match = regex.fullmatch(unit.header)
+            if match:
+                if len(unit.parameters) < command.required:
+                    raise ScpiError(-109)
+                if len(unit.parameters) > command.required + command.optional:
+                    raise ScpiError(-108)
+                suffixes = (int(digits or 1) for digits in match.groups())
+                return command.handler(*suffixes, *unit.parameters)
+        raise ScpiError(-113)
+
+    def resume(self) -> None:
+        """Let clients go on whose reply is ready, and wake again when the next one may be."""
+        for session in tuple(self._sessions):
+            session.resume()
+        now_s = self.clock.now_s()
+        wake_s = min((s.wake_s() for s in self._sessions), default=math.inf)
+        if math.isfinite(wake_s) and not now_s < self._wake_s <= wake_s:
+            self._wake_s = wake_s = max(wake_s, now_s + SHORTEST_WAIT_S)
+            self.clock.call_at(wake_s, self.resume)
+
+    def _common(self) -> tuple[Command, ...]:
+        """IEEE 488.2 commands that need nothing of the device, and the SYSTem and STATus ones beside them."""
+        byte = Integer(0, 255, 0)
+        return (
+            Command("*CLS", self._clear),
+            Command("*ESR?", lambda: f"{self._completed().read():+d}"),
+            *setting("*ESE", byte, lambda: self.standard.enable, self.standard.set_enable),
+            *setting("*SRE", byte, lambda: self._service_enable, self._set_service_enable),
+            Command("*STB?", lambda: f"{self._status_byte():+d}"),
+            Command("*OPC", self._ask_completion),
+            Command("*OPC?", lambda: self._when_idle("1", is_query=True)),
+            Command("*WAI", lambda: self._when_idle(None, is_query=False)),
+            Command("SYSTem:ERRor[:NEXT]?", self._next_error),
+            Command("SYSTem:VERSion?", lambda: "1994.0"),
+            Command("STATus:PRESet", self._preset_status),
+            *_register_commands("QUEStionable", self.questionable),
+            *_register_commands("OPERation", self.operation),
+        )
+
+    def _when_idle(self, reply: Immediate, *, is_query: bool) -> Pending:
+        return Pending(lambda: not self._busy(), lambda: reply, self._idle_s, is_query)
+
+    def _ask_completion(self) -> None:
+        self._completion_asked = True
+
+    def _completed(self) -> Register:
+        if self._completion_asked and not self._busy():
+            self._completion_asked = False
+            self.standard.event |= 1
+        return self.standard
+
+    def _status_byte(self) -> int:
+        status = 4 * bool(self._errors) + 8 * self.questionable.summary
+        status += 32 * self._completed().summary + 128 * self.operation.summary
+        return status + 64 * bool(status & self._service_enable)
+
+    def _set_service_enable(self, value: float) -> None:
+        self._service_enable = int(value) & ~64
+
+    def _clear(self) -> None:
+        self._errors.clear()
+        self._completion_asked = False
+        for register in (self.standard, self.questionable, self.operation):
+            register.event = 0
+
+    def _preset_status(self) -> None:
+        self.questionable.enable = self.operation.enable = 0
+
+    def _next_error(self) -> str:
+        code = self._errors.popleft() if self._errors else 0
+        return f'{code:+d},"{ERROR_TEXTS[code]}"'
+
+
+def _register_commands(name: str, register: Register) -> tuple[Command, ...]:
+    word = Integer(0, 32767, 0)
+    return (
+        Command(f"STATus:{name}[:EVENt]?", lambda: f"{register.read():+d}"),
+        Command(f"STATus:{name}:CONDition?", lambda: f"{register.condition():+d}"),
+        *setting(f"STATus:{name}:ENABle", word, lambda: register.enable, register.set_enable),
+    )
+
+
+class Session:
+    """One client: its input, its output, and the query it waits for."""
+
+    def __init__(self, shell: ScpiShell, send: Callable[[bytes], None]) -> None:
+        self._shell = shell
+        self._send = send
+        self._input = bytearray()
+        self._messages: deque[bytes] = deque()
+        self._units: deque[str] = deque()
+        self._replies: list[bytes] = []
+        self._pending: Pending | None = None
+        self._path = ""
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes; every LF ends a message."""
+        with self._shell.clock.lock:
+            self._input += data
+            *messages, rest = bytes(self._input).split(b"\n")
+            self._input[:] = rest
+            for message in messages:
+                self._interrupt()
+                self._messages.append(message)
+                self._run()
+            self._shell.resume()
+
+    def close(self) -> None:
+        """The client has gone."""
+        with self._shell.clock.lock:
+            self._pending = None
+            self._shell.disconnect(self)
+
+    def resume(self) -> None:
+        """Answer if what was waited for has come, and go on."""
+        if self._answer():
+            self._run()
+
+    def wake_s(self) -> float:
+        """When it is worth looking again."""
+        return self._pending.wake_s() if self._pending else math.inf
+
+    def _interrupt(self) -> None:
+        """A new message while a query waits: its reply is lost (IEEE 488.2, 6.3.2.3)."""
+        if self._pending is not None and self._pending.is_query:
+            self._pending = None
+            self._units.clear()
+            self._replies.clear()
+            self._shell.error(-410)
+
+    def _run(self) -> None:
+        while self._pending is None:
+            if self._units:
+                self._execute(self._units.popleft())
+                continue
+            if self._replies:
+                self._send(b";".join(self._replies) + b"\n")
+                self._replies.clear()
+            if not self._messages:
+                return
+            self._begin(self._messages.popleft())
+
+    def _execute(self, text: str) -> None:
+        self._take(lambda: self._shell.execute(self._resolve(parse(text))))
+
+    def _begin(self, message: bytes) -> None:
+        self._path = ""
+        try:
+            self._units.extend(split_message(message.decode("latin-1")))
+        except ScpiError as error:
+            self._shell.error(error.code)
+
+    def _take(self, answer: Callable[[], Reply]) -> None:
+        try:
+            reply = answer()
+        except ScpiError as error:
+            self._shell.error(error.code)
+            if error.is_command_error:
+                self._units.clear()
+            return
+        if isinstance(reply, Pending):
+            self._pending = reply
+            self._answer()
+        elif reply is not None:
+            self._replies.append(reply.encode("ascii", "replace") if isinstance(reply, str) else reply)
+
+    def _answer(self) -> bool:
+        pending = self._pending
+        if pending is None or not pending.ready():
+            return False
+        self._pending = None
+        self._take(pending.reply)
+        return True
+
+    def _resolve(self, unit: Unit) -> Unit:
+        """The header from the root; after a semicolon it goes on where the last one was (SCPI-99, 6.2.4)."""
+        if unit.header.startswith("*"):
+            return unit
+        header = unit.header[1:] if unit.header.startswith(":") else self._path + unit.header
+        node, colon, _ = header.rpartition(":")
+        self._path = node + colon
+        return Unit(header, unit.parameters)
