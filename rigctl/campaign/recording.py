@@ -1,0 +1,168 @@
+"""What a recording is in memory, wherever it came from: our own rig, or another laboratory's bundle.
+
+Two things hold one: a `Recording` (all samples in memory) and a `rigctl.campaign.store.Store` (samples on
+disk). Both are a `RunSource`, so what reads runs does not care which it has been given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from rigctl.errors import DataError
+from rigctl.interfaces import FloatArray
+
+EXPERIMENTS = ("sensing-axis", "rotating-platform", "inflight-calibration", "table")
+
+READINGS = "readings"
+"""The run that holds the readings of a `table` recording: numbers as samples, text columns as conditions."""
+
+MAX_RUN_ID_BYTES = 200
+
+
+@dataclass(frozen=True)
+class ChannelInfo:
+    """One sample column: `noise_rms` and `full_scale` in `unit`, `latency_s` as recorded, not corrected."""
+
+    unit: str = ""
+    kind: str = ""
+    noise_rms: float | None = None
+    full_scale: float | None = None
+    latency_s: float | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LaserInfo:
+    """Geometry of one displacement head.
+
+    `face` is the outward normal, in the cube's frame C, of the face it looks at (x y z -x -y -z); None when
+    it is given run by run in a condition such as `laser_1_face`.
+    """
+
+    face: str | None = None
+    tilt_deg: float | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class TableSpec:
+    """What a `table` recording asks: `response` as the expression `baseline` over columns and parameters."""
+
+    response: str
+    baseline: str
+    start: Mapping[str, float] = field(default_factory=dict)
+    order: str | None = None
+    block: str | None = None
+
+
+@dataclass(frozen=True)
+class Header:
+    """What holds for a whole recording.
+
+    `started` is UTC, ISO 8601; "" when unknown. `rig_toml` is the rig file as run without its simulated
+    world, of which only the hash is kept. `constants` carry their unit in their name. `extra` is JSON; its
+    keys `table` and `patterns` (columns of patterns.csv) have a meaning of their own.
+    """
+
+    experiment: str
+    title: str = ""
+    started: str = ""
+    rig_toml: str | None = None
+    campaign_toml: str | None = None
+    world_sha256: str | None = None
+    seed: int | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
+    constants: Mapping[str, float] = field(default_factory=dict)
+    channels: Mapping[str, ChannelInfo] = field(default_factory=dict)
+    lasers: Mapping[str, LaserInfo] = field(default_factory=dict)
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def table(self) -> TableSpec | None:
+        """The question of a `table` recording; None in any other."""
+        spec = self.extra.get("table")
+        return None if spec is None else TableSpec(**spec)
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """One acquisition at fixed set-points, without its samples.
+
+    `conditions` hold the columns of runs.csv but `run_id`, `valid` and `reason`; a missing number is NaN, a
+    missing text is "". `reason` says why a run is invalid, or what was remarked about a valid one. `state`
+    is `finished`, `interrupted` or, while a campaign is at it, `acquiring`.
+    """
+
+    run_id: str
+    key: str
+    step: str
+    conditions: Mapping[str, Any]
+    valid: bool = True
+    reason: str = ""
+    state: str = "finished"
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """What was found while reading a bundle: nothing in it stopped the reading."""
+
+    runs: int
+    invalid: tuple[tuple[str, str], ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class RunSource(Protocol):
+    """Anything that holds a recording's runs."""
+
+    @property
+    def header(self) -> Header:
+        """What holds for all runs."""
+        ...
+
+    def runs(self, *, valid_only: bool = False) -> list[RunRecord]:
+        """The finished runs in order."""
+        ...
+
+    def samples(self, run_id: str) -> dict[str, FloatArray]:
+        """The columns of one run, each of shape (samples,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording in memory; `columns` maps a run_id to its samples."""
+
+    header: Header
+    records: Sequence[RunRecord]
+    columns: Mapping[str, Mapping[str, FloatArray]]
+    report: ImportReport
+
+    def runs(self, *, valid_only: bool = False) -> list[RunRecord]:
+        """The runs in order."""
+        return [record for record in self.records if record.valid or not valid_only]
+
+    def samples(self, run_id: str) -> dict[str, FloatArray]:
+        """The columns of one run, each of shape (samples,); `DataError` for an unknown run."""
+        if run_id not in self.columns:
+            raise DataError(f"no run {run_id} in this recording")
+        return dict(self.columns[run_id])
+
+
+def flaw_of_run_id(run_id: str) -> str | None:
+    """Why `run_id` cannot name a run, and so a file; None when it can."""
+    if not run_id or run_id != run_id.strip():
+        return "is empty or begins or ends with a space"
+    if run_id in {".", ".."} or any(c in run_id for c in "/\\") or not run_id.isprintable():
+        return "cannot name a file"
+    if len(run_id.encode()) > MAX_RUN_ID_BYTES:
+        return f"is longer than {MAX_RUN_ID_BYTES} bytes"
+    return None
+
+
+def flaw_of_column(name: str) -> str | None:
+    """Why `name` cannot name a column of samples; None when it can."""
+    if not name or name != name.strip() or not name.isprintable():
+        return "is empty, or has spaces at its ends or unprintable characters"
+    return None

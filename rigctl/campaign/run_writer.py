@@ -1,0 +1,106 @@
+"""One run while it is being acquired: every chunk committed at once, durable at the end."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from rigctl.campaign.header_json import dumps
+from rigctl.campaign.recording import RunRecord, flaw_of_column
+from rigctl.campaign.schema import database_errors, first_chunk_id, transaction
+from rigctl.errors import DataError
+from rigctl.interfaces import FloatArray
+
+_INSERT = "INSERT INTO samples (id, name, data) VALUES (?, ?, ?)"
+_FINISH = "UPDATE runs SET conditions = ?, state = 'finished', valid = ?, reason = ? WHERE number = ?"
+_INTERRUPT = "UPDATE runs SET state = 'interrupted', reason = ? WHERE number = ?"
+
+
+class RunWriter:
+    """Made by `Store.begin_run`; use it in `with`: leaving without `finish` marks the run interrupted."""
+
+    def __init__(self, connection: sqlite3.Connection, path: Path, number: int, record: RunRecord) -> None:
+        self._connection = connection
+        self._path = path
+        self._number = number
+        self._record = record
+        self._lengths: dict[str, int] = {}
+        self._next_chunk_id = first_chunk_id(number)
+        self._open = True
+
+    @property
+    def run_id(self) -> str:
+        """The name the run has in the store, in bundles and for the operator."""
+        return self._record.run_id
+
+    def append(self, columns: Mapping[str, FloatArray]) -> None:
+        """Add a chunk to each of `columns`, shape (n,) each, in one commit.
+
+        Columns may come at different times and in chunks of their own; at `finish` all are equally long.
+        """
+        self._require_open()
+        rows = [
+            (chunk_id, name, self._bytes(name, column))
+            for chunk_id, (name, column) in enumerate(columns.items(), self._next_chunk_id)
+        ]
+        with database_errors(self._path), transaction(self._connection):
+            self._connection.executemany(_INSERT, rows)
+        self._next_chunk_id += len(rows)
+        for _, name, data in rows:
+            self._lengths[name] = self._lengths.get(name, 0) + len(data) // 8
+
+    def finish(
+        self, conditions: Mapping[str, Any] | None = None, *, valid: bool = True, reason: str = ""
+    ) -> RunRecord:
+        """End the run with `conditions` added to those it began with; on stable storage when this returns.
+
+        `DataError` when columns differ in length.
+        """
+        self._require_open()
+        self._require_equal_lengths()
+        kept = dumps({**self._record.conditions, **(conditions or {})})
+        with database_errors(self._path), transaction(self._connection, durable=True):
+            self._connection.execute(_FINISH, (kept, int(valid), reason, self._number))
+        self._open = False
+        return replace(self._record, conditions=json.loads(kept), valid=valid, reason=reason, state="finished")
+
+    def _bytes(self, name: str, column: FloatArray) -> bytes:
+        if name not in self._lengths and (flaw := flaw_of_column(name)):
+            raise DataError(f"run {self.run_id}: column name {name!r} {flaw}; rename the channel")
+        data = np.asarray(column, dtype="<f8")
+        if data.ndim != 1:
+            raise DataError(f"run {self.run_id}: column {name} has shape {data.shape}; append one dimension")
+        return data.tobytes()
+
+    def _require_open(self) -> None:
+        if not self._open:
+            raise DataError(f"run {self.run_id} is ended; begin another run")
+
+    def _require_equal_lengths(self) -> None:
+        if len(set(self._lengths.values())) > 1:
+            lengths = ", ".join(f"{name} {length}" for name, length in self._lengths.items())
+            raise DataError(f"run {self.run_id}: columns differ in length ({lengths}); the run stays unfinished")
+
+    def __enter__(self) -> RunWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not self._open:
+            return
+        self._open = False
+        reason = "left unfinished" if kind is None else f"{kind.__name__}: {error}"
+        try:
+            with database_errors(self._path), transaction(self._connection):
+                self._connection.execute(_INTERRUPT, (reason, self._number))
+        except DataError:
+            if kind is None:
+                raise

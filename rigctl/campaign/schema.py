@@ -1,0 +1,161 @@
+"""The tables of a campaign file, how an older file becomes a newer one, and SQLite's errors in our words."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from rigctl.errors import DataError
+
+APPLICATION_ID = 0x72696763
+BUSY_TIMEOUT_S = 10.0
+
+Migration = Sequence[str]
+
+MIGRATIONS: tuple[Migration, ...] = (
+    (
+        "CREATE TABLE header (id INTEGER PRIMARY KEY CHECK (id = 1), data TEXT NOT NULL)",
+        """CREATE TABLE runs (
+            number INTEGER PRIMARY KEY,
+            run_id TEXT NOT NULL UNIQUE,
+            key TEXT NOT NULL,
+            step TEXT NOT NULL,
+            conditions TEXT NOT NULL,
+            state TEXT NOT NULL DEFAULT 'acquiring' CHECK (state IN ('acquiring', 'interrupted', 'finished')),
+            valid INTEGER NOT NULL DEFAULT 1,
+            reason TEXT NOT NULL DEFAULT ''
+        )""",
+        "CREATE UNIQUE INDEX finished_runs ON runs (key) WHERE state = 'finished'",
+        "CREATE INDEX acquiring_runs ON runs (key) WHERE state = 'acquiring'",
+        # The id is `first_chunk_id(number)` + the chunk's place in the run: in order, and no index to keep up.
+        "CREATE TABLE samples (id INTEGER PRIMARY KEY, name TEXT NOT NULL, data BLOB NOT NULL)",
+        """CREATE TABLE events (
+            id INTEGER PRIMARY KEY,
+            time TEXT NOT NULL,
+            rig_time_s REAL,
+            kind TEXT NOT NULL,
+            data TEXT NOT NULL
+        )""",
+        """CREATE TABLE requests (
+            id INTEGER PRIMARY KEY,
+            kind TEXT NOT NULL,
+            taken INTEGER NOT NULL DEFAULT 0
+        )""",
+        "CREATE INDEX open_requests ON requests (id) WHERE taken = 0",
+        "CREATE TABLE status (id INTEGER PRIMARY KEY CHECK (id = 1), data TEXT NOT NULL)",
+        "CREATE TABLE identities (name TEXT PRIMARY KEY, data TEXT NOT NULL)",
+        """CREATE TABLE documents (
+            id INTEGER PRIMARY KEY,
+            time TEXT NOT NULL,
+            kind TEXT NOT NULL,
+            data TEXT NOT NULL
+        )""",
+        "CREATE INDEX documents_by_kind ON documents (kind)",
+    ),
+)
+"""Step i takes a file of schema i to schema i + 1; schema 0 is an empty file."""
+
+
+def first_chunk_id(number: int) -> int:
+    """Where the chunks of run `number` begin in `samples`; those of the next run begin 2**32 later."""
+    return number << 32
+
+
+@contextmanager
+def database_errors(path: Path) -> Iterator[None]:
+    """Turn what SQLite raises about the file into a `DataError` that names it and the mend."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        raise DataError(_operational(path, str(error))) from error
+    except sqlite3.IntegrityError as error:
+        raise DataError(f"{path}: two programs write the same run ({error}); stop one of them") from error
+    except sqlite3.DatabaseError as error:
+        raise DataError(
+            f"{path}: the store is damaged ({error}); save what can be read with `rigctl export --salvage`"
+        ) from error
+
+
+def _operational(path: Path, text: str) -> str:
+    if "locked" in text or "busy" in text:
+        return f"{path}: another program has been writing for {BUSY_TIMEOUT_S:g} s; try again when it is done"
+    if "readonly" in text:
+        return f"{path}: opened for reading only; check the file's permissions"
+    if "full" in text:
+        return f"{path}: the disk is full; free some space, then `rigctl resume`"
+    return f"{path}: the store cannot be used ({text}); check the disk and the file's permissions"
+
+
+def connect(path: Path, *, readonly: bool) -> sqlite3.Connection:
+    """Open the SQLite file at `path`, which exists; no implicit transactions."""
+    uri = f"{path.resolve().as_uri()}?mode={'ro' if readonly else 'rw'}"
+    with database_errors(path):
+        return sqlite3.connect(uri, uri=True, timeout=BUSY_TIMEOUT_S, isolation_level=None)
+
+
+def prepare_for_writing(connection: sqlite3.Connection) -> None:
+    """Write-ahead log, so that readers and the writer never wait for each other; sync only what is `durable`."""
+    connection.execute("PRAGMA journal_mode = WAL").fetchone()
+    connection.execute("PRAGMA synchronous = NORMAL")
+
+
+def require_store(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise `DataError` unless the file is a campaign store."""
+    try:
+        (application_id,) = connection.execute("PRAGMA application_id").fetchone()
+    except sqlite3.DatabaseError as error:
+        raise DataError(
+            f"{path}: not a campaign store ({error}); name a file made by `rigctl run` or `import`"
+        ) from error
+    if application_id != APPLICATION_ID:
+        raise DataError(f"{path}: not a campaign store; name a file made by `rigctl run` or `import`")
+
+
+def schema_version(connection: sqlite3.Connection) -> int:
+    """The file's own schema version."""
+    return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
+def bring_up(connection: sqlite3.Connection, path: Path, *, readonly: bool) -> None:
+    """Migrate an older file in one transaction; `DataError` when it is newer, or older and `readonly`."""
+    if not readonly:
+        prepare_for_writing(connection)
+    version, newest = schema_version(connection), len(MIGRATIONS)
+    if version > newest:
+        raise DataError(f"{path}: store schema {version} is newer than this program reads ({newest}); update rigctl")
+    if version == newest:
+        return
+    if readonly:
+        raise DataError(
+            f"{path}: store schema {version} is older than {newest}; open it once for writing to bring it up"
+        )
+    with transaction(connection, durable=True):
+        migrate(connection, MIGRATIONS)
+
+
+def migrate(connection: sqlite3.Connection, migrations: Sequence[Migration]) -> None:
+    """Bring an older file up, all steps in the transaction the caller has begun."""
+    for version in range(schema_version(connection), len(migrations)):
+        for statement in migrations[version]:
+            connection.execute(statement)
+        connection.execute(f"PRAGMA user_version = {version + 1}")
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection, *, durable: bool = False) -> Iterator[None]:
+    """One write transaction, rolled back on an error; `durable`: on stable storage when it has ended."""
+    if durable:
+        connection.execute("PRAGMA synchronous = FULL")
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+        raise
+    finally:
+        if durable:
+            connection.execute("PRAGMA synchronous = NORMAL")
