@@ -1,0 +1,272 @@
+"""Keyence LK-G triangulation lasers: the LK-G3001 and the LK-G5000 controllers, serial or Ethernet.
+
+There is no command that asks who answers. Each generation measures by a command that the other does not
+know (`M1`, `MS,01`), and that tells them apart.
+
+Source: Keyence, LK-G Series User's Manual, chapter 5 (RS-232C).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.keyence_line import KeyenceLine, main_command
+from drivers.keyence_settings import AVERAGES, Generation, KeyenceSettings
+from drivers.keyence_values import parse_values
+from drivers.transport import Connect
+from rigctl.clock import Clock
+from rigctl.errors import BadReply, InstrumentError, LimitError, LinkTimeout, WrongInstrument
+from rigctl.interfaces import Channel, FloatArray, Identity, Reading
+
+__all__ = ["KeyenceLkg", "KeyenceSettings"]
+
+BY_TIMING_INPUT = 10
+"""The storage cycle (SW,CF) that takes one value per edge of the TIMING input."""
+
+
+@dataclass(frozen=True)
+class _Armed:
+    samples: int
+    period_s: float
+
+
+@dataclass(frozen=True)
+class _Progress:
+    running: bool
+    stored: int
+
+
+class KeyenceLkg:
+    """A controller with its heads; implements `rigctl.interfaces.DisplacementMeter` for both generations."""
+
+    def __init__(self, name: str, settings: KeyenceSettings, connect: Connect, clock: Clock) -> None:
+        self.name = name
+        self.settings = settings
+        self._dialect = settings.dialect
+        self._clock = clock
+        self._line = KeyenceLine(name, settings, connect, clock)
+        self._armed: _Armed | None = None
+
+    def open(self) -> None:
+        """Connect, return the controller to measuring and check its generation.
+
+        Raises `WrongInstrument` when the other generation or something else answers.
+        """
+        with self._line.lock:
+            if self._line.opened:
+                return
+            self._line.open()
+            try:
+                self.identify()
+            except BaseException:
+                self.close()
+                raise
+
+    def close(self) -> None:
+        """Disconnect; the controller goes on measuring. May be called twice."""
+        self._line.close()
+
+    def identify(self) -> Identity:
+        """The generation, known by the commands it understands; no serial number nor firmware can be asked.
+
+        Raises `WrongInstrument` when the other generation or something else answers.
+        """
+        with self._line.lock:
+            try:
+                answer = self._greet(self._dialect)
+            except InstrumentError as error:
+                raise self._stranger(error) from error
+            return Identity(self._dialect.model, "", "", answer)
+
+    def channels(self) -> tuple[Channel, ...]:
+        """One displacement in mm per head, in the order of the settings."""
+        return tuple(
+            Channel(name, "mm", "displacement", self.settings.latency_s, self.settings.range_mm)
+            for name in self.settings.heads
+        )
+
+    def arm(self, samples: int, period_s: float) -> None:
+        """Set up and start a storage of one value per head and edge of the TIMING input.
+
+        Raises `LimitError` when the controller cannot store that many, or samples more slowly than the
+        edges come; `InstrumentError` when it refuses a setting (it is then measuring again).
+        """
+        self._check_limits(samples, period_s)
+        with self._line.lock:
+            self._armed = None
+            self._apply(self._storage_settings(samples))
+            self._ask_when_ready("AQ", self._dialect)
+            self._line.ask("AS")
+            self._armed = _Armed(samples, period_s)
+
+    def collect(self) -> FloatArray:
+        """Wait for the last edge and read the stored values: shape (samples, heads), mm, NaN without a value.
+
+        Raises `InstrumentError` when no edge has come for a while, or the storage was stopped, before all
+        edges were stored.
+        """
+        armed = self._armed
+        if armed is None:
+            raise InstrumentError(f"{self.name}: nothing to collect; call arm first", instrument=self.name)
+        progress = self._await_edges(armed)
+        if progress.running:
+            self.stop()
+        if progress.stored < armed.samples:
+            why = "then no more came" if progress.running else "then the storage was stopped"
+            raise InstrumentError(
+                f"{self.name}: {progress.stored} of {armed.samples} trigger edges came, {why}; "
+                "check the wire to the TIMING input and that the pacing instrument ran to its end",
+                instrument=self.name,
+            )
+        return np.column_stack([self._stored(output, armed) for output in self.settings.heads.values()])
+
+    def displacements(self) -> tuple[Reading, ...]:
+        """The value of each head now [mm], in the order of the settings; NaN when there is none."""
+        outputs = sorted(self.settings.heads.values())
+        values = dict(zip(outputs, self._current(outputs), strict=True))
+        now_s = self._clock.now_s()
+        return tuple(Reading(values[output], "mm", now_s) for output in self.settings.heads.values())
+
+    def stop(self) -> None:
+        """End a storage; measuring goes on. A `collect` that waits for edges then raises."""
+        if not self._line.opened:
+            return
+        with self._already_so(self._dialect):
+            self._line.ask("AP")
+
+    # Recording
+
+    def _check_limits(self, samples: int, period_s: float) -> None:
+        longest = self.settings.samples_max
+        if not 1 <= samples <= longest:
+            raise LimitError(
+                f"{self.name}: {samples} samples of {len(self.settings.heads)} heads; "
+                f"the storage holds 1 to {longest}, record fewer"
+            )
+        if period_s < self.settings.sampling_us * 1e-6 * (1 - 1e-9):
+            raise LimitError(
+                f"{self.name}: edges {period_s:g} s apart, but a value only every "
+                f"{self.settings.sampling_us:g} us; lower `sampling_us` or the rate"
+            )
+
+    def _storage_settings(self, samples: int) -> list[str]:
+        dialect, settings = self._dialect, self.settings
+        outputs = [dialect.output(output) for output in settings.heads.values()]
+        average = AVERAGES.index(settings.averaging)
+        commands = [f"SW,CA,{dialect.sampling_us.index(settings.sampling_us)}"]
+        commands += [f"SW,OC,{output},0,{average}" for output in outputs]
+        commands += [f"SW,CF,{samples:07d},{BY_TIMING_INPUT:02d}"]
+        if dialect.selects_stored_outputs:
+            commands += [f"SW,OK,{output},1" for output in outputs]
+        return commands
+
+    def _apply(self, commands: list[str]) -> None:
+        self._mode("Q0", self._dialect)
+        try:
+            for command in commands:
+                self._ask_when_ready(command, self._dialect)
+        finally:
+            # Left in communication mode it would refuse to measure.
+            self._mode("R0", self._dialect)
+
+    def _await_edges(self, armed: _Armed) -> _Progress:
+        patience_s = self.settings.edge_timeout_s + 2 * armed.period_s
+        progress = self._progress()
+        last_edge_s = self._clock.now_s()
+        while progress.running and progress.stored < armed.samples:
+            if self._clock.now_s() - last_edge_s > patience_s:
+                break
+            missing_s = (armed.samples - progress.stored) * armed.period_s
+            self._clock.sleep_s(min(max(missing_s, self.settings.poll_s), 10 * self.settings.poll_s))
+            before, progress = progress, self._progress()
+            if progress.stored > before.stored:
+                last_edge_s = self._clock.now_s()
+        return progress
+
+    def _progress(self) -> _Progress:
+        reply = self._line.ask("AN")
+        try:
+            running, *counts = (int(field) for field in reply.split(b","))
+            return _Progress(running == 1, min(counts[output - 1] for output in self.settings.heads.values()))
+        except (ValueError, IndexError) as error:
+            raise self._line.bad("AN", reply, "a status and a count per output") from error
+
+    def _stored(self, output: int, armed: _Armed) -> FloatArray:
+        command = f"AO,{self._dialect.output(output)}"
+        values = self._values(command, self._line.ask(command, self.settings.readout_timeout_s))
+        if len(values) != armed.samples:
+            raise BadReply(
+                f"{self.name}: {command} gave {len(values)} values of {armed.samples}; "
+                "check the line (baud rate, flow control) and record again",
+                instrument=self.name,
+            )
+        return values
+
+    # Current values
+
+    def _current(self, outputs: list[int]) -> FloatArray:
+        command = self._dialect.measure(outputs)
+        reply = self._line.ask(command)
+        fields = reply.split(b",")
+        if len(fields) < len(outputs):
+            raise self._line.bad(command, reply, f"{len(outputs)} values")
+        return self._values(command, b",".join(fields[-len(outputs) :]))
+
+    def _values(self, command: str, text: bytes) -> FloatArray:
+        try:
+            return parse_values(text)
+        except ValueError as error:
+            raise self._line.bad(command, text, "values of 8 characters") from error
+
+    # Modes and generations
+
+    def _greet(self, dialect: Generation) -> str:
+        """Return to measuring and ask for the first output as `dialect` has it; the whole reply."""
+        self._mode("R0", dialect)
+        command = dialect.measure([1])
+        reply = self._ask_when_ready(command, dialect)
+        return f"{main_command(command)},{reply.decode('ascii', 'replace')}"
+
+    def _stranger(self, error: InstrumentError) -> InstrumentError:
+        other = self.settings.other_dialect
+        with suppress(InstrumentError, LinkTimeout):
+            self._greet(other)
+            return WrongInstrument(
+                f"{self.name}: an {other.model} answers, not an {self._dialect.model}; "
+                "correct `generation` or `address` in the rig file",
+                instrument=self.name,
+            )
+        if error.code in self._dialect.errors:
+            return error
+        return WrongInstrument(
+            f"{self.name}: no {self._dialect.model} answers ({error}); correct `address` in the rig file",
+            instrument=self.name,
+        )
+
+    def _mode(self, command: str, dialect: Generation) -> None:
+        with self._already_so(dialect):
+            self._line.ask(command, self.settings.mode_timeout_s)
+
+    @contextmanager
+    def _already_so(self, dialect: Generation) -> Iterator[None]:
+        """A change to the mode that the controller is in answers with a status error, which is harmless."""
+        try:
+            yield
+        except InstrumentError as error:
+            if error.code != dialect.status_error:
+                raise
+
+    def _ask_when_ready(self, command: str, dialect: Generation) -> bytes:
+        """Ask until the change of mode, which may go on after its reply, is over."""
+        deadline_s = self._clock.now_s() + self.settings.mode_timeout_s
+        while True:
+            try:
+                return self._line.ask(command)
+            except InstrumentError as error:
+                if error.code != dialect.status_error or self._clock.now_s() >= deadline_s:
+                    raise
+            self._clock.sleep_s(self.settings.poll_s)

@@ -1,0 +1,230 @@
+"""What both generations do: modes, refusals, settings, storage and programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from simulators.clock import SimulationClock
+from simulators.keyence_lkg.faults import Fault, Refused
+from simulators.keyence_lkg.heads import CUTOFFS_HZ, Kernel, Output, high_pass, low_pass, moving_average
+from simulators.keyence_lkg.model import LkgSettings, Model
+from simulators.keyence_lkg.registers import PROGRAMS, Register, Registers, whole
+from simulators.keyence_lkg.session import LINE_MAX, Answer, Session
+from simulators.keyence_lkg.storage import DataStorage, Plan
+from simulators.keyence_lkg.values import NO_VALUE, format_value, format_values
+from simulators.wiring import Signal, TriggerLine
+
+STORAGE_CYCLES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+"""Sampling cycles between stored values, by the number that selects them (SW,CF); 10 is the TIMING input."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: how many parameters it takes, what it does; whether it is one of the settings."""
+
+    run: Callable[[list[str]], str]
+    parameters: int | None = 0
+    setting: bool = False
+
+
+class Controller:
+    """A controller with its heads; `connect` serves a client in ASCII lines that end with CR."""
+
+    def __init__(
+        self,
+        model: Model,
+        registers: Sequence[Register],
+        clock: SimulationClock,
+        heads: Sequence[Signal],
+        trigger: TriggerLine,
+        settings: LkgSettings,
+    ) -> None:
+        if not 1 <= len(heads) <= model.outputs:
+            raise ValueError(f"{model.kind}: {len(heads)} heads, it has outputs for 1 to {model.outputs}")
+        self.kind = model.kind
+        self.settings = settings
+        self.clock = clock
+        self.outputs = [Output(signal, settings.range_mm) for signal in heads]
+        self._model = model
+        self._registers = Registers.of(registers)
+        self._storage = DataStorage(clock, trigger, self.outputs, settings.latency_s)
+        self._measuring = True
+        self._ready_s = clock.now_s()
+        self._return_delay_s = 0.0
+        self._apply_registers()
+        self._commands: dict[str, Command] = {
+            "SW": Command(self._write, parameters=None, setting=True),
+            "SR": Command(self._read, parameters=None, setting=True),
+            "AQ": Command(self._initialise_storage),
+            "AS": Command(self._start_storage),
+            "AP": Command(self._stop_storage),
+            "AN": Command(self._storage_status),
+            "AO": Command(self._stored_values, parameters=1),
+            "PW": Command(self._change_program, parameters=1),
+            "PR": Command(lambda _: f"PR,{self._registers.program}"),
+            "KL": Command(self._lock_panel, parameters=1),
+            **self.measurement_commands(),
+        }
+
+    def connect(self, send: Callable[[bytes], None]) -> Session:
+        """Serve one more client."""
+        return Session(self.clock, self.answer, send)
+
+    def measurement_commands(self) -> dict[str, Command]:
+        """The commands in which the generations differ."""
+        raise NotImplementedError
+
+    def answer(self, line: bytes) -> Answer:
+        """The reply to one line; exactly one whatever stands in it."""
+        main, *parameters = line.decode("latin-1").upper().split(",")
+        if len(line) > LINE_MAX:
+            return self._refuse(main, parameters, Fault.LENGTH)
+        try:
+            if main in ("Q0", "R0"):
+                return self._change_mode(main, parameters)
+            return Answer(self._run(main, parameters), self.settings.reply_delay_s)
+        except Refused as refusal:
+            return self._refuse(main, parameters, refusal.fault)
+
+    def output(self, text: str) -> int:
+        """The index of the output that a parameter names; it need not have a head."""
+        return whole(text, 1, self._model.outputs) - 1
+
+    def values(self, indices: Sequence[int]) -> str:
+        """The values of outputs now, comma-separated; no valid value without a head."""
+        return ",".join(self._value(index) for index in indices)
+
+    def wired(self, indices: Sequence[int]) -> list[Output]:
+        """Those of the outputs that have a head."""
+        return [self.outputs[index] for index in indices if index < len(self.outputs)]
+
+    def zero(self, indices: Sequence[int]) -> None:
+        """Auto-zero on."""
+        self._storage.take()
+        for output in self.wired(indices):
+            output.zero(self.clock.now_s())
+
+    def unzero(self, indices: Sequence[int]) -> None:
+        """Auto-zero off."""
+        self._storage.take()
+        for output in self.wired(indices):
+            output.unzero()
+
+    def reset(self, indices: Sequence[int]) -> None:
+        """Begin held values and statistics anew."""
+        for output in self.wired(indices):
+            output.reset(self.clock.now_s())
+
+    def hold(self, indices: Sequence[int], on: bool) -> None:
+        """Timing: hold the value on display, or let it go."""
+        for output in self.wired(indices):
+            output.held_at_s = self.clock.now_s() if on else None
+
+    def _value(self, index: int) -> str:
+        if index >= len(self.outputs):
+            return NO_VALUE
+        return format_value(self.outputs[index].now(self.clock.now_s()), self.settings.decimals)
+
+    def _run(self, main: str, parameters: list[str]) -> str:
+        command = self._commands.get(main)
+        if command is None:
+            raise Refused(Fault.COMMAND)
+        ready = self.clock.now_s() >= self._ready_s
+        if command.setting == self._measuring or (self._measuring and not ready):
+            raise Refused(Fault.STATUS)
+        if command.parameters is not None and len(parameters) != command.parameters:
+            raise Refused(Fault.COUNT)
+        return command.run(parameters)
+
+    def _refuse(self, main: str, parameters: list[str], fault: Fault) -> Answer:
+        name = main
+        if main in ("SW", "SR") and parameters and self.settings.refusal_names_setting:
+            name = parameters[0]
+        echo = "".join(c if c.isascii() and c.isprintable() else "?" for c in name[:10])
+        return Answer(f"ER,{echo},{self._model.codes[fault]}", self.settings.reply_delay_s)
+
+    def _change_mode(self, main: str, parameters: list[str]) -> Answer:
+        if parameters:
+            raise Refused(Fault.COUNT)
+        if self._measuring == (main == "R0"):
+            raise Refused(Fault.STATUS)
+        self._measuring = main == "R0"
+        if not self._measuring:
+            self._storage.stop()
+            self._storage.take()
+            return Answer(main, self.settings.reply_delay_s)
+        self._apply_registers()
+        delay_s = self.settings.reply_delay_s + self.settings.mode_return_s
+        self._ready_s = self.clock.now_s() + delay_s + self.settings.mode_settle_s
+        return Answer(main, delay_s)
+
+    # Settings and programs
+
+    def _write(self, parameters: list[str]) -> str:
+        self._registers.write(parameters)
+        return f"SW,{parameters[0]}"
+
+    def _read(self, parameters: list[str]) -> str:
+        return ",".join(["SR", *parameters, *self._registers.read(parameters)])
+
+    def _change_program(self, parameters: list[str]) -> str:
+        self._registers.program = whole(parameters[0], 0, PROGRAMS - 1)
+        self._storage.stop()
+        self._storage.take()
+        self._apply_registers()
+        return "PW"
+
+    def _lock_panel(self, parameters: list[str]) -> str:
+        whole(parameters[0], 0, 1)
+        return "KL"
+
+    def _cycle_s(self) -> float:
+        return self._model.sampling_us[int(self._registers.value("CA")[0])] * 1e-6
+
+    def _apply_registers(self) -> None:
+        for number, output in enumerate(self.outputs, start=1):
+            kind, selected = (int(value) for value in self._registers.value("OC", output=number))
+            output.kernel = self._kernel(kind, selected)
+            output.offset_mm = float(self._registers.value("OF", output=number)[0])
+
+    def _kernel(self, kind: int, selected: int) -> Kernel:
+        if kind == 0:
+            return moving_average(4**selected, self._cycle_s())
+        cutoff_hz = CUTOFFS_HZ[min(selected, len(CUTOFFS_HZ) - 1)]
+        return low_pass(cutoff_hz) if kind == 1 else high_pass(cutoff_hz)
+
+    # Storage
+
+    def _plan(self) -> Plan:
+        count, cycle = (int(value) for value in self._registers.value("CF"))
+        stored = tuple(
+            index for index in range(len(self.outputs)) if self._registers.value("OK", output=index + 1) == ("1",)
+        )
+        share = self.settings.storage_values
+        if self._model.storage_shared and stored:
+            share //= len(stored)
+        cycle_s = STORAGE_CYCLES[cycle] * self._cycle_s() if cycle < len(STORAGE_CYCLES) else None
+        return Plan(min(count, share), cycle_s, stored)
+
+    def _initialise_storage(self, _: list[str]) -> str:
+        self._storage.clear()
+        return "AQ"
+
+    def _start_storage(self, _: list[str]) -> str:
+        self._storage.start(self._plan())
+        return "AS"
+
+    def _stop_storage(self, _: list[str]) -> str:
+        self._storage.stop()
+        return "AP"
+
+    def _storage_status(self, _: list[str]) -> str:
+        running = "1" if self._storage.running else "0"
+        counts = [self._storage.count(index) for index in range(max(2, len(self.outputs)))]
+        return ",".join(["AN", running, *(f"{count:0{self.settings.count_digits}d}" for count in counts)])
+
+    def _stored_values(self, parameters: list[str]) -> str:
+        values = self._storage.values(self.output(parameters[0]))
+        text = format_values(values.tolist(), self.settings.decimals)
+        return f"AO,{text}" if text else "AO"

@@ -1,0 +1,122 @@
+"""The first generation: LK-G3001, two outputs, numbers of one digit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulators.clock import SimulationClock
+from simulators.keyence_lkg.controller import Command, Controller
+from simulators.keyence_lkg.faults import Fault
+from simulators.keyence_lkg.model import LkgSettings, Model, common_registers
+from simulators.keyence_lkg.registers import Register, digits, switch, whole
+from simulators.keyence_lkg.values import format_values
+from simulators.wiring import Signal, TriggerLine
+
+MODEL = Model(
+    kind="keyence-lkg3001",
+    outputs=2,
+    sampling_us=(20.0, 50.0, 100.0, 200.0, 500.0, 1000.0),
+    storage_shared=False,
+    codes={
+        Fault.COMMAND: "00",
+        Fault.STATUS: "01",
+        Fault.LENGTH: "20",
+        Fault.COUNT: "21",
+        Fault.PARAMETER: "22",
+    },
+)
+
+_STATISTICS_SPAN_S = 60.0
+"""How far back the statistics reach; less than the world remembers."""
+
+
+@dataclass(frozen=True)
+class Lkg3001Settings(LkgSettings):
+    """The first generation's defaults: 65 536 values per output, all outputs stored."""
+
+
+class SimulatedLkg3001(Controller):
+    """An LK-G3001 with one or two heads.
+
+    `heads` are displacements in mm at rig times (NaN without a target), `trigger` is wired to the TIMING
+    input. Source: LK-G Series User's Manual, chapter 5.
+    """
+
+    def __init__(
+        self,
+        clock: SimulationClock,
+        heads: Sequence[Signal],
+        trigger: TriggerLine,
+        settings: LkgSettings | None = None,
+    ) -> None:
+        settings = settings or Lkg3001Settings()
+        super().__init__(MODEL, _registers(settings), clock, heads, trigger, settings)
+
+    def measurement_commands(self) -> dict[str, Command]:
+        """Measurement and control, by output in the command's name: 1, 2, or 0 for both."""
+        commands = {
+            "VR": Command(self._reset, parameters=1),
+            "T0": Command(lambda p: self._hold(p, on=False), parameters=1),
+            "T1": Command(lambda p: self._hold(p, on=True), parameters=1),
+            "DO": Command(self._statistics, parameters=1),
+            "DQ": Command(self._clear_statistics, parameters=1),
+        }
+        for number, indices in ((0, (0, 1)), (1, (0,)), (2, (1,))):
+            commands |= self._by_output(number, indices)
+        return commands
+
+    def _by_output(self, number: int, indices: tuple[int, ...]) -> dict[str, Command]:
+        def measure(_: list[str]) -> str:
+            return f"M{number},{self.values(indices)}"
+
+        def zero(_: list[str]) -> str:
+            self.zero(indices)
+            return f"V{number}"
+
+        def unzero(_: list[str]) -> str:
+            self.unzero(indices)
+            return f"W{number}"
+
+        return {f"M{number}": Command(measure), f"V{number}": Command(zero), f"W{number}": Command(unzero)}
+
+    def _chosen(self, text: str) -> tuple[int, ...]:
+        number = whole(text, 0, MODEL.outputs)
+        return (number - 1,) if number else (0, 1)
+
+    def _reset(self, parameters: list[str]) -> str:
+        self.reset(self._chosen(parameters[0]))
+        return "VR"
+
+    def _hold(self, parameters: list[str], on: bool) -> str:
+        self.hold(self._chosen(parameters[0]), on)
+        return f"T{int(on)}"
+
+    def _clear_statistics(self, parameters: list[str]) -> str:
+        for output in self.wired([self.output(parameters[0])]):
+            output.statistics_from_s = self.clock.now_s()
+        return f"DQ,{parameters[0]}"
+
+    def _statistics(self, parameters: list[str]) -> str:
+        """Maximum, minimum, peak to peak and mean; no source gives the form, this one is chosen."""
+        values = [math.nan] * 4
+        for output in self.wired([self.output(parameters[0])]):
+            now_s = self.clock.now_s()
+            since_s = max(output.statistics_from_s, now_s - _STATISTICS_SPAN_S)
+            seen = output.at(np.linspace(since_s, now_s, 257))
+            seen = seen[np.isfinite(seen)]
+            if len(seen):
+                values = [float(v) for v in (seen.max(), seen.min(), np.ptp(seen), seen.mean())]
+        return f"DO,{parameters[0]},{format_values(values, self.settings.decimals)}"
+
+
+def _registers(settings: LkgSettings) -> list[Register]:
+    return [
+        *common_registers(MODEL, settings),
+        Register(("OC",), MODEL.outputs, (digits(1, 0, 0), digits(1, 0, 9)), ("0", "0")),
+        Register(("HA", "M"), MODEL.outputs, (switch,), ("0",)),
+        Register(("HB",), MODEL.outputs, (digits(1, 0, 4),), ("0",)),
+    ]

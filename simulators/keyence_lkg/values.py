@@ -1,0 +1,27 @@
+"""How an LK-G writes a measured value: 8 characters, sign and point among them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+NO_VALUE = "XXXXXXXX"
+OVER_RANGE = "+FFFFFFF"
+UNDER_RANGE = "-FFFFFFF"
+
+
+def format_value(value_mm: float, decimals: int) -> str:
+    """NaN is no valid value, infinite is out of range; fewer decimals where the integer part needs the place."""
+    if math.isnan(value_mm):
+        return NO_VALUE
+    for places in range(decimals if math.isfinite(value_mm) else 0, 0, -1):
+        # Adding zero takes the sign from what rounds to nothing.
+        text = f"{round(value_mm, places) + 0.0:+08.{places}f}"
+        if len(text) == 8:
+            return text
+    return OVER_RANGE if value_mm > 0 else UNDER_RANGE
+
+
+def format_values(values_mm: Iterable[float], decimals: int) -> str:
+    """Comma-separated values."""
+    return ",".join([format_value(value, decimals) for value in values_mm])
