@@ -1,0 +1,281 @@
+"""The sensing-axis bench as a procedure sees it: set-points in, one durable run out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from rigctl.campaign.recording import RunRecord
+from rigctl.campaign.run_writer import RunWriter
+from rigctl.campaign.session import Session
+from rigctl.clock import Clock
+from rigctl.errors import LimitError, ProcedureError
+from rigctl.experiments.sensing_axis.package import HeadSettings, Package
+from rigctl.interfaces import (
+    Channel,
+    DisplacementMeter,
+    FloatArray,
+    LinearStage,
+    PacedRecorder,
+    PacingRecorder,
+    RotationStage,
+    Thermometer,
+    Voltmeter,
+)
+
+RESIDUAL_TRANSIENT_M_S2 = 1e-8
+"""What may be left of a free oscillation when a run starts: a tenth of the noise of a hundred-second run."""
+
+ROLL_ALLOWANCE_RAD = 1e-4
+"""How far the response can be from zero at the best known null: unknown roll and guess."""
+
+OSCILLATION_MARGIN_S = 30.0
+"""Settling, arming and read-out fit in here."""
+
+ANGLE_RESOLUTION_DEG = 1e-4
+"""Set-points are whole steps of the rotation stage (0.36 arcsec)."""
+
+AMPLITUDE_TOLERANCE = 0.05
+"""Largest relative difference between the amplitude asked for and the encoder's."""
+
+
+class CapturingStage(LinearStage, PacedRecorder, Protocol):
+    """A linear stage that records its encoder on the trigger edges."""
+
+
+class Readout(Voltmeter, PacingRecorder, Protocol):
+    """The accelerometer's voltmeter, which also paces the others."""
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """What a run is asked to be."""
+
+    axis: str
+    configuration: str
+    mounting: int
+    theta_deg: float
+    frequency_hz: float
+    amplitude_mm: float
+    duration_s: float
+    sample_rate_hz: float
+
+    @property
+    def samples(self) -> int:
+        """Samples of whole periods closest to the duration, at least one period."""
+        periods = max(round(self.duration_s * self.frequency_hz), 1)
+        return math.ceil(periods / self.frequency_hz * self.sample_rate_hz)
+
+    @property
+    def peak_acceleration_m_s2(self) -> float:
+        """A w^2."""
+        return 1e-3 * self.amplitude_mm * (2.0 * math.pi * self.frequency_hz) ** 2
+
+
+@dataclass
+class Bench:
+    """The instruments by role, and what the rig file says of the package and the heads."""
+
+    rotation: RotationStage
+    linear: CapturingStage
+    lasers: tuple[DisplacementMeter, ...]
+    readout: Readout
+    thermometer: Thermometer | None
+    package: Package
+    heads: Mapping[str, HeadSettings]
+    g_m_s2: float
+    clock: Clock
+    approach_overshoot_deg: float = 0.05
+    _oscillation: tuple[float, float, float] | None = field(default=None, init=False)
+    _disturbed_rad: float = field(default=0.0, init=False)
+    _approached: bool = field(default=False, init=False)
+
+    def prepare(self) -> None:
+        """Home what is not homed."""
+        if not self.linear.is_homed():
+            self.linear.home()
+        if not self.rotation.is_homed():
+            self.rotation.home()
+
+    def rest(self) -> None:
+        """End an oscillation."""
+        if self._oscillation is not None:
+            self.linear.rest()
+            self._oscillation = None
+
+    def check(self, point: SetPoint, *, lasers: bool) -> None:
+        """`LimitError` when the stages cannot do it, or the spots would leave the cube's faces."""
+        limits = self.rotation.limits
+        lowest = limits.angle_min_deg + self.approach_overshoot_deg
+        if not lowest <= point.theta_deg <= limits.angle_max_deg:
+            raise LimitError(
+                f"{self.rotation.name}: {point.theta_deg:g} deg is outside {lowest:g} .. "
+                f"{limits.angle_max_deg:g} deg (with the approach from below)"
+            )
+        check_oscillation(self.linear, point.amplitude_mm, point.frequency_hz)
+        margin_mm = self.package.spot_margin_mm(point.theta_deg, point.amplitude_mm)
+        if lasers and self.heads and margin_mm < 0:
+            raise LimitError(
+                f"at {point.theta_deg:g} deg with {point.amplitude_mm:g} mm a laser's spot leaves the "
+                f"{self.package.cube_side_mm:g} mm cube by {-margin_mm:.2f} mm: less angle or amplitude"
+            )
+
+    def run(
+        self,
+        session: Session,
+        key: str,
+        point: SetPoint,
+        *,
+        before: Callable[[], None],
+        null_deg: float | None = None,
+        lasers: bool = True,
+    ) -> RunRecord:
+        """Acquire one run at a set-point, unless it is recorded already.
+
+        `before` is called before anything moves; `null_deg`, the best guess of the null, shortens the settling.
+        """
+        self.check(point, lasers=lasers)
+        asked = {
+            "axis": point.axis,
+            "configuration": point.configuration,
+            "mounting": point.mounting,
+            "theta_asked_deg": point.theta_deg,
+            "frequency_hz": point.frequency_hz,
+            "amplitude_mm": point.amplitude_mm,
+        }
+
+        def measure(writer: RunWriter) -> dict[str, Any]:
+            before()
+            return self._measure(session, writer, point, null_deg, lasers)
+
+        return session.acquire(key, asked, measure)
+
+    def _measure(
+        self, session: Session, writer: RunWriter, point: SetPoint, null_deg: float | None, lasers: bool
+    ) -> dict[str, Any]:
+        offset_deg = abs(point.theta_deg - null_deg) if null_deg is not None else 1.0
+        offset_rad = math.radians(offset_deg) + ROLL_ALLOWANCE_RAD
+        self._turn_to(point.theta_deg)
+        self._oscillate(point, offset_rad)
+        session.wait_s(self._settling_s(point))
+        angle = self.rotation.angle()
+        temperature = [self._temperature_c()]
+        recorders: list[PacedRecorder] = [self.linear]
+        if lasers:
+            recorders += self.lasers
+        start_s, columns = self._acquire(session, writer, point, recorders)
+        temperature.append(self._temperature_c())
+        found: dict[str, Any] = {
+            "theta_deg": angle.value,
+            "approach": 1,
+            "start_s": start_s,
+            "temperature_c": float(np.mean(temperature)),
+        }
+        found.update(self._judge(point, columns))
+        return found
+
+    def _acquire(
+        self, session: Session, writer: RunWriter, point: SetPoint, recorders: list[PacedRecorder]
+    ) -> tuple[float, dict[str, FloatArray]]:
+        samples, period_s = point.samples, 1.0 / point.sample_rate_hz
+        for recorder in recorders:
+            recorder.arm(samples, period_s)
+        start_s = self.readout.start(samples, period_s)
+        name = self.readout.channels()[0].name
+        parts: list[FloatArray] = []
+        received = 0
+        while received < samples:
+            session.wait_s(min(1.0, (samples - received) * period_s) + period_s)
+            part = self.readout.fetch()[:, 0]
+            times_s = period_s * np.arange(received, received + len(part))
+            if len(part):
+                writer.append({"t_s": times_s, name: part})
+            received += len(part)
+            parts.append(part)
+            if self.clock.now_s() > start_s + samples * period_s + 30.0 and not len(part):
+                raise ProcedureError(
+                    f"{self.readout.name}: {received} of {samples} samples after "
+                    f"{self.clock.now_s() - start_s:.0f} s; check its trigger and memory"
+                )
+        columns: dict[str, FloatArray] = {name: np.concatenate(parts)}
+        for recorder in recorders:
+            values = recorder.collect()
+            columns.update({channel.name: values[:, i] for i, channel in enumerate(recorder.channels())})
+        late = {column: values for column, values in columns.items() if column != name}
+        writer.append(late)
+        return start_s, columns
+
+    def _judge(self, point: SetPoint, columns: Mapping[str, FloatArray]) -> dict[str, Any]:
+        """Is the run fit for use? A stage that does what it was not asked to is an error, not a bad run."""
+        position_mm = columns[self.linear.channels()[0].name]
+        amplitude_mm = math.sqrt(2.0) * float(np.std(position_mm))
+        if abs(amplitude_mm / point.amplitude_mm - 1.0) > AMPLITUDE_TOLERANCE:
+            raise ProcedureError(
+                f"{self.linear.name}: the encoder shows an amplitude of {amplitude_mm:.3f} mm where "
+                f"{point.amplitude_mm:g} mm was asked for; check oscillate_distance in the rig file"
+            )
+        channel: Channel = self.readout.channels()[0]
+        volts = columns[channel.name]
+        saturated = int(np.sum(~np.isfinite(volts)))
+        if channel.full_scale is not None:
+            saturated += int(np.sum(np.abs(volts[np.isfinite(volts)]) >= channel.full_scale))
+        if saturated:
+            return {"valid": False, "reason": f"{saturated} saturated samples in {channel.name}"}
+        return {}
+
+    def _settling_s(self, point: SetPoint) -> float:
+        """Time until the free oscillation that the last changes have excited has died away."""
+        excited_m_s2 = point.peak_acceleration_m_s2 * self._disturbed_rad
+        self._disturbed_rad = 0.0
+        if excited_m_s2 <= RESIDUAL_TRANSIENT_M_S2:
+            return 0.0
+        ring_down_s = self.package.axes[point.axis].sensor[point.configuration].ring_down_s
+        return ring_down_s * math.log(excited_m_s2 / RESIDUAL_TRANSIENT_M_S2)
+
+    def _turn_to(self, theta_deg: float) -> None:
+        """Arrive from below, so that every null is approached from the same side."""
+        now_deg = self.rotation.angle().value
+        if self._approached and abs(now_deg - theta_deg) < ANGLE_RESOLUTION_DEG / 2:
+            return
+        if now_deg > theta_deg - self.approach_overshoot_deg:
+            self.rotation.move_to(theta_deg - self.approach_overshoot_deg)
+        self.rotation.move_to(theta_deg)
+        self._approached = True
+        self._disturbed_rad += math.radians(abs(theta_deg - now_deg) + self.approach_overshoot_deg)
+
+    def _oscillate(self, point: SetPoint, offset_rad: float) -> None:
+        """Let the wanted oscillation run long enough; one that already does is left alone."""
+        wanted = (point.frequency_hz, point.amplitude_mm)
+        needed_s = point.duration_s + OSCILLATION_MARGIN_S
+        running = self._oscillation
+        if running is not None and running[:2] == wanted and running[2] - self.clock.now_s() > needed_s:
+            return
+        self.rest()
+        lasting_s = 1.5 * point.duration_s + 2 * OSCILLATION_MARGIN_S
+        self.linear.oscillate(0.0, point.amplitude_mm, point.frequency_hz, lasting_s)
+        self._oscillation = (*wanted, self.clock.now_s() + lasting_s)
+        self._disturbed_rad += offset_rad
+
+    def _temperature_c(self) -> float:
+        return self.thermometer.temperature().value if self.thermometer is not None else math.nan
+
+
+def check_oscillation(linear: LinearStage, amplitude_mm: float, frequency_hz: float) -> None:
+    """`LimitError` when travel, speed or acceleration do not allow a sinusoid about the centre."""
+    limits = linear.limits
+    w = 2.0 * math.pi * frequency_hz
+    allowed_mm = {
+        "travel": min(-limits.position_min_mm, limits.position_max_mm),
+        "speed": limits.speed_mm_s / w,
+        "acceleration": limits.acceleration_mm_s2 / w**2,
+    }
+    reason = min(allowed_mm, key=lambda name: allowed_mm[name])
+    if amplitude_mm > allowed_mm[reason]:
+        raise LimitError(
+            f"{linear.name}: {amplitude_mm:g} mm at {frequency_hz:g} Hz exceeds its {reason}; "
+            f"at this frequency at most {allowed_mm[reason]:.3g} mm"
+        )

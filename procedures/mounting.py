@@ -1,0 +1,92 @@
+"""Seating the package and levelling it, by the operator's hands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from procedures.bench import Bench
+from rigctl.campaign.session import Session
+from rigctl.errors import ProcedureError
+
+MAX_LEVELLINGS = 5
+LEVEL_READINGS = 5
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """One seating of the package."""
+
+    axis: str
+    configuration: str
+    number: int
+
+    @property
+    def key(self) -> str:
+        """The mounting's name in keys of steps and runs."""
+        return f"{self.axis} {self.configuration} {self.number}"
+
+
+class MountingLostError(ProcedureError):
+    """The operator says that the package is no longer as it was seated: what follows needs a new mounting."""
+
+
+@dataclass
+class Fixture:
+    """Keeps track of what is mounted, through restarts."""
+
+    session: Session
+    bench: Bench
+    _mounted: Mounting | None = field(default=None, init=False)
+
+    def mount(self, mounting: Mounting) -> None:
+        """Have the package seated and levelled as `mounting`; nothing is done for one that is recorded as done.
+
+        A mounting made before a restart is confirmed with the operator as soon as something is to be measured in it.
+        """
+        seated = f"{mounting.key} mounted"
+        if not self.session.done(seated):
+            self.session.checkpoint()
+            self.bench.rest()
+            self.session.operator.remount(mounting.axis, mounting.configuration, mounting.number)
+            self._mounted = mounting
+        self.session.once(seated, lambda: True)
+        self._level(mounting)
+
+    def confirm(self, mounting: Mounting) -> None:
+        """Before measuring: is this mounting in place? `MountingLostError` when it is not."""
+        if self._mounted == mounting:
+            return
+        lost = f"{mounting.key} lost"
+        operator = self.session.operator
+        if self.session.done(lost) or not operator.still_mounted(
+            mounting.axis, mounting.configuration, mounting.number
+        ):
+            self.session.once(lost, lambda: True)
+            raise MountingLostError(f"{mounting.key} was disturbed; it is measured anew as another mounting")
+        self._mounted = mounting
+
+    def _level(self, mounting: Mounting) -> None:
+        limit_v = self.bench.package.level_limit_v
+        reading_v = np.nan
+        for attempt in range(1, MAX_LEVELLINGS + 1):
+            key = f"{mounting.key} level {attempt}"
+            if not self.session.done(key):
+                self.session.operator.level(reading_v)
+            reading_v = self.session.once(key, lambda: self._static_output_v(mounting))
+            if abs(reading_v) < limit_v:
+                return
+        raise ProcedureError(
+            f"{mounting.key}: static output {reading_v:+.2f} V after {MAX_LEVELLINGS} levellings, limit "
+            f"{limit_v:g} V; check the screws and the sensor"
+        )
+
+    def _static_output_v(self, mounting: Mounting) -> float:
+        self.confirm(mounting)
+        ring_down_s = self.bench.package.axes[mounting.axis].sensor[mounting.configuration].ring_down_s
+        self.session.wait_s(3.0 * ring_down_s)
+        readings = [self.bench.readout.voltage().value for _ in range(LEVEL_READINGS)]
+        mean = float(np.mean(readings))
+        # An overloaded meter has no number; the level is then far outside.
+        return mean if np.isfinite(mean) else 1e3

@@ -1,0 +1,216 @@
+"""The campaigns of the sensing-axis experiment: what a campaign file's `[procedure]` may name.
+
+`six-mountings`: every axis in pendulum (phase 1) and flag (phase 2), each repeated as a new mounting.
+`null-search`: one mounting. `angle-scan`: the plain grid, for comparison. `quick-check`: the evening before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from procedures.angle_scan import AngleScan
+from procedures.bench import Bench, SetPoint
+from procedures.mounting import Fixture, Mounting, MountingLostError
+from procedures.noise_check import check_noise
+from procedures.null_search import NullSearch, NullSearchSettings
+from procedures.quick_check import quick_check
+from rigctl.campaign.session import Session
+from rigctl.effects.catalogue import Effect
+from rigctl.errors import ConfigError
+from rigctl.experiments.sensing_axis.package import Table
+
+RUNS_PER_MOUNTING = 3
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class Procedure(Table):
+    """The `[procedure]` table."""
+
+    name: Literal["six-mountings", "null-search", "angle-scan", "quick-check"]
+    axes: tuple[str, ...] = Field(min_length=1)
+    configurations: tuple[str, ...] = ("pendulum", "flag")
+    mountings: Annotated[int, Field(ge=1)] = 1
+    frequencies_hz: tuple[Positive, ...] = Field(default=(0.3, 0.5, 0.6), min_length=1)
+    amplitude_mm: Positive = 5.0
+    sample_rate_hz: Positive = 100.0
+    coarse_s: Positive = 6.0
+    start_deg: float = 0.0
+    angles_deg: tuple[float, ...] = ()
+    dwell_s: Positive = 20.0
+    noise_check_s: Annotated[float, Field(ge=0)] = 100.0
+
+    @field_validator("axes", "configurations", "frequencies_hz", "angles_deg")
+    @classmethod
+    def _no_repeats(cls, values: tuple[object, ...]) -> tuple[object, ...]:
+        if len(set(values)) < len(values):
+            raise ValueError("has the same entry twice")
+        return values
+
+
+class Targets(Table):
+    """The `[targets]` table: when it is good enough."""
+
+    theta0_sigma_arcsec: Positive = 2.0
+    noise_m_s2_rthz: Positive = 3e-6
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A campaign ready to run."""
+
+    procedure: Procedure
+    targets: Targets
+    effects: tuple[Effect, ...]
+
+    @property
+    def mountings(self) -> list[Mounting]:
+        """All mountings in order; numbers count through the campaign and are never used twice."""
+        chosen = [
+            (axis, configuration)
+            for axis in self.procedure.axes
+            for configuration in self.procedure.configurations
+            for _ in range(self.procedure.mountings)
+        ]
+        return [Mounting(axis, configuration, i) for i, (axis, configuration) in enumerate(chosen, start=1)]
+
+    @property
+    def search(self) -> NullSearchSettings:
+        """Settings of the null search."""
+        return NullSearchSettings(
+            frequencies_hz=self.procedure.frequencies_hz,
+            amplitude_mm=self.procedure.amplitude_mm,
+            sample_rate_hz=self.procedure.sample_rate_hz,
+            theta0_sigma_arcsec=self.targets.theta0_sigma_arcsec,
+            coarse_s=self.procedure.coarse_s,
+            start_deg=self.procedure.start_deg,
+        )
+
+    @property
+    def runs(self) -> int:
+        """How many runs are expected."""
+        if self.procedure.name == "angle-scan":
+            return len(self.mountings) * len(self.procedure.angles_deg) * len(self.procedure.frequencies_hz)
+        return len(self.mountings) * RUNS_PER_MOUNTING
+
+    def check(self, bench: Bench) -> None:
+        """Whether the rig can do all of it, before anything moves: `ConfigError` or `LimitError`."""
+        for axis in self.procedure.axes:
+            if axis not in bench.package.axes:
+                known = ", ".join(bench.package.axes)
+                raise ConfigError(f"procedure.axes: the rig's package has no axis {axis}; it has {known}")
+        for configuration in self.procedure.configurations:
+            if configuration not in bench.package.configurations:
+                known = ", ".join(bench.package.configurations)
+                raise ConfigError(
+                    f"procedure.configurations: no {configuration} in the rig's package; it has {known}"
+                )
+        if self.procedure.name == "angle-scan" and not self.procedure.angles_deg:
+            raise ConfigError("procedure.angles_deg is missing; an angle scan needs its angles")
+        for point in self._extremes():
+            bench.check(point, lasers=True)
+
+    def _extremes(self) -> list[SetPoint]:
+        procedure = self.procedure
+        return [
+            self.point(Mounting(procedure.axes[0], procedure.configurations[0], 0), angle, frequency)
+            for angle in (*procedure.angles_deg, procedure.start_deg)
+            for frequency in procedure.frequencies_hz
+        ]
+
+    def point(self, mounting: Mounting, theta_deg: float, frequency_hz: float) -> SetPoint:
+        """A set-point of this campaign."""
+        return SetPoint(
+            mounting.axis,
+            mounting.configuration,
+            mounting.number,
+            theta_deg,
+            frequency_hz,
+            self.procedure.amplitude_mm,
+            self.procedure.dwell_s,
+            self.procedure.sample_rate_hz,
+        )
+
+
+def run(session: Session, bench: Bench, plan: Plan) -> None:
+    """Carry out a campaign; everything it finds is in the session's store."""
+    plan.check(bench)
+    session.plan(plan.runs)
+    with session.step("prepare"):
+        bench.prepare()
+    _PROCEDURES[plan.procedure.name](session, bench, plan)
+    bench.rest()
+
+
+def _six_mountings(session: Session, bench: Bench, plan: Plan) -> None:
+    fixture = Fixture(session, bench)
+    pending = plan.mountings
+    spare = len(pending) + 1
+    first = True
+    while pending:
+        mounting = pending.pop(0)
+        phase = "phase 2" if mounting.configuration == "flag" else "phase 1"
+        with session.step(f"axis {mounting.axis} {phase}"), session.step(f"mounting {mounting.number}"):
+            try:
+                fixture.mount(mounting)
+                if first:
+                    _check_noise(session, bench, plan, mounting)
+                    first = False
+                NullSearch(session, bench, fixture, mounting, plan.search, plan.effects).find()
+            except MountingLostError as lost:
+                session.event("mounting-lost", mounting=mounting.key, reason=str(lost))
+                _discard(session, mounting)
+                pending.insert(0, Mounting(mounting.axis, mounting.configuration, spare))
+                spare += 1
+
+
+def _discard(session: Session, mounting: Mounting) -> None:
+    """Runs of a mounting that was disturbed before its search ended are not used."""
+    for run in session.store.runs(valid_only=True):
+        if run.conditions.get("mounting") == mounting.number:
+            session.store.mark(run.run_id, valid=False, reason=f"{mounting.key} was disturbed")
+
+
+def _angle_scan(session: Session, bench: Bench, plan: Plan) -> None:
+    fixture = Fixture(session, bench)
+    for mounting in plan.mountings:
+        with session.step(f"angle scan {mounting.key}"):
+            fixture.mount(mounting)
+            AngleScan(session, bench, fixture, plan.point).measure(
+                mounting, plan.procedure.angles_deg, plan.procedure.frequencies_hz
+            )
+
+
+def _quick_check(session: Session, bench: Bench, plan: Plan) -> None:
+    fixture = Fixture(session, bench)
+    mounting = plan.mountings[0]
+    with session.step(f"quick check {mounting.key}"):
+        fixture.mount(mounting)
+        high_hz = max(plan.procedure.frequencies_hz)
+        quick_check(session, bench, fixture, plan.point(mounting, plan.procedure.start_deg, high_hz))
+
+
+def _check_noise(session: Session, bench: Bench, plan: Plan, mounting: Mounting) -> None:
+    if plan.procedure.noise_check_s > 0:
+        with session.step("noise check"):
+            sensor = bench.package.axes[mounting.axis].sensor[mounting.configuration]
+            check_noise(
+                session,
+                bench,
+                sensor.gain_v_per_m_s2,
+                plan.procedure.frequencies_hz,
+                plan.targets.noise_m_s2_rthz,
+                duration_s=plan.procedure.noise_check_s,
+            )
+
+
+_PROCEDURES: dict[str, Callable[[Session, Bench, Plan], None]] = {
+    "six-mountings": _six_mountings,
+    "null-search": _six_mountings,
+    "angle-scan": _angle_scan,
+    "quick-check": _quick_check,
+}

@@ -1,0 +1,138 @@
+"""The person at the rig: actions no instrument can do, asked for and confirmed."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from rigctl.errors import Aborted, ProcedureError
+
+
+class OperatorLink(Protocol):
+    """The hands of a simulated rig: what a person would do, done by the world. Nobody measures through it."""
+
+    def request(self, action: dict[str, Any]) -> dict[str, Any]:
+        """Do `{"remount": {...}}`, `{"level": true}` or `{"run": n}`; returns when it is done."""
+        ...
+
+
+class Operator(Protocol):
+    """Who is asked. Every call returns once the action is confirmed; `Aborted` when the person refuses."""
+
+    name: str
+
+    def remount(self, axis: str, configuration: str, mounting: int) -> None:
+        """Take the package off and seat it again for `axis` in `configuration`."""
+        ...
+
+    def level(self, reading_v: float) -> None:
+        """Turn the levelling screws until the static output is inside its limit."""
+        ...
+
+    def still_mounted(self, axis: str, configuration: str, mounting: int) -> bool:
+        """After a restart: is this mounting in place and untouched?"""
+        ...
+
+    def accept(self, question: str) -> bool:
+        """A decision: go on in spite of what the question says?"""
+        ...
+
+    def announce_run(self, number: int) -> None:
+        """A run begins; a person need not know."""
+        ...
+
+
+@dataclass
+class SimulatedOperator:
+    """Answers everything: with hands where the world is simulated, else with a nod."""
+
+    link: OperatorLink | None
+    name: str = "simulated operator"
+
+    def remount(self, axis: str, configuration: str, mounting: int) -> None:
+        """Seat the package."""
+        self._act({"remount": {"axis": axis, "configuration": configuration, "mounting": mounting}})
+
+    def level(self, reading_v: float) -> None:  # noqa: ARG002 - hands that see the level themselves
+        """Level the package."""
+        self._act({"level": True})
+
+    def still_mounted(self, axis: str, configuration: str, mounting: int) -> bool:
+        """A world that starts anew has nothing mounted: the same mounting is made again, which nature repeats."""
+        self.remount(axis, configuration, mounting)
+        self._act({"level": True})
+        return True
+
+    def accept(self, question: str) -> bool:  # noqa: ARG002
+        """Never accepts a bad start: an unattended campaign should stop rather than waste a night."""
+        return False
+
+    def announce_run(self, number: int) -> None:
+        """Tell the world which run begins, the key of its randomness."""
+        self._act({"run": number})
+
+    def _act(self, action: dict[str, Any]) -> None:
+        if self.link is not None:
+            answer = self.link.request(action)
+            if "error" in answer:
+                raise ProcedureError(f"the simulated operator could not do {action}: {answer['error']}")
+
+
+@dataclass
+class TerminalOperator:
+    """Asks at the terminal; behind a simulated rig the world's hands then do what was confirmed."""
+
+    link: OperatorLink | None
+    ask: Callable[[str], str] = input
+    name: str = "operator"
+
+    def remount(self, axis: str, configuration: str, mounting: int) -> None:
+        """Ask for a remounting and wait for the confirmation."""
+        self._confirm(f"Mount the package for axis {axis} in {configuration} (mounting {mounting})")
+        self._hands.remount(axis, configuration, mounting)
+
+    def level(self, reading_v: float) -> None:
+        """Ask for levelling and wait for the confirmation."""
+        self._confirm(f"Level the package: static output {reading_v:+.3f} V")
+        self._hands.level(reading_v)
+
+    def still_mounted(self, axis: str, configuration: str, mounting: int) -> bool:
+        """Ask whether the mounting survived."""
+        question = f"Is {axis} in {configuration}, mounting {mounting}, still in place and untouched?"
+        return self.accept(question) and self._hands.still_mounted(axis, configuration, mounting)
+
+    def accept(self, question: str) -> bool:
+        """Yes or no."""
+        while True:
+            answer = self._read(f"{question} [y/n] ").strip().lower()
+            if answer in {"y", "yes"}:
+                return True
+            if answer in {"n", "no"}:
+                return False
+
+    def announce_run(self, number: int) -> None:
+        """Passed on to a simulated world; a person need not know."""
+        self._hands.announce_run(number)
+
+    @property
+    def _hands(self) -> SimulatedOperator:
+        return SimulatedOperator(self.link)
+
+    def _confirm(self, request: str) -> None:
+        while True:
+            answer = self._read(f"{request}. Type 'done', or 'abort': ").strip().lower()
+            if answer == "done":
+                return
+            if answer == "abort":
+                raise Aborted(f"the operator aborted at: {request}")
+
+    def _read(self, prompt: str) -> str:
+        try:
+            print(prompt, end="", file=sys.stderr, flush=True)  # noqa: T201 - stdout belongs to --json
+            return self.ask("")
+        except EOFError:
+            raise ProcedureError(
+                f"nobody at the terminal to answer: {prompt.strip()} Run with --yes, or at a terminal"
+            ) from None

@@ -1,0 +1,84 @@
+"""How far a campaign is, for the store's status row and for a terminal."""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+from rigctl.campaign.store import Store
+
+PUBLISH_S = 0.2
+"""Least wall-clock time between two status rows."""
+
+
+class Display(Protocol):
+    """Somebody who shows progress."""
+
+    def show(self, status: dict[str, object]) -> None:
+        """The status as `rigctl status --json` gives it."""
+        ...
+
+
+class Progress:
+    """Counts runs, guesses the time left, and writes it where others can read it."""
+
+    def __init__(self, store: Store, display: Display | None = None) -> None:
+        self._store = store
+        self._display = display
+        self._state = "running"
+        self._step = ""
+        self._planned = 0
+        self._done = 0
+        self._invalid = 0
+        self._measured = 0
+        self._began = time.monotonic()
+        self._published = 0.0
+
+    def at(self, step: str) -> None:
+        """The procedure is in this step."""
+        self._step = step
+        self._publish()
+
+    def plan(self, runs: int) -> None:
+        """How many runs there will be in all."""
+        self._planned = runs
+        self._publish()
+
+    def replayed(self) -> None:
+        """A run that was recorded before a restart."""
+        self._done += 1
+
+    def ran(self, *, valid: bool) -> None:
+        """A run was measured."""
+        self._done += 1
+        self._measured += 1
+        self._invalid += not valid
+        self._publish()
+
+    def state(self, state: str) -> None:
+        """running, paused, done, aborted or failed; written at once."""
+        self._state = state
+        self._published = 0.0
+        self._publish()
+
+    def _publish(self) -> None:
+        if time.monotonic() - self._published < PUBLISH_S:
+            return
+        self._published = time.monotonic()
+        status = self.status()
+        self._store.set_status(status)
+        if self._display is not None:
+            self._display.show(status)
+
+    def status(self) -> dict[str, object]:
+        """The keys of `rigctl status --json`."""
+        left = max(self._planned - self._done, 0)
+        pace_s = (time.monotonic() - self._began) / self._measured if self._measured else None
+        return {
+            "state": self._state,
+            "step": self._step,
+            "runs_done": self._done,
+            "runs_planned": max(self._planned, self._done),
+            "runs_invalid": self._invalid,
+            "eta_s": None if pace_s is None else round(left * pace_s, 1),
+        }

@@ -1,0 +1,123 @@
+"""What a procedure runs in: steps that are durable, are replayed after a restart, and can be interrupted.
+
+A procedure is straight-line code. Everything it does to the world goes through `acquire` and `once`, each under a
+key of the procedure's own. A key that the store already holds is not done again: its record is returned. So a resumed
+campaign runs the same code from the start, and reaches the point of interruption without moving anything.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from rigctl.campaign.control import Control
+from rigctl.campaign.operator import Operator
+from rigctl.campaign.progress import Progress
+from rigctl.campaign.recording import RunRecord
+from rigctl.campaign.run_writer import RunWriter
+from rigctl.campaign.store import Store
+from rigctl.clock import Clock
+from rigctl.errors import DataError
+
+Measure = Callable[[RunWriter], Mapping[str, Any]]
+
+
+class Session:
+    """One campaign in progress."""
+
+    def __init__(self, store: Store, clock: Clock, operator: Operator, control: Control, progress: Progress) -> None:
+        self.store = store
+        self.clock = clock
+        self.operator = operator
+        self._control = control
+        self._progress = progress
+        self._answers = {event.data["key"]: event.data["result"] for event in store.events("once")}
+        self._steps: list[str] = []
+        self._serial = 0
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """A named part of the procedure; steps nest."""
+        self._steps.append(name)
+        self._progress.at(" / ".join(self._steps))
+        try:
+            yield
+        finally:
+            self._steps.pop()
+
+    def plan(self, runs: int) -> None:
+        """Tell how many runs the procedure expects in all, for the progress and its ETA."""
+        self._progress.plan(runs)
+
+    def acquire(self, key: str, conditions: Mapping[str, Any], measure: Measure) -> RunRecord:
+        """One run: measured and durable when this returns, or as recorded when the store already has `key`.
+
+        `measure` appends samples to the writer and returns the conditions known only afterwards, with
+        `valid` and `reason` among them when the run is not to be used. `DataError` when the store holds the key with
+        other set-points: the campaign file and the record do not belong together.
+        """
+        number = self._next()
+        recorded = self.store.run_by_key(key)
+        if recorded is not None:
+            self._must_match(key, recorded, conditions)
+            self._progress.replayed()
+            return recorded
+        self.checkpoint()
+        self.operator.announce_run(number)
+        with self.store.begin_run(key, " / ".join(self._steps), conditions) as writer:
+            found = dict(measure(writer))
+            valid, reason = bool(found.pop("valid", True)), str(found.pop("reason", ""))
+            record = writer.finish(found, valid=valid, reason=reason)
+        self._progress.ran(valid=valid)
+        return record
+
+    def once(self, key: str, action: Callable[[], Any]) -> Any:
+        """The JSON-able result of `action`, done once per campaign and durable when this returns."""
+        number = self._next()
+        if key not in self._answers:
+            self.checkpoint()
+            self.operator.announce_run(number)
+            result = action()
+            self.store.add_event("once", {"key": key, "result": result}, self.clock.now_s())
+            self._answers[key] = result
+        return self._answers[key]
+
+    def done(self, key: str) -> bool:
+        """True when `once(key)` has been done, now or before a restart."""
+        return key in self._answers
+
+    def event(self, kind: str, **data: Any) -> None:
+        """Note something that happened."""
+        self.store.add_event(kind, data, self.clock.now_s())
+
+    def wait_s(self, duration_s: float) -> None:
+        """Let rig time pass; `Aborted` promptly when the operator asks."""
+        end_s = self.clock.now_s() + duration_s
+        slice_s = max(0.1 * self.clock.speed, 0.1)
+        while (left_s := end_s - self.clock.now_s()) > 1e-9:
+            self._control.raise_if_aborted()
+            self.clock.sleep_s(min(left_s, slice_s))
+
+    def checkpoint(self) -> None:
+        """Between two actions: stay here while paused, leave with `Aborted` when asked to."""
+        self._control.raise_if_aborted()
+        if self._control.paused:
+            self._progress.state("paused")
+            self._control.while_paused(lambda: time.sleep(0.05))
+            self._progress.state("running")
+
+    def _next(self) -> int:
+        self._serial += 1
+        return self._serial
+
+    @staticmethod
+    def _must_match(key: str, recorded: RunRecord, conditions: Mapping[str, Any]) -> None:
+        for name, value in conditions.items():
+            held = recorded.conditions.get(name)
+            if held != value and not (isinstance(value, float) and abs(float(held or 0) - value) < 1e-9):
+                raise DataError(
+                    f"run '{key}' is recorded with {name} = {held}, the procedure now asks for {value}: "
+                    "the store belongs to another campaign file or version; start a new store"
+                )

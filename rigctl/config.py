@@ -1,0 +1,239 @@
+"""Rig and campaign files: TOML an operator writes, checked whole before anything moves.
+
+Every complaint is one line that names file, key and mend. The settings of an instrument beyond driver, address and
+role are its driver's own (`drivers.<module>.<...>Settings`), those of a procedure the procedure's.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tomllib
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, Field, ValidationError
+
+from rigctl.errors import ConfigError
+from rigctl.experiments.sensing_axis.package import HeadSettings, Package, Table
+
+SIMULATED = "sim:"
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class RigTable(Table):
+    """What the rig is called and which clock it runs on."""
+
+    name: str
+    clock: Literal["virtual", "real"] = "virtual"
+    clock_speed: Annotated[float, Field(gt=0)] = 1.0
+
+
+class OperatorTable(Table):
+    """Where a served simulated world lets the simulated operator act."""
+
+    address: str = ""
+
+
+class Instrument(BaseModel, extra="allow", frozen=True):
+    """One instrument: what all have in common; further keys belong to its driver."""
+
+    driver: str
+    address: str
+    role: str
+    simulator: dict[str, Any] = {}
+    faults: dict[str, Any] = {}
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The keys that belong to the driver."""
+        return dict(self.__pydantic_extra__ or {})
+
+    @property
+    def simulated(self) -> bool:
+        """True when the instrument lives in this process."""
+        return self.address.startswith(SIMULATED)
+
+
+class Constant(Table):
+    """A constant of nature or of the place, with its standard uncertainty."""
+
+    value: float
+    u: Annotated[float, Field(ge=0)] = 0.0
+
+
+class Certificate(Table):
+    """What a calibration certificate says: standard uncertainties by quantity, units in the names."""
+
+    serial: str = ""
+    calibrated: date | None = None
+    expires: date | None = None
+    uncertainty: dict[str, Annotated[float, Field(ge=0)]] = {}
+
+
+class RigFile(Table):
+    """A rig file, checked."""
+
+    path: Path
+    text: str
+    rig: RigTable
+    operator: OperatorTable = OperatorTable()
+    instruments: dict[str, Instrument]
+    lasers: dict[str, HeadSettings] = {}
+    package: Package | None = None
+    constants: dict[str, Constant] = {}
+    certificates: dict[str, Certificate] = {}
+    world: dict[str, Any] | None = None
+
+    @property
+    def text_without_world(self) -> str:
+        """The file as it may be stored and exported: nature's secrets stay out."""
+        return without_tables(self.text, "world")
+
+    @property
+    def world_sha256(self) -> str | None:
+        """Hash of the simulated world's text; None for a real rig."""
+        text = only_tables(self.text, "world")
+        return hashlib.sha256(text.encode()).hexdigest() if text else None
+
+    def constant(self, name: str, default: float) -> float:
+        """Value of a constant, or the default."""
+        return self.constants[name].value if name in self.constants else default
+
+
+class CampaignFile(Table):
+    """A campaign file, checked as far as it does not depend on the procedure."""
+
+    path: Path
+    text: str
+    experiment: Literal["sensing-axis", "rotating-platform", "inflight-calibration"]
+    title: str = ""
+    rig: str = ""
+    procedure: dict[str, Any]
+    targets: dict[str, Any] = {}
+    model: ModelTable
+    on_terminal_lost: Literal["continue", "stop"] = "continue"
+    reference: dict[str, Any] = {}
+
+    @property
+    def rig_path(self) -> Path:
+        """The rig file it names, relative to itself."""
+        return self.path.parent / self.rig
+
+
+class ModelTable(Table):
+    """Which effects the model has beyond its baseline."""
+
+    effects: tuple[str, ...] = ()
+
+
+def read_rig(path: Path) -> RigFile:
+    """Read and check a rig file; `ConfigError`."""
+    text, data = _read(path)
+    return validated(RigFile, {**data, "path": path, "text": text}, path)
+
+
+def parse_rig(text: str, path: Path) -> RigFile:
+    """Check a rig file's text as kept in a store; `ConfigError`."""
+    return validated(RigFile, {**_parse(text, path), "path": path, "text": text}, path)
+
+
+def read_campaign(path: Path) -> CampaignFile:
+    """Read and check a campaign file; `ConfigError`."""
+    text, data = _read(path)
+    return parse_campaign_data(text, data, path)
+
+
+def parse_campaign(text: str, path: Path) -> CampaignFile:
+    """Check a campaign file's text as kept in a store; `ConfigError`."""
+    return parse_campaign_data(text, _parse(text, path), path)
+
+
+def parse_campaign_data(text: str, data: Mapping[str, Any], path: Path) -> CampaignFile:
+    """Check a parsed campaign file."""
+    return validated(CampaignFile, {"model": {}, **data, "path": path, "text": text}, path)
+
+
+def validated(model: type[Model], data: Mapping[str, Any], path: Path, prefix: str = "") -> Model:
+    """Check data against a model; `ConfigError` with the first fault as file, key, mend."""
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {explain(model, error, prefix)}") from None
+
+
+def explain(model: type[BaseModel], error: ValidationError, prefix: str = "") -> str:
+    """The first fault of a validation in one line: key, what is wrong, what is allowed."""
+    fault = error.errors()[0]
+    where = ".".join(str(part) for part in fault["loc"])
+    key = ".".join(part for part in (prefix, where) if part)
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    if fault["type"] == "extra_forbidden":
+        known = ", ".join(_known_keys(model, [str(part) for part in fault["loc"][:-1]]))
+        return f"unknown key {key}{f'; known there: {known}' if known else '; remove it'}{more}"
+    if fault["type"] == "missing":
+        return f"{key} is missing; add it{more}"
+    message = fault["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    given = fault.get("input")
+    shown = f", not {given!r}" if isinstance(given, str | int | float | bool) else ""
+    return f"{key or 'file'}: {message}{shown}{more}"
+
+
+def without_tables(text: str, name: str) -> str:
+    """TOML text without the tables `[name]` and `[name.*]`."""
+    return "".join(line for inside, line in _sections(text, name) if not inside)
+
+
+def only_tables(text: str, name: str) -> str:
+    """The tables `[name]` and `[name.*]` of a TOML text."""
+    return "".join(line for inside, line in _sections(text, name) if inside)
+
+
+def _sections(text: str, name: str) -> list[tuple[bool, str]]:
+    header = re.compile(r"\s*\[\[?\s*\"?([A-Za-z0-9_-]+)\"?\s*(?:\.|\])")
+    inside = False
+    lines = []
+    for line in text.splitlines(keepends=True):
+        found = header.match(line)
+        # A row of a nested array looks like a header but holds numbers; names begin with a letter here.
+        if found and found.group(1)[0].isalpha():
+            inside = found.group(1) == name
+        lines.append((inside, line))
+    return lines
+
+
+def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
+    current: Any = model
+    for part in path:
+        fields = getattr(current, "model_fields", {})
+        annotation = fields[part].annotation if part in fields else None
+        candidates = [annotation, *getattr(annotation, "__args__", ())]
+        current = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), current)
+    hidden = {"path", "text"}
+    return [name for name in getattr(current, "model_fields", {}) if name not in hidden]
+
+
+def _read(path: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file; check the name") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    return text, _parse(text, path)
+
+
+def _parse(text: str, path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+
+
+CampaignFile.model_rebuild()

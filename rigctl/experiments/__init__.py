@@ -1,0 +1,1 @@
+"""One package each: conditions, observables, baseline model, result."""

@@ -1,0 +1,112 @@
+"""Fitting a recording: null angles, gains, mounting rotations and the parameters of the chosen effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.errors import ProcedureError
+from rigctl.experiments.sensing_axis.chain import FloatArray
+from rigctl.experiments.sensing_axis.geometry import motion_in_cube
+from rigctl.experiments.sensing_axis.model import Prediction, RecordingModel
+from rigctl.experiments.sensing_axis.observables import RunObservables
+from rigctl.fitting.least_squares import FitResult, least_squares
+
+
+@dataclass(frozen=True)
+class NullPoint:
+    """The stage angle of a mounting's null and, where lasers looked, the motion's direction in the cube there.
+
+    `vector_coc` has shape (3,), `vector_covariance` (3, 3) in rad^2: the fit's share, without re-seating scatter.
+    """
+
+    axis: str
+    configuration: str
+    mounting: int
+    theta0_rad: float
+    theta0_sigma_rad: float
+    vector_coc: FloatArray | None
+    vector_covariance: FloatArray | None
+
+
+@dataclass(frozen=True)
+class RecordingFit:
+    """A fitted model: the parameters with covariance, and the nulls that follow from them."""
+
+    model: RecordingModel
+    result: FitResult
+
+    def null(self, axis: str, configuration: str, mounting: int) -> NullPoint:
+        """The null of one mounting."""
+        label = f"{axis},{configuration},{mounting}"
+        names = [f"theta0[{label}]"]
+        if self.model.heads:
+            names += [f"delta_{c}[{label}]" for c in "xyz"]
+        where = [self.model.index(name) for name in names]
+        values = np.array(self.result.values)[where]
+        covariance = np.array(self.result.covariance)[np.ix_(where, where)]
+        sigma = float(np.sqrt(covariance[0, 0]))
+        if not self.model.heads:
+            return NullPoint(axis, configuration, mounting, values[0], sigma, None, None)
+        nominal = self.model.package.turntable_from_cube(axis, configuration)
+
+        def vector(p: FloatArray) -> FloatArray:
+            return motion_in_cube(p[0], p[1:], nominal)
+
+        step = 1e-6
+        slopes = np.stack([(vector(values + e) - vector(values - e)) / (2 * step) for e in step * np.eye(4)], 1)
+        return NullPoint(
+            axis, configuration, mounting, values[0], sigma, vector(values), slopes @ covariance @ slopes.T
+        )
+
+    def nulls(self) -> list[NullPoint]:
+        """The nulls of all mountings, in the order of their runs."""
+        mountings = dict.fromkeys((run.axis, run.configuration, run.mounting) for run in self.model.runs)
+        return [self.null(*mounting) for mounting in mountings]
+
+
+def fit_recording(model: RecordingModel) -> RecordingFit:
+    """Fit all parameters to the amplitudes at the drive's frequency and the means.
+
+    Raises `ProcedureError` when the runs do not determine the parameters, naming them.
+    """
+    measured, sigma = _measured(model)
+    free = np.isfinite(sigma)
+
+    def residuals(values: FloatArray) -> FloatArray:
+        return ((measured - _observe(model.predict(values))) / sigma)[free]
+
+    def jacobian(values: FloatArray) -> FloatArray:
+        slopes = model.jacobian(values, _observe).reshape(*sigma.shape, -1)
+        return (-slopes / sigma[..., None])[free]
+
+    result = least_squares(residuals, model.parameters, jacobian=jacobian)
+    if result.verdict != "converged":
+        raise ProcedureError(f"the runs do not determine the model: {result.reason}")
+    return RecordingFit(model, result)
+
+
+def _observe(prediction: Prediction) -> FloatArray:
+    accel = prediction.accel_v
+    parts = [accel[:, 1].real, accel[:, 1].imag, accel[:, 0].real]
+    parts += [prediction.lasers_m[:, head, 1].real for head in range(prediction.lasers_m.shape[1])]
+    return np.stack(parts, axis=1)
+
+
+def _measured(model: RecordingModel) -> tuple[FloatArray, FloatArray]:
+    rows = [_row(run, model.heads) for run in model.runs]
+    return np.array([values for values, _ in rows]), np.array([sigmas for _, sigmas in rows])
+
+
+def _row(run: RunObservables, heads: Sequence[str]) -> tuple[list[float], list[float]]:
+    accel = run.accel_v
+    values = [accel.value[1].real, accel.value[1].imag, accel.value[0].real]
+    sigmas = [accel.sigma[1], accel.sigma[1], accel.sigma[0]]
+    for head in heads:
+        laser = run.lasers_m.get(head)
+        usable = laser is not None and bool(np.isfinite(laser.value[1]))
+        values.append(laser.value[1].real if laser is not None and usable else 0.0)
+        sigmas.append(laser.sigma[1] if laser is not None and usable else np.inf)
+    return values, sigmas

@@ -1,0 +1,61 @@
+"""What a run of the sensing-axis rig says: a few amplitudes per channel with their noise.
+
+Amplitudes are referred to the encoder's displacement (`rigctl.signals.sine_fit.referred_to`): the real part of
+harmonic h goes as x^h, the imaginary part leads it by a quarter period; index 0 is the mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+HARMONICS = 3
+"""Harmonics of the drive kept per channel."""
+
+
+@dataclass(frozen=True)
+class Amplitudes:
+    """One channel of one run: values and standard uncertainties, shape (HARMONICS + 1,), SI."""
+
+    value: ComplexArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True)
+class RunObservables:
+    """One run, reduced. `motion_m` are the encoder's harmonics 1..H with x = Re sum X_h exp(i h w t), X_1 = -iA."""
+
+    run_id: str
+    axis: str
+    configuration: str
+    mounting: int
+    theta_rad: float
+    approach: float
+    frequency_hz: float
+    temperature_c: float
+    start_s: float
+    duration_s: float
+    motion_m: ComplexArray
+    accel_v: Amplitudes
+    lasers_m: dict[str, Amplitudes]
+
+    @property
+    def amplitude_m(self) -> float:
+        """Amplitude A of the stage's motion [m]."""
+        return float(np.abs(self.motion_m[0]))
+
+    @property
+    def peak_acceleration_m_s2(self) -> float:
+        """The drive's peak acceleration A w^2 [m/s2]."""
+        return self.amplitude_m * (2.0 * np.pi * self.frequency_hz) ** 2
+
+
+def heads_of(runs: Sequence[RunObservables]) -> tuple[str, ...]:
+    """Names of all laser columns that appear in the runs, sorted."""
+    return tuple(sorted({name for run in runs for name in run.lasers_m}))
