@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -50,7 +51,7 @@ def connector(
             if not device:
                 raise ConfigError(f"address {address!r}: no device; write serial:/dev/ttyUSB0?baud=115200")
             line = _line(address, options, settings)
-            return lambda: SerialTransport(device, clock, line, address=address, floor_s=floor_s)
+            return partial(SerialTransport, device, clock, line, address=address, floor_s=floor_s)
         case "visa":
             return _visa(address, *_split(address, rest), clock, settings, floor_s)
         case _:
@@ -66,22 +67,23 @@ def _visa(
     floor_s: float,
 ) -> Connect:
     # pyvisa takes a quarter of a second to import: not for a rig without VISA
-    from pyvisa.rname import InvalidResourceName, parse_resource_name
+    from pyvisa.rname import ASRLInstr, InvalidResourceName, parse_resource_name
 
     from drivers.transport_visa import PYVISA_PY, VisaTransport
 
     try:
-        parse_resource_name(resource)
+        parsed = parse_resource_name(resource)
     except InvalidResourceName as error:
         raise ConfigError(f"address {address!r} is not understood; write {EXAMPLES}") from error
-    line_options = {key: value for key, value in options.items() if key != "backend"}
-    if line_options and not resource.upper().startswith("ASRL"):
-        raise ConfigError(f"address {address!r}: {', '.join(line_options)} is for serial lines only")
     backend = options.get("backend", PYVISA_PY)
+    line_options = {key: value for key, value in options.items() if key != "backend"}
+    if line_options and not isinstance(parsed, ASRLInstr):
+        raise ConfigError(f"address {address!r}: {', '.join(line_options)} is for serial lines only")
     line = _line(address, line_options, settings)
-    return lambda: VisaTransport(
-        resource, clock, backend=backend, settings=line, address=address, floor_s=floor_s
-    )
+    if isinstance(parsed, ASRLInstr) and backend == PYVISA_PY:
+        # pyvisa-py takes serial bytes one by one from pyserial; a megabyte of them takes it ten seconds
+        return partial(SerialTransport, parsed.board, clock, line, address=address, floor_s=floor_s)
+    return partial(VisaTransport, resource, clock, backend=backend, settings=line, address=address, floor_s=floor_s)
 
 
 def _socket_resource(address: str) -> str:
@@ -103,9 +105,7 @@ def _line(address: str, options: Mapping[str, str], settings: SerialSettings) ->
     changes: dict[str, Any] = {}
     for key, text in options.items():
         if key not in LINE_OPTIONS:
-            raise ConfigError(
-                f"address {address!r}: unknown option {key!r}; known: {', '.join(LINE_OPTIONS)}"
-            )
+            raise ConfigError(f"address {address!r}: unknown option {key!r}; known: {', '.join(LINE_OPTIONS)}")
         try:
             changes[key] = LINE_OPTIONS[key](text)
         except (KeyError, ValueError) as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import select
+import termios
 from dataclasses import dataclass
 
 import serial
@@ -11,8 +13,9 @@ from drivers.transport import lost
 from rigctl.clock import Clock
 from rigctl.errors import LinkTimeout
 
-BITS_PER_BYTE = 10
-"""Start bit, eight data bits, stop bit."""
+READ_BYTES = 65536
+LONGEST_WRITE_BITS = 10 * 4096
+"""What a line may take to swallow one command: its bits, with start and stop bits."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class SerialTransport(BufferedTransport):
         floor_s: float = WALL_FLOOR_S,
     ) -> None:
         super().__init__(address or f"serial:{device}", clock, floor_s)
-        self._baud = settings.baud
+        self._write_timeout_s = floor_s + LONGEST_WRITE_BITS / settings.baud
         try:
             self._port = serial.Serial(
                 device,
@@ -50,20 +53,24 @@ class SerialTransport(BufferedTransport):
                 stopbits=settings.stopbits,
                 rtscts=settings.rtscts,
                 xonxoff=settings.xonxoff,
+                timeout=0.0,
+                write_timeout=self._write_timeout_s,
                 exclusive=True,
             )
         except OSError as error:
-            raise lost(self.address, f"cannot open {device} ({error.strerror or error})") from error
+            raise lost(self.address, f"cannot open {device} ({error})") from error
+        except termios.error as error:
+            why = f"{device} does not take {settings} ({error}; a pseudo-terminal knows 8 bits, no parity)"
+            raise lost(self.address, why) from error
 
     def write(self, data: bytes) -> None:
         """Send all of `data`; `LinkTimeout` when flow control holds it back, `LinkLost` when unplugged."""
-        limit_s = self._floor_s + len(data) * BITS_PER_BYTE / self._baud
         try:
-            self._port.write_timeout = limit_s
             self._port.write(data)
         except serial.SerialTimeoutException as error:
+            limit = f"{self._write_timeout_s:.3g} s"
             raise LinkTimeout(
-                f"{self.address}: could not send {data[:60]!r} within {limit_s:.3g} s; check flow control"
+                f"{self.address}: could not send {data[:60]!r} within {limit}; check flow control"
             ) from error
         except OSError as error:
             raise lost(self.address, f"sending failed ({error})") from error
@@ -74,8 +81,7 @@ class SerialTransport(BufferedTransport):
 
     def _receive(self, wait_s: float) -> bytes:
         try:
-            self._port.timeout = wait_s
-            first = self._port.read(1)
-            return first + self._port.read(self._port.in_waiting) if first else b""
+            ready, _, _ = select.select([self._port], [], [], wait_s)
+            return self._port.read(READ_BYTES) if ready else b""
         except OSError as error:
             raise lost(self.address, f"reading failed ({error})") from error

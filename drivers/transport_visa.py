@@ -6,6 +6,7 @@ The backend is pyvisa-py unless another is named; with an installed VISA library
 from __future__ import annotations
 
 import math
+import os
 import select
 import socket
 from collections.abc import Iterator
@@ -65,12 +66,12 @@ class VisaTransport(BufferedTransport):
         super().__init__(address or resource_name, clock, floor_s)
         self._resource = self._open(resource_name, backend)
         try:
-            with self._failures("cannot set up"):
+            with self._failures("cannot connect"):
                 if settings is not None and isinstance(self._resource, SerialInstrument):
                     _set_line(self._resource, settings)
                 self._socket = _socket_of(self._resource)
                 if self._socket is not None:
-                    self._socket.getpeername()  # pyvisa-py takes a refused connection for an open one
+                    _check_connected(self._socket)
         except LinkLost:
             self.close()
             raise
@@ -86,9 +87,7 @@ class VisaTransport(BufferedTransport):
             except pyvisa.VisaIOError as error:
                 if error.error_code != constants.StatusCode.error_timeout:
                     raise
-                raise LinkTimeout(
-                    f"{self.address}: could not send {data[:60]!r}; is it switched on?"
-                ) from error
+                raise LinkTimeout(f"{self.address}: could not send {data[:60]!r}; is it switched on?") from error
 
     def close(self) -> None:
         """End the connection; may be called twice."""
@@ -132,9 +131,7 @@ class VisaTransport(BufferedTransport):
 
     def _open(self, resource_name: str, backend: str) -> MessageBasedResource:
         try:
-            resource = _manager(backend).open_resource(
-                resource_name, open_timeout=round(OPEN_TIMEOUT_S * 1000)
-            )
+            resource = _manager(backend).open_resource(resource_name, open_timeout=round(OPEN_TIMEOUT_S * 1000))
         except Exception as error:  # pyvisa-py raises bare Exception when it cannot connect
             raise lost(self.address, f"VISA cannot open it ({_one_line(error)})") from error
         if isinstance(resource, MessageBasedResource):
@@ -160,6 +157,12 @@ def _socket_of(resource: MessageBasedResource) -> socket.socket | None:
     sessions = getattr(resource.visalib, "sessions", {})
     interface = getattr(sessions.get(resource.session), "interface", None)
     return interface if isinstance(interface, socket.socket) else None
+
+
+def _check_connected(stream: socket.socket) -> None:
+    # pyvisa-py takes a refused connection for an open one
+    if code := stream.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+        raise OSError(code, os.strerror(code))
 
 
 def _set_timeout(resource: MessageBasedResource, wait_s: float) -> None:

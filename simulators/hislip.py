@@ -239,7 +239,8 @@ class Session:
                 self._max_payload = max(1, min(wanted - HEADER.size, MAX_PAYLOAD_BYTES))
                 tell(Kind.ASYNC_MAX_MSG_SIZE_RESPONSE, payload=MAX_PAYLOAD_BYTES.to_bytes(8, "big"))
             case Kind.ASYNC_STATUS_QUERY:
-                self._waiting &= not message.control & RMT_DELIVERED
+                if message.control & RMT_DELIVERED:
+                    self._waiting = False
                 tell(Kind.ASYNC_STATUS_RESPONSE, MESSAGE_AVAILABLE if self._waiting else 0)
             case Kind.ASYNC_DEVICE_CLEAR:
                 self._clearing = True
@@ -251,8 +252,8 @@ class Session:
 
     def _connect(self) -> None:
         """A fresh start for both parsers: what a device clear is."""
-        self._clearing: bool = False
-        self._waiting: bool = False
+        self._clearing = False
+        self._waiting = False
         self._message_id = 0
         self._last_byte = b""
         self._response = bytearray()
