@@ -24,7 +24,10 @@ HISTORY_S = 120.0
 class Segment(Protocol):
     """A stretch of motion that begins at `start_s`."""
 
-    start_s: float
+    @property
+    def start_s(self) -> float:
+        """When it begins; -inf only for an axis at rest from the beginning of time."""
+        ...
 
     def sample(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Position, velocity and acceleration at the given times."""
@@ -42,6 +45,8 @@ class Ballistic:
 
     def sample(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Position, velocity and acceleration at the given times."""
+        if math.isinf(self.start_s):
+            return np.full_like(times_s, self.position), np.zeros_like(times_s), np.zeros_like(times_s)
         dt = times_s - self.start_s
         return (
             self.position + dt * (self.velocity + 0.5 * self.acceleration * dt),
@@ -89,14 +94,12 @@ class MotionAxis:
         """Position, velocity and acceleration, each of the shape of `times_s`."""
         times_s = np.asarray(times_s, dtype=np.float64)
         index = self._segment_index(times_s)
+        if times_s.size and index.min() == index.max():
+            return self._segments[int(index.flat[0])].sample(times_s)
         out = np.empty((3, *times_s.shape))
         for i in np.unique(index):
             chosen = index == i
-            segment = self._segments[i]
-            if math.isinf(segment.start_s):
-                out[:, chosen] = [[segment.position], [0.0], [0.0]]  # type: ignore[attr-defined]
-            else:
-                out[:, chosen] = segment.sample(times_s[chosen])
+            out[:, chosen] = self._segments[i].sample(times_s[chosen])
         return out[0], out[1], out[2]
 
     def position(self, at_s: float) -> float:
@@ -172,9 +175,7 @@ class MotionAxis:
             math.inf,
         )
 
-    def oscillate(
-        self, at_s: float, frequency_hz: float, amplitudes: Sequence[float], cycles: float
-    ) -> float:
+    def oscillate(self, at_s: float, frequency_hz: float, amplitudes: Sequence[float], cycles: float) -> float:
         """A sinusoid from rest for a whole number of cycles (inf: until told otherwise); returns its end."""
         position = self.position(at_s)
         end_s = at_s + cycles / frequency_hz
@@ -206,16 +207,14 @@ class MotionAxis:
         return float(position[0]), float(velocity[0]), float(acceleration[0])
 
     def _segment_index(self, times_s: FloatArray) -> NDArray[np.intp]:
-        starts = np.array([s.start_s for s in self._segments])
-        return np.clip(np.searchsorted(starts, times_s, side="right") - 1, 0, None)
+        later_starts = [s.start_s for s in self._segments[1:]]
+        return np.searchsorted(later_starts, times_s, side="right")
 
     def _command(self, at_s: float, segments: Sequence[Segment], end_s: float) -> None:
         kept = [s for s in self._segments if s.start_s < at_s]
         while len(kept) > 1 and kept[1].start_s < at_s - HISTORY_S:
             forgotten = kept.pop(0)
-            self._forgotten_direction = (
-                _last_direction(forgotten, kept[0].start_s) or self._forgotten_direction
-            )
+            self._forgotten_direction = _last_direction(forgotten, kept[0].start_s) or self._forgotten_direction
         self._segments = [*kept, *segments]
         self._end_s = end_s
 

@@ -1,0 +1,160 @@
+"""The world of the sensing-axis rig: stages, package, sensor, cube, lasers and the operator's hands."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from functools import partial
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.clock import SimulationClock
+from simulators.motion import MotionAxis
+from simulators.wiring import Signal, Train, TriggerLine
+from simulators.worlds import mounting as mountings
+from simulators.worlds.bench_settings import BenchSettings
+from simulators.worlds.bench_train import BenchTrain
+from simulators.worlds.mounting import Mounting
+from simulators.worlds.rotations import Configuration, about_z
+from simulators.worlds.sensor import Electronics, bias_v
+from simulators.worlds.specific_force import vertical_lab
+from simulators.worlds.stages import Stages
+from simulators.worlds.temperature import temperature_c
+
+FloatArray = NDArray[np.float64]
+
+_SINGLE_PERIOD_S = 0.01
+
+
+class AccelerometerBench:
+    """Nature on the bench, at any rig time from the recent past to the near future.
+
+    `rotation` [deg] is what the rotation stage's encoder believes, `linear` [mm] where the carriage is. Until
+    something is mounted the accelerometer gives 0 V and the lasers see nothing (NaN). Nature does not
+    depend on what was asked before: randomness is keyed by seed, mounting and announced run.
+    """
+
+    def __init__(
+        self,
+        settings: BenchSettings,
+        clock: SimulationClock,
+        rotation: MotionAxis,
+        linear: MotionAxis,
+        trigger: TriggerLine,
+    ) -> None:
+        self._settings = settings
+        self._clock = clock
+        self._trigger = trigger
+        self._stages = Stages(settings, rotation, linear)
+        self._mounting: Mounting | None = None
+        self._mounted: dict[tuple[str, str, int], Mounting] = {}
+        self._run = 0
+        self._trains_of_run = 0
+        self._noted: Train | None = None
+        self._trains: deque[BenchTrain] = deque(maxlen=4)
+
+    def remount(self, axis: str, configuration: str, mounting: int) -> float:
+        """Put the package in place, unlevelled; returns the rig time at which the hands are off.
+
+        Raises ValueError for an axis or a configuration the package does not have.
+        """
+        if axis not in self._settings.sensors:
+            raise ValueError(f"no sensor '{axis}' in the package; it has: {', '.join(self._settings.sensors)}")
+        if configuration not in get_args(Configuration):
+            raise ValueError(f"no configuration '{configuration}'; use: {', '.join(get_args(Configuration))}")
+        known: Configuration = "pendulum" if configuration == "pendulum" else "flag"
+        self._put(mountings.mount(self._settings, axis, known, mounting))
+        return self._clock.now_s() + self._settings.remount_s
+
+    def level(self) -> float:
+        """Turn the package about x_T until the DC level is well below 1 V; returns when that is done.
+
+        Raises ValueError when nothing is mounted.
+        """
+        if self._mounting is None:
+            raise ValueError("nothing to level: mount the package first")
+        done_s = self._clock.now_s() + self._settings.level_s
+        at_s = np.array([done_s])
+        electronics = Electronics(self._settings, self._mounting)
+        wanted_m_s2 = (self._mounting.level_v - electronics.bias_v(at_s)) / electronics.gain(at_s)
+        vertical_table = about_z(-float(self._stages.angle_rad(at_s)[0])) @ vertical_lab(self._settings)
+        component = float(wanted_m_s2[0]) / self._settings.g_m_s2
+        self._put(mountings.levelled(self._mounting, vertical_table, component))
+        return done_s
+
+    def announce_run(self, number: int) -> None:
+        """The next trains belong to this run."""
+        self._note_train()
+        self._run = number
+        self._trains_of_run = 0
+
+    def accelerometer_v(self, times_s: FloatArray) -> FloatArray:
+        """The sensor's output [V], held at its range's ends beyond them; 0 before anything is mounted."""
+        times_s = np.asarray(times_s, dtype=np.float64)
+        volts = np.zeros(times_s.shape)
+        for train, chosen in self._trains_at(times_s):
+            volts[chosen] = train.sensor.output_v(times_s[chosen])
+        return volts
+
+    def displacement_mm(self, head: str) -> Signal:
+        """What one laser head would read [mm]; raises ValueError for a head that is not there."""
+        if head not in self._settings.lasers:
+            raise ValueError(f"no laser head '{head}'; there are: {', '.join(self._settings.lasers)}")
+        return partial(self._displacement_mm, head)
+
+    def temperature_c(self, times_s: FloatArray) -> FloatArray:
+        """The temperature of the bench [degC]."""
+        return temperature_c(self._settings.temperature, np.asarray(times_s, dtype=np.float64))
+
+    def truth(self) -> dict[str, object]:
+        """Everything nature has drawn so far, as plain values."""
+        return {
+            "seed": self._settings.seed,
+            "bias_v": {axis: bias_v(self._settings, axis) for axis in self._settings.sensors},
+            "mountings": [mountings.truth(self._settings, m) for m in self._mounted.values()],
+        }
+
+    def _put(self, mounting: Mounting) -> None:
+        self._note_train()
+        self._mounting = mounting
+        self._mounted[mounting.key] = mounting
+
+    def _displacement_mm(self, head: str, times_s: FloatArray) -> FloatArray:
+        times_s = np.asarray(times_s, dtype=np.float64)
+        readings = np.full(times_s.shape, np.nan)
+        for train, chosen in self._trains_at(times_s):
+            readings[chosen] = train.displacement_mm(head, times_s[chosen])
+        return readings
+
+    def _trains_at(self, times_s: FloatArray) -> Iterator[tuple[BenchTrain, NDArray[np.bool_]]]:
+        """The trains the times fall in, each with a mask of its times; a reading outside is its own train."""
+        self._note_train()
+        left = np.ones(times_s.shape, dtype=np.bool_)
+        for train in reversed(self._trains):
+            chosen = left & train.covers(times_s)
+            if chosen.any():
+                yield train, chosen
+            left &= ~chosen
+            if not left.any():
+                return
+        if self._mounting is None:
+            return
+        for at_s in np.unique(times_s[left]):
+            key = self._key(self._mounting, "single", round(1e6 * at_s))
+            single = Train(float(at_s), _SINGLE_PERIOD_S, 1)
+            yield BenchTrain(self._settings, self._stages, self._mounting, single, key), left & (times_s == at_s)
+
+    def _note_train(self) -> None:
+        train = self._trigger.train
+        if train is None or train is self._noted:
+            return
+        self._noted = train
+        if self._mounting is not None:
+            key = self._key(self._mounting, "train", self._trains_of_run)
+            self._trains.append(BenchTrain(self._settings, self._stages, self._mounting, train, key))
+        self._trains_of_run += 1
+
+    def _key(self, mounting: Mounting, kind: str, number: int) -> tuple[int | str, ...]:
+        return self._settings.seed, *mounting.key, self._run, kind, number

@@ -1,0 +1,25 @@
+"""Randomness by name: the same key gives the same nature, whatever was asked before."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def generator(*key: int | str) -> np.random.Generator:
+    """A random generator that depends on `key` alone."""
+    digest = hashlib.blake2b(repr(key).encode(), digest_size=16).digest()
+    return np.random.default_rng(int.from_bytes(digest, "little"))
+
+
+def uniform_of_integers(salt: int, integers: NDArray[np.int64]) -> FloatArray:
+    """One number in [-1, 1) for each integer, a fixed function of it and of `salt` (splitmix64)."""
+    mixed = integers.astype(np.uint64) + np.uint64(salt)
+    mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    mixed = mixed ^ (mixed >> np.uint64(31))
+    return (mixed >> np.uint64(11)).astype(np.float64) * 2.0**-52 - 1.0

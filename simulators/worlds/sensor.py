@@ -1,0 +1,139 @@
+"""The sensor and its electronics: from force along its axis to volts, along one train of trigger edges."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.worlds.bench_settings import BenchSettings
+from simulators.worlds.ground_noise import GroundNoise
+from simulators.worlds.keyed_random import generator
+from simulators.worlds.mounting import Mounting
+from simulators.worlds.resonator import response
+from simulators.worlds.specific_force import SpecificForce
+from simulators.worlds.stages import Stages
+from simulators.worlds.temperature import temperature_c
+
+FloatArray = NDArray[np.float64]
+
+_STEP_S = 0.01
+"""Longest step of integration: a hundredth of the drive's fastest period."""
+
+_SETTLE_S = 15.0
+_SETTLE_RING_DOWNS = 16.0
+"""How long before the first edge the sensor's story begins: e^-16 of its beginning is left."""
+
+
+class Electronics:
+    """Gain, bias and their drifts: volts of a settled force."""
+
+    def __init__(self, settings: BenchSettings, mounting: Mounting) -> None:
+        axis = mounting.axis
+        self._temperature = settings.temperature
+        self._gain = settings.sensors[axis].response(mounting.configuration).gain_v_per_m_s2
+        self._bias_v = bias_v(settings, axis)
+        self._gain_per_k = settings.size("thermal-gain", "kT", axis)
+        self._gain_rate = settings.size("gain-drift", "rate", axis)
+        self._bias_v_per_k = settings.size("thermal-bias", "bT", axis)
+        self._bias_rate_v_s = settings.size("bias-drift", "rate", axis)
+
+    def gain(self, times_s: FloatArray) -> FloatArray:
+        """Volts per m/s2 at each time."""
+        warmer_k = temperature_c(self._temperature, times_s) - self._temperature.mean_c
+        return self._gain * (1.0 + self._gain_per_k * warmer_k) * (1.0 + self._gain_rate * times_s)
+
+    def bias_v(self, times_s: FloatArray) -> FloatArray:
+        """Volts without any force at each time."""
+        warmer_k = temperature_c(self._temperature, times_s) - self._temperature.mean_c
+        return self._bias_v + self._bias_v_per_k * warmer_k + self._bias_rate_v_s * times_s
+
+
+def bias_v(settings: BenchSettings, axis: str) -> float:
+    """An axis' own bias, drawn for it unless the settings give one."""
+    given = settings.sensors[axis].bias_v
+    if given is not None:
+        return given
+    return settings.bias_sigma_v * float(generator(settings.seed, "bias", axis).standard_normal())
+
+
+class SensorRecord:
+    """The sensor's output along a train: integrated once, as far as anybody has asked.
+
+    The grid of integration passes through the edges as the sensor's own clock sees them (`time-skew` late).
+    """
+
+    def __init__(
+        self,
+        settings: BenchSettings,
+        stages: Stages,
+        mounting: Mounting,
+        first_s: float,
+        period_s: float,
+        key: tuple[int | str, ...],
+    ) -> None:
+        self._force = SpecificForce(settings, stages, mounting)
+        self._electronics = Electronics(settings, mounting)
+        self._range_v = settings.range_v
+        self._first_s = first_s
+        self._skew_s = settings.size("time-skew", "tau")
+        self._line_v = settings.size("mains-pickup", "amplitude")
+        self._line_hz = settings.size("mains-pickup", "frequency")
+        self._line_phase = generator(*key, "line").uniform(-math.pi, math.pi)
+        self._step_s = period_s / math.ceil(period_s / _STEP_S - 1e-9)
+        inv_w0_squared, damping = settings.resonance(mounting.axis, mounting.configuration)
+        self._response = response(inv_w0_squared, damping, self._step_s)
+        ring_downs_s = _SETTLE_RING_DOWNS * 2.0 * inv_w0_squared / damping if damping > 0.0 else 0.0
+        lead_s = self._step_s * math.ceil(max(_SETTLE_S, ring_downs_s) / self._step_s)
+        self._begin_s = first_s - self._skew_s - lead_s
+        self._ground = GroundNoise(settings.ground, self._step_s, generator(*key, "ground"))
+        self._last_ground = self._ground.take(1)
+        begin = float(self._force.varying(np.array([self._begin_s]), self._last_ground)[0])
+        self._response.begin(begin)
+        self._output = np.empty(1024)
+        self._output[0] = begin
+        self._known = 1
+
+    def output_v(self, times_s: FloatArray) -> FloatArray:
+        """Volts at the given times, any order, from the beginning of the train on."""
+        own_s = times_s - self._skew_s
+        felt = self._interpolated((own_s - self._begin_s) / self._step_s)
+        volts = self._electronics.gain(own_s) * (felt + self._force.static(own_s))
+        volts += self._electronics.bias_v(own_s)
+        phase = 2.0 * math.pi * self._line_hz * (times_s - self._first_s) + self._line_phase
+        return np.clip(volts + self._line_v * np.sin(phase), -self._range_v, self._range_v)
+
+    def _interpolated(self, places: FloatArray) -> FloatArray:
+        """The sensor's output at fractional places of the grid, by the cubic through four neighbours."""
+        nearest = np.rint(places)
+        if np.abs(places - nearest).max() < 1e-6:
+            index = nearest.astype(np.intp)
+            self._integrate_to(int(index.max()))
+            return self._output[index]
+        index = np.floor(places).astype(np.intp)
+        self._integrate_to(int(index.max()) + 2)
+        u = places - index
+        before, here, after, beyond = (self._output[index + k] for k in (-1, 0, 1, 2))
+        return (
+            -u * (u - 1.0) * (u - 2.0) / 6.0 * before
+            + (u + 1.0) * (u - 1.0) * (u - 2.0) / 2.0 * here
+            - (u + 1.0) * u * (u - 2.0) / 2.0 * after
+            + (u + 1.0) * u * (u - 1.0) / 6.0 * beyond
+        )
+
+    def _integrate_to(self, index: int) -> None:
+        steps = index + 1 - self._known
+        if steps <= 0:
+            return
+        if index >= len(self._output):
+            self._output = np.resize(self._output, 2 * index)
+        ends = self._ground.take(steps)
+        starts = np.concatenate([self._last_ground, ends[:-1]])
+        ground = np.empty((2 * steps, 3))
+        ground[0::2], ground[1::2] = 0.5 * (starts + ends), ends
+        times_s = self._begin_s + self._step_s * (self._known - 0.5 + 0.5 * np.arange(2.0 * steps))
+        force = self._force.varying(times_s, ground)
+        self._output[self._known : index + 1] = self._response.advance(force)
+        self._last_ground = ends[-1:]
+        self._known = index + 1
