@@ -1,0 +1,327 @@
+"""Keysight 34465A multimeter: sample-timer master, triggered slave, thermometer.
+
+Commands after the Truevolt Series Operating and Service Guide; `SAMP:SOUR TIM` with a short aperture is what
+the front panel calls digitising. VM COMP on the rear gives one pulse per reading: the edges of the rig.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from drivers.scpi import ScpiLink
+from drivers.transport import Connect
+from rigctl.clock import Clock
+from rigctl.errors import InstrumentError, LimitError, RigError
+from rigctl.interfaces import Channel, FloatArray, Identity, Reading
+
+MAKER, MODEL = "Keysight", "34465A"
+RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
+SAMPLES_MAXIMUM = 1_000_000
+PERIOD_MAXIMUM_S = 3600.0
+TIMER_STEP_S = 1e-6
+OVERLOAD = 9.9e37
+"""Overloads are +-9.9E37 and not-a-number is 9.91E37."""
+CHUNK = 5000
+"""Readings per R?: 80 kB as doubles, 0.1 s of the fastest record."""
+TIMING_VIOLATION, MEMORY_OVERFLOW = 1 << 2, 1 << 14
+"""Bits of the questionable register."""
+PROBES = {"frtd": "FRTD,85", "rtd": "RTD,85", "fthermistor": "FTH,5000", "thermistor": "THER,5000"}
+"""Four-wire and two-wire platinum (alpha 0.00385) and 5 kohm thermistors."""
+TEMPERATURE_READING_S = 2.0
+"""Longer than one reading at 10 power-line cycles with autozero and offset compensation."""
+
+
+def _known_range(range_v: float) -> float:
+    if range_v not in RANGES_V:
+        raise ValueError(f"the meter's ranges are {', '.join(f'{r:g}' for r in RANGES_V)} V")
+    return range_v
+
+
+class VoltmeterSettings(BaseModel):
+    """What an operator may set for a voltmeter, master or slave."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    channel: str = Field(default="accel_v", min_length=1)
+    range_v: Annotated[float, AfterValidator(_known_range)] = 10.0
+    aperture_s: float = Field(default=1e-3, ge=20e-6, le=1.67)
+    latency_s: float = 0.0
+    memory_readings: int = Field(default=50_000, ge=1)
+    transfer: Literal["real64", "ascii"] = "real64"
+    link_timeout_s: float = Field(default=2.0, gt=0.0)
+
+
+class ThermometerSettings(BaseModel):
+    """What an operator may set for a thermometer; `reference_ohm` is a platinum probe's resistance at 0 degC."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    probe: Literal["frtd", "rtd", "fthermistor", "thermistor"] = "frtd"
+    reference_ohm: float = Field(default=100.0, ge=49.0, le=2100.0)
+    link_timeout_s: float = Field(default=2.0, gt=0.0)
+
+
+class Keysight34465A:
+    """What the three uses of the meter share: the connection, who it is, and how it is stopped."""
+
+    def __init__(self, name: str, connect: Connect, clock: Clock, link_timeout_s: float) -> None:
+        self.name = name
+        self._clock = clock
+        self._link = ScpiLink(name, connect, link_timeout_s)
+
+    def open(self) -> None:
+        """Connect, make sure it is a 34465A, end what it is doing and clear its errors."""
+        self._link.open(MAKER, MODEL)
+        self._link.configure("ABOR", "*CLS")
+
+    def close(self) -> None:
+        """Disconnect; may be called twice."""
+        self._link.close()
+
+    def identify(self) -> Identity:
+        """Ask the meter who it is."""
+        return self._link.identify(MAKER, MODEL)
+
+    def stop(self) -> None:
+        """End the acquisition; readings taken so far stay in the meter."""
+        if self._link.is_open:
+            self._link.send("ABOR")
+
+    def _read_one(self, unit: str, extra_s: float) -> Reading:
+        value = self._link.query_number("READ?", extra_s)
+        return Reading(math.nan if abs(value) >= OVERLOAD else value, unit, self._clock.now_s())
+
+
+class _Voltmeter(Keysight34465A):
+    """DC volts on a fixed range with a short aperture."""
+
+    def __init__(self, name: str, settings: VoltmeterSettings, connect: Connect, clock: Clock) -> None:
+        super().__init__(name, connect, clock, settings.link_timeout_s)
+        self.settings = settings
+        self._recording = False
+        self._remaining = 0
+
+    def channels(self) -> tuple[Channel, ...]:
+        """One column of volts."""
+        s = self.settings
+        return (Channel(s.channel, "V", "voltage", s.latency_s, s.range_v),)
+
+    def stop(self) -> None:
+        """End the record; readings taken so far can still be fetched."""
+        self._recording = False
+        super().stop()
+
+    def voltage(self) -> Reading:
+        """One reading, triggered at once [V]; NaN when overloaded; refused while a record is running."""
+        if self._recording:
+            raise InstrumentError(
+                f"{self.name}: a record is running and a single reading would end it; fetch the rest or stop it",
+                instrument=self.name,
+            )
+        self._remaining = 0
+        self._link.configure(*self._measurement(), "FORM:DATA ASC")
+        return self._read_one("V", 2 * self.settings.aperture_s)
+
+    def _measurement(self) -> tuple[str, ...]:
+        """CONF also sets triggers and samples back to one reading at once."""
+        s = self.settings
+        return (
+            f"CONF:VOLT:DC {s.range_v:g}",
+            "SENS:VOLT:DC:ZERO:AUTO OFF",
+            f"SENS:VOLT:DC:APER {s.aperture_s:.6E}",
+            "TRIG:DEL 0",
+        )
+
+    def _transfer(self) -> tuple[str, ...]:
+        return ("FORM:DATA ASC",) if self.settings.transfer == "ascii" else ("FORM:DATA REAL,64", "FORM:BORD NORM")
+
+    def _check_limits(self, samples: int, period_s: float, samples_maximum: int) -> None:
+        s = self.settings
+        if not 1 <= samples <= samples_maximum:
+            raise LimitError(f"{self.name}: {samples} samples asked for; 1 to {samples_maximum} are possible")
+        if not s.aperture_s <= period_s <= PERIOD_MAXIMUM_S:
+            raise LimitError(
+                f"{self.name}: a sample every {period_s:g} s asked for; possible are {s.aperture_s:g} s "
+                f"(aperture_s) to {PERIOD_MAXIMUM_S:g} s"
+            )
+
+    def _check_interval(self, period_s: float) -> None:
+        """Ask for the shortest interval, which depends on all that was configured before."""
+        minimum_s = self._link.query_number("SAMP:TIM? MIN")
+        if period_s < minimum_s * (1 - 1e-9):
+            raise InstrumentError(
+                f"{self.name}: a sample every {period_s:g} s is too fast, the meter needs {minimum_s:g} s with "
+                f"aperture_s = {self.settings.aperture_s:g}; shorten the aperture or sample slower",
+                instrument=self.name,
+            )
+
+    def _initiate(self, samples: int, *commands: str) -> None:
+        """Send what starts the record; it counts as running from the first byte, so that `stop` may come at once."""
+        self._recording, self._remaining = True, samples
+        try:
+            self._link.configure(*commands)
+        except RigError:
+            self._recording = False
+            raise
+
+    def _finish(self) -> None:
+        self._check_record()
+        self._link.check("at the end of the record")
+        self._recording = False
+
+    def _take(self, limit: int) -> FloatArray:
+        """What is in memory now, at most `limit` readings; they are erased there."""
+        query = f"R? {limit}"
+        payload = self._link.query_block(query)
+        decode = _from_ascii if self.settings.transfer == "ascii" else _from_doubles
+        try:
+            values = decode(payload)
+        except ValueError as error:
+            raise self._link.bad_reply(query, payload[:60].decode("ascii", "replace"), str(error)) from None
+        if len(values) > limit:
+            raise self._link.bad_reply(query, f"{len(values)} readings", f"at most {limit}")
+        self._remaining -= len(values)
+        return np.where(np.abs(values) >= OVERLOAD, np.nan, values)
+
+    def _drain(self) -> FloatArray:
+        """What is in memory now, in as many exchanges as it takes."""
+        parts = [np.empty(0)]
+        while self._remaining:
+            asked = min(self._remaining, CHUNK)
+            parts.append(self._take(asked))
+            if len(parts[-1]) < asked:
+                break
+        return np.concatenate(parts)[:, np.newaxis]
+
+    def _check_record(self) -> None:
+        """`InstrumentError` when readings were lost or came late, which the error queue does not tell."""
+        events = int(self._link.query_number("STAT:QUES:EVEN?"))
+        if events & MEMORY_OVERFLOW:
+            self._fail("its memory overflowed and the oldest readings are lost; fetch more often")
+        if events & TIMING_VIOLATION:
+            self._fail("sample timing violation, readings came late; sample slower or shorten aperture_s")
+
+    def _fail(self, what: str) -> None:
+        self.stop()
+        raise InstrumentError(f"{self.name}: {what}", instrument=self.name)
+
+
+class PacingVoltmeter(_Voltmeter):
+    """Samples on its own timer; its VM COMP output paces the other instruments (`PacingRecorder`)."""
+
+    def start(self, samples: int, period_s: float) -> float:
+        """Start `samples` readings, `period_s` apart; returns the rig time of the trigger.
+
+        Records longer than the memory need `fetch` in time. `LimitError` for more than 1 000 000 samples, a
+        period below the aperture, or one that is no whole number of the timer's 1 us steps.
+        """
+        self._check_limits(samples, period_s, SAMPLES_MAXIMUM)
+        if abs(period_s - round(period_s / TIMER_STEP_S) * TIMER_STEP_S) > 1e-3 * TIMER_STEP_S:
+            raise LimitError(
+                f"{self.name}: the sample timer has steps of 1 us, {period_s!r} s would drift; "
+                f"use {round(period_s, 6):g} s"
+            )
+        self._link.configure("ABOR", "*CLS", *self._measurement(), "SAMP:SOUR TIM")
+        self._check_interval(period_s)
+        self._link.configure(
+            f"SAMP:TIM {period_s:.6f}", f"SAMP:COUN {samples}", *self._transfer(), "TRIG:SOUR BUS", "INIT"
+        )
+        started_s = self._clock.now_s()
+        self._initiate(samples, "*TRG")
+        return started_s
+
+    def fetch(self) -> FloatArray:
+        """The readings since the last call [V], shape (n, 1), n may be 0; NaN where overloaded.
+
+        `InstrumentError` when readings were lost because the memory overflowed, or came late.
+        """
+        rows = self._drain()
+        if self._recording and self._remaining:
+            self._check_record()
+        elif self._recording:
+            self._finish()
+        return rows
+
+
+class PacedVoltmeter(_Voltmeter):
+    """Takes one reading per edge at its Ext Trig input (`PacedRecorder`)."""
+
+    _grace_s = 0.0
+    """How long after the last edge its reading may take."""
+
+    def arm(self, samples: int, period_s: float) -> None:
+        """Clear and wait for `samples` edges, `period_s` apart; `LimitError` if the memory cannot hold them."""
+        self._check_limits(samples, period_s, min(self.settings.memory_readings, SAMPLES_MAXIMUM))
+        self._link.configure("ABOR", "*CLS", *self._measurement())
+        self._check_interval(period_s)
+        self._grace_s = 2 * self.settings.aperture_s + abs(self.settings.latency_s) + min(period_s, 0.5)
+        self._initiate(
+            samples,
+            *self._transfer(),
+            "TRIG:SOUR EXT",
+            "TRIG:SLOP NEG",
+            f"TRIG:COUN {samples}",
+            "SAMP:COUN 1",
+            "INIT",
+        )
+
+    def collect(self) -> FloatArray:
+        """The readings [V], shape (samples, 1), after the last edge; NaN where overloaded.
+
+        Waits for the last reading; `InstrumentError` when fewer edges than armed for have come by then.
+        """
+        samples = self._remaining
+        if not samples:
+            raise InstrumentError(f"{self.name}: nothing to collect, it was not armed", instrument=self.name)
+        came = self._wait_for(samples)
+        if came < samples:
+            self._fail(f"{came} of {samples} trigger edges came; check the cable from VM COMP to Ext Trig")
+        rows = self._drain()
+        self._finish()
+        return rows
+
+    def _wait_for(self, samples: int) -> int:
+        """How many readings are there, once all are or the last one can no longer be on its way."""
+        deadline_s = self._clock.now_s() + self._grace_s
+        while True:
+            late = not self._recording or self._clock.now_s() > deadline_s
+            came = int(self._link.query_number("DATA:POIN?"))
+            if came >= samples or late:
+                return came
+            self._clock.sleep_s(self._grace_s / 10)
+
+
+class MeterThermometer(Keysight34465A):
+    """Reads a platinum probe or a thermistor."""
+
+    def __init__(self, name: str, settings: ThermometerSettings, connect: Connect, clock: Clock) -> None:
+        super().__init__(name, connect, clock, settings.link_timeout_s)
+        self.settings = settings
+
+    def temperature(self) -> Reading:
+        """One reading, triggered at once [degC]; NaN when the probe is open."""
+        s = self.settings
+        reference: tuple[str, ...] = ()
+        if s.probe in ("frtd", "rtd"):
+            reference = (f"SENS:TEMP:TRAN:{s.probe.upper()}:RES {s.reference_ohm:g}",)
+        self._link.configure(f"CONF:TEMP {PROBES[s.probe]}", *reference, "UNIT:TEMP C", "FORM:DATA ASC")
+        return self._read_one("degC", TEMPERATURE_READING_S)
+
+
+def _from_ascii(payload: bytes) -> FloatArray:
+    if not payload:
+        return np.empty(0)
+    try:
+        return np.array([float(number) for number in payload.split(b",")])
+    except ValueError:
+        raise ValueError("numbers with commas between") from None
+
+
+def _from_doubles(payload: bytes) -> FloatArray:
+    if len(payload) % 8:
+        raise ValueError("a whole number of 8-byte doubles")
+    return np.frombuffer(payload, dtype=">f8").astype(np.float64)
