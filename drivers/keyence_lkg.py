@@ -129,7 +129,7 @@ class KeyenceLkg:
         outputs = sorted(self.settings.heads.values())
         values = dict(zip(outputs, self._current(outputs), strict=True))
         now_s = self._clock.now_s()
-        return tuple(Reading(values[output], "mm", now_s) for output in self.settings.heads.values())
+        return tuple(Reading(float(values[output]), "mm", now_s) for output in self.settings.heads.values())
 
     def stop(self) -> None:
         """End a storage; measuring goes on. A `collect` that waits for edges then raises."""

@@ -37,7 +37,7 @@ class DataStorage:
         self._latency_s = latency_s
         self._plan = Plan(0, None, ())
         self._start_s = math.inf
-        self._seen_s = math.inf
+        self._seen_s = -math.inf
         self._running = False
         self._run = 0
         self.clear()
@@ -73,8 +73,8 @@ class DataStorage:
             self._plan = plan
             self.clear()
         self._start_s = self._clock.now_s()
-        # An edge at the very instant of the start counts.
-        self._seen_s = math.nextafter(self._start_s, -math.inf)
+        # An edge at the very instant of the start counts, once.
+        self._seen_s = max(self._seen_s, math.nextafter(self._start_s, -math.inf))
         self._running = bool(plan.outputs) and self._count < plan.count
         self._run += 1
         self._look_again(self._run)
