@@ -76,12 +76,10 @@ class AccelerometerBench:
         if self._mounting is None:
             raise ValueError("nothing to level: mount the package first")
         done_s = self._clock.now_s() + self._settings.level_s
-        at_s = np.array([done_s])
-        electronics = Electronics(self._settings, self._mounting)
-        wanted_m_s2 = (self._mounting.level_v - electronics.bias_v(at_s)) / electronics.gain(at_s)
-        vertical_table = about_z(-float(self._stages.angle_rad(at_s)[0])) @ vertical_lab(self._settings)
-        component = float(wanted_m_s2[0]) / self._settings.g_m_s2
-        self._put(mountings.levelled(self._mounting, vertical_table, component))
+        wanted_m_s2 = Electronics(self._settings, self._mounting).felt_m_s2(self._mounting.level_v, done_s)
+        angle_rad = float(self._stages.angle_rad(np.array([done_s]))[0])
+        vertical_table = about_z(-angle_rad) @ vertical_lab(self._settings)
+        self._put(mountings.levelled(self._mounting, vertical_table, wanted_m_s2 / self._settings.g_m_s2))
         return done_s
 
     def announce_run(self, number: int) -> None:

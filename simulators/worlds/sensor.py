@@ -39,15 +39,22 @@ class Electronics:
         self._bias_v_per_k = settings.size("thermal-bias", "bT", axis)
         self._bias_rate_v_s = settings.size("bias-drift", "rate", axis)
 
-    def gain(self, times_s: FloatArray) -> FloatArray:
-        """Volts per m/s2 at each time."""
-        warmer_k = temperature_c(self._temperature, times_s) - self._temperature.mean_c
-        return self._gain * (1.0 + self._gain_per_k * warmer_k) * (1.0 + self._gain_rate * times_s)
+    def volts(self, felt_m_s2: FloatArray, times_s: FloatArray) -> FloatArray:
+        """The output for what the sensor feels at each time."""
+        gain, bias = self._gain_and_bias(times_s)
+        return gain * felt_m_s2 + bias
 
-    def bias_v(self, times_s: FloatArray) -> FloatArray:
-        """Volts without any force at each time."""
+    def felt_m_s2(self, volts: float, at_s: float) -> float:
+        """What the sensor feels when its output is `volts`."""
+        gain, bias = self._gain_and_bias(np.array([at_s]))
+        return float((volts - bias[0]) / gain[0])
+
+    def _gain_and_bias(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         warmer_k = temperature_c(self._temperature, times_s) - self._temperature.mean_c
-        return self._bias_v + self._bias_v_per_k * warmer_k + self._bias_rate_v_s * times_s
+        return (
+            self._gain * (1.0 + self._gain_per_k * warmer_k) * (1.0 + self._gain_rate * times_s),
+            self._bias_v + self._bias_v_per_k * warmer_k + self._bias_rate_v_s * times_s,
+        )
 
 
 def bias_v(settings: BenchSettings, axis: str) -> float:
@@ -89,32 +96,31 @@ class SensorRecord:
         self._begin_s = first_s - self._skew_s - lead_s
         self._ground = GroundNoise(settings.ground, self._step_s, generator(*key, "ground"))
         self._last_ground = self._ground.take(1)
-        begin = float(self._force.varying(np.array([self._begin_s]), self._last_ground)[0])
-        self._response.begin(begin)
-        self._output = np.empty(1024)
-        self._output[0] = begin
+        static, varying = self._force.along_axis(np.array([self._begin_s]), self._last_ground)
+        self._response.begin(float(varying[0]))
+        self._felt = np.empty(1024)
+        self._felt[0] = static[0] + varying[0]
         self._known = 1
 
     def output_v(self, times_s: FloatArray) -> FloatArray:
         """Volts at the given times, any order, from the beginning of the train on."""
         own_s = times_s - self._skew_s
         felt = self._interpolated((own_s - self._begin_s) / self._step_s)
-        volts = self._electronics.gain(own_s) * (felt + self._force.static(own_s))
-        volts += self._electronics.bias_v(own_s)
+        volts = self._electronics.volts(felt, own_s)
         phase = 2.0 * math.pi * self._line_hz * (times_s - self._first_s) + self._line_phase
         return np.clip(volts + self._line_v * np.sin(phase), -self._range_v, self._range_v)
 
     def _interpolated(self, places: FloatArray) -> FloatArray:
-        """The sensor's output at fractional places of the grid, by the cubic through four neighbours."""
+        """What the sensor feels at fractional places of the grid, by the cubic through four neighbours."""
         nearest = np.rint(places)
         if np.abs(places - nearest).max() < 1e-6:
             index = nearest.astype(np.intp)
             self._integrate_to(int(index.max()))
-            return self._output[index]
+            return self._felt[index]
         index = np.floor(places).astype(np.intp)
         self._integrate_to(int(index.max()) + 2)
         u = places - index
-        before, here, after, beyond = (self._output[index + k] for k in (-1, 0, 1, 2))
+        before, here, after, beyond = (self._felt[index + k] for k in (-1, 0, 1, 2))
         return (
             -u * (u - 1.0) * (u - 2.0) / 6.0 * before
             + (u + 1.0) * (u - 1.0) * (u - 2.0) / 2.0 * here
@@ -126,14 +132,15 @@ class SensorRecord:
         steps = index + 1 - self._known
         if steps <= 0:
             return
-        if index >= len(self._output):
-            self._output = np.resize(self._output, 2 * index)
+        if index >= len(self._felt):
+            self._felt = np.resize(self._felt, 2 * index)
         ends = self._ground.take(steps)
         starts = np.concatenate([self._last_ground, ends[:-1]])
         ground = np.empty((2 * steps, 3))
         ground[0::2], ground[1::2] = 0.5 * (starts + ends), ends
         times_s = self._begin_s + self._step_s * (self._known - 0.5 + 0.5 * np.arange(2.0 * steps))
-        force = self._force.varying(times_s, ground)
-        self._output[self._known : index + 1] = self._response.advance(force)
+        static, varying = self._force.along_axis(times_s, ground)
+        static_at_ends = static[1::2] if len(static) > 1 else static
+        self._felt[self._known : index + 1] = self._response.advance(varying) + static_at_ends
         self._last_ground = ends[-1:]
         self._known = index + 1

@@ -38,26 +38,27 @@ class SpecificForce:
         self._quadratic = settings.size("quadratic", "K2", mounting.axis)
         self._null_rate = settings.size("null-drift", "rate", mounting.axis)
 
-    def static(self, times_s: FloatArray) -> FloatArray:
-        """The part gravity gives with guide and bench straight [m/s2]: one value while the angle stands."""
-        return self._weight(self._straight(times_s))
+    def along_axis(self, times_s: FloatArray, ground_m_s2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Static and varying part [m/s2]; `ground_m_s2` has a row of three for each time.
 
-    def varying(self, times_s: FloatArray, ground_m_s2: FloatArray) -> FloatArray:
-        """The rest: inertia, guide, bench and ground (rows of three), with the sensor's quadratic term."""
+        Static is what gravity gives with guide and bench straight, one value while the turntable stands.
+        Varying is the rest - inertia, guide, bench and ground - with the sensor's quadratic term.
+        """
         x, acceleration = self._stages.travel(times_s)
         straight = self._straight(times_s)
         yawed = self._straight(times_s, yaw=self._yaw * x) if self._yaw else straight
         # The bench's roll answers the reaction force -m a, on top of the guide's twist.
         sensing = _tipped(yawed, roll=self._roll * x - self._recoil * acceleration, pitch=self._pitch * x)
         lever_cos, lever_sin = self._lever
-        force: FloatArray = (
+        static = self._weight(straight)
+        force = (
             self._weight(sensing)
-            - self._weight(straight)
+            - static
             + sensing[0] * (acceleration * (1.0 + lever_sin) + ground_m_s2[:, 0])
             + sensing[1] * (ground_m_s2[:, 1] - acceleration * lever_cos)
             + sensing[2] * ground_m_s2[:, 2]
         )
-        return force + self._quadratic * np.square(force)
+        return static, force + self._quadratic * np.square(force)
 
     def _straight(self, times_s: FloatArray, yaw: FloatArray | float = 0.0) -> Components:
         angle = self._stages.angle_rad(times_s) + yaw

@@ -36,26 +36,19 @@ class Stages:
     def angle_rad(self, times_s: FloatArray) -> FloatArray:
         """True angle of the turntable; one value when it stands still all the time, else one per time."""
         recorded_deg = self._rotation.sample(times_s)[0]
-        approach = self._approach(times_s)
-        if recorded_deg.min() == recorded_deg.max() and approach.min() == approach.max():
-            return self._standing_rad(float(recorded_deg[0]), float(approach[0]))
-        return self._true_rad(recorded_deg, approach)
+        if recorded_deg.min() == recorded_deg.max():
+            true = self._standing_rad(float(recorded_deg[0]))
+        else:
+            true = self._true_rad(recorded_deg)
+        return true + self._hysteresis * self._rotation.directions(times_s) if self._hysteresis else true
 
-    def _approach(self, times_s: FloatArray) -> FloatArray:
-        return self._rotation.directions(times_s) if self._hysteresis else np.zeros(1)
+    def _standing_at(self, recorded_deg: float) -> FloatArray:
+        return self._true_rad(np.array([recorded_deg]))
 
-    def _standing_at(self, recorded_deg: float, approach: float) -> FloatArray:
-        return self._true_rad(np.array([recorded_deg]), np.array([approach]))
-
-    def _true_rad(self, recorded_deg: FloatArray, approach: FloatArray) -> FloatArray:
+    def _true_rad(self, recorded_deg: FloatArray) -> FloatArray:
         recorded = np.deg2rad(recorded_deg)
-        return (
-            recorded
-            + self._e1 * np.cos(recorded)
-            + self._e2 * np.sin(recorded)
-            + self._hysteresis * approach
-            + self._encoder_error_rad(recorded_deg)
-        )
+        eccentric = self._e1 * np.cos(recorded) + self._e2 * np.sin(recorded)
+        return recorded + eccentric + self._encoder_error_rad(recorded_deg)
 
     def _encoder_error_rad(self, recorded_deg: FloatArray) -> FloatArray:
         steps = recorded_deg / self._angle.resolution_deg
