@@ -1,0 +1,148 @@
+"""One axis behind Aerotech's ASCII interface: its status, its faults, and what a refusal means."""
+
+from __future__ import annotations
+
+import math
+from enum import IntFlag
+
+from drivers.aerotech_ascii import FAULT, INVALID, SUCCESS, Answer, AsciiLink
+from rigctl.errors import BadReply, InstrumentError, LinkError
+
+
+class AxisStatus(IntFlag):
+    """The bits of AXISSTATUS used here."""
+
+    ENABLED = 1 << 0
+    HOMED = 1 << 1
+    IN_POSITION = 1 << 2
+    MOVE_ACTIVE = 1 << 3
+    HOMING = 1 << 14
+
+
+FAULTS = {
+    0: "position error",
+    1: "over-current",
+    2: "positive hard limit",
+    3: "negative hard limit",
+    4: "positive soft limit",
+    5: "negative soft limit",
+    6: "amplifier",
+    7: "position feedback",
+    8: "velocity feedback",
+    9: "Hall sensor",
+    10: "maximum velocity command",
+    11: "emergency stop",
+    12: "velocity error",
+    15: "external",
+    17: "motor temperature",
+    18: "amplifier temperature",
+    19: "encoder",
+    20: "communication lost",
+    23: "feedback scaling",
+    24: "marker search",
+    27: "voltage clamp",
+    28: "power supply",
+    30: "internal",
+}
+
+
+class AsciiAxis:
+    """Questions and commands to one axis; failures are raised as errors that say what to do."""
+
+    def __init__(self, name: str, axis: str, plane: int, link: AsciiLink) -> None:
+        self.link = link
+        self._name = name
+        self._axis = axis
+        self._plane = plane
+
+    def status(self) -> int:
+        """AXISSTATUS; bits as in `AxisStatus`."""
+        return int(self.ask_number(f"AXISSTATUS({self._axis})"))
+
+    def moving(self, status: int) -> bool:
+        """True when this AXISSTATUS, or the coordinated-motion plane, says that the axis moves."""
+        if status & AxisStatus.MOVE_ACTIVE:
+            return True
+        return bool(int(self.ask_number(f"PLANESTATUS({self._plane})")) & 1)
+
+    def position_mm(self) -> float:
+        """The encoder in program coordinates, those of moves."""
+        return self.ask_number(f"PFBKPROG({self._axis})")
+
+    def ask_number(self, line: str) -> float:
+        """The answer to a query as a number; `BadReply` when it is none."""
+        text = self.ask(line)
+        try:
+            # some locale settings of the controller give a decimal comma
+            value = float(text.replace(",", "."))
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise BadReply(
+                f"{self._name}: answered {line!r} with {text!r}, which is no number", instrument=self._name
+            )
+        return value
+
+    def ask(self, line: str) -> str:
+        """The answer to a query."""
+        return self.succeed(line, self.link.ask(line))
+
+    def tell(self, line: str) -> None:
+        """A command, given once."""
+        self.succeed(line, self.link.tell(line))
+
+    def abort(self) -> None:
+        """Decelerate to rest; sent again on a new connection when the old one fails."""
+        self.insist(f"ABORT {self._axis}")
+
+    def insist(self, line: str) -> None:
+        """A command that does no harm when given twice; repeated once on a new connection."""
+        self.succeed(line, self.link.insist(line))
+
+    def succeed(self, line: str, answer: Answer) -> str:
+        """The value of a success; otherwise `InstrumentError` with the axis' fault or the status character."""
+        if answer.status == SUCCESS:
+            return answer.value
+        if answer.status == FAULT:
+            raise self.ended(line, "it was refused")
+        meaning = "did not understand" if answer.status == INVALID else "timed out on"
+        raise InstrumentError(
+            f"{self._name}: the controller {meaning} {line!r} (answer {answer.status}); "
+            "check the axis name, the registers and the firmware's commands",
+            instrument=self._name,
+            code=answer.status,
+        )
+
+    def ended(self, command: str, how: str) -> InstrumentError:
+        """The error for a command that came to nothing, with the axis' fault as code and text."""
+        try:
+            fault = self.fault_word()
+        except (LinkError, BadReply) as error:
+            return InstrumentError(
+                f"{self._name}: {command!r}: {how}, and the fault could not be read ({error})",
+                instrument=self._name,
+                code=FAULT,
+            )
+        return InstrumentError(
+            f"{self._name}: {command!r}: {how} ({fault_text(fault)}, AXISFAULT {fault}); "
+            "remove the cause, then home to acknowledge and enable",
+            instrument=self._name,
+            code=str(fault),
+            text=fault_text(fault),
+        )
+
+    def fault_word(self) -> int:
+        """AXISFAULT as an unsigned number."""
+        answer = self.link.ask(f"AXISFAULT({self._axis})")
+        try:
+            return int(answer.value) & 0xFFFFFFFF
+        except ValueError:
+            raise BadReply(
+                f"{self._name}: answered AXISFAULT with {answer.status}{answer.value}", instrument=self._name
+            ) from None
+
+
+def fault_text(word: int) -> str:
+    """The names of the faults in a fault word."""
+    names = [FAULTS.get(bit, f"bit {bit}") for bit in range(32) if word >> bit & 1]
+    return ", ".join(names) or "no axis fault"

@@ -1,0 +1,87 @@
+"""Position capture (DATAACQ): the encoder latched at every edge of the trigger line."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.motion import MotionAxis
+from simulators.wiring import TriggerLine
+
+FloatArray = NDArray[np.float64]
+
+
+class PositionCapture:
+    """Latches nothing while time passes: what was recorded follows from the edges and the axis' past.
+
+    `noise_key` goes with the seed into the encoder's noise; whoever wants every run to have its own noise,
+    whenever it is made, changes it from run to run.
+    """
+
+    def __init__(self, axis: MotionAxis, trigger: TriggerLine, settings: EnsembleSimulatorSettings) -> None:
+        self.noise_key: tuple[int, ...] = ()
+        self._axis = axis
+        self._line = trigger
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """As after switching on."""
+        self.trigger = 0
+        self.input = 0
+        self._armed_s = 0.0
+        self._zero_mm = 0.0
+        self._points = 0
+        self._ended_s = 0.0
+        self._complete: FloatArray | None = None
+        self._read = 0
+
+    def arm(self, now_s: float, points: int, zero_mm: float) -> None:
+        """Forget the last record and wait for `points` edges; positions are relative to `zero_mm`."""
+        self._armed_s, self._points, self._zero_mm = now_s, points, zero_mm
+        self._ended_s, self._complete, self._read = np.inf, None, 0
+
+    def off(self, now_s: float) -> None:
+        """Latch no more; what was recorded can still be read."""
+        self._ended_s = min(self._ended_s, now_s)
+
+    def active(self, now_s: float) -> bool:
+        """True while edges are awaited."""
+        return self._ended_s > now_s and len(self._recorded(now_s)) < self._points
+
+    def take(self, now_s: float, count: int) -> FloatArray:
+        """The next up to `count` points, in the unit of the registers."""
+        recorded = self._recorded(now_s)
+        taken = recorded[self._read : self._read + count]
+        if self._settings.capture_read == "continues":
+            self._read += len(taken)
+        return taken
+
+    def left(self, now_s: float) -> int:
+        """How many points can still be read."""
+        return len(self._recorded(now_s)) - self._read
+
+    def _recorded(self, now_s: float) -> FloatArray:
+        if self._complete is not None:
+            return self._complete
+        if self._points == 0 or self.trigger != self._settings.capture_trigger:
+            return np.empty(0)
+        latency_s = self._settings.capture_latency_s
+        until_s = min(now_s - latency_s, self._ended_s)
+        edges_s = self._line.edges(self._armed_s, until_s)[: self._points]
+        values = self._latched(edges_s + latency_s)
+        if len(values) == self._points:
+            self._complete = values
+        return values
+
+    def _latched(self, times_s: FloatArray) -> FloatArray:
+        s = self._settings
+        if self.input != s.capture_input:
+            return np.zeros(len(times_s))
+        position_mm = self._axis.sample(times_s)[0] - self._zero_mm
+        if s.encoder_noise_mm:
+            random = np.random.default_rng([s.seed, *self.noise_key])
+            position_mm = position_mm + random.normal(0.0, s.encoder_noise_mm, len(times_s))
+        counts = np.round(position_mm * s.counts_per_mm)
+        return counts if s.capture_unit == "counts" else counts / s.counts_per_mm

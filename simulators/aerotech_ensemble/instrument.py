@@ -1,0 +1,186 @@
+"""The socket: one client at a time, one reply per line, and an end for those who stay silent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from simulators.aerotech_ensemble.controller import AxisController, Faulted
+from simulators.aerotech_ensemble.grammar import Invalid, parse
+from simulators.aerotech_ensemble.interpreter import Blocked, Interpreter, Restarting
+from simulators.aerotech_ensemble.parameters import Parameter
+from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.clock import SimulationClock
+from simulators.motion import MotionAxis
+from simulators.wiring import TriggerLine
+
+
+class SimulatedEnsemble:
+    """An Ensemble whose axis is `axis` and whose capture input is `trigger`."""
+
+    kind = "aerotech-ensemble"
+
+    def __init__(
+        self,
+        clock: SimulationClock,
+        axis: MotionAxis,
+        trigger: TriggerLine,
+        settings: EnsembleSimulatorSettings | None = None,
+    ) -> None:
+        self._clock = clock
+        self._settings = settings or EnsembleSimulatorSettings()
+        self._interpreter = Interpreter(clock, axis, trigger, self._settings)
+        self._interpreter.axis.on_fault = self._end_wait
+        self._clients: list[_Client] = []
+        self._waits = 0
+        self._waiting_client: _Client | None = None
+        self._busy = False
+
+    @property
+    def controller(self) -> AxisController:
+        """The axis' state machine, for those who make faults happen."""
+        return self._interpreter.axis
+
+    def use_noise_key(self, *key: int) -> None:
+        """Name the run whose encoder noise the next capture has."""
+        self._interpreter.capture.noise_key = key
+
+    def connect(self, send: Callable[[bytes], None]) -> _Client:
+        """Serve one more client: at once when it is the only one, else when those before it have gone."""
+        client = _Client(self, send, self._clock)
+        self._clients.append(client)
+        if client is self._clients[0]:
+            self._begin_service(client)
+        return client
+
+    def received(self, client: _Client) -> None:
+        """Interpret the lines of a client whose turn it is."""
+        while not self._busy and self._clients and client is self._clients[0]:
+            line = client.take_line()
+            if line is None:
+                return
+            self._answer(client, line)
+
+    def gone(self, client: _Client) -> None:
+        """Forget a client; the next one's lines are interpreted."""
+        if client not in self._clients:
+            return
+        served = client is self._clients[0]
+        self._clients.remove(client)
+        if served and self._clients:
+            self._begin_service(self._clients[0])
+
+    def _begin_service(self, client: _Client) -> None:
+        client.last_s = self._clock.now_s()
+        self._watch(client)
+        self.received(client)
+
+    def _watch(self, client: _Client) -> None:
+        timeout_s = self._interpreter.parameters[Parameter.SOCKET2_TIMEOUT] / 1000.0
+        if timeout_s > 0:
+            self._clock.call_at(client.last_s + timeout_s, lambda: self._check_idle(client, timeout_s))
+
+    def _check_idle(self, client: _Client, timeout_s: float) -> None:
+        if client.hung_up:
+            return
+        if self._busy:
+            client.last_s = self._clock.now_s()
+        if self._clock.now_s() < client.last_s + timeout_s:
+            self._watch(client)
+        else:
+            client.hang_up()
+
+    def _answer(self, client: _Client, line: bytes) -> None:
+        try:
+            reply = self._interpreter.execute(parse(line))
+        except Invalid:
+            client.send(self._status(b"!"))
+        except Faulted:
+            client.send(self._status(b"#"))
+        except Restarting:
+            self._restart()
+        else:
+            if reply is None:
+                client.send(self._status(b"%"))
+            elif isinstance(reply, Blocked):
+                self._wait(client, reply.until_s)
+            else:
+                client.send(b"%" + reply.encode("ascii") + b"\n")
+
+    def _status(self, character: bytes) -> bytes:
+        always = int(self._interpreter.parameters[Parameter.COMMAND_SETUP]) & 1
+        return character + b"\n" if always else character
+
+    def _wait(self, client: _Client, until_s: float) -> None:
+        self._busy = True
+        self._waiting_client = client
+        self._waits += 1
+        wait = self._waits
+        self._clock.call_at(until_s, lambda: self._end_wait(wait))
+        timeout_s = self._interpreter.parameters[Parameter.COMMAND_TIMEOUT] / 1000.0
+        if timeout_s > 0:
+            self._clock.call_at(self._clock.now_s() + timeout_s, lambda: self._end_wait(wait, timed_out=True))
+
+    def _end_wait(self, wait: int | None = None, *, timed_out: bool = False) -> None:
+        client = self._waiting_client
+        if client is None or wait not in (None, self._waits):
+            return
+        self._busy, self._waiting_client = False, None
+        if timed_out:
+            client.send(self._status(b"$"))
+        else:
+            client.send(self._status(b"#" if self.controller.fault() else b"%"))
+        if self._clients:
+            self.received(self._clients[0])
+
+    def _restart(self) -> None:
+        self._busy = True
+        for client in tuple(self._clients):
+            client.hang_up()
+        self._interpreter.restart()
+        self._clock.call_at(self._clock.now_s() + self._settings.startup_s, self._started)
+
+    def _started(self) -> None:
+        self._busy = False
+        if self._clients:
+            self.received(self._clients[0])
+
+
+class _Client:
+    """The controller's end of one socket."""
+
+    def __init__(self, instrument: SimulatedEnsemble, send: Callable[[bytes], None], clock: SimulationClock) -> None:
+        self.hung_up = False
+        self.last_s = 0.0
+        self._instrument = instrument
+        self._send = send
+        self._clock = clock
+        self._received = b""
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes; whole lines are answered in order."""
+        if not self.hung_up:
+            self.last_s = self._clock.now_s()
+            self._received += data
+            self._instrument.received(self)
+
+    def take_line(self) -> bytes | None:
+        """The next complete line without its terminator."""
+        line, terminator, rest = self._received.partition(b"\n")
+        if not terminator:
+            return None
+        self._received = rest
+        return line
+
+    def send(self, data: bytes) -> None:
+        """Reply, if anybody is there."""
+        if not self.hung_up:
+            self._send(data)
+
+    def hang_up(self) -> None:
+        """End the connection from this side."""
+        self.hung_up = True
+        self._instrument.gone(self)
+
+    def close(self) -> None:
+        """The client has gone."""
+        self.hang_up()

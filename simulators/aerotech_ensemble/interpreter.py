@@ -1,0 +1,430 @@
+"""The commands: what each keyword does to the axis, the registers and the modes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from simulators.aerotech_ensemble.capture import PositionCapture
+from simulators.aerotech_ensemble.controller import AxisController, Faulted
+from simulators.aerotech_ensemble.grammar import Command, Invalid, move_words, number, whole
+from simulators.aerotech_ensemble.parameters import Parameter, Parameters, named
+from simulators.aerotech_ensemble.registers import Registers
+from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.status import AxisStatus, signed_32_bit
+from simulators.clock import SimulationClock
+from simulators.motion import MotionAxis
+from simulators.wiring import TriggerLine
+
+NOWAIT, MOVEDONE, INPOS = range(3)
+WAIT_WORDS = {"NOWAIT": NOWAIT, "MOVEDONE": MOVEDONE, "INPOS": INPOS}
+RAMP_WORDS = {"DIST": 0, "RATE": 1, "TIME": 2}
+SWITCH_WORDS = {"OFF": 0, "ON": 1}
+ABSOLUTE, INCREMENTAL = range(2)
+MODES = 13
+TASKS = 5
+TASK_IDLE = 1
+PLANES = 4
+CYCLES_MAX = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Blocked:
+    """The acknowledge comes at `until_s`; nothing else is interpreted before."""
+
+    until_s: float
+
+
+class Restarting(Exception):  # noqa: N818 - not an error: RESET
+    """The controller boots; nobody is answered."""
+
+
+Reply = str | Blocked | None
+"""A value, an acknowledge that comes later, or (None) at once."""
+
+
+class Interpreter:
+    """One ASCII command interpreter with its axis; raises `Invalid`, `Faulted` or `Restarting`."""
+
+    def __init__(
+        self,
+        clock: SimulationClock,
+        axis: MotionAxis,
+        trigger: TriggerLine,
+        settings: EnsembleSimulatorSettings,
+    ) -> None:
+        self._clock = clock
+        self._settings = settings
+        self._names = frozenset({settings.axis.upper(), "@0"})
+        self.parameters = Parameters(settings)
+        self.axis = AxisController(clock, axis, self.parameters, settings)
+        self.capture = PositionCapture(axis, trigger, settings)
+        self._registers = Registers(settings)
+        self._set_power_on_modes()
+        self._handlers: dict[str, Callable[[tuple[str, ...]], Reply]] = {
+            "VERSION": self._version,
+            "ACKNOWLEDGEALL": self._acknowledge_all,
+            "FAULTACK": self._on_axis(self.axis.acknowledge),
+            "ENABLE": self._on_axis(self._enable),
+            "DISABLE": self._on_axis(self.axis.disable),
+            "ABORT": self._on_axis(self.axis.abort),
+            "HOME": self._home,
+            "HOMEASYNC": self._home_asynchronously,
+            "PROGRAM": self._program,
+            "TASKSTATE": self._task_state,
+            "WAIT": self._wait,
+            "ABS": self._absolute,
+            "INC": self._incremental,
+            "MOVEABS": self._move_absolute,
+            "MOVEINC": self._move_incremental,
+            "LINEAR": self._linear,
+            "FREERUN": self._free_run,
+            "OSCILLATE": self._oscillate,
+            "RAMP": self._ramp,
+            "SCURVE": self._s_curve,
+            "VELOCITY": self._velocity_profiling,
+            "PFBK": self._query(lambda: f"{self.axis.feedback_mm():.6f}"),
+            "PFBKPROG": self._query(lambda: f"{self._program_mm(self.axis.feedback_mm()):.6f}"),
+            "PCMD": self._query(lambda: f"{self.axis.commanded_mm():.6f}"),
+            "PCMDPROG": self._query(lambda: f"{self._program_mm(self.axis.commanded_mm()):.6f}"),
+            "CMDPOS": self._query(lambda: f"{self._program_mm(self.axis.commanded_mm()):.6f}"),
+            "PERR": self._query(lambda: f"{self.axis.commanded_mm() - self.axis.feedback_mm():.6f}"),
+            "VFBK": self._query(lambda: f"{self.axis.velocity_mm_s():.6f}"),
+            "VCMD": self._query(lambda: f"{self.axis.velocity_mm_s():.6f}"),
+            "AXISSTATUS": self._query(self._axis_status),
+            "AXISFAULT": self._query(lambda: str(signed_32_bit(int(self.axis.fault())))),
+            "PLANESTATUS": self._plane_status,
+            "POSOFFSET": self._position_offset,
+            "GETPARM": self._get_parameter,
+            "SETPARM": self._set_parameter,
+            "COMMITPARAMETERS": self._commit_parameters,
+            "RESET": self._reset,
+            "GETMODE": self._get_mode,
+            "DIN": self._digital_input,
+            "DOUT": self._digital_output,
+            "AIN": self._analog_input,
+            "AOUT": self._analog_output,
+            "DATAACQ": self._data_acquisition,
+        }
+
+    def execute(self, command: Command) -> Reply:
+        """Do it and say what is answered."""
+        if command.keyword in ("DGLOBAL", "IGLOBAL"):
+            return self._registers.access(command)
+        handler = self._handlers.get(command.keyword)
+        if handler is None or command.value is not None:
+            raise Invalid
+        return handler(command.words)
+
+    def restart(self) -> None:
+        """As after switching on; parameters not committed are lost."""
+        self.parameters.restart()
+        self.axis.restart()
+        self.capture.reset()
+        self._registers.clear()
+        self._set_power_on_modes()
+
+    def _set_power_on_modes(self) -> None:
+        self._wait_mode = int(self.parameters[Parameter.DEFAULT_WAIT_MODE])
+        self._positioning = ABSOLUTE
+        self._ramp_mode = RAMP_WORDS["RATE"]
+        self._ramp_rate_mm_s2 = self.parameters[Parameter.DEFAULT_RAMP_RATE]
+        self._ramp_time_s = 0.1
+        self._ramp_distance_mm = 1.0
+        self._s_curve_percent = 0.0
+        self._profiling = 0
+        self._speed_mm_s = self.parameters[Parameter.DEFAULT_SPEED]
+        self._program_zero_mm = 0.0
+
+    # shapes that several commands share
+
+    def _on_axis(self, act: Callable[[], None]) -> Callable[[tuple[str, ...]], Reply]:
+        def handler(words: tuple[str, ...]) -> Reply:
+            if not words or any(word not in self._names for word in words):
+                raise Invalid
+            act()
+            return None
+
+        return handler
+
+    def _query(self, value: Callable[[], str]) -> Callable[[tuple[str, ...]], Reply]:
+        def handler(words: tuple[str, ...]) -> Reply:
+            if len(words) != 1 or words[0] not in self._names:
+                raise Invalid
+            return value()
+
+        return handler
+
+    def _after_axis(self, words: tuple[str, ...]) -> tuple[str, ...]:
+        if not words or words[0] not in self._names:
+            raise Invalid
+        return words[1:]
+
+    def _program_mm(self, machine_mm: float) -> float:
+        return machine_mm - self._program_zero_mm
+
+    # state
+
+    def _version(self, words: tuple[str, ...]) -> Reply:
+        none(words)
+        return self._settings.version
+
+    def _acknowledge_all(self, words: tuple[str, ...]) -> Reply:
+        none(words)
+        self.axis.acknowledge()
+        return None
+
+    def _enable(self) -> None:
+        self.axis.enable()
+        self._wait_mode = int(self.parameters[Parameter.DEFAULT_WAIT_MODE])
+
+    def _axis_status(self) -> str:
+        status = self.axis.status()
+        if self.capture.active(self._clock.now_s()):
+            status |= AxisStatus.POSITION_CAPTURE
+        return str(signed_32_bit(int(status)))
+
+    def _plane_status(self, words: tuple[str, ...]) -> Reply:
+        (plane,) = exactly(1, words)
+        return str(int(self.axis.plane_status())) if whole(plane, 0, PLANES - 1) == 0 else "0"
+
+    def _task_state(self, words: tuple[str, ...]) -> Reply:
+        (task,) = exactly(1, words)
+        whole(task, 0, TASKS)
+        return str(TASK_IDLE)
+
+    def _program(self, words: tuple[str, ...]) -> Reply:
+        match words:
+            case ("STOP", task) if whole(task, 1, TASKS):
+                return None
+            case ("RUN", task, file) | (task, "RUN", file) if whole(task, 1, TASKS):
+                if file.strip('"') != self._settings.home_program:
+                    raise Invalid
+                self.axis.home()
+                return None
+        raise Invalid
+
+    # motion
+
+    def _home(self, words: tuple[str, ...]) -> Reply:
+        none(self._after_axis(words))
+        return Blocked(self.axis.home())
+
+    def _home_asynchronously(self, words: tuple[str, ...]) -> Reply:
+        if not self._settings.homing_asynchronous:
+            raise Invalid
+        none(self._after_axis(words))
+        self.axis.home()
+        return None
+
+    def _wait(self, words: tuple[str, ...]) -> Reply:
+        mode, value = exactly(2, words)
+        if mode != "MODE":
+            raise Invalid
+        self._wait_mode = choice(WAIT_WORDS, value)
+        return None
+
+    def _absolute(self, words: tuple[str, ...]) -> Reply:
+        none(words)
+        self._positioning = ABSOLUTE
+        return None
+
+    def _incremental(self, words: tuple[str, ...]) -> Reply:
+        none(words)
+        self._positioning = INCREMENTAL
+        return None
+
+    def _move_absolute(self, words: tuple[str, ...]) -> Reply:
+        position_mm, speed_mm_s = move_words(words, self._names)
+        return self._go(position_mm + self._program_zero_mm, position_mm, speed_mm_s)
+
+    def _move_incremental(self, words: tuple[str, ...]) -> Reply:
+        distance_mm, speed_mm_s = move_words(words, self._names)
+        return self._go(self.axis.commanded_mm() + distance_mm, distance_mm, speed_mm_s)
+
+    def _linear(self, words: tuple[str, ...]) -> Reply:
+        value_mm, speed_mm_s = move_words(words, self._names)
+        origin_mm = self._program_zero_mm if self._positioning == ABSOLUTE else self.axis.commanded_mm()
+        return self._go(origin_mm + value_mm, value_mm, speed_mm_s, linear=True)
+
+    def _go(self, target_mm: float, way_mm: float, speed_mm_s: float | None, *, linear: bool = False) -> Reply:
+        speed = self._speed_mm_s if speed_mm_s is None else speed_mm_s
+        end_s = self.axis.move(target_mm, speed, self._ramp_mm_s2(speed, abs(way_mm)), linear=linear)
+        self._speed_mm_s = speed
+        return self._moving_until(end_s)
+
+    def _free_run(self, words: tuple[str, ...]) -> Reply:
+        (velocity,) = exactly(1, self._after_axis(words))
+        velocity_mm_s = number(velocity)
+        self.axis.jog(velocity_mm_s, self._ramp_mm_s2(abs(velocity_mm_s), 0.0))
+        return None
+
+    def _oscillate(self, words: tuple[str, ...]) -> Reply:
+        arguments = self._after_axis(words)
+        if len(arguments) == 4:
+            # the number of frequencies, of the older library call: one is all that is offered here
+            whole(arguments[3], 1, 1)
+        distance, frequency, cycles = exactly(3, arguments[:3])
+        end_s = self.axis.oscillate(number(distance), number(frequency), whole(cycles, 1, CYCLES_MAX))
+        return self._moving_until(end_s) if self._settings.oscillate_waits else None
+
+    def _moving_until(self, end_s: float) -> Reply:
+        if self._wait_mode == NOWAIT or self.axis.fault() or not self.axis.moving():
+            return None
+        return Blocked(end_s + (self._settings.settle_s if self._wait_mode == INPOS else 0.0))
+
+    def _ramp_mm_s2(self, speed_mm_s: float, way_mm: float) -> float:
+        if self._ramp_mode == RAMP_WORDS["TIME"]:
+            return speed_mm_s / self._ramp_time_s or self._ramp_rate_mm_s2
+        if self._ramp_mode == RAMP_WORDS["DIST"] and way_mm:
+            return speed_mm_s**2 / (2.0 * self._ramp_distance_mm)
+        return self._ramp_rate_mm_s2
+
+    def _ramp(self, words: tuple[str, ...]) -> Reply:
+        what, *rest = words or ("",)
+        if len(rest) == 2 and rest[0] in self._names:
+            rest = rest[1:]
+        (value,) = exactly(1, tuple(rest))
+        if what == "MODE":
+            self._ramp_mode = choice(RAMP_WORDS, value)
+        elif what == "RATE":
+            self._ramp_rate_mm_s2 = positive(value)
+        elif what == "TIME":
+            self._ramp_time_s = positive(value)
+        elif what == "DIST":
+            self._ramp_distance_mm = positive(value)
+        else:
+            raise Invalid
+        return None
+
+    def _s_curve(self, words: tuple[str, ...]) -> Reply:
+        (value,) = exactly(1, words)
+        percent = number(value)
+        if not 0.0 <= percent <= 100.0:
+            raise Invalid
+        self._s_curve_percent = percent
+        return None
+
+    def _velocity_profiling(self, words: tuple[str, ...]) -> Reply:
+        (value,) = exactly(1, words)
+        self._profiling = choice(SWITCH_WORDS, value)
+        return None
+
+    def _position_offset(self, words: tuple[str, ...]) -> Reply:
+        what, *rest = words or ("",)
+        arguments = self._after_axis(tuple(rest))
+        if what == "SET":
+            (position,) = exactly(1, arguments)
+            self._program_zero_mm = self.axis.feedback_mm() - number(position)
+        elif what == "CLEAR":
+            none(arguments)
+            self._program_zero_mm = 0.0
+        else:
+            raise Invalid
+        return None
+
+    # set-up, inputs and outputs
+
+    def _get_parameter(self, words: tuple[str, ...]) -> Reply:
+        (name,) = exactly(1, self._after_axis(words))
+        return self.parameters.text(named(name))
+
+    def _set_parameter(self, words: tuple[str, ...]) -> Reply:
+        name, value = exactly(2, self._after_axis(words))
+        self.parameters.change(named(name), value)
+        return None
+
+    def _commit_parameters(self, words: tuple[str, ...]) -> Reply:
+        none(words)
+        self.parameters.commit()
+        return None
+
+    def _reset(self, words: tuple[str, ...]) -> Reply:
+        none(words)
+        raise Restarting
+
+    def _get_mode(self, words: tuple[str, ...]) -> Reply:
+        (mode,) = exactly(1, words)
+        modes = {
+            0: self._positioning,
+            1: self._wait_mode,
+            2: self._ramp_mode,
+            3: self._profiling,
+            4: self._s_curve_percent,
+            6: self._speed_mm_s,
+            7: self._ramp_rate_mm_s2,
+            10: self._ramp_rate_mm_s2,
+        }
+        return f"{modes.get(whole(mode, 0, MODES - 1), 0):g}"
+
+    def _digital_input(self, words: tuple[str, ...]) -> Reply:
+        for word in self._after_axis(words):
+            whole(word, 0, 31)
+        return "0"
+
+    def _digital_output(self, words: tuple[str, ...]) -> Reply:
+        (value,) = exactly(1, self._after_axis(words))
+        whole(value, 0, 0xFFFF)
+        return None
+
+    def _analog_input(self, words: tuple[str, ...]) -> Reply:
+        for word in self._after_axis(words):
+            whole(word, 0, 3)
+        return "0.000000"
+
+    def _analog_output(self, words: tuple[str, ...]) -> Reply:
+        (value,) = exactly(1, self._after_axis(words))
+        if abs(number(value)) > 10.0:
+            raise Invalid
+        return None
+
+    # position capture
+
+    def _data_acquisition(self, words: tuple[str, ...]) -> Reply:
+        now_s = self._clock.now_s()
+        match self._after_axis(words):
+            case ("TRIGGER", source):
+                self.capture.trigger = whole(source, 0, 255)
+            case ("INPUT", source):
+                self.capture.input = whole(source, 0, 255)
+            case ("ON", points):
+                count = whole(points, 1, self._settings.capture_points_max)
+                self.capture.arm(now_s, count, self.axis.zero_mm)
+            case ("OFF",):
+                self.capture.off(now_s)
+            case ("READ", first, points):
+                count = whole(points, 1, self._settings.double_registers)
+                start = whole(first, 0, self._settings.double_registers - count)
+                if self._settings.capture_short_read == "refuse" and self.capture.left(now_s) < count:
+                    raise Faulted
+                self._registers.store(start, self.capture.take(now_s, count))
+            case _:
+                raise Invalid
+        return None
+
+
+def none(words: tuple[str, ...]) -> None:
+    """Nothing may follow."""
+    exactly(0, words)
+
+
+def exactly(count: int, words: tuple[str, ...]) -> tuple[str, ...]:
+    """That many words."""
+    if len(words) != count:
+        raise Invalid
+    return words
+
+
+def choice(names: dict[str, int], word: str) -> int:
+    """The code of a keyword."""
+    if word not in names:
+        raise Invalid
+    return names[word]
+
+
+def positive(word: str) -> float:
+    """A number above zero that leaves a motion finite."""
+    value = number(word)
+    if not 1e-6 <= value <= 1e9:
+        raise Invalid
+    return value

@@ -1,0 +1,49 @@
+"""The global registers IGLOBAL and DGLOBAL; the way a captured record leaves the controller."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.aerotech_ensemble.grammar import Command, Invalid, number, whole
+from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+
+INT32 = (-(1 << 31), (1 << 31) - 1)
+
+
+class Registers:
+    """Whole numbers and doubles, by index from 0."""
+
+    def __init__(self, settings: EnsembleSimulatorSettings) -> None:
+        self._integers = [0] * settings.integer_registers
+        self._doubles = [0.0] * settings.double_registers
+
+    def clear(self) -> None:
+        """As after switching on."""
+        self._integers = [0] * len(self._integers)
+        self._doubles = [0.0] * len(self._doubles)
+
+    def store(self, first: int, values: NDArray[np.float64]) -> None:
+        """Put values into consecutive doubles."""
+        self._doubles[first : first + len(values)] = values.tolist()
+
+    def access(self, command: Command) -> str | None:
+        """Read (`DGLOBAL(1)`) or write (`DGLOBAL(1) = 0.5`) one register."""
+        words = command.words
+        # read by the thousand after every run, hence not through the general number parser
+        if len(words) != 1 or not words[0].isdecimal() or len(words[0]) > 9:
+            raise Invalid
+        index = int(words[0])
+        if command.keyword == "DGLOBAL":
+            if index >= len(self._doubles):
+                raise Invalid
+            if command.value is None:
+                return f"{self._doubles[index]:.6f}"
+            self._doubles[index] = number(command.value)
+            return None
+        if index >= len(self._integers):
+            raise Invalid
+        if command.value is None:
+            return str(self._integers[index])
+        self._integers[index] = whole(command.value, *INT32)
+        return None

@@ -1,0 +1,107 @@
+"""What a simulated Ensemble is like: its stage, its set-up, and the readings of the manual it follows."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+WaitMode = Literal["nowait", "movedone", "inpos"]
+
+
+class EnsembleSimulatorSettings(BaseModel):
+    """Keys of a simulated stage; where the wire's behaviour is not known for sure there is a key to choose it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    axis: str = Field(default="X", pattern=r"^[A-Za-z]\w*$")
+    """AxisName; the axis also answers to @0."""
+    units: str = "mm"
+    """UnitsName."""
+    version: str = "4.01.000"
+
+    position_min_mm: float = -25.0
+    """SoftwareLimitLow."""
+    position_max_mm: float = 25.0
+    """SoftwareLimitHigh."""
+    travel_min_mm: float = -26.0
+    """Where the limit switch is, in the stage's own coordinate."""
+    travel_max_mm: float = 26.0
+    speed_max_mm_s: float = Field(default=1000.0, gt=0)
+    """A faster command is a fault; chosen for an air-bearing stage with linear motor."""
+    acceleration_max_mm_s2: float = Field(default=10_000.0, gt=0)
+    """Where the motor no longer follows: a position error; chosen likewise."""
+    speed_mm_s: float = Field(default=10.0, gt=0)
+    """DefaultSpeed."""
+    ramp_rate_mm_s2: float = Field(default=100.0, gt=0)
+    """DefaultRampRate."""
+    abort_deceleration_mm_s2: float = Field(default=500.0, gt=0)
+    """AbortDecelRate."""
+    settle_s: float = Field(default=0.01, ge=0)
+    """From the end of a move to "in position"."""
+
+    counts_per_mm: float = Field(default=200_000.0, gt=0)
+    """CountsPerUnit: 5 nm, a 20 um scale interpolated 4000 times."""
+    encoder_noise_mm: float = Field(default=0.0, ge=0)
+    """RMS of white noise on every encoder reading."""
+    seed: int = 0
+
+    home_position_mm: float = 0.0
+    """Where the reference mark is, in the stage's own coordinate."""
+    home_speed_mm_s: float = Field(default=10.0, gt=0)
+    home_search_s: float = Field(default=2.0, ge=0)
+    """What homing takes beyond the way to the mark."""
+    homing_needed: bool = False
+    """Does an axis that is not homed refuse to move? In the manual's example it moves."""
+    homing_asynchronous: bool = True
+    """Is HOMEASYNC understood?"""
+    home_program: str | None = None
+    """An AeroBasic program in the file system that homes, such as EPICS' HomeAsync.bcx."""
+
+    oscillate_distance: Literal["peak-to-peak", "amplitude"] = "peak-to-peak"
+    oscillate_waits: bool = True
+    """Does OSCILLATE hold its answer back as moves do, unless WAIT MODE NOWAIT?"""
+    harmonics: tuple[float, ...] = ()
+    """Amplitudes of the 2nd, 3rd, ... harmonic of an oscillation, relative to the fundamental."""
+    clock_ppm: float = Field(default=0.0, gt=-1e6)
+    """How fast the controller's clock is: a true frequency is (1 + ppm 1e-6) times the commanded one."""
+
+    always_send_eos: bool = True
+    """CommandSetup "Always Send EOS": a line feed after a bare acknowledge too."""
+    wait_mode: WaitMode = "movedone"
+    """DefaultWaitMode: in force after every ENABLE."""
+    command_timeout_s: float = Field(default=0.0, ge=0)
+    """CommandTimeout: a command that blocks longer is answered `$`; 0 is never."""
+    socket_timeout_s: float = Field(default=300.0, ge=0)
+    """Socket2Timeout: an idle client is disconnected; 0 is never."""
+    startup_s: float = Field(default=5.0, ge=0)
+    """After RESET nothing is answered for so long."""
+    limit_reply: Literal["refuse", "fault"] = "refuse"
+    """A set-point outside a limit: answered `#`, or `%` followed by the fault. The axis fault is set in both."""
+
+    integer_registers: int = Field(default=100, ge=0)
+    """GlobalIntegers."""
+    double_registers: int = Field(default=1000, ge=0)
+    """GlobalDoubles."""
+
+    capture_trigger: int = 1
+    """The DATAACQ TRIGGER number the rig's trigger line is wired to; no other sees an edge."""
+    capture_input: int = 1
+    """The DATAACQ INPUT number of the encoder; the others record zeros."""
+    capture_points_max: int = Field(default=50_000, ge=1)
+    capture_latency_s: float = Field(default=0.0, ge=0)
+    """From the edge to the latched position."""
+    capture_unit: Literal["mm", "counts"] = "mm"
+    """What DATAACQ READ puts into the registers."""
+    capture_read: Literal["continues", "restarts"] = "continues"
+    """Does a second READ go on where the first ended, or begin with the first point again?"""
+    capture_short_read: Literal["refuse", "partial"] = "refuse"
+    """A READ of more points than recorded: answered `#`, or `%` with the rest of the registers untouched."""
+
+    @model_validator(mode="after")
+    def _ranges_are_not_empty(self) -> Self:
+        if not self.position_min_mm < self.position_max_mm:
+            raise ValueError("position_min_mm must lie below position_max_mm")
+        if not self.travel_min_mm < self.travel_max_mm:
+            raise ValueError("travel_min_mm must lie below travel_max_mm")
+        return self
