@@ -1,0 +1,10 @@
+"""A Newport XPS motion controller as seen from its TCP port 5001.
+
+Grammar, argument checking, motion state machine and gathering memory are separate files;
+`SimulatedXps` puts them behind a wire.
+"""
+
+from simulators.newport_xps.controller import SimulatedXps
+from simulators.newport_xps.settings import XpsSimulatorSettings
+
+__all__ = ["SimulatedXps", "XpsSimulatorSettings"]
