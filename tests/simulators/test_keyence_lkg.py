@@ -299,11 +299,11 @@ def test_an_overlong_line_that_comes_at_once_is_refused_once(generation: str) ->
     assert bytes(bench.received) == f"ER,AO11111111,{CODES[generation]['length']}\rPR,0\r".encode()
 
 
-_words = st.sampled_from(
-    ["M0", "M1", "MS", "MM", "MA", "V1", "W0", "VS", "WM", "T1", "TS", "DS", "DO", "DQ", "VR", "PW", "PR", "KL"]
-    + ["AS", "AP", "AQ", "AN", "AO", "SW", "SR", "Q0", "R0", "CA", "CF", "OC", "OF", "OK", "HB", "HA", "M", "OE"]
-    + ["0", "1", "01", "2", "10", "110000000000", "0000003", "+012345", "", "-1", "1e5", "\xb2"]
-)
+_measuring = ["M0", "M1", "MS", "MM", "MA", "V1", "W0", "VS", "WM", "T1", "TS", "DS", "DO", "DQ", "VR", "PW", "PR"]
+_storing = ["AS", "AP", "AQ", "AN", "AO"]
+_setting = ["SW", "SR", "Q0", "R0", "CA", "CF", "OC", "OF", "OK", "HB", "HA", "OE", "M", "KL"]
+_parameters = ["0", "1", "01", "2", "10", "110000000000", "0000003", "+012345", "", "-1", "1e5", "\xb2"]
+_words = st.sampled_from([*_measuring, *_storing, *_setting, *_parameters])
 _command = st.lists(_words, min_size=1, max_size=6).map(lambda words: ",".join(words).encode("latin-1"))
 _noise = st.binary(max_size=40).map(lambda data: data.replace(b"\r", b""))
 

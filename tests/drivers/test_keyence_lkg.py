@@ -1,0 +1,602 @@
+"""The Keyence LK-G driver: against its manual's bytes, and against the simulated controllers."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from drivers.keyence_lkg import KeyenceLkg, KeyenceSettings
+from drivers.keyence_values import parse_values
+from drivers.transport import Endpoint, InProcessTransport
+from rigctl.errors import (
+    BadReply,
+    InstrumentError,
+    LimitError,
+    LinkLost,
+    LinkTimeout,
+    RigError,
+    WrongInstrument,
+)
+from rigctl.interfaces import DisplacementMeter, FloatArray
+from simulators.clock import ScaledClock, SimulationClock, VirtualClock
+from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings, SimulatedLkg3001, SimulatedLkg5000
+from simulators.wiring import Signal, TriggerLine
+
+Send = Callable[[bytes], None]
+HEADS = {"laser_1_mm": 1, "laser_2_mm": 2}
+GENERATIONS = ("lkg3001", "lkg5000")
+both_generations = pytest.mark.parametrize("generation", GENERATIONS)
+
+
+class Conversation:
+    """An instrument that expects these commands in this order and gives these replies."""
+
+    def __init__(self, *exchanges: tuple[bytes, bytes]) -> None:
+        self.expected = list(exchanges)
+        self._send: Send = lambda _: None
+
+    def connect(self, send: Send) -> Conversation:
+        self._send = send
+        return self
+
+    def receive(self, data: bytes) -> None:
+        command, reply = self.expected.pop(0)
+        assert data == command
+        self._send(reply)
+
+    def close(self) -> None:
+        pass
+
+
+class Tap:
+    """Passes bytes on to another endpoint and may change what comes back."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.endpoint = endpoint
+        self.sent = bytearray()
+        self.on_send: Callable[[bytes], None] = lambda _: None
+        self.on_reply: Callable[[bytes], bytes] = lambda data: data
+        self.hung_up = False
+
+    def connect(self, send: Send) -> Tap:
+        self.hung_up = False
+        self.send = send
+        self._inner = self.endpoint.connect(lambda data: send(self.on_reply(data)))
+        return self
+
+    def receive(self, data: bytes) -> None:
+        self.sent += data
+        self.on_send(data)
+        self._inner.receive(data)
+
+    def close(self) -> None:
+        self._inner.close()
+
+
+def settings(generation: str, /, **values: object) -> KeyenceSettings:
+    return KeyenceSettings.model_validate({"generation": generation, "heads": HEADS} | values)
+
+
+def driver(endpoint: Endpoint, clock: SimulationClock, configured: KeyenceSettings) -> KeyenceLkg:
+    return KeyenceLkg("lasers", configured, lambda: InProcessTransport("sim:lasers", endpoint, clock), clock)
+
+
+def talking(configured: KeyenceSettings, *exchanges: tuple[bytes, bytes]) -> tuple[KeyenceLkg, Conversation]:
+    conversation = Conversation(*exchanges)
+    return driver(conversation, VirtualClock(), configured), conversation
+
+
+class Bench:
+    """A driver, a simulated controller, and the wire that triggers it."""
+
+    def __init__(
+        self,
+        generation: str,
+        *heads: Signal,
+        clock: SimulationClock | None = None,
+        simulated: dict[str, float] | None = None,
+        **configured: object,
+    ) -> None:
+        self.clock = clock or VirtualClock()
+        self.line = TriggerLine()
+        self.tap = Tap(self._controller(generation, heads or (ramp, minus_two), simulated or {}))
+        self.lasers = driver(self.tap, self.clock, settings(generation, **configured))
+
+    def _controller(
+        self, generation: str, heads: tuple[Signal, ...], simulated: dict[str, float]
+    ) -> SimulatedLkg3001 | SimulatedLkg5000:
+        if generation == "lkg3001":
+            built = Lkg3001Settings(**simulated)  # type: ignore[arg-type]
+            return SimulatedLkg3001(self.clock, heads, self.line, built)
+        return SimulatedLkg5000(self.clock, heads, self.line, Lkg5000Settings(**simulated))  # type: ignore[arg-type]
+
+    def record(self, samples: int, period_s: float, edges: int | None = None) -> tuple[FloatArray, FloatArray]:
+        """The edges' times and what was recorded at them."""
+        self.lasers.open()
+        self.lasers.arm(samples, period_s)
+        first_s = self.clock.now_s() + 0.3
+        self.line.begin(first_s, period_s, samples if edges is None else edges)
+        return first_s + period_s * np.arange(samples), self.lasers.collect()
+
+
+def ramp(times_s: FloatArray) -> FloatArray:
+    return 0.1 * times_s
+
+
+def minus_two(times_s: FloatArray) -> FloatArray:
+    return np.full_like(times_s, -2.0)
+
+
+# The manual's bytes
+
+
+def test_the_first_generation_is_read_by_the_manuals_bytes() -> None:
+    lasers, conversation = talking(
+        settings("lkg3001"),
+        (b"R0\r", b"ER,R0,01\r"),
+        (b"M1\r", b"M1,+00.0123\r"),
+        (b"M0\r", b"M0,+00.0123,-00.4567\r"),
+        (b"M0\r", b"M0,+FFFFFFF,XXXXXXXX\r"),
+    )
+    lasers.open()
+    assert [reading.value for reading in lasers.displacements()] == [0.0123, -0.4567]
+    assert all(math.isnan(reading.value) for reading in lasers.displacements())
+    assert not conversation.expected
+
+
+def test_one_head_of_two_is_asked_alone() -> None:
+    lasers, _ = talking(
+        settings("lkg3001", heads={"side_mm": 2}),
+        (b"R0\r", b"R0\r"),
+        (b"M1\r", b"M1,XXXXXXXX\r"),
+        (b"M2\r", b"M2,-00.0120\r"),
+    )
+    lasers.open()
+    (reading,) = lasers.displacements()
+    assert (reading.value, reading.unit) == (-0.012, "mm")
+
+
+def test_the_second_generation_is_recorded_by_the_manuals_bytes() -> None:
+    configured = settings("lkg5000", heads={"main_mm": 1}, sampling_us=100.0, averaging=16)
+    lasers, conversation = talking(
+        configured,
+        (b"R0\r", b"ER,R0,51\r"),
+        (b"MS,01\r", b"MS,01,+00.0012\r"),
+        (b"Q0\r", b"Q0\r"),
+        (b"SW,CA,5\r", b"SW,CA\r"),
+        (b"SW,OC,01,0,2\r", b"SW,OC\r"),
+        (b"SW,CF,0000003,10\r", b"SW,CF\r"),
+        (b"SW,OK,01,1\r", b"SW,OK\r"),
+        (b"R0\r", b"R0\r"),
+        (b"AQ\r", b"AQ\r"),
+        (b"AS\r", b"AS\r"),
+        (b"AN\r", b"AN,1,0000002,0000000\r"),
+        (b"AN\r", b"AN,0,3,0\r"),
+        (b"AO,01\r", b"AO,+00.0012,-FFFFFFF,+00.0013\r"),
+    )
+    lasers.open()
+    lasers.arm(3, 0.01)
+    np.testing.assert_array_equal(lasers.collect(), [[0.0012], [math.nan], [0.0013]])
+    assert not conversation.expected
+
+
+def test_several_heads_of_the_second_generation_are_asked_at_once() -> None:
+    lasers, _ = talking(
+        settings("lkg5000", heads={"top_mm": 12, "main_mm": 1}),
+        (b"R0\r", b"R0\r"),
+        (b"MS,01\r", b"MS,01,+00.0012\r"),
+        (b"MM,100000000001\r", b"MM,100000000001,+000.260,-001.500\r"),
+    )
+    lasers.open()
+    assert [reading.value for reading in lasers.displacements()] == [-1.5, 0.26]
+
+
+# Values
+
+
+def test_the_special_values_are_not_a_number() -> None:
+    values = parse_values(b"+01.2345,XXXXXXXX,-00001.2,+FFFFFFF,-FFFFFFF,+1234.56,-123456.,+.000001")
+    nan = math.nan
+    np.testing.assert_array_equal(values, [1.2345, nan, -1.2, nan, nan, 1234.56, -123456.0, 1e-6])
+    assert parse_values(b"").shape == (0,)
+
+
+_number = st.builds(
+    lambda sign, digits, point: f"{sign}{digits[:point]}.{digits[point:]}",
+    st.sampled_from("+-"),
+    st.text("0123456789", min_size=6, max_size=6),
+    st.integers(0, 6),
+)
+
+
+@given(st.lists(_number, min_size=1, max_size=30))
+def test_a_number_is_read_as_the_double_nearest_to_it(numbers: list[str]) -> None:
+    assert parse_values(",".join(numbers).encode()).tolist() == [float(number) for number in numbers]
+
+
+@given(st.lists(_number, min_size=1, max_size=5), st.data())
+def test_a_value_with_a_character_changed_or_lost_never_passes_for_another_form(
+    numbers: list[str], data: st.DataObject
+) -> None:
+    text = bytearray(",".join(numbers).encode())
+    position = data.draw(st.integers(0, len(text) - 1))
+    if data.draw(st.booleans()):
+        del text[position]
+    else:
+        text[position] = data.draw(st.sampled_from(b"XF :/\x00\xffe"))
+    with pytest.raises(ValueError, match=r"characters|number"):
+        parse_values(bytes(text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b"+01.2345,", b",", b"01.23456", b"+0123456", b"+0.1.234", b"+FFFF.FF", b"XXXXXXXF", b"+01.2345;+01.2345"],
+)
+def test_what_is_not_in_the_manuals_form_is_no_value(text: bytes) -> None:
+    with pytest.raises(ValueError, match=r"characters|number"):
+        parse_values(text)
+
+
+def test_a_full_storage_is_read_fast() -> None:
+    values = np.round(np.random.default_rng(1).uniform(-15, 15, 65_536), 4)
+    text = ",".join([f"{value:+08.4f}" for value in values]).encode()
+    wall_s = []
+    for _ in range(5):
+        started_s = time.perf_counter()
+        parsed = parse_values(text)
+        wall_s.append(time.perf_counter() - started_s)
+    np.testing.assert_array_equal(parsed, values)
+    assert min(wall_s) < 0.05
+
+
+# Both generations, by their simulators
+
+
+@both_generations
+def test_it_is_a_displacement_meter_that_touches_nothing_until_opened(generation: str) -> None:
+    bench = Bench(generation, latency_s=1e-3, range_mm=5.0)
+    assert isinstance(bench.lasers, DisplacementMeter)
+    channels = bench.lasers.channels()
+    assert [(c.name, c.unit, c.kind, c.latency_s, c.full_scale) for c in channels] == [
+        ("laser_1_mm", "mm", "displacement", 1e-3, 5.0),
+        ("laser_2_mm", "mm", "displacement", 1e-3, 5.0),
+    ]
+    bench.lasers.stop()
+    bench.lasers.close()
+    assert not bench.tap.sent
+    with pytest.raises(LinkLost, match="open"):
+        bench.lasers.displacements()
+
+
+@both_generations
+def test_identity_is_the_generation(generation: str) -> None:
+    bench = Bench(generation, minus_two)
+    bench.lasers.open()
+    bench.lasers.open()
+    identity = bench.lasers.identify()
+    assert identity.model == {"lkg3001": "LK-G3001", "lkg5000": "LK-G5000"}[generation]
+    assert identity.text.endswith(",-02.0000")
+    bench.lasers.close()
+    bench.lasers.close()
+
+
+@both_generations
+def test_each_edge_gives_a_row_with_each_heads_value(generation: str) -> None:
+    bench = Bench(generation)
+    edges_s, rows = bench.record(500, 0.05)
+    np.testing.assert_allclose(rows, np.column_stack([ramp(edges_s), minus_two(edges_s)]), atol=0.6e-4)
+
+
+@both_generations
+def test_columns_follow_the_settings_not_the_outputs(generation: str) -> None:
+    bench = Bench(generation, heads={"second_mm": 2, "first_mm": 1})
+    edges_s, rows = bench.record(10, 0.05)
+    np.testing.assert_allclose(rows, np.column_stack([minus_two(edges_s), ramp(edges_s)]), atol=0.6e-4)
+    assert bench.lasers.displacements()[0].value == -2.0
+
+
+@both_generations
+def test_a_second_recording_replaces_the_first(generation: str) -> None:
+    bench = Bench(generation)
+    bench.record(20, 0.05)
+    edges_s, rows = bench.record(10, 0.1)
+    assert rows.shape == (10, 2)
+    np.testing.assert_allclose(rows[:, 0], ramp(edges_s), atol=0.6e-4)
+
+
+@both_generations
+def test_a_lost_target_and_an_end_of_range_are_not_a_number(generation: str) -> None:
+    def leaving(times_s: FloatArray) -> FloatArray:
+        return np.where(times_s < 2.0, np.nan, 10.0 * (times_s - 1.0))
+
+    bench = Bench(generation, leaving, minus_two)
+    edges_s, rows = bench.record(30, 0.1)
+    expected = leaving(edges_s)
+    expected[expected > 15.0] = np.nan
+    assert 0 < np.isnan(expected).sum() < 30
+    np.testing.assert_allclose(rows[:, 0], expected, atol=0.6e-4)
+    assert not np.isnan(rows[:, 1]).any()
+    assert math.isnan(bench.lasers.displacements()[0].value)
+
+
+@both_generations
+def test_sampling_and_averaging_are_set_up(generation: str) -> None:
+    bench = Bench(generation, sampling_us=500.0, averaging=64)
+    edges_s, rows = bench.record(20, 0.05)
+    np.testing.assert_allclose(rows[:, 0], ramp(edges_s - 63 / 2 * 500e-6), atol=0.6e-4)
+
+
+@both_generations
+@pytest.mark.parametrize("simulated", [{"mode_return_s": 2.1}, {"mode_settle_s": 2.1}, {"reply_delay_s": 0.4}])
+def test_a_slow_return_to_measuring_is_waited_for(generation: str, simulated: dict[str, float]) -> None:
+    bench = Bench(generation, simulated=simulated)
+    assert bench.record(5, 0.05)[1].shape == (5, 2)
+
+
+@both_generations
+def test_a_return_to_measuring_that_takes_too_long_is_an_error(generation: str) -> None:
+    bench = Bench(generation, simulated={"mode_settle_s": 60.0})
+    bench.lasers.open()
+    with pytest.raises(InstrumentError, match=r"AQ refused with error .1 .status error") as refused:
+        bench.lasers.arm(5, 0.05)
+    assert refused.value.code == {"lkg3001": "01", "lkg5000": "51"}[generation]
+    assert refused.value.text == "status error"
+
+
+# Limits and missing edges
+
+
+@pytest.mark.parametrize(("generation", "samples_max"), [("lkg3001", 65_536), ("lkg5000", 600_000)])
+def test_more_than_the_storage_holds_is_refused_before_a_byte_is_sent(generation: str, samples_max: int) -> None:
+    bench = Bench(generation)
+    for samples in (0, samples_max + 1):
+        with pytest.raises(LimitError, match=f"1 to {samples_max}"):
+            bench.lasers.arm(samples, 0.01)
+    with pytest.raises(LimitError, match="sampling_us"):
+        bench.lasers.arm(10, 0.9e-3)
+    assert not bench.tap.sent
+
+
+@both_generations
+@pytest.mark.parametrize("edges", [0, 1, 99])
+def test_missing_edges_are_an_error_that_says_how_many_came(generation: str, edges: int) -> None:
+    bench = Bench(generation, edge_timeout_s=3.0)
+    with pytest.raises(InstrumentError, match=f"{edges} of 100 trigger edges came, then no more"):
+        bench.record(100, 0.05, edges=edges)
+    assert bench.clock.now_s() < 0.6 + 100 * 0.05 + 3.0 + 2 * 0.05 + 2.0
+    assert bench.record(10, 0.05)[1].shape == (10, 2)
+
+
+@both_generations
+def test_a_pause_of_the_edges_shorter_than_the_patience_is_no_end(generation: str) -> None:
+    bench = Bench(generation, edge_timeout_s=3.0)
+    bench.lasers.open()
+    bench.lasers.arm(20, 0.05)
+    bench.line.begin(bench.clock.now_s(), 0.05, 10)
+    bench.clock.call_at(bench.clock.now_s() + 3.0, lambda: bench.line.begin(bench.clock.now_s(), 0.05, 10))
+    assert bench.lasers.collect().shape == (20, 2)
+
+
+@both_generations
+def test_nothing_is_collected_that_was_not_armed(generation: str) -> None:
+    bench = Bench(generation)
+    bench.lasers.open()
+    with pytest.raises(InstrumentError, match="arm first"):
+        bench.lasers.collect()
+
+
+@both_generations
+def test_stop_from_another_thread_ends_a_collect_that_waits(generation: str) -> None:
+    bench = Bench(generation, clock=ScaledClock(speed=200.0), simulated={"mode_return_s": 0.0})
+    asked = threading.Event()
+    failures: list[RigError] = []
+
+    def collect() -> None:
+        try:
+            bench.lasers.collect()
+        except RigError as error:
+            failures.append(error)
+
+    bench.lasers.open()
+    bench.lasers.arm(1000, 10.0)
+    bench.line.begin(bench.clock.now_s(), 10.0, 1000)
+    bench.tap.on_send = lambda data: asked.set() if data == b"AN\r" else None
+    collecting = threading.Thread(target=collect)
+    collecting.start()
+    assert asked.wait(20.0)
+    bench.lasers.stop()
+    bench.lasers.stop()
+    collecting.join(20.0)
+    assert not collecting.is_alive()
+    (failure,) = failures
+    assert "of 1000 trigger edges came, then the storage was stopped" in str(failure)
+
+
+# What goes wrong on a wire
+
+
+@pytest.mark.parametrize(
+    ("configured", "connected", "words"),
+    [
+        ("lkg3001", "lkg5000", "an LK-G5000 answers, not an LK-G3001"),
+        ("lkg5000", "lkg3001", "an LK-G3001 answers, not an LK-G5000"),
+    ],
+)
+@pytest.mark.parametrize("left_in", ["measuring", "settings"])
+def test_the_other_generation_is_told_by_what_it_answers(
+    configured: str, connected: str, words: str, left_in: str
+) -> None:
+    bench = Bench(connected)
+    if left_in == "settings":
+        bench.tap.endpoint.connect(lambda _: None).receive(b"Q0\r")
+    with pytest.raises(WrongInstrument, match=words):
+        driver(bench.tap, bench.clock, settings(configured)).open()
+
+
+class Parrot:
+    """Answers every command with the same bytes."""
+
+    def __init__(self, reply: bytes) -> None:
+        self.reply = reply
+
+    def connect(self, send: Send) -> Parrot:
+        self._send = send
+        return self
+
+    def receive(self, data: bytes) -> None:
+        self._send(self.reply)
+
+    def close(self) -> None:
+        pass
+
+
+@both_generations
+@pytest.mark.parametrize("reply", [b"-113\r", b"\xff\x00\r", b"\r", b"ER\r", b"ER,R0,77\r", b"R0,1\rM1\r"])
+def test_something_else_is_not_taken_for_a_controller(generation: str, reply: bytes) -> None:
+    lasers = driver(Parrot(reply), VirtualClock(), settings(generation))
+    with pytest.raises(WrongInstrument, match="address"):
+        lasers.open()
+    with pytest.raises(LinkLost, match="not open"):
+        lasers.displacements()
+
+
+@both_generations
+def test_silence_is_a_time_out_that_names_instrument_and_command(generation: str) -> None:
+    lasers = driver(Parrot(b""), VirtualClock(), settings(generation))
+    with pytest.raises(LinkTimeout, match=r"lasers: R0: .*nothing came"):
+        lasers.open()
+
+
+def test_a_hardware_fault_of_the_second_generation_is_not_mistaken_for_the_first() -> None:
+    lasers, _ = talking(
+        settings("lkg5000"),
+        (b"R0\r", b"R0\r"),
+        (b"MS,01\r", b"ER,MS,00\r"),
+        (b"R0\r", b"ER,R0,51\r"),
+    )
+    with pytest.raises(InstrumentError, match="head connection error") as raised:
+        lasers.open()
+    assert not isinstance(raised.value, WrongInstrument)
+
+
+@both_generations
+@pytest.mark.parametrize("middle", ["SW", "CF", "SW,CF"])
+def test_a_refused_setting_is_reported_and_leaves_the_controller_measuring(generation: str, middle: str) -> None:
+    bench = Bench(generation)
+    bench.lasers.open()
+    code = {"lkg3001": "22", "lkg5000": "62"}[generation]
+    refuse = f"ER,{middle},{code}\r".encode()
+    bench.tap.on_reply = lambda data: refuse if data == b"SW,CF\r" else data
+    with pytest.raises(InstrumentError, match=f"SW,CF,0000010,10 refused with error {code} .*parameter") as raised:
+        bench.lasers.arm(10, 0.01)
+    assert raised.value.code == code
+    assert bench.lasers.displacements()[1].value == -2.0
+
+
+@both_generations
+def test_garbage_in_place_of_values_is_a_bad_reply(generation: str) -> None:
+    bench = Bench(generation)
+    bench.lasers.open()
+    bench.tap.on_reply = lambda data: data.replace(b"-02.", b"-0 .")
+    with pytest.raises(BadReply, match="8 characters"):
+        bench.lasers.displacements()
+    bench.tap.on_reply = lambda data: data.replace(b",-02.0000", b"")
+    with pytest.raises(BadReply):
+        bench.lasers.displacements()
+
+
+@both_generations
+@pytest.mark.parametrize("status", [b"AN\r", b"AN,1\r", b"AN,x,1,1\r", b"AN,1,0000001\r"])
+def test_a_status_that_lacks_an_outputs_count_is_a_bad_reply(generation: str, status: bytes) -> None:
+    bench = Bench(generation)
+    bench.tap.on_reply = lambda data: status if data.startswith(b"AN") else data
+    with pytest.raises(BadReply, match="a count per output"):
+        bench.record(10, 0.05)
+
+
+@both_generations
+def test_values_lost_in_the_read_out_are_a_bad_reply(generation: str) -> None:
+    bench = Bench(generation)
+    bench.tap.on_reply = lambda data: data[:29] + b"\r" if data.startswith(b"AO,-") else data
+    with pytest.raises(BadReply, match="3 values of 10"):
+        bench.record(10, 0.05)
+
+
+@both_generations
+def test_automatic_output_between_the_replies_is_passed_over(generation: str) -> None:
+    bench = Bench(generation)
+    bench.tap.on_reply = lambda data: b"TG,1,+00.0001\r" + data + b"TG,1,+00.0002\r"
+    assert bench.record(10, 0.05)[1].shape == (10, 2)
+
+
+@both_generations
+def test_automatic_output_alone_is_a_time_out(generation: str) -> None:
+    lasers = driver(Parrot(b"TG,1,+00.0001\r"), VirtualClock(), settings(generation))
+    with pytest.raises(LinkTimeout):
+        lasers.open()
+
+
+@both_generations
+def test_a_late_reply_is_not_taken_for_the_next_one(generation: str) -> None:
+    bench = Bench(generation, simulated={"reply_delay_s": 1.5}, link_timeout_s=2.0)
+    clock = bench.clock
+
+    def later(data: bytes) -> bytes:
+        clock.call_at(clock.now_s() + 1.5, lambda: bench.tap.send(data))
+        return b""
+
+    bench.lasers.open()
+    bench.tap.on_reply = later
+    with pytest.raises(LinkTimeout):
+        bench.lasers.displacements()
+    timed_out_s = clock.now_s()
+    bench.tap.on_reply = lambda data: data
+    assert bench.lasers.displacements()[0].value >= ramp(np.array([timed_out_s]))[0]
+
+
+@both_generations
+def test_a_lost_connection_is_made_anew_for_the_next_question(generation: str) -> None:
+    bench = Bench(generation)
+    bench.lasers.open()
+    bench.tap.hung_up = True
+    with pytest.raises(LinkLost, match="lasers: M"):
+        bench.lasers.displacements()
+    assert bench.lasers.displacements()[1].value == -2.0
+
+
+# Settings
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"heads": {}}, "at least 1"),
+        ({"heads": {"laser_1": 1}}, "must end in _mm"),
+        ({"heads": {"a_mm": 3}}, "outputs 1 to 2"),
+        ({"heads": {"a_mm": 0}}, "outputs 1 to 2"),
+        ({"heads": {"a_mm": 1, "b_mm": 1}}, "output of its own"),
+        ({"sampling_us": 2.55}, "20, 50, 100, 200, 500, 1000"),
+        ({"averaging": 2}, "1, 4, 16"),
+        ({"storage_max": 65_537}, "stores 65536"),
+        ({"storage_max": 0}, "greater than or equal"),
+        ({"latency_s": -1.0}, "greater than or equal"),
+        ({"baud": 9600}, "Extra inputs"),
+        ({"generation": "lkg4000"}, "lkg3001"),
+    ],
+)
+def test_settings_no_controller_can_have_are_refused(values: dict[str, object], words: str) -> None:
+    with pytest.raises(ValidationError, match=words):
+        settings("lkg3001", **values)
+
+
+def test_the_storage_is_per_output_or_shared() -> None:
+    assert settings("lkg3001", storage_max=1000).samples_max == 1000
+    assert settings("lkg5000", storage_max=1000).samples_max == 500
