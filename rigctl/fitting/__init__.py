@@ -1,5 +1,6 @@
 """Fits that say whether to trust them: least squares, the plane of the motion vectors, budgets."""
 
+from rigctl.fitting.budget import Budget, Comparison, Contribution, MonteCarlo, budget, compare, monte_carlo
 from rigctl.fitting.least_squares import FitResult, Parameter, Prior, least_squares
 from rigctl.fitting.plane import ARCSEC, Axis, AxisAngle, PlaneFit, angle_between, fit_plane
 
@@ -7,11 +8,18 @@ __all__ = [
     "ARCSEC",
     "Axis",
     "AxisAngle",
+    "Budget",
+    "Comparison",
+    "Contribution",
     "FitResult",
+    "MonteCarlo",
     "Parameter",
     "PlaneFit",
     "Prior",
     "angle_between",
+    "budget",
+    "compare",
     "fit_plane",
     "least_squares",
+    "monte_carlo",
 ]

@@ -23,10 +23,10 @@ IndexArray = NDArray[np.intp]
 Function = Callable[[FloatArray], FloatArray]
 
 _RELATIVE_STEP = float(np.finfo(float).eps ** (1.0 / 3.0))
-_STEP_IN_SIGMA = 0.1
+_STEP_IN_SIGMA = 0.5
 # The step that is left would lower chi-squared by less: a thousandth of a sigma, or rounding.
 _CHI2_LEFT, _CHI2_ROUNDING = 1e-6, 1e-13
-_NULL_SHARE = 1e-3
+_NULL_SHARE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class Prior:
 class Parameter:
     """One parameter of a fit: where to start and what is known of it.
 
-    `step` is the finite-difference step in the parameter's own unit (by default a tenth of its sigma once
-    that is known). A parameter with `fixed` keeps its start.
+    `step` is the finite-difference step in the parameter's own unit (by default half its sigma, the
+    others held, once that is known). A parameter with `fixed` keeps its start.
     """
 
     name: str
@@ -109,9 +109,7 @@ class FitResult:
         try:
             return self.names.index(name)
         except ValueError:
-            raise ProcedureError(
-                f"no parameter {name!r} in this fit: it has {', '.join(self.names)}"
-            ) from None
+            raise ProcedureError(f"no parameter {name!r} in this fit: it has {', '.join(self.names)}") from None
 
 
 def least_squares(
@@ -153,14 +151,17 @@ def least_squares(
 
 @dataclass(frozen=True)
 class _State:
-    """The linearised problem at `p`; columns of held parameters are left out."""
+    """The linearised problem at `p` without the columns of held parameters.
+
+    The Jacobian's active columns are U s Vt scale; `projected` is U^T r.
+    """
 
     p: FloatArray
     r: FloatArray
     J: FloatArray
     active: IndexArray
     scale: FloatArray
-    U: FloatArray
+    projected: FloatArray
     s: FloatArray
     Vt: FloatArray
     rank: int
@@ -171,13 +172,13 @@ class _State:
 
     @property
     def predicted_fall(self) -> float:
-        return float(np.sum((self.U[:, : self.rank].T @ self.r) ** 2))
+        return float(np.sum(self.projected[: self.rank] ** 2))
 
     def step(self, damping: float) -> FloatArray:
         """Step over all parameters; nothing moves along the null space."""
         s = self.s[: self.rank]
         filtered = s / (s**2 + damping * (self.s[0] ** 2 if s.size else 1.0))
-        scaled = -self.Vt[: self.rank].T @ (filtered * (self.U[:, : self.rank].T @ self.r))
+        scaled = -self.Vt[: self.rank].T @ (filtered * self.projected[: self.rank])
         step = np.zeros(self.p.size)
         step[self.active] = scaled / self.scale
         return step
@@ -198,9 +199,7 @@ class _Problem:
         self.lower = np.array([each.lower for each in parameters])
         self.upper = np.array([each.upper for each in parameters])
         self.free = np.array([not each.fixed for each in parameters], dtype=bool)
-        self.with_prior = [
-            i for i, each in enumerate(parameters) if each.prior is not None and not each.fixed
-        ]
+        self.with_prior = [i for i, each in enumerate(parameters) if each.prior is not None and not each.fixed]
         priors = [each.prior for each in parameters if each.prior is not None and not each.fixed]
         self.prior_mean = np.array([each.mean for each in priors])
         self.prior_sigma = np.array([each.sigma for each in priors])
@@ -217,9 +216,7 @@ class _Problem:
             if each.prior is not None and not each.prior.sigma > 0.0:
                 raise ProcedureError(f"prior of {each.name} has sigma {each.prior.sigma:g}: fix it instead")
         if not np.isfinite(self.extended(p)).all():
-            raise ProcedureError(
-                "residuals are not finite at the start of the fit: check data and start values"
-            )
+            raise ProcedureError("residuals are not finite at the start of the fit: check data and start values")
         return p
 
     def clipped(self, p: FloatArray) -> FloatArray:
@@ -237,11 +234,10 @@ class _Problem:
         columns = J[:, active]
         norms = np.linalg.norm(columns, axis=0)
         scale = np.where(norms > 0.0, norms, 1.0)
-        U, s, Vt = np.linalg.svd(columns / scale, full_matrices=False)
-        if columns.shape[0] < columns.shape[1]:
-            Vt = np.linalg.svd(columns / scale)[2]
+        Q, R = np.linalg.qr(columns / scale)
+        U, s, Vt = np.linalg.svd(R)
         rank = int(np.sum(s > self._rcond * s[0])) if s.size and s[0] > 0.0 else 0
-        return _State(p, r, J, active, scale, U, s, Vt, rank)
+        return _State(p, r, J, active, scale, U.T @ (Q.T @ r), s, Vt, rank)
 
     def result(self, state: _State, converged: bool, iterations: int) -> FitResult:
         n = len(self.parameters)
@@ -280,17 +276,15 @@ class _Problem:
         J[np.arange(data, r.size), self.with_prior] = -1.0 / self.prior_sigma
         if not np.isfinite(J).all():
             bad = self.names[int(np.flatnonzero(~np.isfinite(J).all(axis=0))[0])]
-            raise ProcedureError(
-                f"the derivative with respect to {bad} is not finite: check its start and step"
-            )
+            raise ProcedureError(f"the derivative with respect to {bad} is not finite: check its start and step")
         return J
 
     def _steps(self, p: FloatArray, before: _State | None) -> FloatArray:
         steps = _RELATIVE_STEP * np.maximum(np.abs(p), 1.0)
         if before is not None:
-            sigma = np.zeros(p.size)
-            sigma[before.active] = np.sqrt(np.diag(before.covariance()))
-            steps = np.where(sigma > 0.0, _STEP_IN_SIGMA * sigma, steps)
+            # Its sigma with the others held: the full one is boundless where columns are nearly parallel.
+            norms = np.linalg.norm(before.J, axis=0)
+            steps = np.where(norms > 0.0, _STEP_IN_SIGMA / np.where(norms > 0.0, norms, 1.0), steps)
         for i, each in enumerate(self.parameters):
             if each.step is not None:
                 steps[i] = each.step
@@ -313,7 +307,7 @@ class _Problem:
         self, converged: bool, iterations: int, limited: IndexArray, state: _State, null: FloatArray
     ) -> tuple[Verdict, str]:
         if len(null):
-            directions = "; ".join(self._direction(row / state.scale, state.active) for row in null)
+            directions = "; ".join(self._direction(row, state) for row in _reduced(null))
             return (
                 "ill-conditioned",
                 f"the data leave undetermined: {directions}; fix one or measure otherwise",
@@ -328,10 +322,26 @@ class _Problem:
             return "at-limit", f"pushed against a limit: {at}"
         return "converged", f"converged in {iterations} steps"
 
-    def _direction(self, row: FloatArray, active: IndexArray) -> str:
+    def _direction(self, row: FloatArray, state: _State) -> str:
         """Name a direction of the null space by its parameters, the largest share first."""
-        share = np.abs(row)
-        order = [i for i in np.argsort(-share) if share[i] > _NULL_SHARE * share.max()]
-        lead = row[order[0]]
-        terms = [f"{row[i] / lead:+.3g} {self.names[active[i]]}" for i in order]
-        return terms[0].removeprefix("+1 ") + "".join(f" {term}" for term in terms[1:])
+        order = [i for i in np.argsort(-np.abs(row)) if abs(row[i]) > _NULL_SHARE * np.abs(row).max()]
+        steps = row / state.scale
+        terms = [_term(steps[i] / steps[order[0]], self.names[state.active[i]]) for i in order]
+        return " ".join(terms).removeprefix("+ ")
+
+
+def _term(coefficient: float, name: str) -> str:
+    size = f"{abs(coefficient):.3g} "
+    return f"{'-' if coefficient < 0.0 else '+'} {'' if size == '1 ' else size}{name}"
+
+
+def _reduced(null: FloatArray) -> FloatArray:
+    """Mix the rows of a null space so that each names as few parameters as it can (Gauss-Jordan)."""
+    rows = null.copy()
+    for k in range(len(rows)):
+        pivot = int(np.argmax(np.abs(rows[k])))
+        rows[k] /= rows[k, pivot]
+        for other in range(len(rows)):
+            if other != k:
+                rows[other] -= rows[other, pivot] * rows[k]
+    return rows

@@ -107,9 +107,7 @@ def fit_plane(vectors: FloatArray, nominal_axis: FloatArray, weights: FloatArray
     weight = _checked_weights(weights, n)
     _, singular, rows = np.linalg.svd(units * np.sqrt(weight)[:, None])
     if singular[1] < _MIN_SPREAD * singular[0]:
-        raise ProcedureError(
-            "all motion vectors are parallel: a plane needs both pendulum and flag mountings"
-        )
+        raise ProcedureError("all motion vectors are parallel: a plane needs both pendulum and flag mountings")
     if singular[2] > 0.5 * singular[1]:
         raise ProcedureError("the motion vectors span no plane: check axis, configuration and frame of each")
     normal = rows[2] * _sign_towards(nominal_axis, rows[2])
@@ -147,9 +145,7 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise ProcedureError(f"motion vectors have shape {vectors.shape}: rows of three components expected")
     if vectors.shape[0] < 3:
-        raise ProcedureError(
-            f"{vectors.shape[0]} motion vectors: the plane and its scatter need at least three"
-        )
+        raise ProcedureError(f"{vectors.shape[0]} motion vectors: the plane and its scatter need at least three")
     lengths = np.linalg.norm(vectors, axis=1)
     bad = np.flatnonzero(~(np.isfinite(lengths) & (lengths > 0.0)))
     if bad.size:
@@ -171,8 +167,7 @@ def _sign_towards(nominal_axis: FloatArray, normal: FloatArray) -> float:
     along = float(nominal @ normal) / float(np.linalg.norm(nominal))
     if not abs(along) > 0.1:
         raise ProcedureError(
-            "the nominal axis lies in the plane of the motion vectors: "
-            "check which axis these mountings belong to"
+            "the nominal axis lies in the plane of the motion vectors: check which axis these mountings belong to"
         )
     return 1.0 if along > 0.0 else -1.0
 

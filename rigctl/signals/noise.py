@@ -24,18 +24,19 @@ if TYPE_CHECKING:
     from rigctl.signals.sine_fit import HarmonicBasis
 
 # Accelerometer noise lies between white (0) and a random walk (-2); a local slope beyond needs evidence.
-_SLOPE_PRIOR, _SLOPE_PRIOR_SIGMA = -0.8, 1.0
+_SLOPE_PRIOR, _SLOPE_PRIOR_SIGMA = -0.8, 2.0
 _MIN_KEPT = 0.2
-_WHITE_ENOUGH = -0.5
+# The mean sees the band below 1/T: flat noise is believed on the evidence of the first bins only.
+_LOW_BINS, _WHITE_ENOUGH = 20, -0.5
 
 
 @dataclass(frozen=True)
 class NoiseLevel:
     """One-sided noise density at a frequency, as well known as a chi-squared of `dof` degrees of freedom.
 
-    `psd` is in unit^2/Hz; `slope` is d ln S / d ln f there, with its sigma. The in-phase and the quadrature amplitude of a
-    line fitted over T seconds have the variance psd / T each, so an amplitude divided by its estimated
-    sigma follows Student's t with `dof`.
+    `psd` is in unit^2/Hz; `slope` is d ln S / d ln f there, with its sigma. The in-phase and the quadrature
+    amplitude of a line fitted over T seconds have the variance psd / T each, so an amplitude divided by its
+    estimated sigma follows Student's t with `dof`.
     """
 
     frequency_hz: float
@@ -72,7 +73,7 @@ class Spectrum:
     psd: FloatArray
     weight: FloatArray
 
-    def level(self, frequency_hz: float, *, target_dof: float = 20.0) -> NoiseLevel:
+    def level(self, frequency_hz: float, *, target_dof: float = 12.0) -> NoiseLevel:
         """Give the noise at `frequency_hz` from the nearest bins that hold `target_dof` degrees of freedom.
 
         The bins are described by a local power law, fitted by Whittle likelihood, so that a slope does not
@@ -90,9 +91,12 @@ class Spectrum:
         near = distance <= distance[order[last]] * (1.0 + 1e-9)
         return _local_power_law(frequency_hz, self.frequency_hz[near], self.psd[near], self.weight[near])
 
-    def dc_noise(self, duration_s: float, *, target_dof: float = 60.0) -> DcNoise:
+    def dc_noise(self, duration_s: float) -> DcNoise:
         """Give the variance of the mean over `duration_s` from the lowest bins, and say if that is honest."""
-        level = self.level(1.0 / duration_s, target_dof=target_dof)
+        low = self.frequency_hz * duration_s <= _LOW_BINS
+        if not low.any():
+            raise DataError(f"no spectral bins below {_LOW_BINS / duration_s:g} Hz: record longer")
+        level = _local_power_law(1.0 / duration_s, self.frequency_hz[low], self.psd[low], self.weight[low])
         variance = level.psd / (2.0 * duration_s)
         slope = f"f^{level.slope:+.1f} +- {level.slope_sigma:.1f} near 1/T"
         if level.slope - 2.0 * level.slope_sigma < _WHITE_ENOUGH:
@@ -136,9 +140,7 @@ def pooled_psd(spectra: Iterable[Spectrum]) -> Spectrum:
     return Spectrum(frequency_hz[order], psd[order], weight[order])
 
 
-def _local_power_law(
-    at_hz: float, frequency_hz: FloatArray, psd: FloatArray, weight: FloatArray
-) -> NoiseLevel:
+def _local_power_law(at_hz: float, frequency_hz: FloatArray, psd: FloatArray, weight: FloatArray) -> NoiseLevel:
     """Fit S = exp(a) (f / at)^b by Fisher scoring of the Whittle likelihood with a prior on the slope b."""
     floor = np.finfo(float).tiny
     if not np.any(psd > floor):
@@ -162,10 +164,14 @@ def _local_power_law(
         estimate, current = estimate + step, trial
         if np.abs(step).max() < 1e-6:
             break
-    variance = np.diag(np.linalg.inv(information))
+    covariance = np.linalg.inv(information)
+    variance = np.diag(covariance)
+    # Second-order bias of the estimate (Cordeiro and McCullagh 1991) beyond that of a log chi-squared.
+    leverage = np.einsum("ib,ij,jb->b", design, covariance, design)
+    bias = 0.5 * (variance[0] - covariance[0] @ (design * weight) @ leverage)
     return NoiseLevel(
         frequency_hz=at_hz,
-        psd=float(np.exp(estimate[0])),
+        psd=float(np.exp(estimate[0] - bias)),
         dof=2.0 / float(variance[0]),
         slope=float(estimate[1]),
         slope_sigma=float(np.sqrt(variance[1])),

@@ -69,10 +69,11 @@ class HarmonicFit:
 class HarmonicBasis:
     """Columns 1, t, cos and sin of the harmonics of a frequency, factorised once for many channels.
 
-    `t_s` of shape (samples,) need not hold whole periods nor be free of gaps. `lines_hz` are further lines
-    to be fitted (the mains), which then neither leak into the harmonics nor count as noise. Raises
-    `DataError` when the record is shorter than one period, a line lies at or above the Nyquist frequency,
-    or the columns cannot be told apart.
+    `t_s` of shape (samples,) need not hold whole periods nor be free of gaps. `drift` keeps the slow part of
+    red noise out of the amplitudes' half that is odd about the middle of the record: f^-1.64 noise adds 60 %
+    to its variance without, 20 % with. `lines_hz` are further lines to be fitted (the mains), which then
+    neither leak into the harmonics nor count as noise. Raises `DataError` when the record is shorter than one
+    period, a line lies at or above the Nyquist frequency, or the columns cannot be told apart.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class HarmonicBasis:
         t_s: FloatArray,
         frequency_hz: float,
         harmonics: int = 3,
-        drift: bool = False,
+        drift: bool = True,
         *,
         lines_hz: tuple[float, ...] = (),
     ) -> None:
@@ -210,7 +211,7 @@ def refine_frequency(
     frequency_hz: float,
     *,
     harmonics: int = 3,
-    drift: bool = False,
+    drift: bool = True,
     lines_hz: tuple[float, ...] = (),
 ) -> FrequencyFit:
     """Find the frequency of the record `x`, shape (samples,), near `frequency_hz`.
@@ -265,7 +266,7 @@ def _time_base(t_s: FloatArray) -> tuple[float, float]:
 def _guarded_inverse(triangle: FloatArray, basis: HarmonicBasis) -> FloatArray:
     norms = np.linalg.norm(triangle, axis=0)
     condition = np.linalg.cond(triangle / np.where(norms > 0.0, norms, 1.0))
-    if basis.samples < triangle.shape[1] or not condition < _MAX_CONDITION:
+    if basis.samples <= triangle.shape[1] or not condition < _MAX_CONDITION:
         raise DataError(
             f"{basis.samples} samples over {basis.duration_s:g} s cannot tell the fit's columns apart "
             f"(condition {condition:.1g}): record longer or fit fewer harmonics and lines"
