@@ -145,7 +145,11 @@ class AcquisitionCommands:
 
         if not wait:
             return remove()
-        return Pending(lambda: there() or meter.idle, remove, lambda: meter.stored_s(count - len(meter.memory)))
+
+        def wake_s() -> float:
+            return min(meter.stored_s(count - len(meter.memory)), meter.idle_s())
+
+        return Pending(lambda: there() or meter.idle, remove, wake_s)
 
     def _points(self) -> str:
         self._meter.advance()

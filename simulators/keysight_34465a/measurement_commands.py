@@ -102,7 +102,7 @@ class MeasurementCommands:
         node = "[SENSe:]VOLTage[:DC]"
         return (
             *setting(f"{node}:RANGe", VOLTAGE_RANGE, lambda: self._setup.range_v, self._set_range),
-            *setting(f"{node}:RANGe:AUTO", ONCE, lambda: int(self._setup.autorange), self._set_autorange),
+            *setting(f"{node}:RANGe:AUTO", ONCE, lambda: str(int(self._setup.autorange)), self._set_autorange),
             *setting(f"{node}:RESolution", self._resolution, self._resolution_v, self._set_resolution),
             *setting(f"{node}:IMPedance:AUTO", Boolean(), *stored(self._meter, "impedance_auto")),
         )
@@ -167,7 +167,7 @@ class MeasurementCommands:
             *setting(
                 f"[SENSe:]{node}:ZERO:AUTO",
                 ONCE,
-                lambda: int(now().autozero),
+                lambda: str(int(now().autozero)),
                 lambda mode: put(autozero=mode == "ON"),
             ),
         )

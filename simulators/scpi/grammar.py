@@ -62,7 +62,8 @@ _PATTERN_SIGNS = {"[": "(?:", "]": ")?", "{": "(?:", "}": ")", "?": r"\?", "*": 
 _WHITE = "".join(map(chr, range(33)))
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?)\s*([A-Z]*)", re.IGNORECASE | re.ASCII)
 _WORD = re.compile(r"[A-Z][A-Z0-9_]*", re.IGNORECASE | re.ASCII)
-_MULTIPLIERS = {"": 1.0, "K": 1e3, "MA": 1e6, "G": 1e9, "M": 1e-3, "U": 1e-6, "N": 1e-9, "P": 1e-12}
+_DIVISORS = {"": 1.0, "K": 1e-3, "MA": 1e-6, "G": 1e-9, "M": 1e3, "U": 1e6, "N": 1e9, "P": 1e12}
+"""Divisors, because 20 us is 20 / 1e6 to the last bit and 20 * 1e-6 is not."""
 
 
 def split_message(message: str) -> list[str]:
@@ -195,7 +196,7 @@ class Boolean:
             return text.upper() == "ON"
         if _WORD.fullmatch(text):
             raise ScpiError(-224)
-        return round(_quantity(text, "")) != 0
+        return abs(_quantity(text, "")) >= 0.5
 
     def format(self, value: bool) -> str:
         """1 or 0."""
@@ -232,6 +233,6 @@ def _quantity(text: str, unit: str) -> float:
         raise ScpiError(-104)
     suffix = match[2].upper()
     multiplier = suffix.removesuffix(unit) if unit else suffix
-    if (suffix and not unit) or multiplier not in _MULTIPLIERS or (multiplier and multiplier == suffix):
+    if (suffix and not unit) or multiplier not in _DIVISORS or (multiplier and multiplier == suffix):
         raise ScpiError(-131)
-    return float(match[1]) * _MULTIPLIERS[multiplier]
+    return float(match[1]) / _DIVISORS[multiplier]
