@@ -124,7 +124,7 @@ class Bench:
         self.lasers.arm(samples, period_s)
         first_s = self.clock.now_s() + 0.3
         self.line.begin(first_s, period_s, samples if edges is None else edges)
-        return first_s + period_s * np.arange(samples), self.lasers.collect()
+        return np.asarray(first_s + period_s * np.arange(samples)), self.lasers.collect()
 
 
 def ramp(times_s: FloatArray) -> FloatArray:

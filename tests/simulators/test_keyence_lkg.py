@@ -445,6 +445,18 @@ def test_an_offset_is_added_and_auto_zero_taken_away(generation: str) -> None:
 
 
 @both_generations
+def test_each_program_measures_with_its_own_settings(generation: str) -> None:
+    bench = Bench(generation, constant(2.0), mode_return_s=0.0)
+    bench.ask("PW,3")
+    bench.set(f"SW,OF,{OUTPUT[generation]},+010000")
+    shown = [bench.ask(MEASURE[generation]).rpartition(",")[2]]
+    for program in "03":
+        bench.ask(f"PW,{program}")
+        shown.append(bench.ask(MEASURE[generation]).rpartition(",")[2])
+    assert shown == ["+03.0000", "+02.0000", "+03.0000"]
+
+
+@both_generations
 def test_auto_zero_without_a_value_changes_nothing(generation: str) -> None:
     lost = [True]
     bench = Bench(generation, lambda t: np.full_like(t, math.nan if lost[0] else 3.0))
