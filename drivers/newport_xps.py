@@ -1,0 +1,323 @@
+"""Newport XPS (C8, Q8, D, RL): a rotation stage in a group of its own.
+
+Facts from Newport's programmer's manual and the drivers in public use (newportxps, EPICS motorNewport, ESRF
+BLISS). Motion functions block their socket until the motion has ended, so there are two: motions go over
+one; angle, status and stop over the other. Where the sources are silent the driver decides:
+
+- A motion that has not ended in time is stopped, never repeated.
+- A home search ignores `GroupMoveAbort`: it is stopped by killing the group, which must then be homed anew.
+- Speed and acceleration are set before the first motion, and the user travel limits in the controller must
+  reach at least as far as the limits set here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import threading
+from collections.abc import Iterator
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.newport_xps_socket import Reply, XpsSocket
+from drivers.transport import Connect
+from rigctl.clock import Clock
+from rigctl.errors import (
+    BadReply,
+    InstrumentError,
+    LimitError,
+    LinkError,
+    LinkTimeout,
+    MotionStopped,
+    RigError,
+    WrongInstrument,
+)
+from rigctl.interfaces import Identity, Reading, RotationLimits
+
+NOT_INITIALISED = frozenset({*range(10), 50, 63, 66, 67, 71, 72, 83, 106})
+READY = frozenset({*range(10, 20), 56, 70, 77})
+DISABLED = frozenset(range(20, 39))
+NOT_REFERENCED = 42
+ONLY_KILL_STOPS = frozenset({41, 43, 49})
+
+NOT_ALLOWED, ABORTED = -22, -27
+ERROR_TEXTS = {
+    -1: "socket busy with the previous command",
+    -4: "unknown command",
+    -5: "not allowed due to a positioner error or hardware status",
+    -9: "wrong number of parameters",
+    -17: "parameter out of range",
+    -18: "unknown positioner name",
+    -19: "unknown group name",
+    -21: "controller is initialising",
+    -22: "not allowed in this state",
+    -25: "following error",
+    -26: "emergency signal",
+    -27: "move aborted",
+    -28: "home search timeout",
+    -31: "home position out of range",
+    -33: "motion done timeout",
+    -35: "beyond the travel limits",
+    -45: "end of run",
+    -49: "home search: mechanical zero error",
+    -50: "motor initialisation error",
+    -108: "socket closed by administrator",
+    -113: "both end-of-runs active",
+}
+
+
+class XpsSettings(BaseModel):
+    """The stage's keys in a rig file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    group: str = Field(default="Group1", pattern=r"^[\w-]+$")
+    positioner: str = Field(default="Pos", pattern=r"^[\w-]+$")
+    """Without the group: `Pos` for `Group1.Pos`."""
+    angle_min_deg: float = -170.0
+    angle_max_deg: float = 170.0
+    speed_deg_s: float = Field(default=20.0, gt=0, allow_inf_nan=False)
+    acceleration_deg_s2: float = Field(default=80.0, gt=0, allow_inf_nan=False)
+    link_timeout_s: float = Field(default=2.0, gt=0)
+    motion_timeout_s: float = Field(default=120.0, gt=0)
+
+    @model_validator(mode="after")
+    def _range_is_not_empty(self) -> Self:
+        if not self.angle_min_deg < self.angle_max_deg:
+            raise ValueError("angle_min_deg must lie below angle_max_deg")
+        return self
+
+
+class NewportXps:
+    """A rotation stage that is the only positioner of its group; angles in degrees."""
+
+    def __init__(self, name: str, settings: XpsSettings, connect: Connect, clock: Clock) -> None:
+        self.name = name
+        self.limits = RotationLimits(
+            settings.angle_min_deg,
+            settings.angle_max_deg,
+            settings.speed_deg_s,
+            settings.acceleration_deg_s2,
+        )
+        self._settings = settings
+        self._group = settings.group
+        self._positioner = f"{settings.group}.{settings.positioner}"
+        self._clock = clock
+        self._motions = XpsSocket(name, connect)
+        self._queries = XpsSocket(name, connect)
+        self._open = False
+        self._prepared = False
+        self._stops = 0
+        self._one_motion = threading.Lock()
+        self._starting = threading.Lock()
+
+    # instrument
+
+    def open(self) -> None:
+        """Make both connections and check that an XPS answers; moves nothing."""
+        self._prepared = False
+        try:
+            self._queries.open()
+            self._motions.open()
+            self._open = True
+            self.identify()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Disconnect; may be called twice. A motion goes on."""
+        self._open = False
+        self._motions.close()
+        self._queries.close()
+
+    def identify(self) -> Identity:
+        """Model and firmware as `FirmwareVersionGet` tells them; `WrongInstrument` when it is no XPS."""
+        request = "FirmwareVersionGet(char *)"
+        try:
+            reply = self._query(request)
+        except BadReply as error:
+            raise WrongInstrument(str(error), instrument=self.name) from error
+        model = re.search(r"XPS(-\w+)?", reply.text)
+        if reply.code != 0 or model is None:
+            raise WrongInstrument(
+                f"{self.name}: no XPS answers, {request!r} gave {reply.code},{reply.text!r}; check the address",
+                instrument=self.name,
+                code=str(reply.code),
+                text=reply.text,
+            )
+        version = re.search(r"[Vv]\d[\w.]*", reply.text)
+        return Identity(model[0], "", version[0] if version else "", reply.text)
+
+    def stop(self) -> None:
+        """Abort a move, kill a homing group; returns when the controller has accepted it."""
+        with self._starting:
+            self._stops += 1
+        if not self._open:
+            return
+        try:
+            self._halt()
+        except LinkError:
+            self._halt()
+
+    # rotation stage
+
+    def home(self) -> None:
+        """Initialise, enable and find the reference; only what is still to be done of it."""
+        stops = self._stops
+        with self._one_motion:
+            self._prepare()
+            status = self._status()
+            if status in NOT_INITIALISED:
+                self._move(f"GroupKill({self._group})", stops)
+                self._move(f"GroupInitialize({self._group})", stops)
+                status = self._status()
+            if status in DISABLED:
+                self._move(f"GroupMotionEnable({self._group})", stops)
+                status = self._status()
+            if status == NOT_REFERENCED:
+                self._move(f"GroupHomeSearch({self._group})", stops)
+                status = self._status()
+            if status not in READY:
+                raise self._not_ready(status)
+
+    def is_homed(self) -> bool:
+        """True when the group is in one of its ready states."""
+        return self._status() in READY
+
+    def move_to(self, angle_deg: float) -> None:
+        """Move and return when the controller reports motion done."""
+        low_deg, high_deg = self.limits.angle_min_deg, self.limits.angle_max_deg
+        if not low_deg <= angle_deg <= high_deg:
+            raise LimitError(f"{self.name}: {angle_deg:g} deg is outside the limits {low_deg:g} to {high_deg:g} deg")
+        stops = self._stops
+        with self._one_motion:
+            if not self._prepared:
+                self._prepare()
+            self._move(f"GroupMoveAbsolute({self._group},{_decimal(angle_deg)})", stops)
+
+    def angle(self) -> Reading:
+        """The encoder's angle [deg] half-way between question and answer."""
+        asked_s = self._clock.now_s()
+        (angle_deg,) = self._numbers(f"GroupPositionCurrentGet({self._group},double *)", 1)
+        return Reading(angle_deg, "deg", 0.5 * (asked_s + self._clock.now_s()))
+
+    # what these are made of
+
+    def _prepare(self) -> None:
+        """Compare the travel limits and set speed and acceleration, keeping the jerk times."""
+        low_deg, high_deg = self._numbers(f"PositionerUserTravelLimitsGet({self._positioner},double *,double *)", 2)
+        if low_deg > self.limits.angle_min_deg or high_deg < self.limits.angle_max_deg:
+            raise LimitError(
+                f"{self.name}: the limits {self.limits.angle_min_deg:g} to {self.limits.angle_max_deg:g} deg reach "
+                f"beyond the controller's own, {low_deg:g} to {high_deg:g} deg; narrow angle_min_deg and "
+                "angle_max_deg, or widen the user travel limits of the stage"
+            )
+        outputs = ",".join(["double *"] * 4)
+        *_, jerk_min_s, jerk_max_s = self._numbers(f"PositionerSGammaParametersGet({self._positioner},{outputs})", 4)
+        parameters = (self.limits.speed_deg_s, self.limits.acceleration_deg_s2, jerk_min_s, jerk_max_s)
+        self._succeed(f"PositionerSGammaParametersSet({self._positioner},{','.join(map(_decimal, parameters))})")
+        self._prepared = True
+
+    def _move(self, request: str, stops: int) -> None:
+        """Call a function over the motion socket once, unless somebody has stopped us since `stops`."""
+        try:
+            reply = self._motions.exchange(request, self._settings.motion_timeout_s, self._start(request, stops))
+        except LinkTimeout:
+            with contextlib.suppress(RigError):
+                self._halt()
+            raise
+        if reply.code == ABORTED or (reply.code < 0 and self._stops != stops):
+            raise self._stopped(request, str(reply.code))
+        self._check(request, reply)
+
+    @contextlib.contextmanager
+    def _start(self, request: str, stops: int) -> Iterator[None]:
+        """Nobody can call `stop` between the look and the start of the motion."""
+        with self._starting:
+            if self._stops != stops:
+                raise self._stopped(request)
+            yield
+
+    def _halt(self) -> None:
+        request = f"GroupMoveAbort({self._group})"
+        reply = self._query(request)
+        if reply.code == 0:
+            return
+        if self._status() in ONLY_KILL_STOPS:
+            self._succeed(f"GroupKill({self._group})")
+        elif reply.code != NOT_ALLOWED:
+            raise self._refused(request, reply.code)
+
+    def _status(self) -> int:
+        return int(self._numbers(f"GroupStatusGet({self._group},int *)", 1)[0])
+
+    def _numbers(self, request: str, count: int) -> tuple[float, ...]:
+        reply = self._query(request)
+        self._check(request, reply)
+        try:
+            return reply.numbers(count)
+        except ValueError as error:
+            raise BadReply(
+                f"{self.name}: {request!r} gave {reply.text[:80]!r}: {error}; check the firmware's version",
+                instrument=self.name,
+                text=reply.text,
+            ) from error
+
+    def _succeed(self, request: str) -> None:
+        self._check(request, self._query(request))
+
+    def _query(self, request: str) -> Reply:
+        return self._queries.exchange(request, self._settings.link_timeout_s)
+
+    def _check(self, request: str, reply: Reply) -> None:
+        if reply.code != 0:
+            raise self._refused(request, reply.code)
+
+    def _refused(self, request: str, code: int) -> InstrumentError:
+        text = self._look_up(f"ErrorStringGet({code},char *)") or ERROR_TEXTS.get(code, "unknown error")
+        return InstrumentError(
+            f"{self.name}: {request!r} failed with {code} ({text}){self._advice(code)}",
+            instrument=self.name,
+            code=str(code),
+            text=text,
+        )
+
+    def _advice(self, code: int) -> str:
+        if code != NOT_ALLOWED:
+            return ""
+        with contextlib.suppress(RigError):
+            status = self._status()
+            return f" in state {status} ({self._status_text(status)}); home the stage"
+        return "; home the stage"
+
+    def _not_ready(self, status: int) -> InstrumentError:
+        text = self._status_text(status)
+        return InstrumentError(
+            f"{self.name}: group {self._group} is in state {status} ({text}), not ready to move; "
+            "stop it, then home it",
+            instrument=self.name,
+            code=str(status),
+            text=text,
+        )
+
+    def _status_text(self, status: int) -> str:
+        return self._look_up(f"GroupStatusStringGet({status},char *)") or "no text"
+
+    def _look_up(self, request: str) -> str:
+        """A text for a message, empty when it cannot be had."""
+        with contextlib.suppress(LinkError, BadReply):
+            reply = self._query(request)
+            return reply.text if reply.code == 0 else ""
+        return ""
+
+    def _stopped(self, request: str, code: str = "") -> MotionStopped:
+        return MotionStopped(
+            f"{self.name}: {request!r} was stopped", instrument=self.name, code=code, text="motion stopped"
+        )
+
+
+def _decimal(value: float) -> str:
+    """A micro-unit is far below the resolution; no exponent, no negative zero."""
+    return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
