@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
+from simulators.worlds.keyed_random import generator
 
 FloatArray = NDArray[np.float64]
 
@@ -15,12 +16,12 @@ FloatArray = NDArray[np.float64]
 class PositionCapture:
     """Latches nothing while time passes: what was recorded follows from the edges and the axis' past.
 
-    `noise_key` goes with the seed into the encoder's noise; whoever wants every run to have its own noise,
+    `run_key` goes with the seed into the encoder's noise; whoever wants every run to have its own noise,
     whenever it is made, changes it from run to run.
     """
 
     def __init__(self, axis: MotionAxis, trigger: TriggerLine, settings: EnsembleSimulatorSettings) -> None:
-        self.noise_key: tuple[int, ...] = ()
+        self.run_key: tuple[int, ...] = ()
         self._axis = axis
         self._line = trigger
         self._settings = settings
@@ -81,7 +82,7 @@ class PositionCapture:
             return np.zeros(len(times_s))
         position_mm = self._axis.sample(times_s)[0] - self._zero_mm
         if s.encoder_noise_mm:
-            random = np.random.default_rng([s.seed, *self.noise_key])
+            random = generator(s.seed, "captured encoder", *self.run_key)
             position_mm = position_mm + random.normal(0.0, s.encoder_noise_mm, len(times_s))
         counts = np.round(position_mm * s.counts_per_mm)
         return counts if s.capture_unit == "counts" else counts / s.counts_per_mm

@@ -15,13 +15,14 @@ from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisFault, AxisStatus, PlaneStatus
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis
+from simulators.worlds.keyed_random import generator
 
 SLOWEST_MM_S = 1e-4
 FREQUENCIES_HZ = (1e-3, 1e3)
 LIMIT_FAULTS = AxisFault.CW_HARD_LIMIT | AxisFault.CCW_HARD_LIMIT | AxisFault.CW_SOFT_LIMIT | AxisFault.CCW_SOFT_LIMIT
 
 
-class Faulted(Exception):  # noqa: N818 - the manual's word for the answer `#`
+class Faulted(Exception):
     """Understood but not executed."""
 
 
@@ -186,7 +187,7 @@ class AxisController:
         s = self._settings
         position_mm = self._axis.position(now_s) - self.zero_mm
         if s.encoder_noise_mm:
-            random = np.random.default_rng([s.seed, abs(round(now_s * 1e9))])
+            random = generator(s.seed, "encoder", round(now_s * 1e9))
             position_mm += random.normal(0.0, s.encoder_noise_mm)
         return round(position_mm * s.counts_per_mm) / s.counts_per_mm
 
@@ -333,7 +334,7 @@ class AxisController:
     def _limit_levels(self, position_mm: float) -> AxisStatus:
         s = self._settings
         setup = int(self._parameters[Parameter.END_OF_TRAVEL_LIMIT_SETUP])
-        levels = AxisStatus(0)
+        levels = AxisStatus.ESTOP_LEVEL if s.estop_level else AxisStatus(0)
         if (position_mm >= s.travel_max_mm) == bool(setup & 4):
             levels |= AxisStatus.CW_LIMIT_LEVEL
         if (position_mm <= s.travel_min_mm) == bool(setup & 2):

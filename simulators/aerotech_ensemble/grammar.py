@@ -18,7 +18,7 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?"
 _A_NUMBER = re.compile(_NUMBER, re.ASCII)
 
 
-class Invalid(Exception):  # noqa: N818 - the manual's word for the answer `!`
+class Invalid(Exception):
     """Not understood: syntax, keyword, or argument."""
 
 

@@ -40,17 +40,18 @@ class SimulatedEnsemble:
         """The axis' state machine, for those who make faults happen."""
         return self._interpreter.axis
 
-    def use_noise_key(self, *key: int) -> None:
+    def announce_run(self, *key: int) -> None:
         """Name the run whose encoder noise the next capture has."""
-        self._interpreter.capture.noise_key = key
+        self._interpreter.capture.run_key = key
 
     def connect(self, send: Callable[[bytes], None]) -> _Client:
         """Serve one more client: at once when it is the only one, else when those before it have gone."""
-        client = _Client(self, send, self._clock)
-        self._clients.append(client)
-        if client is self._clients[0]:
-            self._begin_service(client)
-        return client
+        with self._clock.lock:
+            client = _Client(self, send, self._clock)
+            self._clients.append(client)
+            if client is self._clients[0]:
+                self._begin_service(client)
+            return client
 
     def received(self, client: _Client) -> None:
         """Interpret the lines of a client whose turn it is."""
@@ -158,10 +159,11 @@ class _Client:
 
     def receive(self, data: bytes) -> None:
         """Take bytes; whole lines are answered in order."""
-        if not self.hung_up:
-            self.last_s = self._clock.now_s()
-            self._received += data
-            self._instrument.received(self)
+        with self._clock.lock:
+            if not self.hung_up:
+                self.last_s = self._clock.now_s()
+                self._received += data
+                self._instrument.received(self)
 
     def take_line(self) -> bytes | None:
         """The next complete line without its terminator."""
@@ -174,6 +176,7 @@ class _Client:
     def send(self, data: bytes) -> None:
         """Reply, if anybody is there."""
         if not self.hung_up:
+            self.last_s = self._clock.now_s()
             self._send(data)
 
     def hang_up(self) -> None:
@@ -183,4 +186,5 @@ class _Client:
 
     def close(self) -> None:
         """The client has gone."""
-        self.hang_up()
+        with self._clock.lock:
+            self.hang_up()

@@ -35,7 +35,7 @@ class Blocked:
     until_s: float
 
 
-class Restarting(Exception):  # noqa: N818 - not an error: RESET
+class Restarting(Exception):
     """The controller boots; nobody is answered."""
 
 

@@ -13,10 +13,10 @@ BISECTIONS = 50
 
 
 def first_crossing_s(axis: MotionAxis, from_s: float, until_s: float, bound: float, side: int) -> float:
-    """When the axis, moving outwards, first is beyond `bound` (side 1: above it, -1: below); inf if never."""
+    """When the axis first is farther out than now and beyond `bound` (side 1: above it, -1: below); inf if never."""
     times_s = np.linspace(from_s, until_s, SAMPLES)
-    position, velocity, _ = axis.sample(times_s)
-    crossed = np.flatnonzero((side * (position - bound) > 0.0) & (side * velocity >= 0.0))
+    position = axis.sample(times_s)[0]
+    crossed = np.flatnonzero((side * (position - bound) > 0.0) & (side * (position - position[0]) > 0.0))
     if len(crossed) == 0:
         return math.inf
     late_s = float(times_s[crossed[0]])

@@ -46,6 +46,9 @@ class EnsembleSimulatorSettings(BaseModel):
     """RMS of white noise on every encoder reading."""
     seed: int = 0
 
+    estop_level: bool = False
+    """The E-stop input's level, bit 31: high makes the status word negative. Only a level, not a fault."""
+
     home_position_mm: float = 0.0
     """Where the reference mark is, in the stage's own coordinate."""
     home_speed_mm_s: float = Field(default=10.0, gt=0)
