@@ -49,8 +49,7 @@ class DataStorage:
         return self._running
 
     def count(self, output: int) -> int:
-        """Values stored of an output."""
-        self._look()
+        """Values stored of an output when last looked at."""
         return self._count if output in self._plan.outputs else 0
 
     def values(self, output: int) -> FloatArray:

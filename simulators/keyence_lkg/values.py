@@ -15,10 +15,9 @@ def format_value(value_mm: float, decimals: int) -> str:
     if math.isnan(value_mm):
         return NO_VALUE
     for places in range(decimals if math.isfinite(value_mm) else 0, 0, -1):
-        # Adding zero takes the sign from what rounds to nothing.
-        text = f"{round(value_mm, places) + 0.0:+08.{places}f}"
+        text = f"{value_mm:+08.{places}f}"
         if len(text) == 8:
-            return text
+            return text if text.strip("-0.") else text.replace("-", "+")
     return OVER_RANGE if value_mm > 0 else UNDER_RANGE
 
 
