@@ -105,6 +105,11 @@ class _Voltmeter(Keysight34465A):
         self._recording = False
         self._remaining = 0
 
+    def open(self) -> None:
+        """Connect, make sure it is a 34465A, end what it is doing and clear its errors."""
+        super().open()
+        self._recording, self._remaining = False, 0
+
     def channels(self) -> tuple[Channel, ...]:
         """One column of volts."""
         s = self.settings

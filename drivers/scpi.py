@@ -148,6 +148,7 @@ class ScpiLink:
     def _explained(self, query: str, transport: Transport, silence: LinkTimeout) -> LinkTimeout:
         """The time-out with the instrument's own error: a query it does not understand gets no reply."""
         try:
+            transport.discard_input()
             transport.write(b"SYST:ERR?\n")
             for _ in range(_ERRORS_KEPT):  # the late reply may come first
                 match = _ERROR.fullmatch(_text(transport.read_until(b"\n", self.timeout_s)))
@@ -155,9 +156,8 @@ class ScpiLink:
                     break
         except (LinkTimeout, LinkLost):
             match = None
-        if match is None:
-            return LinkTimeout(f"{self.name}: no reply to {query}: {silence}")
-        return LinkTimeout(f"{self.name}: no reply to {query}; the instrument says {match[0]}")
+        said = f"; the instrument says {match[0]}" if match else ""
+        return LinkTimeout(f"{self.name}: no reply to {query}{said} ({silence})")
 
     def _error(self, reply: str) -> tuple[str, str]:
         match = _ERROR.fullmatch(reply)
