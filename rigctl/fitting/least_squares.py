@@ -138,8 +138,11 @@ def least_squares(
             break
         iterations += 1
         trial = problem.clipped(state.p + state.step(damping))
-        r = problem.extended(trial)
-        if np.isfinite(r).all() and r @ r < state.chi2:
+        # A step too far may leave the model's domain or overflow: it is then refused like any other ascent.
+        with np.errstate(all="ignore"):
+            r = problem.extended(trial)
+            descends = bool(r @ r < state.chi2)
+        if descends:
             damping = 0.0 if damping < 1e-3 else damping / 10.0
             state = problem.linearise(trial, r, state)
         elif damping > 1e8:

@@ -164,8 +164,8 @@ def _checked_weights(weights: FloatArray | None, n: int) -> FloatArray:
 
 def _sign_towards(nominal_axis: FloatArray, normal: FloatArray) -> float:
     nominal = np.asarray(nominal_axis, dtype=np.float64)
-    along = float(nominal @ normal) / float(np.linalg.norm(nominal))
-    if not abs(along) > 0.1:
+    along = float(nominal @ normal)
+    if not abs(along) > 0.1 * float(np.linalg.norm(nominal)):
         raise ProcedureError(
             "the nominal axis lies in the plane of the motion vectors: check which axis these mountings belong to"
         )
