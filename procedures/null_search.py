@@ -22,6 +22,7 @@ from rigctl.experiments.sensing_axis.model import RecordingModel
 from rigctl.experiments.sensing_axis.reduction import ReducedRun, noise_density, observables, reduce_run
 from rigctl.fitting.plane import ARCSEC
 
+ROLL = "roll-gravity"
 MAX_RUNS = 24
 MARGIN = 1.03
 """Time is planned this much longer than the noise asks for: a second visit costs more."""
@@ -74,11 +75,15 @@ class NullSearch:
 
     def fit(self) -> RecordingFit:
         """The model fitted to the runs of this mounting."""
+        bench = self.bench
         return fit_recording(
-            RecordingModel(
-                observables(self.runs), self.bench.package, self.bench.heads, self.bench.g_m_s2, self.effects
-            )
+            RecordingModel(observables(self.runs), bench.package, bench.heads, bench.g_m_s2, self._separable())
         )
+
+    def _separable(self) -> tuple[Effect, ...]:
+        """At one frequency roll is a shift of the null: it enters the model with the second one."""
+        one_frequency = len({round(run.frequency_hz, 2) for run in self.runs}) == 1
+        return tuple(effect for effect in self.effects if effect.id != ROLL or not one_frequency)
 
     def _approach(self, frequency_hz: float) -> NullPoint:
         """Short runs, each at the null as the last one told, until the guess stays on the spot."""
@@ -126,7 +131,7 @@ class NullSearch:
     def _frequencies(self) -> tuple[float, float]:
         """The lowest and the highest: they separate roll from angle best. Without roll the highest alone."""
         high_hz = max(self.settings.frequencies_hz)
-        with_roll = any(effect.id == "roll-gravity" for effect in self.effects)
+        with_roll = any(effect.id == ROLL for effect in self.effects)
         return (min(self.settings.frequencies_hz) if with_roll else high_hz), high_hz
 
     def _missing_s(self, null: NullPoint, low_hz: float, high_hz: float) -> float:

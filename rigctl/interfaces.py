@@ -121,9 +121,7 @@ class LinearStage(Instrument, Protocol):
         """Move and return when arrived."""
         ...
 
-    def oscillate(
-        self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float
-    ) -> None:
+    def oscillate(self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float) -> None:
         """Start a sinusoid about `centre_mm` that lasts at least `duration_s`; returns once it runs.
 
         `amplitude_mm` is half the peak-to-peak travel. The axis first goes where the motion starts.

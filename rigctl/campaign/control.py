@@ -9,8 +9,11 @@ from pathlib import Path
 from rigctl.campaign.store import Store
 from rigctl.errors import Aborted
 
-POLL_S = 0.2
-"""How often requests in the store are looked for (wall-clock)."""
+HEED_S = 0.02
+"""How often requests of this process are looked for (wall-clock)."""
+
+STORE_EVERY = 10
+"""Those in the store are looked for every so many times: five times a second."""
 
 
 class Control:
@@ -21,7 +24,8 @@ class Control:
         self._at_pause = at_pause
         self._paused = threading.Event()
         self._aborted = threading.Event()
-        self._reason = ""
+        self._asked = ""
+        self.reason = ""
 
     @property
     def paused(self) -> bool:
@@ -30,8 +34,8 @@ class Control:
 
     @property
     def aborted(self) -> bool:
-        """True once somebody asked to abort."""
-        return self._aborted.is_set()
+        """True once an abort has been carried out or asked for."""
+        return self._aborted.is_set() or bool(self._asked)
 
     def pause(self) -> None:
         """Hold at the next checkpoint."""
@@ -41,28 +45,38 @@ class Control:
         """End a pause."""
         self._paused.clear()
 
+    def ask_to_abort(self, reason: str) -> None:
+        """Have the watcher abort: safe in a signal handler, which may have interrupted anything."""
+        self._asked = self._asked or reason
+        self.reason = self.reason or reason
+
     def abort(self, reason: str) -> None:
         """Halt all motion now and end the campaign; what is recorded stays."""
-        self._reason = self._reason or reason
+        self.reason = self.reason or reason
         self._aborted.set()
         self._paused.clear()
         self._make_safe()
 
+    def heed(self) -> None:
+        """Carry out an abort that was asked for."""
+        if self._asked and not self._aborted.is_set():
+            self.abort(self._asked)
+
     def raise_if_aborted(self) -> None:
         """`Aborted` once somebody asked for it."""
         if self.aborted:
-            raise Aborted(self._reason)
+            raise Aborted(self.reason)
 
     def while_paused(self, idle: Callable[[], None]) -> None:
         """Bring the rig to rest and stay until the pause ends."""
         self._at_pause()
-        while self.paused:
+        while self.paused and not self.aborted:
             idle()
         self.raise_if_aborted()
 
 
 class RequestWatcher:
-    """Looks for requests that other processes write into the store, several times a second, in a thread."""
+    """Carries out requests in a thread: those of this process at once, those in the store several times a second."""
 
     def __init__(self, path: Path, control: Control) -> None:
         self._path = path
@@ -79,15 +93,18 @@ class RequestWatcher:
         self._thread.join()
 
     def _watch(self) -> None:
-        store = Store.open(self._path)
-        try:
-            while not self._ended.wait(POLL_S):
-                request = store.take_request()
-                if request == "pause":
-                    self._control.pause()
-                elif request == "resume":
-                    self._control.go_on()
-                elif request == "abort":
-                    self._control.abort("the operator asked for it (rigctl abort)")
-        finally:
-            store.close()
+        with Store.open(self._path) as store:
+            looks = 0
+            while not self._ended.wait(HEED_S):
+                self._control.heed()
+                looks += 1
+                if looks % STORE_EVERY == 0:
+                    self._obey(store.take_request())
+
+    def _obey(self, request: str | None) -> None:
+        if request == "pause":
+            self._control.pause()
+        elif request == "resume":
+            self._control.go_on()
+        elif request == "abort":
+            self._control.abort("the operator asked for it (rigctl abort)")

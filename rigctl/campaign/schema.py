@@ -73,9 +73,15 @@ def database_errors(path: Path) -> Iterator[None]:
     except sqlite3.IntegrityError as error:
         raise DataError(f"{path}: two programs write the same run ({error}); stop one of them") from error
     except sqlite3.DatabaseError as error:
+        if error.sqlite_errorcode == sqlite3.SQLITE_NOTADB:
+            raise DataError(_no_store(path)) from error
         raise DataError(
             f"{path}: the store is damaged ({error}); save what can be read with `rigctl export --salvage`"
         ) from error
+
+
+def _no_store(path: Path) -> str:
+    return f"{path}: not a campaign store; name a file made by `rigctl run` or `rigctl import`"
 
 
 def _operational(path: Path, text: str) -> str:
@@ -103,14 +109,8 @@ def prepare_for_writing(connection: sqlite3.Connection) -> None:
 
 def require_store(connection: sqlite3.Connection, path: Path) -> None:
     """Raise `DataError` unless the file is a campaign store."""
-    try:
-        (application_id,) = connection.execute("PRAGMA application_id").fetchone()
-    except sqlite3.DatabaseError as error:
-        raise DataError(
-            f"{path}: not a campaign store ({error}); name a file made by `rigctl run` or `import`"
-        ) from error
-    if application_id != APPLICATION_ID:
-        raise DataError(f"{path}: not a campaign store; name a file made by `rigctl run` or `import`")
+    if connection.execute("PRAGMA application_id").fetchone() != (APPLICATION_ID,):
+        raise DataError(_no_store(path))
 
 
 def schema_version(connection: sqlite3.Connection) -> int:

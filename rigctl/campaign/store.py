@@ -28,6 +28,7 @@ from rigctl.interfaces import FloatArray, Identity
 
 _RUN = "SELECT run_id, key, step, conditions, valid, reason, state FROM runs"
 _CUT_OFF = "UPDATE runs SET state = 'interrupted', reason = 'cut off' WHERE key = ? AND state = 'acquiring'"
+_ENDS = {"ASC": "first on", "DESC": "last back"}
 
 
 @dataclass(frozen=True)
@@ -78,17 +79,21 @@ class Store:
         return cls(path, connection, header)
 
     @classmethod
-    def open(cls, path: Path, *, readonly: bool = False) -> Store:
+    def open(cls, path: Path, *, readonly: bool = False, salvage: bool = False) -> Store:
         """An existing campaign file, brought to the current schema unless `readonly`.
 
-        `DataError` when it is missing, not a store, or of a newer schema.
+        `salvage` reads on in a file that was cut short. `DataError` when it is missing, not a store, or of a
+        newer schema.
         """
         if not path.is_file():
             raise DataError(f"{path}: no such store; check the name, or make one with `rigctl run` or `import`")
         connection = schema.connect(path, readonly=readonly)
         try:
-            schema.require_store(connection, path)
             with schema.database_errors(path):
+                if salvage:
+                    # Lets SQLite read a file that is shorter than its first page says.
+                    connection.execute("PRAGMA writable_schema = ON")
+                schema.require_store(connection, path)
                 schema.bring_up(connection, path, readonly=readonly)
                 header = connection.execute("SELECT data FROM header").fetchone()
             return cls(path, connection, header_from_json(header[0]))
@@ -152,6 +157,22 @@ class Store:
         """Runs begun and never finished: cut off or, while a campaign is at it, still `acquiring`."""
         return self._records("WHERE state <> 'finished' ORDER BY number")
 
+    def salvageable_runs(self, lost: list[str]) -> Iterator[RunRecord]:
+        """Every run a damaged store still knows, finished or not, from both ends; `lost` gains what it does not."""
+        seen: set[str] = set()
+        for direction in ("ASC", "DESC"):
+            try:
+                for row in self._connection.execute(f"{_RUN} ORDER BY number {direction}"):
+                    if row[0] in seen:
+                        return
+                    record = _record(row)
+                    seen.add(record.run_id)
+                    yield record
+            except (sqlite3.DatabaseError, ValueError) as error:
+                lost.append(f"{self.path}: no more runs from the {_ENDS[direction]} ({error})")
+            else:
+                return
+
     def samples(self, run_id: str) -> dict[str, FloatArray]:
         """The columns of a run, each of shape (samples,), in the order they first came.
 
@@ -195,10 +216,7 @@ class Store:
         return f"the nearest are {', '.join(difflib.get_close_matches(run_id, known, n=3, cutoff=0.0))}"
 
     def _records(self, clause: str, values: Sequence[object] = ()) -> list[RunRecord]:
-        return [
-            RunRecord(run_id, key, step, json.loads(conditions), bool(valid), reason, state)
-            for run_id, key, step, conditions, valid, reason, state in self._read(f"{_RUN} {clause}", values)
-        ]
+        return [_record(row) for row in self._read(f"{_RUN} {clause}", values)]
 
     # Events, requests, status
 
@@ -288,6 +306,11 @@ class Store:
         number = self._connection.execute(statement, values).lastrowid
         assert number is not None
         return number
+
+
+def _record(row: tuple[Any, ...]) -> RunRecord:
+    run_id, key, step, conditions, valid, reason, state = row
+    return RunRecord(run_id, key, step, json.loads(conditions), bool(valid), reason, state)
 
 
 def _now() -> str:

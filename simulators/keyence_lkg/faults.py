@@ -15,7 +15,7 @@ class Fault(Enum):
     PARAMETER = auto()
 
 
-class Refused(Exception):  # noqa: N818
+class Refused(Exception):
     """The command at hand cannot be done."""
 
     def __init__(self, fault: Fault) -> None:

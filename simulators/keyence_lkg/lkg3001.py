@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,7 +33,6 @@ _STATISTICS_SPAN_S = 60.0
 """How far back the statistics reach; less than the world remembers."""
 
 
-@dataclass(frozen=True)
 class Lkg3001Settings(LkgSettings):
     """The first generation's defaults: 65 536 values per output, all outputs stored."""
 

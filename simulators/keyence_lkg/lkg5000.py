@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from simulators.clock import SimulationClock
 from simulators.keyence_lkg.controller import Command, Controller
@@ -30,7 +29,6 @@ MODEL = Model(
 _ALL = tuple(range(MODEL.outputs))
 
 
-@dataclass(frozen=True)
 class Lkg5000Settings(LkgSettings):
     """The second generation's defaults: 1 200 000 values shared by the outputs chosen with SW,OK."""
 

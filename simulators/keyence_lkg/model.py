@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from pydantic import BaseModel, ConfigDict
+
 from simulators.keyence_lkg.faults import Fault
 from simulators.keyence_lkg.registers import Register, digits, six_digits, switch
 
 
-@dataclass(frozen=True)
-class LkgSettings:
+class LkgSettings(BaseModel):
     """How a simulated controller is built and configured, and what the sources leave open.
 
     `decimals` of the value in mm; `storage_values` is the capacity; `stores_all_outputs` without being asked
@@ -18,6 +19,8 @@ class LkgSettings:
     the counts in the storage status. The reply to R0 takes `mode_return_s`, and for `mode_settle_s` more,
     measuring is refused. Every reply takes `reply_delay_s`.
     """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     range_mm: float = 15.0
     decimals: int = 4

@@ -51,15 +51,18 @@ class RecordingFit:
         if not self.model.heads:
             return NullPoint(axis, configuration, mounting, values[0], sigma, None, None)
         nominal = self.model.package.turntable_from_cube(axis, configuration)
+        slopes = _slopes(values, nominal)
+        vector = motion_in_cube(values[0], values[1:], nominal)
+        return NullPoint(axis, configuration, mounting, values[0], sigma, vector, slopes @ covariance @ slopes.T)
 
-        def vector(p: FloatArray) -> FloatArray:
-            return motion_in_cube(p[0], p[1:], nominal)
-
-        step = 1e-6
-        slopes = np.stack([(vector(values + e) - vector(values - e)) / (2 * step) for e in step * np.eye(4)], 1)
-        return NullPoint(
-            axis, configuration, mounting, values[0], sigma, vector(values), slopes @ covariance @ slopes.T
-        )
+    def vector_slopes(self, axis: str, configuration: str, mounting: int) -> FloatArray:
+        """d(vector) / d(parameters of the fit) of one mounting, shape (3, parameters)."""
+        label = f"{axis},{configuration},{mounting}"
+        where = [self.model.index(f"{base}[{label}]") for base in ("theta0", "delta_x", "delta_y", "delta_z")]
+        nominal = self.model.package.turntable_from_cube(axis, configuration)
+        slopes = np.zeros((3, len(self.result.values)))
+        slopes[:, where] = _slopes(self.result.values[where], nominal)
+        return slopes
 
     def nulls(self) -> list[NullPoint]:
         """The nulls of all mountings, in the order of their runs."""
@@ -88,6 +91,12 @@ def fit_recording(model: RecordingModel) -> RecordingFit:
     return RecordingFit(model, result)
 
 
+def residuals_of(model: RecordingModel, values: FloatArray) -> FloatArray:
+    """Whitened residuals, data - model, of a model at given values, in the order of `FitResult.residuals`."""
+    measured, sigma = _measured(model)
+    return ((measured - _observe(model.predict(values))) / sigma)[np.isfinite(sigma)]
+
+
 def _observe(prediction: Prediction) -> FloatArray:
     accel = prediction.accel_v
     parts = [accel[:, 1].real, accel[:, 1].imag, accel[:, 0].real]
@@ -110,3 +119,13 @@ def _row(run: RunObservables, heads: Sequence[str]) -> tuple[list[float], list[f
         values.append(laser.value[1].real if laser is not None and usable else 0.0)
         sigmas.append(laser.sigma[1] if laser is not None and usable else np.inf)
     return values, sigmas
+
+
+def _slopes(values: FloatArray, nominal: FloatArray, step: float = 1e-6) -> FloatArray:
+    """d(vector) / d(theta0, delta), shape (3, 4)."""
+
+    def vector(p: FloatArray) -> FloatArray:
+        return motion_in_cube(p[0], p[1:], nominal)
+
+    moves = step * np.eye(4)
+    return np.stack([(vector(values + move) - vector(values - move)) / (2.0 * step) for move in moves], axis=1)

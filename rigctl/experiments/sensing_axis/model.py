@@ -80,6 +80,8 @@ class RecordingModel:
         self.runs = tuple(runs)
         self.package = package
         self.effects = tuple(effects)
+        self.head_settings = dict(heads)
+        self.g_m_s2 = g_m_s2
         self.heads = tuple(name for name in heads_of(runs) if name in heads)
         self.parameters: list[Parameter] = []
         self.units: list[str] = []
@@ -97,6 +99,14 @@ class RecordingModel:
     def index(self, name: str) -> int:
         """Position of a parameter by name."""
         return [parameter.name for parameter in self.parameters].index(name)
+
+    def with_heads(self, heads: Mapping[str, HeadSettings]) -> RecordingModel:
+        """The same model with heads that stand or look otherwise."""
+        return RecordingModel(self.runs, self.package, heads, self.g_m_s2, self.effects)
+
+    def with_runs(self, runs: Sequence[RunObservables]) -> RecordingModel:
+        """The same model of other data."""
+        return RecordingModel(runs, self.package, self.head_settings, self.g_m_s2, self.effects)
 
     def predict(self, values: FloatArray) -> Prediction:
         """Amplitudes of every channel of every run for parameter values of shape (parameters,)."""

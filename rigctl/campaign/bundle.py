@@ -1,0 +1,108 @@
+"""Bundles, the exchange format: in, out, and between them and a store."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from rigctl.campaign.bundle_files import open_bundle
+from rigctl.campaign.bundle_reader import BundleReader
+from rigctl.campaign.bundle_writer import RunWithSamples, padded, whole_directory, write_readings, write_runs
+from rigctl.campaign.recording import ImportReport, Recording, RunRecord, RunSource
+from rigctl.campaign.store import Store
+from rigctl.errors import DataError
+
+__all__ = ["import_bundle", "import_report", "read_bundle", "write_bundle"]
+
+
+def read_bundle(path: Path) -> Recording:
+    """The recording in the directory or .zip at `path`, all of it in memory.
+
+    `DataError`, one line with file, line and mend, for what cannot be accepted; runs that cannot be used and
+    remarks are in the recording's `report`.
+    """
+    with open_bundle(path) as files:
+        reader = BundleReader(files)
+        runs = list(reader.runs())
+    columns = {record.run_id: samples for record, samples in runs}
+    return Recording(reader.header, tuple(record for record, _ in runs), columns, reader.report)
+
+
+def import_bundle(path: Path, store_path: Path) -> Store:
+    """A new store with the recording in the bundle at `path`; `import_report` tells what was found.
+
+    Runs are read one at a time. `DataError` as `read_bundle`, and when `store_path` exists; then nothing is left.
+    """
+    if store_path.exists():
+        raise DataError(f"{store_path}: exists already; name another store")
+    if not store_path.parent.is_dir():
+        raise DataError(f"{store_path}: no such directory; make it first")
+    partial = store_path.with_name(f".{store_path.name}.{os.getpid()}")
+    try:
+        with open_bundle(path) as files:
+            _fill(partial, BundleReader(files))
+        partial.rename(store_path)
+    except BaseException:
+        for suffix in ("", "-wal", "-shm"):
+            partial.with_name(partial.name + suffix).unlink(missing_ok=True)
+        raise
+    return Store.open(store_path)
+
+
+def _fill(path: Path, reader: BundleReader) -> None:
+    with Store.create(path, reader.header) as store:
+        for record, samples in reader.runs():
+            with store.begin_run(record.key, record.step, record.conditions, record.run_id) as writer:
+                writer.append(samples)
+                writer.finish(valid=record.valid, reason=record.reason)
+        store.add_event("import", asdict(reader.report))
+
+
+def import_report(store: Store) -> ImportReport | None:
+    """What was found when the store was imported; None for one that was recorded."""
+    events = store.events("import")
+    if not events:
+        return None
+    data = events[0].data
+    invalid = tuple((run_id, reason) for run_id, reason in data["invalid"])
+    return ImportReport(data["runs"], invalid, tuple(data["warnings"]))
+
+
+def write_bundle(source: RunSource, directory: Path, *, salvage: bool = False) -> tuple[str, ...]:
+    """Write the recording or store as a bundle to `directory`, which does not exist or is empty.
+
+    With `salvage` also what there is of runs that were cut off (marked invalid), and of a damaged store what
+    can be read; what could not be is returned, a line each. `DataError` otherwise; then nothing is left.
+    """
+    lost: list[str] = []
+    runs = _salvaged(source, lost) if salvage else _finished(source)
+    with whole_directory(directory) as partial:
+        write = write_readings if source.header.experiment == "table" else write_runs
+        write(source, runs, partial)
+    return tuple(lost)
+
+
+def _finished(source: RunSource) -> Iterator[RunWithSamples]:
+    for record in source.runs():
+        yield record, source.samples(record.run_id)
+
+
+def _salvaged(source: RunSource, lost: list[str]) -> Iterator[RunWithSamples]:
+    for record in source.salvageable_runs(lost) if isinstance(source, Store) else source.runs():
+        try:
+            samples = source.samples(record.run_id)
+        except DataError as error:
+            lost.append(f"run {record.run_id}: {error}")
+            continue
+        if record.state == "finished":
+            yield record, samples
+        elif "t_s" in samples:
+            yield _cut_off(record), padded(samples, source.header.channels)
+        else:
+            lost.append(f"run {record.run_id}: {record.state}, without samples")
+
+
+def _cut_off(record: RunRecord) -> RunRecord:
+    return replace(record, valid=False, reason=f"interrupted: {record.reason or 'cut off'}")

@@ -1,0 +1,23 @@
+"""How a campaign stands, seen from another process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rigctl.campaign.locks import is_held, store_lock
+from rigctl.campaign.store import Store
+
+
+def status_of(path: Path) -> dict[str, Any]:
+    """The status of the campaign in a store; one whose process is gone is `interrupted`. `DataError`."""
+    with Store.open(path, readonly=True) as store:
+        status = store.status()
+        runs = store.runs()
+    invalid = sum(not run.valid for run in runs)
+    if not status:
+        status = {"state": "done", "step": "", "runs_planned": len(runs), "eta_s": 0.0}
+    if status["state"] in {"running", "paused"} and not is_held(store_lock(path)):
+        status["state"] = "interrupted"
+    planned = max(int(status["runs_planned"]), len(runs))
+    return {**status, "runs_done": len(runs), "runs_planned": planned, "runs_invalid": invalid}

@@ -1,0 +1,212 @@
+"""Opens what a rig file names, real or simulated, and brings it to rest on any exit.
+
+The only place that knows drivers and simulators by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any, cast
+
+from pydantic import BaseModel, ValidationError
+
+from drivers.connect import connector
+from drivers.transport import Connect, InProcessTransport
+from rigctl import config
+from rigctl.campaign.operator import OperatorLink
+from rigctl.campaign.operator_link import TcpOperatorLink
+from rigctl.clock import Clock, RealClock
+from rigctl.errors import ConfigError, RigError
+from rigctl.interfaces import Identity, Instrument
+from simulators.clock import ScaledClock, SimulationClock, VirtualClock
+from simulators.rig import SimulatedRig, Spec
+
+Build = Callable[[str, BaseModel, Connect, Clock], Instrument]
+
+
+def _driver(kind: str, role: str) -> tuple[type[BaseModel], Build, dict[str, Any]]:
+    """Settings model, constructor and settings that follow from the kind."""
+    if kind == "newport-xps":
+        from drivers.newport_xps import NewportXps, XpsSettings
+
+        return XpsSettings, cast(Build, NewportXps), {}
+    if kind == "newport-esp301":
+        from drivers.newport_esp301 import Esp301Settings, NewportEsp301
+
+        return Esp301Settings, cast(Build, NewportEsp301), {}
+    if kind == "aerotech-ensemble":
+        from drivers.aerotech_ensemble import AerotechEnsemble, EnsembleSettings
+
+        return EnsembleSettings, cast(Build, AerotechEnsemble), {}
+    if kind in {"keyence-lkg3001", "keyence-lkg5000"}:
+        from drivers.keyence_lkg import KeyenceLkg
+        from drivers.keyence_settings import KeyenceSettings
+
+        return KeyenceSettings, cast(Build, KeyenceLkg), {"generation": kind.removeprefix("keyence-")}
+    if kind == "keysight-34465a":
+        from drivers import keysight_34465a as meter
+
+        if role == "thermometer":
+            return meter.ThermometerSettings, cast(Build, meter.MeterThermometer), {}
+        if role == "readout":
+            return meter.VoltmeterSettings, cast(Build, meter.PacingVoltmeter), {}
+        return meter.VoltmeterSettings, cast(Build, meter.PacedVoltmeter), {}
+    raise ConfigError(f"unknown driver '{kind}'; there are {', '.join(DRIVERS)}")
+
+
+DRIVERS = (
+    "newport-xps",
+    "newport-esp301",
+    "aerotech-ensemble",
+    "keyence-lkg3001",
+    "keyence-lkg5000",
+    "keysight-34465a",
+)
+
+ROLES: Mapping[str, tuple[str, ...]] = {
+    "rotation": ("newport-xps", "newport-esp301"),
+    "linear": ("aerotech-ensemble",),
+    "displacement": ("keyence-lkg3001", "keyence-lkg5000"),
+    "readout": ("keysight-34465a",),
+    "voltmeter": ("keysight-34465a",),
+    "thermometer": ("keysight-34465a",),
+    "spare": DRIVERS,
+}
+
+
+class Rig:
+    """The instruments of a rig file. Made closed; use it in `with`: leaving brings everything to rest."""
+
+    def __init__(self, file: config.RigFile, *, seed: int | None = None, start_s: float = 0.0) -> None:
+        self.file = file
+        self.simulation, self.clock = _simulate(file, seed, start_s)
+        self.instruments = {name: self._make(name, table) for name, table in file.instruments.items()}
+        self.operator_link: OperatorLink | None = self.simulation
+        if file.operator.address:
+            self.operator_link = TcpOperatorLink(file.operator.address, self.clock)
+
+    def __enter__(self) -> Rig:
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.stop()
+        except RigError as unsafe:
+            if error is None:
+                raise
+            error.add_note(str(unsafe))
+        finally:
+            self.close()
+
+    def open(self) -> None:
+        """Connect to every instrument; one `RigError` that names all that do not answer. Moves nothing."""
+        failures = self._each(lambda instrument: instrument.open())
+        if failures:
+            self.close()
+            raise _joined(failures)
+
+    def close(self) -> None:
+        """Disconnect; may be called twice."""
+        self._each(lambda instrument: instrument.close())
+
+    def stop(self) -> None:
+        """Bring every instrument to rest, each tried even if others fail; any thread, any number of times."""
+        failures = self._each(lambda instrument: instrument.stop())
+        if failures:
+            raise type(failures[0])("NOT known to be at rest: " + "; ".join(str(failure) for failure in failures))
+
+    def identities(self) -> dict[str, Identity]:
+        """Ask every instrument who it is."""
+        return {name: instrument.identify() for name, instrument in self.instruments.items()}
+
+    def by_role(self, role: str) -> list[Any]:
+        """The instruments with this role, in the order of the file."""
+        return [self.instruments[name] for name, table in self.file.instruments.items() if table.role == role]
+
+    def only(self, role: str) -> Any:
+        """The one instrument with this role; `ConfigError` when there is none, or more."""
+        found = self.by_role(role)
+        if len(found) != 1:
+            raise ConfigError(
+                f"{self.file.path}: {len(found)} instruments with role '{role}', needs one; correct [instruments]"
+            )
+        return found[0]
+
+    def _each(self, action: Callable[[Instrument], None]) -> list[RigError]:
+        failures = []
+        for instrument in self.instruments.values():
+            try:
+                action(instrument)
+            except RigError as error:
+                failures.append(error)
+        return failures
+
+    def _make(self, name: str, table: config.Instrument) -> Instrument:
+        where = f"instruments.{name}"
+        if table.role not in ROLES:
+            raise ConfigError(f"{self.file.path}: {where}.role '{table.role}' is unknown; one of {', '.join(ROLES)}")
+        if table.driver not in DRIVERS:
+            raise ConfigError(
+                f"{self.file.path}: {where}.driver '{table.driver}' is unknown; one of {', '.join(DRIVERS)}"
+            )
+        if table.driver not in ROLES[table.role]:
+            raise ConfigError(
+                f"{self.file.path}: {where}: a {table.driver} cannot be the {table.role}; "
+                f"that takes {' or '.join(ROLES[table.role])}"
+            )
+        model, build, implied = _driver(table.driver, table.role)
+        settings = config.validated(model, {**table.settings, **implied}, self.file.path, where)
+        return build(name, settings, self._connect(name, table), self.clock)
+
+    def _connect(self, name: str, table: config.Instrument) -> Connect:
+        if not table.simulated:
+            try:
+                return connector(table.address, self.clock)
+            except ConfigError as error:
+                raise ConfigError(f"{self.file.path}: instruments.{name}.address: {error}") from None
+        simulation = self.simulation
+        if simulation is None:
+            raise ConfigError(
+                f"{self.file.path}: instruments.{name} is simulated but there is no [world] table; add it"
+            )
+        endpoint, clock = simulation.instruments[name], simulation.clock
+        return lambda: InProcessTransport(f"{name} (simulated)", endpoint, clock)
+
+
+def build_simulation(file: config.RigFile, clock: SimulationClock, *, seed: int | None = None) -> SimulatedRig:
+    """All instruments of a rig file as simulators on its world; `ConfigError`."""
+    if file.world is None:
+        raise ConfigError(f"{file.path}: there is no [world] table to simulate; add it")
+    world = dict(file.world) if seed is None else {**file.world, "seed": seed}
+    specs = {
+        name: Spec(table.driver, table.role, table.settings, table.simulator, table.faults)
+        for name, table in file.instruments.items()
+    }
+    try:
+        return SimulatedRig(specs, world, clock)
+    except ValidationError as error:
+        raise ConfigError(f"{file.path}: [world] or a simulator table: {config.explain(BaseModel, error)}") from None
+    except ValueError as error:
+        raise ConfigError(f"{file.path}: {error}") from None
+
+
+def _simulate(file: config.RigFile, seed: int | None, start_s: float) -> tuple[SimulatedRig | None, Clock]:
+    simulated = [table.simulated for table in file.instruments.values()]
+    if not any(simulated):
+        return None, RealClock(file.rig.clock_speed)
+    if file.rig.clock == "virtual" and not all(simulated):
+        raise ConfigError(f"{file.path}: rig.clock 'virtual' is for rigs that are simulated throughout; use 'real'")
+    virtual = file.rig.clock == "virtual"
+    clock = VirtualClock(start_s) if virtual else ScaledClock(file.rig.clock_speed, start_s)
+    return build_simulation(file, clock, seed=seed), clock
+
+
+def _joined(failures: list[RigError]) -> RigError:
+    """All failures in one: the operator should see all dead instruments, not the first."""
+    if len(failures) == 1:
+        return failures[0]
+    return type(failures[0])("; ".join(str(failure) for failure in failures))

@@ -1,0 +1,259 @@
+"""Runs a campaign from start or from where it was interrupted, and leaves the rig safe whatever happens."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from procedures import sensing_axes
+from procedures.bench import Bench
+from rigctl import config
+from rigctl.campaign import locks
+from rigctl.campaign.control import Control, RequestWatcher
+from rigctl.campaign.operator import Operator, SimulatedOperator, TerminalOperator
+from rigctl.campaign.progress import Display, Progress
+from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
+from rigctl.campaign.session import Session
+from rigctl.campaign.store import Store
+from rigctl.effects.catalogue import chosen
+from rigctl.errors import Aborted, ConfigError, DataError, RigError
+from rigctl.rig import Rig
+
+VERSIONED = ("rigctl", "numpy", "scipy", "pydantic")
+TRUTH_SUFFIX = ".truth.toml"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a campaign is run, beyond its files."""
+
+    unattended: bool = False
+    seed: int | None = None
+    display: Display | None = None
+
+
+def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: Path, options: Options) -> None:
+    """Run a campaign into a new store; everything is checked before anything moves."""
+    plan = plan_of(campaign)
+    with rig_of_ones_own(rig_file), Rig(rig_file, seed=options.seed) as rig:
+        bench = bench_of(rig)
+        plan.check(bench)
+        if store_path.exists():
+            raise DataError(f"{store_path} exists already; `rigctl resume` it, or choose another --store")
+        with locks.held(locks.store_lock(store_path), f"{store_path} is in use by another campaign"):
+            _write_truth(rig_file, store_path)
+            with Store.create(store_path, _header(campaign, rig, options.seed)) as store:
+                for name, identity in rig.identities().items():
+                    store.set_identity(name, identity)
+                _carry_out(store, rig, bench, plan, campaign, options)
+
+
+def resume(store_path: Path, options: Options) -> None:
+    """Go on with an interrupted campaign; what is recorded is not measured again."""
+    with Store.open(store_path) as store:
+        campaign = campaign_of(store)
+        rig_file = rig_file_of(store, with_world=True)
+        lock = locks.held(locks.store_lock(store_path), f"{store_path} is in use by another campaign")
+        start_s = max((event.rig_time_s or 0.0 for event in store.events()), default=0.0)
+        seed = store.header.seed
+        with lock, rig_of_ones_own(rig_file), Rig(rig_file, seed=seed, start_s=start_s) as rig:
+            store.add_event("resumed", {"after": store.status().get("state", "")}, start_s)
+            _carry_out(store, rig, bench_of(rig), plan_of(campaign), campaign, options)
+
+
+def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile) -> dict[str, Any]:
+    """What a campaign would do, checked against the rig's limits; nothing is connected, nothing moves."""
+    plan = plan_of(campaign)
+    rig = Rig(rig_file)
+    plan.check(bench_of(rig))
+    return {
+        "experiment": campaign.experiment,
+        "procedure": plan.procedure.name,
+        "mountings": [mounting.key for mounting in plan.mountings],
+        "runs_planned": plan.runs,
+        "effects": list(campaign.model.effects),
+        "theta0_sigma_arcsec": plan.targets.theta0_sigma_arcsec,
+    }
+
+
+def plan_of(campaign: config.CampaignFile) -> sensing_axes.Plan:
+    """The procedure a campaign file asks for; `ConfigError`."""
+    if campaign.experiment != "sensing-axis":
+        raise ConfigError(f"{campaign.path}: there is no procedure for '{campaign.experiment}' yet")
+    procedure = config.validated(sensing_axes.Procedure, campaign.procedure, campaign.path, "procedure")
+    targets = config.validated(sensing_axes.Targets, campaign.targets, campaign.path, "targets")
+    try:
+        effects = chosen(campaign.experiment, campaign.model.effects)
+    except ConfigError as error:
+        raise ConfigError(f"{campaign.path}: model.effects: {error}") from None
+    return sensing_axes.Plan(procedure, targets, effects)
+
+
+def bench_of(rig: Rig) -> Bench:
+    """The sensing-axis bench of a rig; `ConfigError` when the rig file lacks a part of it."""
+    if rig.file.package is None:
+        raise ConfigError(f"{rig.file.path}: [package] is missing; add what is to be calibrated")
+    lasers = tuple(rig.by_role("displacement"))
+    columns = {channel.name for meter in lasers for channel in meter.channels()}
+    without = sorted(columns - set(rig.file.lasers))
+    if without:
+        raise ConfigError(f"{rig.file.path}: [lasers.{without[0]}] is missing; say where the head stands")
+    thermometers = rig.by_role("thermometer")
+    return Bench(
+        rotation=rig.only("rotation"),
+        linear=rig.only("linear"),
+        lasers=lasers,
+        readout=rig.only("readout"),
+        thermometer=thermometers[0] if thermometers else None,
+        package=rig.file.package,
+        heads={name: head for name, head in rig.file.lasers.items() if name in columns},
+        g_m_s2=rig.file.constant("g_m_s2", 9.80665),
+        clock=rig.clock,
+    )
+
+
+def campaign_of(store: Store) -> config.CampaignFile:
+    """The campaign file a store was made with; `DataError` for an imported recording."""
+    if store.header.campaign_toml is None:
+        raise DataError(f"{store.path}: an imported recording has no campaign to go on with")
+    return config.parse_campaign(store.header.campaign_toml, store.path)
+
+
+def rig_file_of(store: Store, *, with_world: bool = False) -> config.RigFile:
+    """The rig file a store was made with. Only what runs the simulated instruments asks for the world."""
+    if store.header.rig_toml is None:
+        raise DataError(f"{store.path}: an imported recording has no rig file")
+    text = store.header.rig_toml
+    truth = truth_path(store.path)
+    if with_world and store.header.world_sha256 is not None:
+        if not truth.exists():
+            raise DataError(f"{store.path}: {truth} is missing; the simulated world cannot be made again without it")
+        text = f"{text}\n{truth.read_text()}"
+    rig_file = config.parse_rig(text, store.path)
+    if with_world and rig_file.world_sha256 != store.header.world_sha256:
+        raise DataError(f"{truth} is not the world {store.path} was measured in; restore the original")
+    return rig_file
+
+
+def truth_path(store: Path) -> Path:
+    """Where a simulated world's secrets go; no analysis reads it."""
+    return store.with_name(store.name + TRUTH_SUFFIX)
+
+
+def _carry_out(
+    store: Store,
+    rig: Rig,
+    bench: Bench,
+    plan: sensing_axes.Plan,
+    campaign: config.CampaignFile,
+    options: Options,
+) -> None:
+    control = Control(rig.stop, bench.rest)
+    progress = Progress(store, options.display)
+    session = Session(store, rig.clock, _operator(rig, options), control, progress)
+    progress.state("running")
+    try:
+        with _signals(control, campaign.on_terminal_lost), RequestWatcher(store.path, control):
+            sensing_axes.run(session, bench, plan)
+    except RigError as error:
+        if control.aborted:
+            progress.state("aborted")
+            session.event("aborted", reason=control.reason)
+            raise Aborted(control.reason) from error
+        progress.state("interrupted")
+        session.event("failed", error=str(error))
+        raise
+    except BaseException:
+        progress.state("interrupted")
+        raise
+    progress.state("done")
+    session.event("done")
+
+
+def _operator(rig: Rig, options: Options) -> Operator:
+    return SimulatedOperator(rig.operator_link) if options.unattended else TerminalOperator(rig.operator_link)
+
+
+@contextmanager
+def _signals(control: Control, on_terminal_lost: str) -> Iterator[None]:
+    """Ctrl-C and TERM abort; HUP does what the campaign file chose. The handlers only leave a note."""
+
+    def abort(number: int, _: object) -> None:
+        control.ask_to_abort(f"interrupted by {signal.Signals(number).name}")
+
+    def lost(_: int, __: object) -> None:
+        if on_terminal_lost == "stop":
+            control.ask_to_abort("the terminal was lost and the campaign file says stop")
+
+    try:
+        handlers = {signal.SIGINT: abort, signal.SIGTERM: abort, signal.SIGHUP: lost}
+        before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    except ValueError:  # not in the main thread: whoever runs us handles signals
+        before = {}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def rig_of_ones_own(rig_file: config.RigFile) -> Iterator[None]:
+    path = locks.rig_lock(rig_file)
+    refusal = f"{rig_file.path}: another campaign holds these instruments; see `rigctl status` of its store"
+    with locks.held(path, refusal) if path is not None else nullcontext():
+        yield
+
+
+def _write_truth(rig_file: config.RigFile, store_path: Path) -> None:
+    world = config.only_tables(rig_file.text, "world")
+    if world:
+        truth_path(store_path).write_text(world, encoding="utf-8")
+
+
+def _header(campaign: config.CampaignFile, rig: Rig, seed: int | None) -> Header:
+    file = rig.file
+    channels = {"stage_x_mm": ChannelInfo("mm", "position")}
+    for role in ("linear", "displacement", "readout"):
+        for instrument in rig.by_role(role):
+            channels |= {
+                c.name: ChannelInfo(c.unit, c.kind, full_scale=c.full_scale, latency_s=c.latency_s)
+                for c in instrument.channels()
+            }
+    return Header(
+        experiment=campaign.experiment,
+        title=campaign.title,
+        started=datetime.now(UTC).isoformat(timespec="seconds"),
+        rig_toml=file.text_without_world,
+        campaign_toml=campaign.text,
+        world_sha256=file.world_sha256,
+        seed=seed,
+        versions=versions(),
+        constants={name: constant.value for name, constant in file.constants.items()},
+        channels=channels,
+        lasers={name: LaserInfo(tilt_deg=head.tilt_deg) for name, head in file.lasers.items()},
+        extra={"certificates": {k: c.model_dump(mode="json") for k, c in file.certificates.items()}},
+    )
+
+
+def versions() -> dict[str, str]:
+    """Versions of what produced a record: packages, and the commit where the code is a checkout."""
+    found = {name: importlib.metadata.version(name) for name in VERSIONED}
+    try:
+        head = subprocess.run(  # noqa: S603
+            ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"],  # noqa: S607
+            capture_output=True,
+            text=True,
+            timeout=5,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return found
+    return {**found, "commit": head.stdout.strip()} if head.returncode == 0 else found

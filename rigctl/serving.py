@@ -1,0 +1,110 @@
+"""`rigctl simulate`: a rig file's instruments on loopback ports and pseudo-terminals."""
+
+from __future__ import annotations
+
+import re
+import signal
+from typing import Any
+from urllib.parse import parse_qsl
+
+from rigctl.config import RigFile
+from rigctl.rig import build_simulation
+from simulators.clock import ScaledClock
+from simulators.operator_port import Done
+from simulators.serve import Address, Server
+
+SERIAL_KINDS: dict[str, int] = {"keyence-lkg3001": 115200, "newport-esp301": 921600}
+"""Served on a pseudo-terminal unless the rig file says otherwise; the baud they are told to have."""
+
+
+class Served:
+    """The instruments of a rig file, served; use it in `with`."""
+
+    def __init__(self, file: RigFile) -> None:
+        self.file = file
+        clock = ScaledClock(file.rig.clock_speed)
+        self.simulation = build_simulation(file, clock)
+        self._server = Server(clock)
+        self._addresses: dict[str, Address] = {name: self._serve(name) for name in self.simulation.instruments}
+        self._operator = self._server.add_operator(
+            lambda action: Done(self.simulation.operate(action)), _port(file.operator.address)
+        )
+
+    def __enter__(self) -> Served:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._server.close()
+
+    @property
+    def addresses(self) -> list[dict[str, Any]]:
+        """Where everything is, as `rigctl simulate --json` prints it."""
+        listed = []
+        for name, address in self._addresses.items():
+            table = self.file.instruments[name]
+            named = {key: table.settings[key] for key in ("group", "positioner", "axis") if key in table.settings}
+            listed.append({**address.as_dict(), **named})
+        return [*listed, self._operator.as_dict()]
+
+    def serve(self) -> None:
+        """Serve until interrupted (Ctrl-C or TERM)."""
+        handlers = {number: signal.signal(number, lambda *_: self._server.stop()) for number in _STOPS}
+        try:
+            self._server.serve()
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+
+    def stop(self) -> None:
+        """End `serve`; any thread."""
+        self._server.stop()
+
+    def rig_text(self) -> str:
+        """The rig file with the served addresses and without the world: what a client on this machine needs."""
+        text = self.file.text_without_world
+        for name, address in self._addresses.items():
+            text = _with_key(text, f"instruments.{name}", "address", _url(address))
+        text = _with_key(text, "rig", "clock", "real")
+        return f'{text}\n[operator]\naddress = "{_url(self._operator)}"\n'
+
+    def _serve(self, name: str) -> Address:
+        table, instrument = self.file.instruments[name], self.simulation.instruments[name]
+        if table.address.startswith("serial:") or (table.simulated and table.driver in SERIAL_KINDS):
+            options = dict(parse_qsl(table.address.partition("?")[2]))
+            baud = int(options.get("baud", SERIAL_KINDS.get(table.driver, 115200)))
+            return self._server.add_serial(name, instrument, baud)
+        if "hislip" in table.address.lower():
+            return self._server.add_hislip(name, instrument, _port(table.address))
+        return self._server.add_tcp(name, instrument, _port(table.address))
+
+
+_STOPS = (signal.SIGINT, signal.SIGTERM)
+
+
+def _port(address: str) -> int:
+    """The port an address fixes on loopback, 0 for any."""
+    found = re.search(r"(?:127\.0\.0\.1|localhost)(?::|::|::hislip0,)(\d+)", address)
+    return int(found.group(1)) if found else 0
+
+
+def _url(address: Address) -> str:
+    if address.device is not None:
+        return f"serial:{address.device}?baud={address.baud}"
+    if address.transport == "hislip":
+        return f"TCPIP::{address.host}::hislip0,{address.port}::INSTR"
+    return f"tcp://{address.host}:{address.port}"
+
+
+def _with_key(text: str, table: str, key: str, value: str) -> str:
+    """TOML text with a string key of a table replaced, or added as its first."""
+    head = re.search(rf"^\[{re.escape(table)}\][^\n]*\n", text, re.MULTILINE)
+    if head is None:
+        return text
+    end = re.search(r"^\[", text[head.end() :], re.MULTILINE)
+    stop = head.end() + end.start() if end else len(text)
+    body, count = re.subn(
+        rf'^{key}\s*=\s*"[^"\n]*"', f'{key} = "{value}"', text[head.end() : stop], flags=re.MULTILINE
+    )
+    if not count:
+        body = f'{key} = "{value}"\n{body}'
+    return text[: head.end()] + body + text[stop:]
