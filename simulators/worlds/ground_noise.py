@@ -18,9 +18,9 @@ _BLOCK = 512
 class GroundNoise:
     """A stream of ground acceleration [m/s2], three independent components, one row per `step_s`.
 
-    It is stationary from its first row, and each row depends on the generator's key and on its place in the
-    stream alone, not on how many rows were taken at a time. The bump is white noise through two resonant
-    sections: it ends with the record, repeats nothing, and is a quarter of its height in power one width off.
+    It is stationary from its first row, never repeats, and each row depends on the generator's key and on its
+    place in the stream alone, not on how many rows were taken at a time. The bump is white noise through two
+    resonant sections.
     """
 
     def __init__(self, settings: GroundNoiseSettings, step_s: float, rng: np.random.Generator) -> None:
@@ -40,8 +40,10 @@ class GroundNoise:
 
     def take(self, count: int) -> FloatArray:
         """The next `count` rows, shape (count, 3)."""
-        while len(self._ready) < count:
-            self._ready = np.concatenate([self._ready, self._block()])
+        missing = count - len(self._ready)
+        if missing > 0:
+            blocks = [self._block() for _ in range(math.ceil(missing / _BLOCK))]
+            self._ready = np.concatenate([self._ready, *blocks])
         taken, self._ready = self._ready[:count], self._ready[count:]
         return taken
 
