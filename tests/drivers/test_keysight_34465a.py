@@ -256,6 +256,26 @@ def test_a_single_reading_never_ends_a_running_record() -> None:
     assert bench.pacing.fetch().shape == (0, 1)
 
 
+def test_a_record_that_did_not_start_is_not_running() -> None:
+    bench = Bench()
+
+    class Interfered(InProcessTransport):
+        """Somebody else aborts right before our trigger."""
+
+        def write(self, data: bytes) -> None:
+            if data == b"*TRG\n":
+                bench.tell(bench.master, b"ABOR")
+            super().write(data)
+
+    meter = PacingVoltmeter(
+        "readout", VoltmeterSettings(), lambda: Interfered("sim:", bench.master, bench.clock), bench.clock
+    )
+    meter.open()
+    with pytest.raises(InstrumentError, match=r'-211,"Trigger ignored" after \*TRG'):
+        meter.start(10, 0.01)
+    assert meter.voltage().unit == "V"
+
+
 def test_an_open_probe_is_nan_and_probes_are_configured() -> None:
     bench = Bench()
     bench.celsius = lambda times: np.full_like(times, np.nan)  # type: ignore[method-assign]

@@ -427,6 +427,12 @@ def test_a_change_of_the_measurement_clears_the_memory(bench: Bench, change: str
     assert bench.error() == 0
 
 
+def test_a_new_acquisition_clears_the_memory(bench: Bench) -> None:
+    first, second = bench.numbers("READ?", wait_s=1.0), bench.numbers("READ?", wait_s=1.0)
+    assert (len(first), len(second)) == (1, 1)
+    assert second > first
+
+
 def test_conf_puts_triggers_and_samples_back(bench: Bench) -> None:
     bench.send("TRIG:SOUR EXT;COUN 7;DEL 1", "SAMP:COUN 9;SOUR TIM", "CONF:VOLT:DC 10,0.001")
     assert bench.ask("CONF?") == '"VOLT +1.00000000E+01,+1.00000000E-03"'
