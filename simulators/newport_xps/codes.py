@@ -9,7 +9,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 
-class Refused(Exception):  # noqa: N818 - the controller's word for it, not a failure of ours
+class Refused(Exception):
     """The controller answers a request with an error code."""
 
     def __init__(self, code: int) -> None:

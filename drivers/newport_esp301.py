@@ -1,0 +1,223 @@
+"""Newport ESP301 (ESP300, ESP302): one axis of it as a rotation stage.
+
+Facts from Newport's manual and the drivers in public use (pymeasure, instrumentkit, EPICS motorNewport).
+Where the sources are silent the driver decides:
+
+- The controller does not tell whether an axis is homed: the driver believes only a home search of its own,
+  on the same connection, with the motor on ever since.
+- `WS` would hold up every later command, a stop too; motions are watched with `MD?` instead.
+- The end of a motion is compared with its target: a stage stopped from the front panel reports no error.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.newport_esp301_line import EspLine, QueuedError
+from drivers.transport import Connect
+from rigctl.clock import Clock
+from rigctl.errors import InstrumentError, LimitError, LinkError, MotionStopped
+from rigctl.interfaces import Identity, Reading, RotationLimits
+
+UNIT_DEGREE = 7
+
+
+class Esp301Settings(BaseModel):
+    """The stage's keys in a rig file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    axis_number: int = Field(default=1, ge=1, le=3)
+    angle_min_deg: float = -170.0
+    angle_max_deg: float = 170.0
+    speed_deg_s: float = Field(default=10.0, gt=0, allow_inf_nan=False)
+    acceleration_deg_s2: float = Field(default=40.0, gt=0, allow_inf_nan=False)
+    home_mode: int = Field(default=1, ge=0, le=6)
+    """The number behind `OR`: 0 zero count, 1 switch and index, 2 switch, 3-6 limits."""
+    arrival_tolerance_deg: float = Field(default=0.01, gt=0)
+    link_timeout_s: float = Field(default=2.0, gt=0)
+    motion_timeout_s: float = Field(default=120.0, gt=0)
+    poll_interval_s: float = Field(default=0.05, gt=0)
+
+    @model_validator(mode="after")
+    def _range_is_not_empty(self) -> Self:
+        if not self.angle_min_deg < self.angle_max_deg:
+            raise ValueError("angle_min_deg must lie below angle_max_deg")
+        return self
+
+
+class NewportEsp301:
+    """One axis of an ESP301 as a rotation stage; angles in degrees."""
+
+    def __init__(self, name: str, settings: Esp301Settings, connect: Connect, clock: Clock) -> None:
+        self.name = name
+        self.limits = RotationLimits(
+            settings.angle_min_deg,
+            settings.angle_max_deg,
+            settings.speed_deg_s,
+            settings.acceleration_deg_s2,
+        )
+        self._settings = settings
+        self._axis = settings.axis_number
+        self._clock = clock
+        self._line = EspLine(name, connect, settings.link_timeout_s)
+        self._open = False
+        self._homed_in_session = 0
+        self._stops = 0
+
+    # instrument
+
+    def open(self) -> None:
+        """Connect, check that an ESP30x answers and forget its old errors; moves nothing."""
+        try:
+            self._line.open()
+            self._line.clear_errors()
+        except BaseException:
+            self._line.close()
+            raise
+        self._open = True
+
+    def close(self) -> None:
+        """Disconnect; may be called twice. A motion goes on."""
+        self._open = False
+        self._line.close()
+
+    def identify(self) -> Identity:
+        """Model and firmware as `VE?` tells them."""
+        text = self._line.ask("VE?")
+        model, _, version = text.partition(" ")
+        return Identity(model, "", re.sub(r"^\s*[Vv]ersion\s+", "", version), text)
+
+    def stop(self) -> None:
+        """Decelerate and return when the axis stands still."""
+        with self._line.lock:
+            self._stops += 1
+        if not self._open:
+            return
+        try:
+            self._line.tell(f"{self._axis}ST")
+        except LinkError:
+            self._line.tell(f"{self._axis}ST")
+        braking_s = self.limits.speed_deg_s / self.limits.acceleration_deg_s2
+        self._await_rest(f"{self._axis}ST", braking_s + self._settings.link_timeout_s)
+
+    # rotation stage
+
+    def home(self) -> None:
+        """Switch the motor on and find the reference; no-op when this was done on this connection."""
+        if self.is_homed():
+            return
+        stops = self._stops
+        self._homed_in_session = 0
+        self._line.clear_errors()
+        self._prepare()
+        self._start(f"{self._axis}MO", stops)
+        search = f"{self._axis}OR{self._settings.home_mode}"
+        self._start(search, stops)
+        session = self._line.session
+        self._finish(search, stops)
+        self._homed_in_session = session
+
+    def is_homed(self) -> bool:
+        """True when this driver has homed the axis on this connection and its motor is on."""
+        motor_on = self._line.ask_number(f"{self._axis}MO?") == 1
+        return motor_on and self._homed_in_session == self._line.session
+
+    def move_to(self, angle_deg: float) -> None:
+        """Move and return when the controller reports motion done at the target."""
+        low_deg, high_deg = self.limits.angle_min_deg, self.limits.angle_max_deg
+        if not low_deg <= angle_deg <= high_deg:
+            raise LimitError(f"{self.name}: {angle_deg:g} deg is outside the limits {low_deg:g} to {high_deg:g} deg")
+        stops = self._stops
+        if not self.is_homed():
+            raise InstrumentError(f"{self.name}: axis {self._axis} is not homed; home it", instrument=self.name)
+        move = f"{self._axis}PA{_decimal(angle_deg)}"
+        self._start(move, stops)
+        self._finish(move, stops)
+        reached_deg = self.angle().value
+        if abs(reached_deg - angle_deg) > self._settings.arrival_tolerance_deg:
+            raise MotionStopped(
+                f"{self.name}: {move!r} ended at {reached_deg:g} deg without an error; was it stopped by hand?",
+                instrument=self.name,
+            )
+
+    def angle(self) -> Reading:
+        """The encoder's angle [deg] half-way between question and answer."""
+        asked_s = self._clock.now_s()
+        angle_deg = self._line.ask_number(f"{self._axis}TP?")
+        return Reading(angle_deg, "deg", 0.5 * (asked_s + self._clock.now_s()))
+
+    # what these are made of
+
+    def _prepare(self) -> None:
+        """Check unit and travel limits, set speed and ramps."""
+        unit = self._line.ask_number(f"{self._axis}SN?")
+        if unit != UNIT_DEGREE:
+            raise InstrumentError(
+                f"{self.name}: axis {self._axis} counts in unit {unit:g}, not in degrees; set it up with SN7",
+                instrument=self.name,
+            )
+        low_deg, high_deg = (self._line.ask_number(f"{self._axis}{limit}?") for limit in ("SL", "SR"))
+        if low_deg > self.limits.angle_min_deg or high_deg < self.limits.angle_max_deg:
+            raise LimitError(
+                f"{self.name}: the limits {self.limits.angle_min_deg:g} to {self.limits.angle_max_deg:g} deg reach "
+                f"beyond the controller's own, {low_deg:g} to {high_deg:g} deg; narrow angle_min_deg and "
+                "angle_max_deg, or widen SL and SR"
+            )
+        self._command(f"{self._axis}VA{_decimal(self.limits.speed_deg_s)}")
+        self._command(f"{self._axis}AC{_decimal(self.limits.acceleration_deg_s2)}")
+        self._command(f"{self._axis}AG{_decimal(self.limits.acceleration_deg_s2)}")
+
+    def _start(self, command: str, stops: int) -> None:
+        """Send a command once, unless somebody has stopped the axis since `stops`."""
+        with self._line.lock:
+            self._raise_if_stopped(command, stops)
+            self._check(f"what happened before {command}")
+            self._command(command)
+
+    def _finish(self, command: str, stops: int) -> None:
+        self._await_rest(command, self._settings.motion_timeout_s)
+        self._raise_if_stopped(command, stops)
+        self._check(command)
+
+    def _await_rest(self, command: str, timeout_s: float) -> None:
+        deadline_s = self._clock.now_s() + timeout_s
+        while self._line.ask_number(f"{self._axis}MD?") != 1:
+            if self._clock.now_s() > deadline_s:
+                self._line.tell(f"{self._axis}AB")
+                raise InstrumentError(
+                    f"{self.name}: {command!r} has not ended after {timeout_s:g} s and was aborted; "
+                    "look at the stage, or raise motion_timeout_s",
+                    instrument=self.name,
+                )
+            self._clock.sleep_s(self._settings.poll_interval_s)
+
+    def _command(self, command: str) -> None:
+        with self._line.lock:
+            self._line.tell(command)
+            self._check(command)
+
+    def _check(self, command: str) -> None:
+        error = self._line.next_error()
+        if error.code:
+            raise self._failed(command, error)
+
+    def _failed(self, command: str, error: QueuedError) -> InstrumentError:
+        return InstrumentError(
+            f"{self.name}: {command!r} failed with {error.code} ({error.text}); see the manual's error list",
+            instrument=self.name,
+            code=str(error.code),
+            text=error.text,
+        )
+
+    def _raise_if_stopped(self, command: str, stops: int) -> None:
+        if self._stops != stops:
+            raise MotionStopped(f"{self.name}: {command!r} was stopped", instrument=self.name)
+
+
+def _decimal(value: float) -> str:
+    """A micro-unit is far below the resolution; no exponent, no negative zero."""
+    return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")

@@ -1,0 +1,265 @@
+"""What each two-letter command does; a query returns its answer, a command None."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from simulators.clock import SimulationClock
+from simulators.newport_esp301.axis import EspAxis
+from simulators.newport_esp301.errors import ErrorQueue, Refused, error_text
+from simulators.newport_esp301.grammar import Command, format_number, read_number
+from simulators.newport_esp301.parameters import PARAMETERS, Parameter
+from simulators.newport_esp301.settings import Esp301SimulatorSettings
+
+STATUS_CHARACTER_BASE = 0x50
+"""Bits 4 and 6 are always set, so that the status byte is printable."""
+
+
+class Controller(Protocol):
+    """What commands need of the controller."""
+
+    clock: SimulationClock
+    settings: Esp301SimulatorSettings
+    errors: ErrorQueue
+    axes: list[EspAxis]
+    stored: list[dict[str, float]]
+
+    def reset(self) -> None:
+        """Start anew."""
+        ...
+
+    def wait_until(self, condition: Callable[[], bool], extra_s: float = 0.0) -> None:
+        """Hold the command queue."""
+        ...
+
+
+def execute(controller: Controller, command: Command | None) -> str | None:
+    """Execute one command; raises `Refused` for what goes into the error queue."""
+    if command is None:
+        raise Refused(6)
+    if (of_controller := CONTROLLER_COMMANDS.get(command.code)) is not None:
+        return of_controller(controller, command)
+    axis_command = AXIS_COMMANDS.get(command.code)
+    parameter = PARAMETERS.get(command.code)
+    known = axis_command or parameter or any(command.code in stored for stored in controller.stored)
+    if not known:
+        raise Refused(6)
+    axis = _axis(controller, command)
+    if axis_command is not None:
+        return axis_command(axis, command)
+    if parameter is not None:
+        return _parameter(axis, parameter, command)
+    return _stored(controller.stored[axis.number - 1], axis, command)
+
+
+def _axis(controller: Controller, command: Command) -> EspAxis:
+    if command.axis is None:
+        raise Refused(37)
+    if not 1 <= command.axis <= len(controller.axes):
+        raise Refused(9)
+    return controller.axes[command.axis - 1]
+
+
+def _axes(controller: Controller, command: Command) -> list[EspAxis]:
+    """The named axis, or all when none is named."""
+    return controller.axes if not command.axis else [_axis(controller, command)]
+
+
+def _parameter(axis: EspAxis, parameter: Parameter, command: Command) -> str | None:
+    if command.query:
+        return format_number(parameter.get(axis), 0 if parameter.whole else axis.decimals)
+    parameter.put(axis, read_number(command.parameter))
+    return None
+
+
+def _stored(stored: dict[str, float], axis: EspAxis, command: Command) -> str | None:
+    if command.query:
+        return format_number(stored[command.code], axis.decimals)
+    stored[command.code] = read_number(command.parameter)
+    return None
+
+
+# of an axis
+
+
+def _absolute(axis: EspAxis, command: Command) -> str | None:
+    if command.query:
+        return format_number(axis.target_deg, axis.decimals)
+    axis.move_to(read_number(command.parameter))
+    return None
+
+
+def _relative(axis: EspAxis, command: Command) -> None:
+    axis.move_to(axis.target_deg + read_number(command.parameter))
+
+
+def _motor_on(axis: EspAxis, command: Command) -> str | None:
+    if command.query:
+        return str(int(axis.motor_on))
+    axis.motor_on = True
+    return None
+
+
+def _motor_off(axis: EspAxis, command: Command) -> str | None:
+    if command.query:
+        return str(int(not axis.motor_on))
+    axis.switch_off()
+    return None
+
+
+def _home(axis: EspAxis, command: Command) -> None:
+    mode = read_number(command.parameter or "1")
+    if mode != int(mode):
+        raise Refused(1, axis.number)
+    axis.home(int(mode))
+
+
+def _direction(command: Command) -> int:
+    directions = {"+": 1, "-": -1}
+    if not command.parameter:
+        raise Refused(38)
+    if command.parameter not in directions:
+        raise Refused(7)
+    return directions[command.parameter]
+
+
+def _to_limit(axis: EspAxis, command: Command) -> None:
+    axis.run_to_hard_limit(_direction(command))
+
+
+def _jog(axis: EspAxis, command: Command) -> None:
+    axis.run_to_soft_limit(_direction(command))
+
+
+def _done(axis: EspAxis, _: Command) -> str:
+    return str(int(axis.done))
+
+
+def _actual_position(axis: EspAxis, _: Command) -> str:
+    return format_number(axis.position(), axis.decimals)
+
+
+def _commanded_position(axis: EspAxis, _: Command) -> str:
+    return format_number(axis.commanded(), axis.decimals)
+
+
+def _actual_velocity(axis: EspAxis, _: Command) -> str:
+    return format_number(axis.velocity(), axis.decimals)
+
+
+AXIS_COMMANDS: dict[str, Callable[[EspAxis, Command], str | None]] = {
+    "PA": _absolute,
+    "PR": _relative,
+    "OR": _home,
+    "MT": _to_limit,
+    "MV": _jog,
+    "MO": _motor_on,
+    "MF": _motor_off,
+    "MD": _done,
+    "TP": _actual_position,
+    "DP": _commanded_position,
+    "TV": _actual_velocity,
+}
+
+# of the controller, or of all axes
+
+
+def _stop(controller: Controller, command: Command) -> None:
+    for axis in _axes(controller, command):
+        axis.stop()
+
+
+def _abort(controller: Controller, command: Command) -> None:
+    for axis in _axes(controller, command):
+        axis.emergency_stop()
+
+
+def _wait_for_stop(controller: Controller, command: Command) -> None:
+    axes = _axes(controller, command)
+    extra_s = max(0.0, read_number(command.parameter or "0")) * 1e-3
+    controller.wait_until(lambda: all(axis.done for axis in axes), extra_s)
+
+
+def _wait_for_position(controller: Controller, command: Command) -> None:
+    axis = _axis(controller, command)
+    place_deg = read_number(command.parameter)
+    below = axis.commanded() < place_deg
+
+    def passed_or_at_rest() -> bool:
+        return axis.done or axis.commanded() == place_deg or (axis.commanded() < place_deg) is not below
+
+    controller.wait_until(passed_or_at_rest)
+
+
+def _wait_for_time(controller: Controller, command: Command) -> None:
+    controller.wait_until(lambda: True, max(0.0, read_number(command.parameter)) * 1e-3)
+
+
+def _take_error(controller: Controller, _: Command) -> str:
+    code, at_s = controller.errors.take(controller.clock.now_s())
+    return f"{code}, {int(at_s / controller.settings.timestamp_tick_s)}, {error_text(code)}"
+
+
+def _take_error_code(controller: Controller, _: Command) -> str:
+    return str(controller.errors.take(controller.clock.now_s())[0])
+
+
+def _version(controller: Controller, _: Command) -> str:
+    return controller.settings.version
+
+
+def _stage(controller: Controller, command: Command) -> str:
+    _axis(controller, command)
+    return controller.settings.stage
+
+
+def _status_character(controller: Controller, _: Command) -> str:
+    moving = sum(1 << axis.number - 1 for axis in controller.axes[:3] if not axis.done)
+    power = 0x8 * any(axis.motor_on for axis in controller.axes)
+    return chr(STATUS_CHARACTER_BASE | moving | power)
+
+
+def _hardware_status(controller: Controller, _: Command) -> str:
+    limits = home = 0
+    for axis in controller.axes:
+        positive, negative = axis.at_hard_limits()
+        bit = axis.number - 1
+        limits |= positive << bit | negative << bit + 8
+        home |= axis.past_home() << bit
+    return f"{limits:X}H, {home:X}H"
+
+
+def _limit_configuration(controller: Controller, command: Command) -> str | None:
+    _axis(controller, command)
+    if not command.query:
+        raise Refused(27)
+    return "24H"
+
+
+def _save(_: Controller, __: Command) -> None:
+    """Parameters are never lost here."""
+
+
+def _reset(controller: Controller, _: Command) -> None:
+    for axis in controller.axes:
+        axis.switch_off()
+    controller.reset()
+
+
+CONTROLLER_COMMANDS: dict[str, Callable[[Controller, Command], str | None]] = {
+    "ST": _stop,
+    "AB": _abort,
+    "WS": _wait_for_stop,
+    "WP": _wait_for_position,
+    "WT": _wait_for_time,
+    "TB": _take_error,
+    "TE": _take_error_code,
+    "VE": _version,
+    "ID": _stage,
+    "TS": _status_character,
+    "PH": _hardware_status,
+    "ZH": _limit_configuration,
+    "SM": _save,
+    "RS": _reset,
+}
