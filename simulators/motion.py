@@ -54,6 +54,17 @@ class Ballistic:
             np.full_like(dt, self.acceleration),
         )
 
+    def at(self, at_s: float) -> tuple[float, float, float]:
+        """Position, velocity and acceleration at one instant, as `sample` gives them."""
+        if math.isinf(self.start_s):
+            return self.position, 0.0, 0.0
+        dt = at_s - self.start_s
+        return (
+            self.position + dt * (self.velocity + 0.5 * self.acceleration * dt),
+            self.velocity + self.acceleration * dt,
+            self.acceleration,
+        )
+
 
 @dataclass(frozen=True)
 class Sinusoid:
@@ -201,8 +212,8 @@ class MotionAxis:
 
     def _state(self, at_s: float) -> tuple[float, float, float]:
         segment = next((s for s in reversed(self._segments) if s.start_s <= at_s), self._segments[0])
-        if math.isinf(segment.start_s):
-            return segment.position, 0.0, 0.0  # type: ignore[attr-defined]
+        if isinstance(segment, Ballistic):
+            return segment.at(at_s)
         position, velocity, acceleration = segment.sample(np.array([at_s]))
         return float(position[0]), float(velocity[0]), float(acceleration[0])
 
