@@ -51,6 +51,7 @@ class OperatorConnection:
         self._send = send
         self._received = bytearray()
         self._open = True
+        self.hung_up = False
 
     def receive(self, data: bytes) -> None:
         """Take bytes; every complete line is a request."""
@@ -61,8 +62,8 @@ class OperatorConnection:
             if line.strip():
                 self._request(line)
         if len(self._received) > LONGEST_LINE_BYTES:
-            self._received.clear()
             self._answer({"error": f"a line is at most {LONGEST_LINE_BYTES} bytes"})
+            self.hung_up = True
 
     def close(self) -> None:
         """The client has gone; what it asked for is finished, but not told."""
@@ -85,7 +86,7 @@ class OperatorConnection:
 
 
 def _parse(line: bytes) -> dict[str, Any]:
-    request = json.loads(line)
+    request = json.loads(line.decode())
     if isinstance(request, dict):
         return request
     raise ValueError("a request is one JSON object per line")

@@ -22,7 +22,7 @@ from simulators.operator_port import Handler, OperatorPort
 from simulators.wiring import Connection, SimulatedInstrument
 
 LOOPBACK = "127.0.0.1"
-READ_BYTES = 65536
+READ_BYTES = 4096
 HIGH_WATER_BYTES = 1 << 20
 """A client that owes this much reading is not listened to until it has read."""
 
@@ -79,7 +79,7 @@ class _Terminal:
         os.set_blocking(self._near, False)
         self.device = os.ttyname(self._far)
         self._unread_s = unread_s
-        self._full_since = math.inf
+        self._full_since: float | None = None
 
     def fileno(self) -> int:
         return self._near
@@ -88,15 +88,15 @@ class _Terminal:
         return os.read(self._near, limit)
 
     def send(self, data: bytearray) -> int:
-        if time.monotonic() - self._full_since > self._unread_s:
-            self._full_since = math.inf
+        if self._full_since is not None and time.monotonic() - self._full_since > self._unread_s:
+            self._full_since = None
             return len(data)
         try:
             sent = os.write(self._near, data)
         except BlockingIOError:
-            self._full_since = min(self._full_since, time.monotonic())
+            self._full_since = self._full_since or time.monotonic()
             raise
-        self._full_since = math.inf
+        self._full_since = None
         return sent
 
     def close(self) -> None:
@@ -174,10 +174,10 @@ class _Client:
 
     def _send(self, data: bytes) -> None:
         if not self._ended and not self._broken:
-            waiting = bool(self._unsent)
+            if self._unsent:
+                self._flush()  # what a line has lost must not take this with it
             self._unsent += data
-            if not waiting:
-                self._flush()
+            self._flush()
 
     def _flush(self) -> None:
         try:
@@ -245,9 +245,11 @@ class Server:
 
     def serve(self, stop: Callable[[], bool] | None = None) -> None:
         """Serve until `stop()` is true (looked at after every event) or `stop` is called."""
-        while not self._stopping and not (stop and stop()):
+        while True:
             self._clock.run_due()
             self._settle()
+            if self._stopping or (stop and stop()):
+                break
             for key, events in self._selector.select(self._idle_s()):
                 key.data(events)
         self._stopping = False
