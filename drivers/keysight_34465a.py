@@ -218,6 +218,9 @@ class _Voltmeter(Keysight34465A):
 class PacingVoltmeter(_Voltmeter):
     """Samples on its own timer; its VM COMP output paces the other instruments (`PacingRecorder`)."""
 
+    _overdue_s = math.inf
+    """When the last reading must long be there."""
+
     def start(self, samples: int, period_s: float) -> float:
         """Start `samples` readings, `period_s` apart; returns the rig time of the trigger.
 
@@ -236,17 +239,21 @@ class PacingVoltmeter(_Voltmeter):
             f"SAMP:TIM {period_s:.6f}", f"SAMP:COUN {samples}", *self._transfer(), "TRIG:SOUR BUS", "INIT"
         )
         started_s = self._clock.now_s()
+        self._overdue_s = started_s + samples * period_s + self.settings.aperture_s + self.settings.link_timeout_s
         self._initiate(samples, "*TRG")
         return started_s
 
     def fetch(self) -> FloatArray:
         """The readings since the last call [V], shape (n, 1), n may be 0; NaN where overloaded.
 
-        `InstrumentError` when readings were lost because the memory overflowed, or came late.
+        `InstrumentError` when readings were lost because the memory overflowed, came late, or no longer come.
         """
+        overdue = self._clock.now_s() > self._overdue_s
         rows = self._drain()
         if self._recording and self._remaining:
             self._check_record()
+            if overdue:
+                self._fail(f"{self._remaining} readings never came; was it stopped from elsewhere?")
         elif self._recording:
             self._finish()
         return rows

@@ -215,6 +215,20 @@ def test_readings_lost_to_a_full_memory_are_an_error() -> None:
     assert bench.tell(bench.master, b"*OPC?") == b"1\n"
 
 
+def test_a_record_that_somebody_else_ended_is_an_error() -> None:
+    bench = Bench()
+    bench.pacing.start(100, 0.1)
+    bench.clock.sleep_s(3.05)
+    bench.tell(bench.master, b"ABOR")
+    assert bench.pacing.fetch().shape == (31, 1)
+    bench.clock.sleep_s(8.0)
+    assert bench.pacing.fetch().shape == (0, 1)
+    bench.clock.sleep_s(2.0)
+    with pytest.raises(InstrumentError, match="69 readings never came; was it stopped"):
+        bench.pacing.fetch()
+    assert bench.pacing.voltage().unit == "V"
+
+
 def test_fifty_thousand_readings_are_fetched_in_no_time() -> None:
     bench = Bench(settings={"aperture_s": 20e-6})
     bench.pacing.start(50_000, 20e-6)
