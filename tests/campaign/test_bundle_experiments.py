@@ -1,0 +1,132 @@
+"""What the bundles of the other experiments must hold: refused in one line that names file, line and mend."""
+
+import pytest
+
+PLATFORM_FLAWS = [
+    (2, "pattern", "d", "line 2: pattern is 'd'; write a, b, c, c_tm, custom, flip, scan or noise"),
+    (
+        2,
+        "modulation_period_s",
+        "",
+        "line 2: pattern b has no modulation_period_s; write the period of its table",
+    ),
+    (
+        3,
+        "modulation_period_s",
+        "50",
+        "line 3: patterns.csv has no dwells of pattern custom with period_s 50; add them",
+    ),
+    (4, "g_sign", "", "line 4: a flip has no g_sign; write +1 or -1"),
+    (2, "external", "square", "line 2: external is 'square'; write constant, sine or triangle"),
+]
+
+
+@pytest.mark.parametrize(("line", "column", "text", "message"), PLATFORM_FLAWS)
+def test_flaw_in_a_platform_s_runs_is_refused(refusal, platform, line, column, text, message):
+    platform.set("runs.csv", line, column, text)
+    assert refusal(platform.write()) == f"platform/runs.csv, {message}"
+
+
+def test_custom_pattern_needs_its_table(refusal, platform):
+    del platform.tables["patterns.csv"]
+    assert refusal(platform.write()) == (
+        "platform/runs.csv, line 3: a custom pattern, but no patterns.csv; add it, one row per dwell"
+    )
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "message"),
+    [
+        ("sign_cos_theta", "0", "line 2: sign_cos_theta is 0; write +1 or -1"),
+        ("stop_s", "61", "line 2: a dwell from 5 to 61 s does not lie in a period of 60 s; mend its times"),
+        ("start_s", "soon", "line 2: start_s is 'soon'; write a number"),
+        ("period_s", "", "line 2: period_s is missing; write it"),
+    ],
+)
+def test_flaw_in_patterns_csv_is_refused(refusal, platform, column, text, message):
+    platform.set("patterns.csv", 2, column, text)
+    assert refusal(platform.write()) == f"platform/patterns.csv, {message}"
+
+
+def test_platform_turning_half_is_refused(refusal, platform):
+    platform.set("runs/1.csv", 9, "moving", "0.5")
+    assert refusal(platform.write()) == "platform/runs/1.csv, line 9: moving is 0.5; write 1 or 0"
+
+
+INFLIGHT_FLAWS = [
+    (
+        2,
+        "session",
+        "dq",
+        "line 2: session is 'dq'; write dx, dz, dx+dz, ad11, ad12, ad13, k2d, ac12, ac13, k2c_1, k2c_2 or dy",
+    ),
+    (
+        3,
+        "calibration_frequency_hz",
+        "",
+        "line 3: session dy has no calibration_frequency_hz; write what was injected",
+    ),
+    (3, "amplitude", "", "line 3: session dy has no amplitude; write what was injected"),
+    (
+        3,
+        "amplitude_unit",
+        "m",
+        "line 3: amplitude_unit m contradicts session dy; write rad and convert",
+    ),
+]
+
+
+@pytest.mark.parametrize(("line", "column", "text", "message"), INFLIGHT_FLAWS)
+def test_flaw_in_inflight_runs_is_refused(refusal, inflight, line, column, text, message):
+    inflight.set("runs.csv", line, column, text)
+    assert refusal(inflight.write()) == f"inflight/runs.csv, {message}"
+
+
+def test_inflight_session_shorter_than_its_signal_is_refused(refusal, inflight):
+    inflight.tables["runs/b.csv"] = inflight.tables["runs/b.csv"][:100]
+    assert refusal(inflight.write()).startswith(
+        "inflight/runs/b.csv: 495 s is too short: one period takes 815.069 s; record longer"
+    )
+
+
+TABLE_FLAWS = [
+    ('response = "deflection_in"\n', "", "recording.toml, line 5: table has no response; add it"),
+    ("baseline", "baselin", "recording.toml, line 7: table.baselin is unknown; the keys are "),
+    ('"b0 + b1 * load_lb"', "3", "recording.toml, line 7: table.baseline is 3, not a text; put it in quotes"),
+    ("b0 = 0.0", 'b0 = "0"', "recording.toml, line 8: table.start.b0 is '0', not a number; "),
+    (
+        '"deflection_in"',
+        '"deflection_im"',
+        "readings.csv, line 1: column deflection_im is missing, which [table] response names; rename deflection_in",
+    ),
+    (
+        '"time_s"',
+        '"when"',
+        "readings.csv, line 1: column when is missing, which [table] order names; add it (there are ",
+    ),
+    (
+        '"time_s"',
+        '"day"',
+        "readings.csv, line 2: column day holds 'Mon', but [table] order needs numbers; ",
+    ),
+]
+
+
+@pytest.mark.parametrize(("was", "flaw", "message"), TABLE_FLAWS)
+def test_flaw_in_a_table_recording_is_refused(refusal, readings, was, flaw, message):
+    assert was in readings.toml
+    readings.toml = readings.toml.replace(was, flaw, 1)
+    assert refusal(readings.write()).startswith(f"cell/{message}")
+
+
+def test_text_among_the_response_is_refused_with_its_line(refusal, readings):
+    readings.set("readings.csv", 7, "deflection_in", "0,11".replace(",", "'"))
+    assert refusal(readings.write()) == (
+        'cell/readings.csv, line 7: column deflection_in holds "0\'11", but [table] response needs numbers; '
+        "leave a missing value empty"
+    )
+
+
+def test_table_without_readings_is_refused(refusal, readings):
+    readings.tables["readings.csv"] = readings.tables["readings.csv"][:1]
+    assert refusal(readings.write()) == "cell/readings.csv, line 1: no readings; add a row per reading"

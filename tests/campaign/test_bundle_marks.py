@@ -1,0 +1,139 @@
+"""Runs that are kept but not trusted, and what is said about the others."""
+
+from rigctl.campaign.bundle import import_bundle, import_report, read_bundle, write_bundle
+
+
+def marked(path, run_id):
+    """The one run's record and what the report says of it."""
+    recording = read_bundle(path)
+    (record,) = (run for run in recording.runs() if run.run_id == run_id)
+    return record, recording.report
+
+
+def test_saturated_samples_make_a_run_invalid(sensing):
+    for line, text in ((20, "10.0"), (21, "-10.5"), (22, "9.999")):
+        sensing.set("runs/2.csv", line, "accel_v", text)
+    record, report = marked(sensing.write(), "2")
+    assert not record.valid
+    assert record.reason == "accel_v: 2 of 400 samples saturated (full scale 10 V), first in line 20"
+    assert report.invalid[0] == ("2", record.reason)
+    assert report.warnings == ()
+
+
+def test_missing_readings_of_the_sensor_make_a_run_invalid(sensing):
+    for line, text in ((20, "nan"), (21, ""), (22, "NaN")):
+        sensing.set("runs/2.csv", line, "accel_v", text)
+    record, _ = marked(sensing.write(), "2")
+    assert (record.valid, record.reason) == (False, "accel_v: 3 of 400 samples missing, first in line 20")
+
+
+def test_gap_is_reported_and_never_filled(sensing):
+    del sensing.tables["runs/2.csv"][101:111]
+    recording = read_bundle(sensing.write())
+    record = recording.runs()[1]
+    assert not record.valid
+    assert record.reason == "1 gap in t_s, about 10 samples, first after 0.99 s"
+    assert recording.samples("2")["t_s"].size == 390
+
+
+def test_uneven_time_base_is_reported_and_never_resampled(sensing):
+    for line in range(2, 402):
+        index = line - 2
+        sensing.set("runs/2.csv", line, "t_s", repr(index * 0.01 + (0.002 if index == 50 else 0)))
+    recording = read_bundle(sensing.write())
+    assert recording.runs()[1].reason == "t_s is not equally spaced (median step 0.01 s), first at 0.49 s"
+    assert recording.samples("2")["t_s"][50] == 0.502
+
+
+def test_clock_that_changes_its_rate_is_reported(sensing):
+    for line in range(2, 402):
+        index = line - 2
+        sensing.set("runs/2.csv", line, "t_s", repr(index * 0.01 + max(0, index - 200) * 2e-4))
+    assert read_bundle(sensing.write()).runs()[1].reason.startswith("t_s is not equally spaced")
+
+
+def test_times_rounded_to_what_a_spreadsheet_shows_are_even(sensing):
+    for line in range(2, 402):
+        sensing.set("runs/2.csv", line, "t_s", f"{(line - 2) / 96:.4f}")
+    assert read_bundle(sensing.write()).runs()[1].valid
+
+
+def test_run_given_up_by_its_recorder_may_be_short(sensing):
+    sensing.set("runs.csv", 2, "valid", "0")
+    sensing.tables["runs/1.csv"] = sensing.tables["runs/1.csv"][:11]
+    recording = read_bundle(sensing.write())
+    record = recording.runs()[0]
+    short = "0.1 s is too short: one period takes 2 s"
+    assert (record.valid, record.reason) == (False, f"marked invalid in runs.csv; {short}")
+    assert recording.report.warnings == (f"{sensing.path / 'runs/1.csv'}: {short}",)
+
+
+def test_reasons_do_not_pile_up_when_a_bundle_goes_round(sensing, tmp_path):
+    sensing.set("runs/2.csv", 20, "accel_v", "11")
+    first = read_bundle(sensing.write())
+    write_bundle(first, tmp_path / "again")
+    again = read_bundle(tmp_path / "again")
+    assert [run.reason for run in again.runs()] == [run.reason for run in first.runs()]
+
+
+def test_files_and_channels_nobody_asked_for_are_said(sensing):
+    sensing.raw["runs/99.csv"] = b"t_s\n0\n"
+    sensing.toml += '[channels.acel_v]\nunit = "V"\n[lasers.laser_9_mm]\nface = "z"\n'
+    assert read_bundle(sensing.write()).report.warnings == (
+        f"{sensing.path}/runs/99.csv: not in runs.csv, left out",
+        f"{sensing.path}/recording.toml: [channels.acel_v] is a column of no run file",
+        f"{sensing.path}/recording.toml: [lasers.laser_9_mm] is a column of no run file",
+    )
+
+
+def test_number_spoilt_in_a_column_of_one_s_own_is_said(sensing):
+    sensing.set("runs.csv", 3, "pressure_hpa", "n/a")
+    recording = read_bundle(sensing.write())
+    assert recording.runs()[0].conditions["pressure_hpa"] == "1013.2"
+    assert recording.report.warnings == (
+        f"{sensing.path}/runs.csv, line 3: 'n/a' makes column pressure_hpa one of text; leave a missing value empty",
+    )
+
+
+def test_platform_run_keeps_its_good_periods(platform):
+    platform.set("runs/1.csv", 5, "q_a_v", "10.0")
+    platform.set("runs/1.csv", 6, "q_b_v", "nan")
+    platform.set("runs/1.csv", 150, "q_a_v", "12.0")
+    assert platform.tables["runs/1.csv"][149][-1] == "1.0"
+    record, report = marked(platform.write(), "1")
+    assert record.valid
+    remarks = (
+        "q_b_v: 1 of 600 samples missing, first in line 6",
+        "q_a_v: 1 of 600 samples saturated (full scale 10 V), first in line 5",
+    )
+    assert record.reason == "; ".join(remarks)
+    assert report.warnings == tuple(f"{platform.path}/runs/1.csv: {remark}" for remark in remarks)
+
+
+def test_platform_run_without_one_reading_is_invalid(platform):
+    for line in range(2, 602):
+        platform.set("runs/4.csv", line, "q_b_v", "nan")
+    record, _ = marked(platform.write(), "4")
+    assert not record.valid
+    assert "q_b_v: no sample has a value" in record.reason
+
+
+def test_missing_scale_factor_and_wrong_rate_are_said(platform):
+    platform.toml = platform.toml.replace("gain_q_b_v_per_m_s2 = 804.32\n", "")
+    platform.set("runs.csv", 2, "sample_rate_hz", "100")
+    recording = read_bundle(platform.write())
+    assert recording.report.warnings == (
+        f"{platform.path}/recording.toml: [constants] has no gain_q_b_v_per_m_s2; add it before you fit",
+        f"{platform.path}/runs/1.csv: sample_rate_hz is 100, the samples have 10",
+    )
+    assert recording.runs()[0].valid
+
+
+def test_store_remembers_what_its_import_found(sensing, tmp_path):
+    sensing.set("runs/2.csv", 20, "accel_v", "11")
+    sensing.raw["runs/99.csv"] = b"t_s\n0\n"
+    expected = read_bundle(sensing.write()).report
+    with import_bundle(sensing.path, tmp_path / "s.rig.sqlite") as store:
+        assert import_report(store) == expected
+        assert [run.valid for run in store.runs()] == [True, False, False]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["night", "s.rig.sqlite"]
