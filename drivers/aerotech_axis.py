@@ -123,9 +123,13 @@ class AsciiAxis:
                 instrument=self._name,
                 code=FAULT,
             )
+        mend = (
+            "remove the cause, then home to acknowledge and enable"
+            if fault
+            else "is it enabled, or did another client stop it?"
+        )
         return InstrumentError(
-            f"{self._name}: {command!r}: {how} ({fault_text(fault)}, AXISFAULT {fault}); "
-            "remove the cause, then home to acknowledge and enable",
+            f"{self._name}: {command!r}: {how} ({fault_text(fault)}, AXISFAULT {fault}); {mend}",
             instrument=self._name,
             code=str(fault),
             text=fault_text(fault),

@@ -1,0 +1,725 @@
+"""The Ensemble driver: against its manual's bytes, and against the simulated controller."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from drivers.aerotech_ensemble import AerotechEnsemble, EnsembleSettings
+from drivers.connect import connector
+from drivers.transport import Endpoint, InProcessTransport
+from rigctl.clock import RealClock
+from rigctl.errors import (
+    BadReply,
+    InstrumentError,
+    LimitError,
+    LinkLost,
+    LinkTimeout,
+    MotionStopped,
+    RigError,
+    WrongInstrument,
+)
+from rigctl.interfaces import Channel, LinearStage, PacedRecorder
+from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEnsemble
+from simulators.aerotech_ensemble.status import AxisFault
+from simulators.clock import ScaledClock, SimulationClock, VirtualClock
+from simulators.faults import FaultPlan, FaultyInstrument
+from simulators.motion import MotionAxis
+from simulators.serve import Server
+from simulators.wiring import TriggerLine
+
+Send = Callable[[bytes], None]
+PATIENCE_S = 20.0
+"""Wall-clock time after which a test gives up waiting for an event."""
+
+
+class Conversation:
+    """An instrument that expects these lines in this order and gives these replies."""
+
+    def __init__(self, *exchanges: tuple[str, str]) -> None:
+        self.expected = list(exchanges)
+        self._send: Send = lambda _: None
+
+    def connect(self, send: Send) -> Conversation:
+        self._send = send
+        return self
+
+    def receive(self, data: bytes) -> None:
+        line, reply = self.expected.pop(0)
+        assert data == line.encode() + b"\n"
+        self._send(reply.encode("latin-1"))
+
+    def close(self) -> None:
+        pass
+
+
+class Tap:
+    """Passes bytes on to another endpoint, notes the lines, and may meddle."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.lines: list[str] = []
+        self.connections = 0
+        self.on_line: Callable[[str], bool] = lambda _: True
+        self.on_reply: Callable[[bytes], bytes] = lambda data: data
+        self._endpoint = endpoint
+
+    def connect(self, send: Send) -> TappedConnection:
+        self.connections += 1
+        return TappedConnection(self, self._endpoint.connect(lambda data: send(self.on_reply(data))))
+
+    def sent(self, keyword: str) -> list[str]:
+        return [line for line in self.lines if line.startswith(keyword)]
+
+
+class TappedConnection:
+    def __init__(self, tap: Tap, inner: Any) -> None:
+        self._tap = tap
+        self._inner = inner
+        self._cut = False
+
+    @property
+    def hung_up(self) -> bool:
+        return self._cut or self._inner.hung_up
+
+    def receive(self, data: bytes) -> None:
+        line = data.decode().removesuffix("\n")
+        self._tap.lines.append(line)
+        if self._tap.on_line(line):
+            self._inner.receive(data)
+        else:
+            self._cut = True
+
+    def close(self) -> None:
+        self._inner.close()
+
+
+class Bench:
+    """A driver, a simulated controller, and the wire that triggers it."""
+
+    def __init__(
+        self,
+        *,
+        clock: SimulationClock | None = None,
+        simulated: dict[str, Any] | None = None,
+        faults: dict[str, Any] | None = None,
+        **configured: Any,
+    ) -> None:
+        self.clock = clock or VirtualClock()
+        self.axis = MotionAxis()
+        self.line = TriggerLine()
+        self.ensemble = SimulatedEnsemble(
+            self.clock, self.axis, self.line, EnsembleSimulatorSettings(**(simulated or {}))
+        )
+        plan = FaultPlan.model_validate(faults or {})
+        self.tap = Tap(FaultyInstrument(self.ensemble, plan, self.clock))
+        self.stage = stage(self.tap, self.clock, **configured)
+
+    def opened(self) -> Bench:
+        self.stage.open()
+        return self
+
+    def homed(self) -> Bench:
+        self.opened().stage.home()
+        self.tap.lines.clear()
+        return self
+
+    def position_mm(self) -> float:
+        return self.axis.position(self.clock.now_s())
+
+    def at_rest(self) -> bool:
+        return self.axis.velocity(self.clock.now_s()) == 0.0
+
+
+def stage(endpoint: Endpoint, clock: SimulationClock, **configured: Any) -> AerotechEnsemble:
+    return AerotechEnsemble(
+        "stage", EnsembleSettings(**configured), lambda: InProcessTransport("sim:stage", endpoint, clock), clock
+    )
+
+
+def talking(*exchanges: tuple[str, str], **configured: Any) -> tuple[AerotechEnsemble, Conversation]:
+    """A stage just opened whose controller goes on with these exchanges."""
+    conversation = Conversation(*GREETING, *exchanges)
+    opened = stage(conversation, VirtualClock(), **configured)
+    opened.open()
+    return opened, conversation
+
+
+GREETING = (
+    ("NONE", "!\n"),
+    ("VERSION", "%4.01.000\n"),
+    ("GETPARM(X, 140)", "%X\n"),
+    ("GETPARM(X, 129)", "%mm\n"),
+)
+
+
+# the manual's bytes
+
+
+@pytest.mark.parametrize("eos", ["\n", ""])
+def test_homing_and_a_move_are_the_manuals_exchange(eos: str) -> None:
+    moving, conversation = talking(
+        ("AXISSTATUS(X)", "%0\n"),
+        ("ACKNOWLEDGEALL", "%" + eos),
+        ("ENABLE X", "%" + eos),
+        ("WAIT MODE NOWAIT", "%" + eos),
+        ("AXISSTATUS(X)", "%2097157\n"),
+        ("HOMEASYNC X", "%" + eos),
+        ("AXISSTATUS(X)", "%2113545\n"),
+        ("AXISSTATUS(X)", "%2097159\n"),
+        ("PLANESTATUS(0)", "%0\n"),
+        ("PFBK(X)", "%0.000000\n"),
+        ("PFBKPROG(X)", "%0.000000\n"),
+        ("AXISSTATUS(X)", "%-2145386489\n"),
+        ("PLANESTATUS(0)", "%0\n"),
+        ("WAIT MODE NOWAIT", "%" + eos),
+        ("RAMP MODE RATE", "%" + eos),
+        ("RAMP RATE X 100", "%" + eos),
+        ("MOVEABS X 5 F20", "%" + eos),
+        ("AXISSTATUS(X)", "%2097179\n"),
+        ("AXISSTATUS(X)", "%2097155\n"),
+        ("PLANESTATUS(0)", "%1\n"),
+        ("AXISSTATUS(X)", "%2097159\n"),
+        ("PLANESTATUS(0)", "%0\n"),
+        ("PFBKPROG(X)", "%4.999875\n"),
+    )
+    moving.home()
+    moving.move_to(5.0)
+    assert not conversation.expected
+
+
+def test_a_capture_is_the_manuals_exchange() -> None:
+    recording, conversation = talking(
+        ("DATAACQ X INPUT 1", "%\n"),
+        ("DATAACQ X TRIGGER 1", "%\n"),
+        ("DATAACQ X ON 3", "%\n"),
+        ("DGLOBAL(51) = 1000000000000", "%\n"),
+        ("DATAACQ X READ 50, 2", "%\n"),
+        ("DGLOBAL(51)", "%2.500000\n"),
+        ("DGLOBAL(50)", "%-1.250000\n"),
+        ("DGLOBAL(51)", "%2.500000\n"),
+        ("DGLOBAL(50) = 1000000000000", "%\n"),
+        ("DATAACQ X READ 50, 1", "%\n"),
+        ("DGLOBAL(50)", "%3,75\n"),
+        ("DGLOBAL(50)", "%3,75\n"),
+        capture_register_first=50,
+        capture_registers=2,
+    )
+    recording.arm(3, 0.01)
+    np.testing.assert_array_equal(recording.collect(), [[-1.25], [2.5], [3.75]])
+    assert not conversation.expected
+
+
+def test_a_fault_reply_is_raised_with_the_faults_of_the_axis() -> None:
+    refused, _ = talking(
+        ("AXISSTATUS(X)", "%0\n"), ("ACKNOWLEDGEALL", "%\n"), ("ENABLE X", "#\n"), ("AXISFAULT(X)", "%2064\n")
+    )
+    with pytest.raises(InstrumentError, match=r"'ENABLE X': it was refused .*positive soft limit") as raised:
+        refused.home()
+    assert (raised.value.code, raised.value.text) == ("2064", "positive soft limit, emergency stop")
+    assert raised.value.instrument == "stage"
+
+
+@pytest.mark.parametrize(
+    ("reply", "error", "text"),
+    [
+        ("!\n", InstrumentError, "did not understand 'PFBKPROG"),
+        ("$\n", InstrumentError, r"timed out on 'PFBKPROG\(X\)' \(answer \$\)"),
+        ("%abc\n", BadReply, "no number"),
+        ("%nan\n", BadReply, "no number"),
+        ("%\n", BadReply, "no number"),
+        ("?1.0\n", BadReply, "instead of one of"),
+        ("\xff\xfe\n", BadReply, "instead of one of"),
+        ("%1.0", LinkTimeout, "only b'1.0' came"),
+        ("", LinkTimeout, "nothing came"),
+    ],
+)
+def test_a_reply_the_manual_does_not_allow_is_named(reply: str, error: type[RigError], text: str) -> None:
+    asked, _ = talking(("PFBKPROG(X)", reply))
+    with pytest.raises(error, match=text):
+        asked.position()
+
+
+def test_the_controllers_own_status_character_is_the_code() -> None:
+    asked, _ = talking(("VERSION", "!"))
+    with pytest.raises(InstrumentError) as raised:
+        asked.identify()
+    assert raised.value.code == "!"
+
+
+@given(st.binary(max_size=30))
+def test_whatever_answers_only_typed_errors_come_out(noise: bytes) -> None:
+    asked, _ = talking(("PFBKPROG(X)", noise.decode("latin-1")), ("AXISFAULT(X)", "%0\n"))
+    with suppress(RigError):
+        assert math.isfinite(asked.position().value)
+
+
+# who answers
+
+
+@pytest.mark.parametrize(
+    ("greeting", "text"),
+    [
+        (("NONE", "E01\n"), "instead of one of"),
+        (("NONE", "%\n"), "answered 'NONE' with '%'"),
+        (("VERSION", "%hello\n"), "'VERSION' with 'hello'"),
+        (("VERSION", "!\n"), "did not understand 'VERSION'"),
+        (("GETPARM(X, 140)", "!\n"), "axis name"),
+        (("GETPARM(X, 140)", "%Y\n"), "called 'Y', not 'X'"),
+        (("GETPARM(X, 129)", "%deg\n"), "counts in 'deg'"),
+    ],
+)
+def test_another_instrument_is_not_opened(greeting: tuple[str, str], text: str) -> None:
+    exchanges = [greeting if greeting[0] == usual[0] else usual for usual in GREETING]
+    wrong = stage(Conversation(*exchanges), VirtualClock())
+    with pytest.raises(WrongInstrument, match=text):
+        wrong.open()
+    with pytest.raises(LinkLost, match="open it first"):
+        wrong.position()
+
+
+def test_the_constructor_and_a_stop_before_open_touch_nothing() -> None:
+    bench = Bench()
+    bench.stage.stop()
+    bench.stage.close()
+    bench.stage.close()
+    assert bench.tap.connections == 0
+
+
+def test_it_says_who_it_is_and_is_what_it_says() -> None:
+    bench = Bench(axis="@0").opened()
+    assert bench.stage.identify().firmware == "4.01.000"
+    assert isinstance(bench.stage, LinearStage)
+    assert isinstance(bench.stage, PacedRecorder)
+    assert bench.stage.channels() == (Channel("stage_x_mm", "mm", "position", 0.0),)
+
+
+def test_opening_moves_nothing_and_changes_nothing() -> None:
+    bench = Bench().opened()
+    assert [line for line, _ in GREETING] == bench.tap.lines
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"position_min_mm": 5.0, "position_max_mm": 5.0}, {"speed_mm_s": 0.0}, {"axis": "X Y"}, {"stroke_mm": 50.0}],
+)
+def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError):
+        EnsembleSettings(**wrong)
+
+
+# limits, before a byte
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda s: s.move_to(25.001), "outside the travel -25 to 25 mm"),
+        (lambda s: s.move_to(math.nan), "outside the travel"),
+        (lambda s: s.oscillate(30.0, 1.0, 0.5, 10.0), "30 mm is outside the travel"),
+        (lambda s: s.oscillate(15.0, 10.5, 0.3, 10.0), r"travel .*can be 10 mm at most"),
+        (lambda s: s.oscillate(0.0, 20.0, 1.0, 10.0), r"speed limit 100 mm/s; .*15\.92 mm at most"),
+        (lambda s: s.oscillate(0.0, 4.0, 3.0, 10.0), r"acceleration limit 1000 mm/s2; .*2\.814 mm at most"),
+        (lambda s: s.oscillate(0.0, 0.0, 0.5, 10.0), "above zero"),
+        (lambda s: s.oscillate(0.0, 5.0, -0.5, 10.0), "above zero"),
+        (lambda s: s.oscillate(0.0, 5.0, 0.5, math.nan), "above zero"),
+        (lambda s: s.oscillate(0.0, math.nan, 0.5, 10.0), "above zero"),
+        (lambda s: s.arm(50_001, 0.01), "at most 50000"),
+        (lambda s: s.arm(0, 0.01), "cannot capture 0"),
+        (lambda s: s.arm(10, 0.0001), "shortest period is 0.0005 s"),
+    ],
+)
+def test_a_set_point_beyond_a_limit_is_refused_before_a_byte(
+    call: Callable[[AerotechEnsemble], None], text: str
+) -> None:
+    bench = Bench().homed()
+    with pytest.raises(LimitError, match=text):
+        call(bench.stage)
+    assert bench.tap.lines == []
+
+
+@given(st.floats(-25.0, 25.0), st.floats(0.001, 60.0), st.floats(0.05, 20.0))
+def test_the_largest_amplitude_named_is_allowed_and_no_more(centre_mm: float, amplitude_mm: float, hz: float) -> None:
+    checked = stage(Conversation(), VirtualClock())
+    w = 2 * math.pi * hz
+    within = abs(centre_mm) + amplitude_mm <= 25 and amplitude_mm * w <= 100 and amplitude_mm * w * w <= 1000
+    error = LinkLost if within else LimitError  # LinkLost: it went on to the wire, which is not open
+    with pytest.raises(error):
+        checked.oscillate(centre_mm, amplitude_mm, hz, 1.0)
+
+
+# motion
+
+
+def test_an_oscillation_starts_at_the_negative_end_and_lasts_whole_cycles() -> None:
+    bench = Bench().homed()
+    bench.stage.oscillate(2.0, 5.0, 0.3, 10.1)
+    assert bench.tap.sent("MOVEABS") == ["MOVEABS X -3 F20"]
+    assert bench.tap.sent("OSCILLATE") == ["OSCILLATE X, 10, 0.3, 4"]
+    start_s = bench.axis.end_s - 4 / 0.3
+    times_s = np.linspace(start_s, bench.axis.end_s, 500)
+    expected_mm = 2.0 - 5.0 * np.cos(2 * math.pi * 0.3 * (times_s - start_s))
+    np.testing.assert_allclose(bench.axis.sample(times_s)[0], expected_mm, atol=1e-9)
+
+
+def test_a_controller_that_takes_the_amplitude_moves_the_same() -> None:
+    for convention in ("peak-to-peak", "amplitude"):
+        bench = Bench(simulated={"oscillate_distance": convention}, oscillate_distance=convention).homed()
+        bench.stage.oscillate(0.0, 5.0, 0.5, 10.0)
+        start_s = bench.axis.end_s - 10.0
+        positions_mm = bench.axis.sample(start_s + np.linspace(0.0, 9.99, 1000))[0]
+        assert (positions_mm.min(), positions_mm.max()) == pytest.approx((-5.0, 5.0), abs=1e-4)
+
+
+def test_a_third_of_a_hertz_for_three_seconds_is_one_cycle() -> None:
+    bench = Bench().homed()
+    bench.stage.oscillate(0.0, 1.0, 1 / 3, 3.0)
+    assert bench.tap.sent("OSCILLATE") == ["OSCILLATE X, 2, 0.333333333, 1"]
+
+
+def test_waiting_firmware_settings_of_others_are_undone_before_a_motion() -> None:
+    bench = Bench().homed()
+    other = InProcessTransport("other", bench.ensemble, bench.clock)
+    bench.stage.close()
+    other.write(b"WAIT MODE MOVEDONE\n")
+    assert other.read_until(b"\n", 1.0) == b"%\n"
+    other.close()
+    bench.stage.open()
+    bench.stage.oscillate(0.0, 5.0, 0.5, 1000.0)
+    assert bench.axis.end_s > bench.clock.now_s() + 999.0
+
+
+def test_positions_shifted_by_another_client_are_refused() -> None:
+    bench = Bench().homed()
+    bench.stage.close()
+    other = InProcessTransport("other", bench.ensemble, bench.clock)
+    other.write(b"POSOFFSET SET X, 3\n")
+    other.close()
+    bench.stage.open()
+    with pytest.raises(InstrumentError, match="shifted by -3 mm"):
+        bench.stage.home()
+
+
+def test_an_axis_not_homed_is_not_moved() -> None:
+    bench = Bench().opened()
+    with pytest.raises(InstrumentError, match="not enabled and homed"):
+        bench.stage.move_to(1.0)
+    assert not bench.tap.sent("MOVEABS")
+
+
+@pytest.mark.parametrize("style", ["refuse", "fault"])
+def test_a_limit_of_the_controller_is_reported_with_its_fault(style: str) -> None:
+    bench = Bench(simulated={"position_max_mm": 10.0, "limit_reply": style}).homed()
+    with pytest.raises(InstrumentError, match=r"MOVEABS X 12 F20.*positive soft limit") as raised:
+        bench.stage.move_to(12.0)
+    assert raised.value.code == "16"
+    assert not isinstance(raised.value, MotionStopped)
+    assert not bench.stage.is_homed()
+    bench.stage.home()
+    bench.stage.move_to(9.0)
+    assert bench.stage.position().value == 9.0
+    bench.stage.move_to(-5.0)
+    with pytest.raises(InstrumentError, match=r"OSCILLATE.*positive soft limit"):
+        bench.stage.oscillate(0.0, 11.0, 0.5, 10.0)
+
+
+def test_a_fault_on_the_way_is_reported_with_where_it_stopped() -> None:
+    bench = Bench().homed()
+    bench.clock.call_at(bench.clock.now_s() + 0.6, lambda: bench.ensemble.controller.trip(AxisFault.ENCODER))
+    with pytest.raises(InstrumentError, match=r"stopped at \d+\.?\d* mm \(encoder, AXISFAULT 524288\)") as raised:
+        bench.stage.move_to(20.0)
+    assert not isinstance(raised.value, MotionStopped)
+
+
+def test_an_axis_that_somebody_else_stopped_did_not_arrive() -> None:
+    bench = Bench().homed()
+    bench.clock.call_at(bench.clock.now_s() + 0.6, bench.ensemble.controller.abort)
+    with pytest.raises(InstrumentError, match=r"it stopped at .*no axis fault") as raised:
+        bench.stage.move_to(20.0)
+    assert not isinstance(raised.value, MotionStopped)
+
+
+def test_a_move_that_never_ends_is_aborted() -> None:
+    bench = Bench(move_speed_mm_s=0.1, motion_timeout_s=5.0).homed()
+    with pytest.raises(InstrumentError, match="has not ended after 5 s and was aborted"):
+        bench.stage.move_to(20.0)
+    bench.clock.sleep_s(0.1)
+    assert bench.at_rest()
+
+
+def test_homing_that_finds_no_mark_is_an_error() -> None:
+    bench = Bench(simulated={"home_position_mm": 20.0}).opened()
+    bench.clock.call_at(bench.clock.now_s() + 1.0, bench.ensemble.controller.abort)
+    with pytest.raises(InstrumentError, match="ended without the reference"):
+        bench.stage.home()
+
+
+def test_a_controller_without_asynchronous_homing_is_homed_all_the_same() -> None:
+    bench = Bench(simulated={"homing_asynchronous": False, "home_search_s": 30.0}).opened()
+    bench.stage.home()
+    assert bench.stage.is_homed()
+    assert bench.tap.sent("HOME") == ["HOMEASYNC X", "HOME X"]
+
+
+# stopping
+
+
+@contextmanager
+def in_thread(action: Callable[[], None]) -> Iterator[list[BaseException]]:
+    """Runs `action` beside the block; its error, if any, is in the list afterwards."""
+    raised: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            action()
+        except RigError as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield raised
+    finally:
+        thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+
+
+def when_sent(bench: Bench, keyword: str) -> threading.Event:
+    seen = threading.Event()
+
+    def look(line: str) -> bool:
+        if line.startswith(keyword):
+            seen.set()
+        return True
+
+    bench.tap.on_line = look
+    return seen
+
+
+SLOW: dict[str, Any] = {"motion_timeout_s": 1000.0, "move_speed_mm_s": 0.1}
+"""Motions that take minutes of rig time: none ends by itself before it is stopped."""
+
+
+@pytest.mark.parametrize(
+    ("keyword", "action"),
+    [
+        ("MOVEABS", lambda s: s.move_to(20.0)),
+        ("MOVEABS", lambda s: s.oscillate(0.0, 20.0, 0.5, 10.0)),
+        ("HOMEASYNC", lambda s: s.home()),
+    ],
+    ids=["move", "way to an oscillation", "homing"],
+)
+def test_a_stop_from_another_thread_ends_a_blocked_motion(
+    keyword: str, action: Callable[[AerotechEnsemble], None]
+) -> None:
+    homing = keyword == "HOMEASYNC"
+    simulated = {"home_search_s": 0.1, "home_position_mm": 20.0 if homing else 0.0, "home_speed_mm_s": 0.1}
+    bench = Bench(clock=ScaledClock(20.0), simulated=simulated, **SLOW)
+    bench = bench.opened() if homing else bench.homed()
+    seen = when_sent(bench, keyword)
+    with in_thread(lambda: action(bench.stage)) as raised:
+        assert seen.wait(PATIENCE_S)
+        bench.stage.stop()
+        assert bench.at_rest()
+    assert [type(error) for error in raised] == [MotionStopped]
+    assert bench.at_rest()
+    assert not bench.tap.sent("OSCILLATE")
+
+
+def test_a_stop_from_another_thread_ends_an_oscillation() -> None:
+    bench = Bench(clock=ScaledClock(20.0)).homed()
+    bench.stage.oscillate(0.0, 5.0, 0.5, 1000.0)
+    assert bench.axis.moving(bench.clock.now_s())
+    with in_thread(bench.stage.stop) as raised:
+        pass
+    assert raised == []
+    assert bench.at_rest()
+
+
+def test_a_stop_while_the_wire_is_busy_with_others_gets_its_turn() -> None:
+    bench = Bench(clock=ScaledClock(20.0), **SLOW).homed()
+    seen = when_sent(bench, "MOVEABS")
+    asking = threading.Event()
+
+    def watch() -> None:
+        while not asking.is_set():
+            bench.stage.position()
+
+    with in_thread(watch) as watched, in_thread(lambda: bench.stage.move_to(20.0)) as raised:
+        assert seen.wait(PATIENCE_S)
+        bench.stage.stop()
+        asking.set()
+    assert watched == []
+    assert [type(error) for error in raised] == [MotionStopped]
+
+
+def test_a_blocking_homing_is_stopped_when_the_controller_listens_again() -> None:
+    simulated = {"homing_asynchronous": False, "home_search_s": 5.0}
+    bench = Bench(clock=ScaledClock(20.0), simulated=simulated).opened()
+    seen = when_sent(bench, "HOME X")
+    with in_thread(bench.stage.home) as raised:
+        assert seen.wait(PATIENCE_S)
+        bench.stage.stop()
+    assert [type(error) for error in raised] == [MotionStopped]
+    assert bench.tap.sent("ABORT") == ["ABORT X"]
+
+
+def test_a_stop_may_come_at_any_time_and_any_number_of_times() -> None:
+    bench = Bench().homed()
+    bench.stage.stop()
+    bench.stage.oscillate(0.0, 5.0, 0.5, 100.0)
+    bench.stage.stop()
+    bench.stage.stop()
+    assert bench.at_rest()
+    bench.stage.move_to(1.0)
+    assert bench.stage.position().value == 1.0
+
+
+def test_a_stop_ends_a_capture() -> None:
+    bench = Bench().homed()
+    bench.stage.arm(10, 0.01)
+    bench.stage.stop()
+    assert bench.tap.sent("DATAACQ")[-1] == "DATAACQ X OFF"
+    with pytest.raises(InstrumentError, match="no capture is armed"):
+        bench.stage.collect()
+
+
+# capture
+
+
+@pytest.mark.parametrize(
+    ("simulated", "configured"),
+    [
+        ({}, {}),
+        ({}, {"capture_registers": 7}),
+        ({"capture_unit": "counts"}, {"capture_unit": "counts", "capture_registers": 64}),
+        ({"capture_read": "restarts"}, {"capture_read": "restarts"}),
+        ({"always_send_eos": False}, {}),
+        ({"capture_latency_s": 0.05}, {"latency_s": 0.05}),
+        ({"capture_trigger": 3, "capture_input": 2}, {"capture_trigger": 3, "capture_input": 2}),
+    ],
+)
+def test_what_is_collected_is_the_motion_at_the_edges(simulated: dict[str, Any], configured: dict[str, Any]) -> None:
+    bench = Bench(simulated=simulated, **configured).homed()
+    bench.stage.oscillate(0.0, 5.0, 0.5, 20.0)
+    bench.stage.arm(300, 0.02)
+    first_s = bench.clock.now_s() + 0.3
+    bench.line.begin(first_s, 0.02, 300)
+    bench.clock.sleep_s(first_s + 0.02 * 299 - bench.clock.now_s())
+    rows = bench.stage.collect()
+    edges_s = first_s + 0.02 * np.arange(300) + simulated.get("capture_latency_s", 0.0)
+    assert rows.shape == (300, 1)
+    np.testing.assert_allclose(rows[:, 0], bench.axis.sample(edges_s)[0], atol=2.6e-6)
+
+
+@pytest.mark.parametrize("simulated", [{}, {"capture_short_read": "partial"}])
+def test_missed_edges_are_not_passed_over(simulated: dict[str, Any]) -> None:
+    bench = Bench(simulated=simulated, capture_registers=40).homed()
+    for edges in (0, 39, 99):
+        bench.stage.arm(100, 0.01)
+        bench.line.begin(bench.clock.now_s() + 0.1, 0.01, edges)
+        bench.clock.sleep_s(2.0)
+        with pytest.raises(InstrumentError, match="fewer positions captured than the 100"):
+            bench.stage.collect()
+
+
+def test_a_refused_read_with_an_axis_fault_names_the_fault() -> None:
+    bench = Bench().homed()
+    bench.stage.arm(10, 0.01)
+    bench.ensemble.controller.trip(AxisFault.OVER_CURRENT)
+    with pytest.raises(InstrumentError, match="over-current"):
+        bench.stage.collect()
+
+
+def test_one_read_must_hold_all_where_reads_start_over() -> None:
+    bench = Bench(capture_read="restarts", capture_registers=100).homed()
+    with pytest.raises(LimitError, match="at most 100"):
+        bench.stage.arm(101, 0.01)
+
+
+# the link
+
+
+def test_a_connection_the_controller_has_closed_is_opened_again() -> None:
+    bench = Bench(simulated={"socket_timeout_s": 60.0}).homed()
+    for action in (bench.stage.position, lambda: bench.stage.move_to(1.0), bench.stage.stop, bench.stage.rest):
+        before = bench.tap.connections
+        bench.clock.sleep_s(61.0)
+        action()
+        assert bench.tap.connections == before + 1
+
+
+def test_a_motion_command_is_never_sent_twice() -> None:
+    bench = Bench().homed()
+    bench.tap.on_line = lambda line: not line.startswith("MOVEABS")
+    with pytest.raises(LinkLost):
+        bench.stage.move_to(1.0)
+    assert len(bench.tap.sent("MOVEABS")) == 1
+    bench.tap.on_line = lambda _: True
+    assert bench.stage.position().value == 0.0
+
+
+def test_an_abort_is_sent_again_on_a_new_connection() -> None:
+    bench = Bench().homed()
+    bench.stage.oscillate(0.0, 5.0, 0.5, 100.0)
+    cuts = iter([False])
+    bench.tap.on_line = lambda line: next(cuts, True) if line.startswith("ABORT") else True
+    bench.stage.stop()
+    assert len(bench.tap.sent("ABORT")) == 2
+    assert bench.at_rest()
+
+
+def test_a_late_reply_is_not_taken_for_the_next_one() -> None:
+    bench = Bench(faults={"late": {"nth": [5], "delay_s": 2.5}}).opened()
+    with pytest.raises(LinkTimeout, match="nothing came"):
+        bench.stage.identify()
+    assert bench.stage.position().value == 0.0
+    assert bench.tap.connections == 2
+
+
+def test_a_controller_busy_with_another_client_does_not_answer() -> None:
+    bench = Bench()
+    first = InProcessTransport("first", bench.ensemble, bench.clock)
+    with pytest.raises(LinkTimeout):
+        bench.stage.open()
+    first.close()
+    bench.stage.open()
+    assert bench.stage.is_homed() is False
+
+
+def test_over_a_real_socket_it_homes_moves_and_survives_a_restart_of_the_controller() -> None:
+    clock = ScaledClock(200.0)
+    settings = EnsembleSimulatorSettings(socket_timeout_s=0.0, home_search_s=1.0, always_send_eos=False)
+    server = Server(clock)
+    port = server.add_tcp("stage", SimulatedEnsemble(clock, MotionAxis(), TriggerLine(), settings)).port
+    serving = threading.Thread(target=server.serve)
+    serving.start()
+    try:
+        rig_clock = RealClock(200.0)
+        connect = Mock(wraps=connector(f"tcp://127.0.0.1:{port}", rig_clock))
+        driver = AerotechEnsemble("stage", EnsembleSettings(), connect, rig_clock)
+        driver.open()
+        driver.home()
+        driver.move_to(2.0)
+        assert driver.position().value == 2.0
+        with pytest.raises(LinkLost):
+            driver._wire.tell("RESET")
+        assert not driver.is_homed()
+        assert connect.call_count == 2
+        driver.home()
+        driver.move_to(-2.0)
+        assert driver.position().value == -2.0
+        driver.close()
+    finally:
+        server.stop()
+        serving.join(PATIENCE_S)
+        server.close()
