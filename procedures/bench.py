@@ -66,8 +66,8 @@ class SetPoint:
 
     @property
     def samples(self) -> int:
-        """Samples of whole periods closest to the duration, at least one period."""
-        periods = max(round(self.duration_s * self.frequency_hz), 1)
+        """Samples of the whole periods that the duration asks for, at least one."""
+        periods = max(math.ceil(self.duration_s * self.frequency_hz - 1e-6), 1)
         return math.ceil(periods / self.frequency_hz * self.sample_rate_hz)
 
     @property

@@ -67,7 +67,7 @@ def amplitude_density(volts: FloatArray, sample_rate_hz: float, frequency_hz: fl
     from scipy.signal import welch
 
     segment = min(len(volts), int(40.0 * sample_rate_hz))
-    frequencies, psd = welch(volts, fs=sample_rate_hz, nperseg=segment, detrend="linear")
+    frequencies, psd = welch(volts, fs=sample_rate_hz, nperseg=segment, detrend="constant")
     near = np.abs(np.log2(np.maximum(frequencies, 1e-9) / frequency_hz)) <= 1.0 / 6.0
     return float(np.sqrt(np.mean(psd[near])))
 

@@ -24,8 +24,11 @@ from rigctl.fitting.plane import ARCSEC
 
 ROLL = "roll-gravity"
 MAX_RUNS = 24
-MARGIN = 1.03
+MARGIN = 1.04
 """Time is planned this much longer than the noise asks for: a second visit costs more."""
+
+NEAR_DEG = 1.5
+"""A first guess this close is good enough to go to the null from."""
 
 
 @dataclass(frozen=True)
@@ -56,28 +59,36 @@ class NullSearch:
 
     def find(self) -> NullPoint:
         """Measure until theta0 is known well enough; `ProcedureError` when that does not come about."""
-        low_hz, high_hz = self._frequencies()
-        null = self._approach(high_hz)
-        theta_deg = self._set_point_deg(null)
-        frequencies = [high_hz] if low_hz == high_hz else [high_hz, low_hz]
-        while not self._good_enough(null):
+        null = self._approach()
+        theta_deg = _set_point_deg(null)
+        target_rad = self.settings.theta0_sigma_arcsec * ARCSEC
+        pending = list(self.pair)
+        while pending or null.theta0_sigma_rad > target_rad:
             if len(self.runs) >= MAX_RUNS:
                 raise ProcedureError(
                     f"{self.mounting.key}: theta0 known to {null.theta0_sigma_rad / ARCSEC:.2f} arcsec only after "
                     f"{MAX_RUNS} runs, target {self.settings.theta0_sigma_arcsec:g}: is the room quiet?"
                 )
-            missing_s = self._missing_s(null, low_hz, high_hz)
-            for frequency_hz in frequencies:
-                self._measure(theta_deg, frequency_hz, missing_s / len(frequencies), null)
-            frequencies.reverse()
+            frequency_hz = pending.pop(0) if pending else self._weakest()
+            self._measure(theta_deg, frequency_hz, self._missing_s(frequency_hz, target_rad), null)
             null = self._null()
         return null
+
+    @property
+    def pair(self) -> tuple[float, ...]:
+        """The drive's frequencies used: the outermost separate roll from angle best; without roll the highest."""
+        high_hz = max(self.settings.frequencies_hz)
+        low_hz = min(self.settings.frequencies_hz)
+        with_roll = any(effect.id == ROLL for effect in self.effects)
+        return (high_hz, low_hz) if with_roll and low_hz != high_hz else (high_hz,)
 
     def fit(self) -> RecordingFit:
         """The model fitted to the runs of this mounting."""
         bench = self.bench
         return fit_recording(
-            RecordingModel(observables(self.runs), bench.package, bench.heads, bench.g_m_s2, self._separable())
+            RecordingModel(
+                observables(self.runs, harmonics=1), bench.package, bench.heads, bench.g_m_s2, self._separable()
+            )
         )
 
     def _separable(self) -> tuple[Effect, ...]:
@@ -85,15 +96,15 @@ class NullSearch:
         one_frequency = len({round(run.frequency_hz, 2) for run in self.runs}) == 1
         return tuple(effect for effect in self.effects if effect.id != ROLL or not one_frequency)
 
-    def _approach(self, frequency_hz: float) -> NullPoint:
+    def _approach(self) -> NullPoint:
         """Short runs, each at the null as the last one told, until the guess stays on the spot."""
         theta_deg = self.settings.start_deg
         for _ in range(4):
-            self._measure(theta_deg, frequency_hz, self.settings.coarse_s, None)
+            self._measure(theta_deg, self.pair[0], self.settings.coarse_s, None)
             null = self._null()
-            found_deg = self._set_point_deg(null)
+            found_deg = _set_point_deg(null)
             # With the gain known to its prior, one step of a degree ends within its hundredth.
-            if abs(found_deg - theta_deg) <= 1.5:
+            if abs(found_deg - theta_deg) <= NEAR_DEG:
                 return null
             theta_deg = found_deg
         raise ProcedureError(f"{self.mounting.key}: no null within reach of {self.settings.start_deg:g} deg")
@@ -107,7 +118,7 @@ class NullSearch:
             theta_deg,
             frequency_hz,
             settings.amplitude_mm,
-            min(duration_s, settings.max_run_s),
+            duration_s,
             settings.sample_rate_hz,
         )
         null_deg = math.degrees(null.theta0_rad) if null is not None else None
@@ -123,32 +134,39 @@ class NullSearch:
         mounting = self.mounting
         return self.fit().null(mounting.axis, mounting.configuration, mounting.number)
 
-    def _good_enough(self, null: NullPoint) -> bool:
-        visited = {round(run.frequency_hz, 2) for run in self.runs[1:]}
-        enough = {round(f, 2) for f in self._frequencies()} <= visited
-        return enough and null.theta0_sigma_rad <= self.settings.theta0_sigma_arcsec * ARCSEC
+    def _missing_s(self, frequency_hz: float, target_rad: float) -> float:
+        """Further time at this frequency for the target, with what the others have and will have."""
+        times, noise = self._times_s(), self._noise()
+        allowed = (target_rad * self._slope_m_s2()) ** 2 / MARGIN
+        # Equal noise per frequency is best at equal times: each may use an equal share of what is allowed.
+        share = allowed / len(self.pair)
+        others = sum(max(noise[f] / times[f], share) if times[f] else share for f in self.pair if f != frequency_hz)
+        others = min(others, 0.75 * allowed)
+        needed_s = noise[frequency_hz] / (allowed - others) - times[frequency_hz]
+        return min(max(needed_s, 2.0 / frequency_hz), self.settings.max_run_s)
 
-    def _frequencies(self) -> tuple[float, float]:
-        """The lowest and the highest: they separate roll from angle best. Without roll the highest alone."""
-        high_hz = max(self.settings.frequencies_hz)
-        with_roll = any(effect.id == ROLL for effect in self.effects)
-        return (min(self.settings.frequencies_hz) if with_roll else high_hz), high_hz
+    def _weakest(self) -> float:
+        """The frequency whose noise limits theta0 now."""
+        times, noise = self._times_s(), self._noise()
+        return max(self.pair, key=lambda f: noise[f] / times[f])
 
-    def _missing_s(self, null: NullPoint, low_hz: float, high_hz: float) -> float:
-        """Further acquisition time for the target, both frequencies together."""
-        target_rad = self.settings.theta0_sigma_arcsec * ARCSEC
+    def _times_s(self) -> dict[float, float]:
+        """Acquisition time near the null, by frequency."""
+        near = self.runs[1:]
+        return {f: sum(r.duration_s for r in near if abs(r.frequency_hz - f) < 0.01) for f in self.pair}
+
+    def _noise(self) -> dict[float, float]:
+        """Density of the acceleration noise at each frequency [(m/s2)^2/Hz]."""
         sensor = self.bench.package.axes[self.mounting.axis].sensor[self.mounting.configuration]
-        noise = noise_density(self.runs, high_hz) / sensor.gain_v_per_m_s2**2
-        w2 = (2.0 * math.pi * high_hz) ** 2 - ((2.0 * math.pi * low_hz) ** 2 if low_hz != high_hz else 0.0)
-        shares = 4.0 if low_hz != high_hz else 1.0
-        total_s = shares * noise / (1e-3 * self.settings.amplitude_mm * w2 * target_rad) ** 2
         if len(self.runs) == 1:
-            return max(MARGIN * total_s, 2.0 / low_hz)
-        # What is there already counts: variance falls as the inverse of time.
-        sigma = null.theta0_sigma_rad
-        return max(MARGIN * total_s * (1.0 - (target_rad / sigma) ** 2), 2.0 / low_hz)
+            return dict.fromkeys(self.pair, self.settings.noise_m_s2_rthz**2)
+        return {f: noise_density(self.runs, f) / sensor.gain_v_per_m_s2**2 for f in self.pair}
 
-    @staticmethod
-    def _set_point_deg(null: NullPoint) -> float:
-        steps = round(math.degrees(null.theta0_rad) / ANGLE_RESOLUTION_DEG)
-        return steps * ANGLE_RESOLUTION_DEG
+    def _slope_m_s2(self) -> float:
+        """Change per radian of what tells the null: A w^2, or its difference between the two frequencies."""
+        w2 = [(2.0 * math.pi * f) ** 2 for f in self.pair]
+        return 1e-3 * self.settings.amplitude_mm * (w2[0] - (w2[1] if len(w2) > 1 else 0.0))
+
+
+def _set_point_deg(null: NullPoint) -> float:
+    return round(math.degrees(null.theta0_rad) / ANGLE_RESOLUTION_DEG) * ANGLE_RESOLUTION_DEG

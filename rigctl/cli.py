@@ -6,6 +6,7 @@ Exit status: 0 done; 1 the work failed; 2 wrong usage or bad input; 130 aborted 
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +21,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+# The matrices here are small: a second thread only waits, and the other core belongs to the console.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="A campaign file, by convention *.rig.sqlite.")]

@@ -40,6 +40,7 @@ class SimulatedRig:
         self._rotation, self._linear, self._pace = MotionAxis(), MotionAxis(), TriggerLine()
         self.nature = BenchSettings.model_validate(world)
         self.world = AccelerometerBench(self.nature, clock, self._rotation, self._linear, self._pace)
+        self._meters: list[Simulated34465A] = []
         self.instruments = {name: self._build(spec) for name, spec in specs.items()}
 
     def operate(self, action: Mapping[str, Any]) -> float:
@@ -54,6 +55,8 @@ class SimulatedRig:
                 return self.world.level()
             case {"run": int(number)}:
                 self.world.announce_run(number)
+                for index, meter in enumerate(self._meters):
+                    meter.key_noise(self.nature.seed, index, number)
                 return self.clock.now_s()
             case _:
                 raise ValueError(f"no such action: {dict(action)}; there are remount, level and run")
@@ -72,6 +75,8 @@ class SimulatedRig:
         if spec.kind not in _BUILDERS:
             raise ValueError(f"no simulator for {spec.kind}; there are {', '.join(_BUILDERS)}")
         instrument = _BUILDERS[spec.kind](self, spec)
+        if isinstance(instrument, Simulated34465A):
+            self._meters.append(instrument)
         if spec.faults:
             return FaultyInstrument(instrument, FaultPlan.model_validate(spec.faults), self.clock)
         return instrument
@@ -90,7 +95,9 @@ class SimulatedRig:
         return SimulatedEsp301(self.clock, [self._axis(spec.role)], settings)
 
     def _ensemble(self, spec: Spec) -> SimulatedInstrument:
-        settings = EnsembleSimulatorSettings.model_validate({"axis": spec.settings.get("axis", "X"), **spec.simulator})
+        settings = EnsembleSimulatorSettings.model_validate(
+            {"axis": spec.settings.get("axis", "X"), **spec.simulator}
+        )
         return SimulatedEnsemble(self.clock, self._axis(spec.role), self._pace, settings)
 
     def _lkg3001(self, spec: Spec) -> SimulatedInstrument:

@@ -24,8 +24,8 @@ Function = Callable[[FloatArray], FloatArray]
 
 _RELATIVE_STEP = float(np.finfo(float).eps ** (1.0 / 3.0))
 _STEP_IN_SIGMA = 0.5
-# The step that is left would lower chi-squared by less: a thousandth of a sigma, or rounding.
-_CHI2_LEFT, _CHI2_ROUNDING = 1e-6, 1e-13
+# The step that is left would lower chi-squared by less: a ten-thousandth of a sigma, or rounding.
+_CHI2_LEFT, _CHI2_ROUNDING = 1e-8, 1e-13
 _NULL_SHARE = 1e-5
 
 

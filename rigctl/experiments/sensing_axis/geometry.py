@@ -54,17 +54,18 @@ def beam(position: FloatArray, tilt_rad: FloatArray | float) -> FloatArray:
     return direction
 
 
-def head_scale(
-    theta_rad: FloatArray,
-    delta_rad: FloatArray,
-    face_turntable: FloatArray,
-    beam_lab: FloatArray,
-) -> FloatArray:
+def lab_from_cube_mount(theta_rad: FloatArray, delta_rad: FloatArray) -> FloatArray:
+    """Rz(theta) R(delta), shape (..., 3, 3): takes the nominal turntable directions of faces to the lab."""
+    rotation: FloatArray = about_z(theta_rad) @ from_vector(delta_rad)
+    return rotation
+
+
+def head_scale(rotation: FloatArray, face_turntable: FloatArray, beam_lab: FloatArray) -> FloatArray:
     """What a head reads per metre of stage motion, n_x / (c . n), n the face's normal in the lab.
 
-    `face_turntable` is the nominal outward normal M n_C, shape (..., 3); returns shape (...).
+    `rotation` is `lab_from_cube_mount`, `face_turntable` (3,) the nominal outward normal M n_C, `beam_lab` (3,) the
+    beam's direction c; returns the leading shape of `rotation`.
     """
-    normal = about_z(theta_rad) @ from_vector(delta_rad) @ face_turntable[..., None]
-    normal = normal[..., 0]
-    scale: FloatArray = normal[..., 0] / np.sum(beam_lab * normal, axis=-1)
+    normal = rotation @ face_turntable
+    scale: FloatArray = normal[..., 0] / (normal @ beam_lab)
     return scale

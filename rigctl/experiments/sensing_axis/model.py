@@ -17,7 +17,7 @@ from rigctl.experiments.sensing_axis.chain import (
     periodic_motion,
     referred,
 )
-from rigctl.experiments.sensing_axis.geometry import beam, head_scale
+from rigctl.experiments.sensing_axis.geometry import beam, head_scale, lab_from_cube_mount
 from rigctl.experiments.sensing_axis.observables import HARMONICS, RunObservables, heads_of
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package, SensorSettings, unit_vector
 from rigctl.fitting.least_squares import Parameter, Prior
@@ -118,9 +118,7 @@ class RecordingModel:
         volts = given["gain"] * force + given["dc"]
         volts = volts + self._added("sensor_output_v", run, given, volts)
         accel_v = referred(harmonics(volts, HARMONICS))
-        lasers = [self._laser(name, run, given) for name in self.heads]
-        shape = (len(self.runs), 0, HARMONICS + 1)
-        return Prediction(accel_v, np.stack(lasers, axis=1) if lasers else np.zeros(shape, np.complex128))
+        return Prediction(accel_v, self._lasers(run, given))
 
     def jacobian(self, values: FloatArray, observe: Callable[[Prediction], FloatArray]) -> FloatArray:
         """Derivatives of `observe(prediction)`, which has one row per run; shape (rows * columns, parameters).
@@ -139,13 +137,17 @@ class RecordingModel:
             jacobian[rows, :, columns] = (upper - lower) / (2.0 * step[columns][:, None])
         return jacobian.reshape(-1, len(self.parameters))
 
-    def _laser(self, name: str, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
+    def _lasers(self, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
+        if not self.heads:
+            return np.zeros((len(self.runs), 0, HARMONICS + 1), np.complex128)
         delta = np.concatenate([given["delta_x"], given["delta_y"], given["delta_z"]], axis=1)
-        theta = run.theta if run.theta.shape[1] > 1 else np.broadcast_to(run.theta, run.x.shape)
-        scale = head_scale(theta, delta[:, None, :], self._faces[name], self._beams[name])
-        reading = run.x * scale
-        reading = reading + self._added("laser_m", replace(run, head=name), given, reading)
-        return referred(harmonics(reading, HARMONICS))
+        # One rotation per run, or per grid point where an effect moves the angle within the period.
+        rotation = lab_from_cube_mount(run.theta, delta[:, None, :])
+        readings = []
+        for name in self.heads:
+            reading = run.x * head_scale(rotation, self._faces[name], self._beams[name])
+            readings.append(reading + self._added("laser_m", replace(run, head=name), given, reading))
+        return referred(harmonics(np.stack(readings, axis=1), HARMONICS))
 
     def _added(self, point: str, run: Runs, given: Mapping[str, FloatArray], signal: FloatArray) -> FloatArray:
         added = np.zeros_like(signal)

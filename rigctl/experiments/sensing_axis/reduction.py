@@ -69,8 +69,11 @@ def reduce_run(run_id: str, conditions: Mapping[str, Any], samples: Mapping[str,
     )
 
 
-def observables(runs: Sequence[ReducedRun]) -> list[RunObservables]:
-    """Observables of all runs, in their order, with the noise of each mounting's runs pooled."""
+def observables(runs: Sequence[ReducedRun], *, harmonics: int = HARMONICS) -> list[RunObservables]:
+    """Observables of all runs, in their order, with the noise of each mounting's runs pooled.
+
+    Sigmas are worked out up to `harmonics` and NaN beyond: a null search needs the first only.
+    """
     pools: dict[tuple[Any, ...], dict[str, list[Spectrum]]] = {}
     for run in runs:
         pool = pools.setdefault(_mounting(run), {})
@@ -85,7 +88,7 @@ def observables(runs: Sequence[ReducedRun]) -> list[RunObservables]:
             levels[key] = spectra[_mounting(run)][name].level(frequency_hz).psd
         return levels[key]
 
-    return [_observed(run, density) for run in runs]
+    return [_observed(run, density, harmonics) for run in runs]
 
 
 def noise_density(runs: Iterable[ReducedRun], frequency_hz: float) -> float:
@@ -93,11 +96,13 @@ def noise_density(runs: Iterable[ReducedRun], frequency_hz: float) -> float:
     return pooled_psd(run.channels[ACCEL].noise for run in runs).level(frequency_hz).psd
 
 
-def _observed(run: ReducedRun, density: Callable[[ReducedRun, str, float], float]) -> RunObservables:
+def _observed(run: ReducedRun, density: Callable[[ReducedRun, str, float], float], harmonics: int) -> RunObservables:
     def amplitudes(name: str) -> Amplitudes:
         channel = run.channels[name]
         mean = channel.noise.dc_noise(run.duration_s).variance
-        lines = [density(run, name, h * run.frequency_hz) / run.duration_s for h in range(1, HARMONICS + 1)]
+        lines = np.full(HARMONICS, np.nan)
+        for h in range(1, harmonics + 1):
+            lines[h - 1] = density(run, name, h * run.frequency_hz) / run.duration_s
         return Amplitudes(channel.value, np.sqrt([mean, *lines]))
 
     given = run.conditions

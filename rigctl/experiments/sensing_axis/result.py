@@ -88,7 +88,8 @@ def sensing_axes(
     records = source.runs(valid_only=True)
     if not records:
         raise ProcedureError("no valid runs yet: nothing to make a result of")
-    runs = observables([reduce_run(r.run_id, r.conditions, source.samples(r.run_id)) for r in records])
+    reduced = [reduce_run(r.run_id, r.conditions, source.samples(r.run_id)) for r in records]
+    runs = observables(reduced, harmonics=1)
     fit = fit_recording(RecordingModel(runs, package, heads, g_m_s2, effects))
     axes: dict[str, AxisResult] = {}
     missing: dict[str, str] = {}
