@@ -55,7 +55,7 @@ class TestLinear:
         plain = least_squares(line(y), LINE)
         scaled = least_squares(lambda p: line(y)(p * unit), LINE)
         assert scaled.verdict == "converged"
-        np.testing.assert_allclose(scaled.values * unit, plain.values, rtol=1e-5)
+        np.testing.assert_allclose(scaled.values * unit, plain.values, atol=3e-4 * plain.sigma("slope"))
         np.testing.assert_allclose(scaled.covariance * np.outer(unit, unit), plain.covariance, rtol=1e-5)
 
     @settings(max_examples=20, deadline=None)
@@ -103,7 +103,7 @@ class TestNonlinear:
         fit = least_squares(decay(y), parameters, jacobian=jacobian)
         near = least_squares(decay(y), [Parameter("size", 2.0), Parameter("rate", 1.43), Parameter("floor", 0.3)])
         assert fit.verdict == "converged"
-        assert np.all(np.abs(fit.values - near.values) < 2e-3 * np.sqrt(np.diag(near.covariance)))
+        assert np.all(np.abs(fit.values - near.values) < 3e-4 * np.sqrt(np.diag(near.covariance)))
         assert fit.p_value > 0.01
 
     def test_differences_agree_with_a_given_jacobian(self):
@@ -155,7 +155,7 @@ class TestWhatTheDataCannotSay:
 
     def test_each_of_several_directions_names_few(self):
         def pairs(p):
-            return np.concatenate([X - p[0] - p[1], X**2 - (p[2] - 3.0 * p[3]) * X])
+            return X**2 - (p[0] + p[1]) * np.exp(-X) - (p[2] - 3.0 * p[3]) * X
 
         fit = least_squares(pairs, [Parameter(name, 0.0) for name in "abcd"])
         first, second = fit.reason.removeprefix("the data leave undetermined: ").split(";")[:2]
@@ -198,6 +198,7 @@ class TestLimits:
         assert fit.verdict == "at-limit"
         assert "slope = 1.5" in fit.reason
         assert np.isnan(fit.sigma("slope"))
+        assert fit.dof == X.size - 2
         assert fit.value("offset") == pytest.approx(1.0 + 0.5 * X.mean())
 
     def test_a_limit_touched_on_the_way_is_left_again(self):

@@ -86,6 +86,17 @@ class TestScatter:
         assert fit.std_hc_2sigma_arcsec == pytest.approx(2 * theta.std(ddof=1) * 206264.806, rel=1e-6)
         assert 15.0 < fit.std_hc_2sigma_arcsec < 35.0
 
+    def test_covariance_is_that_of_a_straight_line_fit_in_the_plane(self):
+        truth = frame([0.2, -0.1, 0.9])
+        in_plane = np.array([[1.0, 0.0], [0.9, 0.1], [1.0, 0.2], [0.1, 1.0], [0.7, -0.7]])
+        in_plane /= np.linalg.norm(in_plane, axis=1)[:, None]
+        out = 1e-5 * np.array([1.0, -2.0, 0.5, 1.5, -0.7])
+        fit = fit_plane(in_plane @ truth[:, :2].T + out[:, None] * truth[:, 2], truth[:, 2])
+        tilt, square_sum = np.linalg.lstsq(in_plane, -out, rcond=None)[:2]
+        covariance = square_sum / 3.0 * np.linalg.inv(in_plane.T @ in_plane)
+        np.testing.assert_allclose(truth[:, :2].T @ fit.normal, tilt, rtol=1e-6)
+        np.testing.assert_allclose(truth[:, :2].T @ fit.covariance @ truth[:, :2], covariance, rtol=1e-4)
+
     def test_covariance_is_singular_along_the_normal(self):
         fit = fit_plane(two_clusters(np.random.default_rng(5)), [0, 0, 1])
         np.testing.assert_allclose(fit.covariance @ fit.normal, 0.0, atol=1e-22)
