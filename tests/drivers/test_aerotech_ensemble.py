@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -195,6 +196,13 @@ def test_homing_and_a_move_are_the_manuals_exchange(eos: str) -> None:
     moving.home()
     moving.move_to(5.0)
     assert not conversation.expected
+
+
+def test_a_line_feed_that_comes_late_belongs_to_the_reply_before() -> None:
+    asked, _ = talking(("PFBKPROG(X)", "\n%1.25\n"), ("DATAACQ X INPUT 1", "\r\n!"))
+    assert asked.position().value == 1.25
+    with pytest.raises(InstrumentError, match="did not understand"):
+        asked.arm(1, 0.01)
 
 
 def test_a_capture_is_the_manuals_exchange() -> None:
@@ -562,6 +570,45 @@ def test_a_stop_while_the_wire_is_busy_with_others_gets_its_turn() -> None:
     assert [type(error) for error in raised] == [MotionStopped]
 
 
+def test_a_motion_stopped_while_it_is_prepared_never_begins() -> None:
+    bench = Bench().homed()
+    stopper = threading.Thread(target=bench.stage.stop)
+
+    def stop_now(line: str) -> bool:
+        if line.startswith("RAMP RATE"):
+            stopper.start()
+            deadline = time.monotonic() + PATIENCE_S
+            while bench.stage._stops == 0 and time.monotonic() < deadline:
+                time.sleep(0)
+        return True
+
+    bench.tap.on_line = stop_now
+    with pytest.raises(MotionStopped):
+        bench.stage.move_to(1.0)
+    stopper.join(PATIENCE_S)
+    assert not bench.tap.sent("MOVEABS")
+    assert bench.tap.sent("ABORT")
+
+
+def test_two_threads_do_not_get_into_each_others_exchanges() -> None:
+    bench = Bench().homed()
+    asker = threading.Thread(target=bench.stage.position)
+    waited = []
+
+    def ask_as_well(line: str) -> bool:
+        if line == "DATAACQ X INPUT 1":
+            asker.start()
+            asker.join(0.05)
+            waited.append(asker.is_alive())
+        return True
+
+    bench.tap.on_line = ask_as_well
+    bench.stage.arm(1, 0.01)
+    asker.join(PATIENCE_S)
+    assert waited == [True]
+    assert "PFBKPROG(X)" in bench.tap.lines
+
+
 def test_a_blocking_homing_is_stopped_when_the_controller_listens_again() -> None:
     simulated = {"homing_asynchronous": False, "home_search_s": 5.0}
     bench = Bench(clock=ScaledClock(20.0), simulated=simulated).opened()
@@ -577,9 +624,11 @@ def test_a_stop_may_come_at_any_time_and_any_number_of_times() -> None:
     bench = Bench().homed()
     bench.stage.stop()
     bench.stage.oscillate(0.0, 5.0, 0.5, 100.0)
-    bench.stage.stop()
+    bench.clock.sleep_s(0.5)
+    assert not bench.at_rest()
     bench.stage.stop()
     assert bench.at_rest()
+    bench.stage.stop()
     bench.stage.move_to(1.0)
     assert bench.stage.position().value == 1.0
 
