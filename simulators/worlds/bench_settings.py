@@ -61,7 +61,6 @@ class LaserSettings(_Settings):
     position: Literal["+x", "+y", "+z"]
     tilt_deg: float = Field(default=5.0, gt=-30.0, lt=30.0)
     noise_um: float = Field(default=0.05, ge=0.0)
-    range_mm: float = Field(default=15.0, gt=0.0)
 
 
 class GroundNoiseSettings(_Settings):

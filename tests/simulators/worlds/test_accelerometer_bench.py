@@ -32,6 +32,13 @@ def test_what_is_not_there_is_refused_by_name(make_bench: Any) -> None:
         bench.displacement_mm("laser_9")
 
 
+def test_no_times_give_no_values(make_bench: Any) -> None:
+    bench = make_bench(quiet=False)
+    bench.mount()
+    for signal in (bench.bench.accelerometer_v, bench.bench.displacement_mm("laser_1_mm"), bench.bench.temperature_c):
+        assert signal(np.empty(0)).shape == (0,)
+
+
 def test_the_operator_takes_time(make_bench: Any) -> None:
     bench = make_bench(remount_s=600.0, level_s=60.0)
     bench.wait_until(5.0)
