@@ -112,7 +112,7 @@ class AerotechEnsemble:
             self._link.open()
             self._check_who_answers()
             if self._settings.capture_unit == "counts":
-                self._mm_per_register = 1.0 / self._wire.ask_number(f"GETPARM({self._axis}, {COUNTS_PER_UNIT})")
+                self._mm_per_register = 1.0 / self._counts_per_mm()
         except BaseException:
             self._link.close()
             raise
@@ -389,6 +389,12 @@ class AerotechEnsemble:
             raise self._wrong(f"its axis is called {axis!r}, not {self._axis!r}: set `axis`")
         if units.lower() != "mm":
             raise self._wrong(f"axis {self._axis} counts in {units!r}: set UnitsName and CountsPerUnit to mm")
+
+    def _counts_per_mm(self) -> float:
+        counts = self._wire.ask_number(f"GETPARM({self._axis}, {COUNTS_PER_UNIT})")
+        if counts <= 0.0:
+            raise self._wrong(f"its CountsPerUnit is {counts:g}")
+        return counts
 
     def _wrong(self, why: str) -> WrongInstrument:
         return WrongInstrument(f"{self.name}: no Ensemble to work with: {why}", instrument=self.name)

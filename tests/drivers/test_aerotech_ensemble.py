@@ -295,6 +295,12 @@ def test_another_instrument_is_not_opened(greeting: tuple[str, str], text: str) 
         wrong.position()
 
 
+def test_a_scale_of_zero_counts_is_not_opened() -> None:
+    conversation = Conversation(*GREETING, ("GETPARM(X, 2)", "%0.000\n"))
+    with pytest.raises(WrongInstrument, match="CountsPerUnit is 0"):
+        stage(conversation, VirtualClock(), capture_unit="counts").open()
+
+
 def test_the_constructor_and_a_stop_before_open_touch_nothing() -> None:
     bench = Bench()
     bench.stage.stop()
