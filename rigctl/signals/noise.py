@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 # Accelerometer noise lies between white (0) and a random walk (-2); a local slope beyond needs evidence.
 _SLOPE_PRIOR, _SLOPE_PRIOR_SIGMA = -0.8, 2.0
 _MIN_KEPT = 0.2
+_SAME_FREQUENCY = 1e-6
 # The mean sees the band below 1/T: flat noise is believed on the evidence of the first bins only.
 _LOW_BINS, _WHITE_ENOUGH = 20, -0.5
 
@@ -65,8 +66,8 @@ class DcNoise:
 class Spectrum:
     """Spectral bins of one or several runs in order of frequency.
 
-    `frequency_hz`, `psd` (one-sided, unit^2/Hz, unbiased by the fit) and `weight`, the kept fraction of a
-    bin's two degrees of freedom; all of shape (bins,).
+    `frequency_hz`, `psd` (one-sided, unit^2/Hz, unbiased by the fit) and `weight`, the degrees of freedom in
+    units of a whole bin's two; all of shape (bins,).
     """
 
     frequency_hz: FloatArray
@@ -129,15 +130,23 @@ def spectrum(residuals: FloatArray, basis: HarmonicBasis) -> Spectrum:
 
 
 def pooled_psd(spectra: Iterable[Spectrum]) -> Spectrum:
-    """Join the bins of several runs of one channel into one spectrum; raises `DataError` for none."""
+    """Join the bins of several runs of one channel into one spectrum; raises `DataError` for none.
+
+    Bins of one frequency become one of their summed weight, which loses nothing: their weighted mean is all
+    that a chi-squared likelihood asks of them.
+    """
     pool = list(spectra)
     if not pool:
         raise DataError("no spectra to pool: give at least one run")
     frequency_hz = np.concatenate([each.frequency_hz for each in pool])
     order = np.argsort(frequency_hz, kind="stable")
-    psd = np.concatenate([each.psd for each in pool])
-    weight = np.concatenate([each.weight for each in pool])
-    return Spectrum(frequency_hz[order], psd[order], weight[order])
+    frequency_hz = frequency_hz[order]
+    weight = np.concatenate([each.weight for each in pool])[order]
+    power = weight * np.concatenate([each.psd for each in pool])[order]
+    first = np.flatnonzero(np.diff(frequency_hz, prepend=-1.0) > _SAME_FREQUENCY * frequency_hz)
+    together = np.add.reduceat(weight, first) if first.size else weight
+    psd = np.add.reduceat(power, first) / together if first.size else power
+    return Spectrum(frequency_hz[first], psd, together)
 
 
 def _local_power_law(at_hz: float, frequency_hz: FloatArray, psd: FloatArray, weight: FloatArray) -> NoiseLevel:

@@ -183,6 +183,18 @@ class TestPool:
         forward, backward = pooled_psd(spectra).level(0.5), pooled_psd(spectra[::-1]).level(0.5)
         assert forward.psd == pytest.approx(backward.psd, rel=1e-6)
 
+    def test_bins_of_one_frequency_merge_without_loss(self):
+        rng = np.random.default_rng(34)
+        t_s = np.arange(400) * PERIOD_S
+        spectra = spectra_of(ar1, HarmonicBasis(t_s, 0.5), rng, runs=3)
+        spectra += spectra_of(ar1, HarmonicBasis(t_s[:390], 0.5), rng, runs=2)
+        pool = pooled_psd(spectra)
+        assert np.unique(pool.frequency_hz).size == pool.frequency_hz.size
+        assert pool.weight.sum() == pytest.approx(sum(each.weight.sum() for each in spectra))
+        assert pool.weight @ pool.psd == pytest.approx(sum(each.weight @ each.psd for each in spectra))
+        again = pooled_psd([pool])
+        np.testing.assert_array_equal(again.psd, pool.psd)
+
     def test_nothing_to_pool_is_refused(self):
         with pytest.raises(DataError, match="no spectra"):
             pooled_psd([])
