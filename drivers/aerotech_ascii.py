@@ -72,9 +72,8 @@ class AsciiLink:
                 return self.tell(line)
 
     def _exchange(self, line: str, timeout_s: float, *, query: bool) -> Answer:
-        transport = self._connected()
+        transport = self._awake()
         try:
-            transport.discard_input()
             transport.write(line.encode("ascii") + b"\n")
             status = transport.read_exactly(1, timeout_s)
             while status in b"\r\n":
@@ -100,6 +99,16 @@ class AsciiLink:
         if self._transport is None:
             self._transport = self._connect()
         return self._transport
+
+    def _awake(self) -> Transport:
+        """The connection, opened again when the controller has ended it for idleness: nothing is sent yet."""
+        transport = self._connected()
+        try:
+            transport.discard_input()
+        except LinkLost:
+            self._drop()
+            transport = self._connected()
+        return transport
 
     def _drop(self) -> None:
         if self._transport is not None:

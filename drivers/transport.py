@@ -30,7 +30,7 @@ class Transport(Protocol):
         ...
 
     def discard_input(self) -> None:
-        """Forget what has arrived unasked."""
+        """Forget what has arrived unasked; `LinkLost` when the other end has gone meanwhile."""
         ...
 
     def close(self) -> None:
@@ -97,8 +97,10 @@ class InProcessTransport:
         return self._take(count)
 
     def discard_input(self) -> None:
-        """Forget what has arrived unasked."""
+        """Forget what has arrived unasked; `LinkLost` when the instrument has ended the connection."""
         self._received.clear()
+        if self._ended():
+            raise self._lost()
 
     def close(self) -> None:
         """End the connection."""

@@ -9,6 +9,7 @@ from rigctl import config
 from rigctl.campaign.store import Store
 from rigctl.effects.catalogue import chosen
 from rigctl.errors import DataError
+from rigctl.experiments.sensing_axis.budget import axis_budgets
 from rigctl.experiments.sensing_axis.result import SensingAxisResult, sensing_axes
 from rigctl.runner import campaign_of, rig_file_of
 
@@ -17,8 +18,15 @@ def of(path: Path) -> dict[str, Any]:
     """The keys of `rigctl result --json`; `DataError`, `ProcedureError`."""
     with Store.open(path, readonly=True) as store:
         quick = [event.data["result"] for event in store.events("once") if event.data["key"] == "quick check"]
-        found = analyse(store).as_json()
+        result = analyse(store)
+        budgets = axis_budgets(result, uncertainties_of(store))
+    found = {**result.as_json(), "budget": {name: each.as_json() for name, each in budgets.items()}}
     return {**found, "quick_check": quick[-1]} if quick else found
+
+
+def uncertainties_of(store: Store) -> dict[str, dict[str, float]]:
+    """Standard uncertainties from the rig file's certificates, by name."""
+    return {name: dict(c.uncertainty) for name, c in rig_file_of(store).certificates.items()}
 
 
 def analyse(store: Store) -> SensingAxisResult:

@@ -83,38 +83,47 @@ def print_status(status: Mapping[str, Any]) -> None:
 
 
 def print_result(result: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-    """Axes and angles, beside the reference values where a campaign file gives some."""
+    """Axes and angles, beside the reference values where a campaign file gives some; fits 80 columns."""
     console = Console()
-    axes = Table(title="Sensing axes in the cube's frame", title_justify="left")
-    for column in ("axis", "x", "y", "z", "std_hc 2 sigma / arcsec", "theta_m / arcsec", "vectors", "verdict"):
+    axes = Table(title="Sensing axes in the cube's frame", title_justify="left", padding=(0, 1))
+    for column in ("axis", "x", "y", "z", "std_hc 2s", "theta_m", "n", "verdict"):
         axes.add_column(column, justify="left" if column in {"axis", "verdict"} else "right", no_wrap=True)
     printed = reference.get("axes", {})
     for name, axis in result["axes"].items():
-        verdict = f"{'pass' if axis['pass'] else 'FAIL'} ({axis['requirement_arcsec']:g})"
         axes.add_row(
             name,
             *(f"{c:+.6f}" for c in axis["coc"]),
-            f"{axis['std_hc_2sigma_arcsec']:.2f}",
-            f"{axis['theta_m_arcsec']:+.3f}",
+            f'{axis["std_hc_2sigma_arcsec"]:.2f}"',
+            f'{axis["theta_m_arcsec"]:+.3f}"',
             str(axis["vectors"]),
-            verdict,
+            "pass" if axis["pass"] else "FAIL",
         )
         if name in printed:
             std = reference.get("std_hc_2sigma_arcsec", {}).get(name)
-            shown = "" if std is None else f"{std:.2f}"
-            axes.add_row("  printed", *(f"{c:+.6f}" for c in printed[name]), shown, "", "", "", style="dim")
+            shown = "" if std is None else f'{std:.2f}"'
+            axes.add_row(" ref", *(f"{c:+.6f}" for c in printed[name]), shown, "", "", "", style="dim")
     console.print(axes)
+    limits = sorted({axis["requirement_arcsec"] for axis in result["axes"].values()})
+    if limits:
+        console.print(
+            "std_hc 2s: half-cone deviation at 2 sigma, theta_m: its mean, n: null vectors; "
+            f"pass up to {', '.join(f'{limit:g}' for limit in limits)} arcsec",
+            style="dim",
+            highlight=False,
+        )
     if result["angles"]:
         console.print(_angles(result["angles"], reference.get("offset_deg", {})))
     for name, reason in result.get("missing", {}).items():
         console.print(f"axis {name}: no result: {reason}", highlight=False, soft_wrap=True)
     if reference.get("source"):
-        console.print(f"printed: {reference['source']}", style="dim", highlight=False)
+        console.print(f"ref: {reference['source']}", style="dim", highlight=False)
+    if result.get("budget"):
+        print_budget(result["budget"])
 
 
 def _angles(angles: Mapping[str, Any], printed: Mapping[str, float]) -> Table:
     table = Table(title="Angles between axes", title_justify="left")
-    for column in ("axes", "angle / deg", "offset from 90 / deg", "sigma / deg", "printed offset / deg"):
+    for column in ("axes", "angle/deg", "|angle - 90|/deg", "sigma/deg", "ref |angle - 90|/deg"):
         table.add_column(column, justify="left" if column == "axes" else "right")
     for pair, angle in angles.items():
         table.add_row(
@@ -128,14 +137,17 @@ def _angles(angles: Mapping[str, Any], printed: Mapping[str, float]) -> Table:
 
 
 def print_budget(budget: Mapping[str, Any]) -> None:
-    """The uncertainty budget of each axis: two angles perpendicular to it."""
+    """The uncertainty budget of each axis: two angles perpendicular to it, 1 sigma."""
     console = Console()
     for name, axis in budget.items():
-        table = Table(title=f"Uncertainty budget of axis {name} / arcsec (1 sigma)", title_justify="left")
-        for column in ("contribution", "type", "input", "component 1", "component 2"):
-            table.add_column(column, justify="right" if column.startswith("component") else "left")
+        table = Table(title=f"Uncertainty of axis {name} / arcsec", title_justify="left", padding=(0, 1))
+        for column in ("contribution", "type", "input", "1", "2"):
+            table.add_column(column, justify="right" if column in {"1", "2"} else "left")
         for row in axis["contributions"]:
             table.add_row(row["name"], row["type"], row["input"], *(f"{x:.3f}" for x in row["arcsec"]))
         table.add_row("combined", "", "", *(f"{x:.3f}" for x in axis["combined_arcsec"]), style="bold")
         table.add_row("expanded (95 %)", "", "", *(f"{x:.3f}" for x in axis["expanded_95_arcsec"]), style="bold")
         console.print(table)
+        inside = ", ".join(f"{part} {x:.2f}" for part, x in axis["included_in_scatter"].items())
+        console.print(f"in the scatter already, per mounting: {inside}", style="dim", highlight=False)
+        console.print(f"Monte Carlo: {axis['monte_carlo']['reason']}", style="dim", highlight=False)

@@ -84,7 +84,7 @@ class AngleSettings(_Settings):
     """The rotation stage's encoder: its step, and how far a position may be off, in steps."""
 
     resolution_deg: float = Field(default=0.0001, gt=0.0)
-    error_steps: float = Field(default=0.5, ge=0.0)
+    error_steps: float = Field(default=0.0, ge=0.0)
 
 
 class BenchSettings(_Settings):

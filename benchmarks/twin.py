@@ -1,0 +1,59 @@
+"""A twin of the shipped rig for benchmarks: opened, in a scratch store, with a session to run procedures in."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import platform
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from procedures.bench import Bench
+from rigctl import config, runner
+from rigctl.campaign.control import Control
+from rigctl.campaign.operator import SimulatedOperator
+from rigctl.campaign.progress import Progress
+from rigctl.campaign.recording import Header
+from rigctl.campaign.session import Session
+from rigctl.campaign.store import Store
+from rigctl.rig import Rig
+
+CAMPAIGNS = Path(__file__).parent.parent / "campaigns"
+
+
+@dataclass
+class Twin:
+    """An open twin."""
+
+    rig: Rig
+    bench: Bench
+    session: Session
+    store: Store
+
+
+@contextmanager
+def twin(seed: int) -> Iterator[Twin]:
+    """The shipped rig with another nature, homed and ready."""
+    file = config.read_rig(CAMPAIGNS / "isa-rig.toml")
+    with tempfile.TemporaryDirectory() as scratch, Rig(file, seed=seed) as rig:
+        bench = runner.bench_of(rig)
+        with Store.create(Path(scratch) / "twin.rig.sqlite", Header("sensing-axis")) as store:
+            control = Control(rig.stop, bench.rest)
+            session = Session(store, rig.clock, SimulatedOperator(rig.operator_link), control, Progress(store))
+            bench.prepare()
+            yield Twin(rig, bench, session, store)
+
+
+def machine() -> str:
+    """The machine in a line, for the record."""
+    model = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        names = [line.split(":")[1].strip() for line in cpuinfo.read_text().splitlines() if "model name" in line]
+        model = names[0] if names else model
+    return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}, {platform.system()}"

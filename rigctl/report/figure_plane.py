@@ -1,0 +1,152 @@
+"""The null vectors about their non-sensitivity plane (figures 15 to 17 of Lucente et al. 2022)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from rigctl.experiments.sensing_axis.package import CYCLIC, AxisSettings
+from rigctl.experiments.sensing_axis.result import AxisResult
+from rigctl.fitting.plane import ARCSEC
+from rigctl.interfaces import FloatArray
+from rigctl.report.figure_data import Plate
+from rigctl.report.style import INK, SOFT, new_figure, panel_letter, series_style
+
+IN_RANGE = 1.6
+"""The requirement is drawn when it is at most this many times farther out than the data."""
+
+
+@dataclass(frozen=True)
+class PlaneRow:
+    """One null vector about the fitted plane.
+
+    The in-plane angle runs from the cube's axis `in_plane_from` towards `in_plane_towards`, both projected on the
+    plane; `sigma_fit_arcsec` is the out-of-plane uncertainty of this vector alone, without re-seating scatter.
+    """
+
+    axis: str
+    configuration: str
+    mounting: int
+    out_of_plane_arcsec: float
+    sigma_fit_arcsec: float
+    in_plane_deg: float
+    in_plane_from: str
+    in_plane_towards: str
+    sigma_hc_arcsec: float
+    requirement_arcsec: float
+
+
+def plane_plate(name: str, axis: AxisResult, settings: AxisSettings) -> Plate[PlaneRow]:
+    """Make the figure of one axis."""
+    caption = (
+        f"Null vectors of axis {axis.name} about their non-sensitivity plane. (a) Angle out of the fitted plane with "
+        f"1 sigma of each vector's own fit; bands: 1 and 2 half-cone standard deviations (eq. 16), 2 sigma_hc = "
+        f"{axis.plane.std_hc_2sigma_arcsec:.2f} arcsec, required {axis.requirement_arcsec:g} arcsec; mean out-of-plane "
+        f"angle {axis.plane.theta_m_arcsec:+.3f} arcsec (eq. 19). (b) Directions of the vectors in the plane, in the "
+        f"cube's frame."
+    )
+    return Plate(name, caption, _rows(axis, settings), draw_plane)
+
+
+def _rows(axis: AxisResult, settings: AxisSettings) -> list[PlaneRow]:
+    _, j, k = CYCLIC[settings.cube_axis]
+    angles = _in_plane_rad(axis.vectors, axis.plane.normal, j)
+    normal = axis.plane.normal
+    return [
+        PlaneRow(
+            axis.name,
+            null.configuration,
+            null.mounting,
+            float(out) / ARCSEC,
+            _sigma_out_of_plane(normal, null.vector_covariance) / ARCSEC,
+            math.degrees(within),
+            f"{'xyz'[j]}_coc",
+            f"{'xyz'[k]}_coc",
+            axis.plane.sigma_hc_rad / ARCSEC,
+            axis.requirement_arcsec,
+        )
+        for null, out, within in zip(axis.nulls, axis.plane.half_cone_rad, angles, strict=True)
+    ]
+
+
+def _in_plane_rad(vectors: FloatArray, normal: FloatArray, j: int) -> FloatArray:
+    """Angles from cube axis j, projected on the plane, turning right-handed about the normal."""
+    first = np.eye(3)[j] - normal[j] * normal
+    first = first / np.linalg.norm(first)
+    return np.asarray(np.arctan2(vectors @ np.cross(normal, first), vectors @ first))
+
+
+def _sigma_out_of_plane(normal: FloatArray, covariance: FloatArray | None) -> float:
+    return 0.0 if covariance is None else math.sqrt(float(normal @ covariance @ normal))
+
+
+def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
+    """Two panels: out-of-plane angles by mounting, and the directions in the plane."""
+    figure = new_figure(2.9)
+    scatter, directions = figure.subplots(1, 2, width_ratios=[1.75, 1.0])
+    configurations = list(dict.fromkeys(row.configuration for row in rows))
+    for index, configuration in enumerate(configurations):
+        own = [row for row in rows if row.configuration == configuration]
+        look = series_style(index)
+        scatter.errorbar(
+            [row.mounting for row in own],
+            [row.out_of_plane_arcsec for row in own],
+            yerr=[row.sigma_fit_arcsec for row in own],
+            fmt=look.marker,
+            color=look.color,
+            capsize=2.0,
+            elinewidth=0.7,
+            label=configuration,
+            zorder=3,
+        )
+        angles = np.radians([row.in_plane_deg for row in own])
+        for x, y in zip(np.cos(angles), np.sin(angles), strict=True):
+            directions.plot([0.0, x], [0.0, y], linestyle=look.line, color=look.color, linewidth=0.5)
+        directions.plot(np.cos(angles), np.sin(angles), look.marker, color=look.color, label=configuration)
+    _draw_bands(scatter, rows)
+    _frame_directions(directions, rows)
+    scatter.set_xlabel("mounting")
+    scatter.set_ylabel("angle out of the plane / arcsec")
+    scatter.xaxis.set_major_locator(MaxNLocator(integer=True))
+    scatter.legend(loc="lower left", ncols=3)
+    panel_letter(scatter, "a")
+    panel_letter(directions, "b")
+    return figure
+
+
+def _draw_bands(axes: Axes, rows: Sequence[PlaneRow]) -> None:
+    sigma, requirement = rows[0].sigma_hc_arcsec, rows[0].requirement_arcsec
+    for multiple, alpha in ((2.0, 0.12), (1.0, 0.16)):
+        axes.axhspan(-multiple * sigma, multiple * sigma, color=INK, alpha=alpha, linewidth=0.0, zorder=0)
+        for sign, text in ((1.0, "+"), (-1.0, "−")):
+            label = f"{text}{'' if multiple == 1.0 else '2'}$\\sigma_\\mathrm{{hc}}$"
+            place = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points", "va": "center"}
+            axes.annotate(label, (1.0, sign * multiple * sigma), (3.0, 0.0), fontsize=7.0, **place)
+    axes.axhline(0.0, color=INK, linewidth=0.6, zorder=1)
+    reach = max(2.0 * sigma, *(abs(row.out_of_plane_arcsec) + row.sigma_fit_arcsec for row in rows))
+    axes.set_title(f"axis {rows[0].axis}: $2\\sigma_\\mathrm{{hc}}$ = {2.0 * sigma:.1f}″", loc="center")
+    if requirement <= IN_RANGE * reach:
+        reach = max(reach, requirement)
+        for sign in (-1.0, 1.0):
+            label = f"requirement ±{requirement:g}″" if sign > 0 else None
+            axes.axhline(sign * requirement, color=SOFT, linestyle="--", label=label)
+    axes.set_ylim(-1.45 * reach, 1.2 * reach)
+
+
+def _frame_directions(axes: Axes, rows: Sequence[PlaneRow]) -> None:
+    """The unit circle, seen from the side the sensing axis points to."""
+    circle = np.linspace(0.0, 2.0 * np.pi, 181)
+    axes.plot(np.cos(circle), np.sin(circle), color=SOFT, linewidth=0.5, zorder=0)
+    angles = np.radians([row.in_plane_deg for row in rows])
+    for coordinates, limit in ((np.cos(angles), axes.set_xlim), (np.sin(angles), axes.set_ylim)):
+        limit(min(0.0, coordinates.min()) - 0.15, max(0.0, coordinates.max()) + 0.15)
+    axes.set_aspect("equal")
+    axes.set_xlabel(f"along $\\mathit{{{rows[0].in_plane_from[0]}}}_\\mathrm{{COC}}$")
+    axes.set_ylabel(f"along $\\mathit{{{rows[0].in_plane_towards[0]}}}_\\mathrm{{COC}}$")
+    axes.legend(loc="center")
