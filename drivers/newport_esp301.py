@@ -177,6 +177,8 @@ class NewportEsp301:
             self._raise_if_stopped(command, stops)
             self._check(f"what happened before {command}")
             self._command(command)
+            if self._stops != stops:  # by a signal handler of this thread
+                self._line.tell(f"{self._axis}ST")
 
     def _finish(self, command: str, stops: int) -> None:
         self._await_rest(command, self._settings.motion_timeout_s)

@@ -110,7 +110,7 @@ class NewportXps:
         self._prepared = False
         self._stops = 0
         self._one_motion = threading.Lock()
-        self._starting = threading.Lock()
+        self._starting = threading.RLock()
 
     # instrument
 
@@ -234,11 +234,13 @@ class NewportXps:
 
     @contextlib.contextmanager
     def _start(self, request: str, stops: int) -> Iterator[None]:
-        """Nobody can call `stop` between the look and the start of the motion."""
+        """No other thread can call `stop` between the look and the start; a signal handler of this one can."""
         with self._starting:
             if self._stops != stops:
                 raise self._stopped(request)
             yield
+            if self._stops != stops:
+                self._halt()
 
     def _halt(self) -> None:
         request = f"GroupMoveAbort({self._group})"

@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply, LinkLost
+from rigctl.errors import BadReply, LinkError, LinkLost
 
 END = b",EndOfAPI"
 SOCKET_CLOSED = -108
@@ -50,7 +50,8 @@ class XpsSocket:
     def __init__(self, name: str, connect: Connect) -> None:
         self._name = name
         self._connect = connect
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
+        self._busy = False
         self._transport: Transport | None = None
         self._wanted = False
 
@@ -71,16 +72,27 @@ class XpsSocket:
         Raises `LinkTimeout`, `LinkLost`, or `BadReply` for bytes that are no reply; the function may then have
         been executed or not.
         """
-        with self._lock:
-            transport = self._connected()
+        with self._one_at_a_time():
+            transport = self._cleared()
             with start or nullcontext(), self._given_up_on_failure():
-                transport.discard_input()
                 transport.write(request.encode("ascii"))
             with self._given_up_on_failure():
                 reply = self._parse(request, transport.read_until(END, timeout_s))
             if reply.code == SOCKET_CLOSED:
                 self._drop()
             return reply
+
+    @contextmanager
+    def _one_at_a_time(self) -> Iterator[None]:
+        """A signal handler may come in the middle of its own thread's exchange: it gets a new connection."""
+        with self._lock:
+            if self._busy:
+                self._drop()
+            self._busy = True
+            try:
+                yield
+            finally:
+                self._busy = False
 
     def _parse(self, request: str, data: bytes) -> Reply:
         try:
@@ -97,6 +109,16 @@ class XpsSocket:
         except BaseException:
             self._drop()
             raise
+
+    def _cleared(self) -> Transport:
+        """A connection with nothing left on it; a new one when the controller has ended the old one."""
+        transport = self._connected()
+        try:
+            transport.discard_input()
+        except LinkError:
+            self._drop()
+            return self._connected()
+        return transport
 
     def _connected(self) -> Transport:
         if not self._wanted:

@@ -140,8 +140,8 @@ class NullSearch:
         allowed = (target_rad * self._slope_m_s2()) ** 2 / MARGIN
         # Equal noise per frequency is best at equal times: each may use an equal share of what is allowed.
         share = allowed / len(self.pair)
-        others = sum(max(noise[f] / times[f], share) if times[f] else share for f in self.pair if f != frequency_hz)
-        others = min(others, 0.75 * allowed)
+        # What the others lack of their shares they get when it is their turn again: nobody else makes up for it.
+        others = sum(min(noise[f] / times[f], share) if times[f] else share for f in self.pair if f != frequency_hz)
         needed_s = noise[frequency_hz] / (allowed - others) - times[frequency_hz]
         return min(max(needed_s, 2.0 / frequency_hz), self.settings.max_run_s)
 

@@ -47,9 +47,7 @@ def draw_nulls(rows: Sequence[NullRow]) -> Figure:
     axes_names = list(dict.fromkeys(row.axis for row in rows))
     configurations = list(dict.fromkeys(row.configuration for row in rows))
     figure = new_figure(3.4)
-    panels = figure.subplots(
-        2, len(axes_names), sharex="col", sharey="row", squeeze=False, height_ratios=[1.5, 1.0]
-    )
+    panels = figure.subplots(2, len(axes_names), sharex="col", sharey="row", squeeze=False, height_ratios=[1.5, 1.0])
     for column, name in enumerate(axes_names):
         above, below = panels[:, column]
         for index, configuration in enumerate(configurations):
