@@ -1,0 +1,241 @@
+"""The ESP301 driver against scripted replies: its exact bytes, and a line that falls out of step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.newport_esp301 import Esp301Settings, NewportEsp301
+from drivers.newport_esp301_line import QueuedError, parse_error
+from drivers.transport import InProcessTransport
+from rigctl.errors import BadReply, InstrumentError, LimitError, LinkLost, LinkTimeout, MotionStopped
+from rigctl.interfaces import Identity
+from simulators.clock import VirtualClock
+
+NO_ERROR = "0, 451322, NO ERROR DETECTED"
+VERSION = "ESP301 Version 3.0.1 6/1/99"
+ANSWERS = {
+    "VE?": VERSION,
+    "TB?": NO_ERROR,
+    "1MO?": "1",
+    "1SN?": "7",
+    "1SL?": "-170.0000",
+    "1SR?": "170.0000",
+    "1MD?": "1",
+    "1TP?": "12.5001",
+}
+Script = dict[str, str | list[str]]
+
+
+@dataclass
+class Scripted:
+    """Answers queries from a script, a list reply by reply, an empty text not at all; commands get nothing."""
+
+    script: Script
+    lines: list[str] = field(default_factory=list)
+    sends: list[Callable[[bytes], None]] = field(default_factory=list)
+    hung_up: bool = False
+
+    def connect(self, send: Callable[[bytes], None]) -> Scripted:
+        self.sends.append(send)
+        self.hung_up = False
+        return self
+
+    def receive(self, data: bytes) -> None:
+        line = data.decode("ascii")
+        assert line.endswith("\r")
+        self.lines.append(line[:-1])
+        answer = self.script.get(line[:-1])
+        if isinstance(answer, list):
+            answer = answer.pop(0) if len(answer) > 1 else answer[0]
+        if answer:
+            self.sends[-1](f"{answer}\r\n".encode())
+
+    def close(self) -> None:
+        self.lines.append("<closed>")
+
+    def commands(self) -> list[str]:
+        return [line for line in self.lines if not line.endswith("?")]
+
+
+def opened(extra: Script | None = None, **settings: float) -> tuple[NewportEsp301, Scripted]:
+    clock = VirtualClock()
+    controller = Scripted({**ANSWERS, **(extra or {})})
+    stage = NewportEsp301(
+        "rotation", Esp301Settings(**settings), lambda: InProcessTransport("sim:esp", controller, clock), clock
+    )
+    stage.open()
+    return stage, controller
+
+
+def homed(extra: Script | None = None) -> tuple[NewportEsp301, Scripted]:
+    stage, controller = opened(extra)
+    stage.home()
+    controller.lines.clear()
+    return stage, controller
+
+
+def test_opening_asks_who_is_there_and_empties_the_error_queue() -> None:
+    stage, controller = opened({"TB?": ["6, 1, COMMAND DOES NOT EXIST", "106, 2, LIMIT", NO_ERROR]})
+    assert controller.lines == ["VE?", "TB?", "TB?", "TB?"]
+    assert stage.identify() == Identity("ESP301", "", "3.0.1 6/1/99", VERSION)
+
+
+def test_an_error_queue_without_an_end_is_a_bad_reply() -> None:
+    with pytest.raises(BadReply, match="no end"):
+        opened({"TB?": "6, 1, COMMAND DOES NOT EXIST"})
+
+
+def test_homing_checks_the_axis_sets_it_up_and_looks_for_errors_after_each_command() -> None:
+    stage, controller = opened({"1MD?": ["0", "0", "1"]})
+    controller.lines.clear()
+    stage.home()
+    assert controller.lines == [
+        "1MO?",
+        "TB?",
+        "1SN?",
+        "1SL?",
+        "1SR?",
+        *("1VA10", "TB?", "1AC40", "TB?", "1AG40", "TB?"),
+        *("TB?", "1MO", "TB?"),
+        *("TB?", "1OR1", "TB?"),
+        *("1MD?", "1MD?", "1MD?"),
+        "TB?",
+    ]
+
+
+def test_axis_home_mode_and_speed_come_from_the_settings() -> None:
+    answers: Script = {f"2{query[1:]}": answer for query, answer in ANSWERS.items() if query.startswith("1")}
+    stage, controller = opened(answers, axis_number=2, home_mode=4, speed_deg_s=2.5, acceleration_deg_s2=0.5)
+    stage.home()
+    assert controller.commands() == ["2VA2.5", "2AC0.5", "2AG0.5", "2MO", "2OR4"]
+
+
+def test_a_move_is_sent_once_and_watched() -> None:
+    stage, controller = homed({"1MD?": ["1", "0", "0", "1"]})
+    stage.move_to(12.5)
+    assert controller.lines == ["1MO?", "TB?", "1PA12.5", "TB?", *["1MD?"] * 3, "TB?", "1TP?"]
+
+
+@pytest.mark.parametrize(("angle_deg", "text"), [(-0.0, "0"), (1e-5, "0.00001"), (100.0, "100"), (0.1 + 0.2, "0.3")])
+def test_targets_are_plain_decimals(angle_deg: float, text: str) -> None:
+    stage, controller = homed({"1TP?": str(angle_deg)})
+    stage.move_to(angle_deg)
+    assert controller.commands() == [f"1PA{text}"]
+
+
+def test_a_motor_switched_off_behind_our_back_must_be_homed_anew() -> None:
+    stage, controller = homed({"1MO?": ["1", "0", "0"]})
+    assert stage.is_homed() is False
+    with pytest.raises(InstrumentError, match="not homed"):
+        stage.move_to(1.0)
+    assert controller.commands() == []
+
+
+def test_the_error_of_a_command_is_raised_with_code_and_text() -> None:
+    stage, controller = homed()
+    controller.script["TB?"] = [NO_ERROR, "106, 130211, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED", NO_ERROR]
+    with pytest.raises(InstrumentError, match="'1PA160' failed with 106") as raised:
+        stage.move_to(160.0)
+    assert (raised.value.code, raised.value.text) == ("106", "AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED")
+
+
+def test_an_older_error_keeps_the_stage_from_moving() -> None:
+    stage, controller = homed()
+    controller.script["TB?"] = ["103, 1, AXIS-1 FOLLOWING ERROR THRESHOLD EXCEEDED", NO_ERROR]
+    with pytest.raises(InstrumentError, match="before 1PA1"):
+        stage.move_to(1.0)
+    assert controller.commands() == []
+
+
+def test_a_stage_that_did_not_arrive_was_stopped() -> None:
+    stage, _ = homed()
+    with pytest.raises(MotionStopped, match=r"ended at 12.5001 deg"):
+        stage.move_to(13.0)
+
+
+def test_another_unit_or_narrow_limits_are_refused_before_the_motor_is_on() -> None:
+    stage, controller = opened({"1SN?": "2"})
+    with pytest.raises(InstrumentError, match="not in degrees"):
+        stage.home()
+    assert controller.commands() == []
+    stage, controller = opened({"1SL?": "-90"})
+    with pytest.raises(LimitError, match="widen SL and SR"):
+        stage.home()
+    assert controller.commands() == []
+
+
+def test_stop_decelerates_and_waits_until_it_stands() -> None:
+    stage, controller = homed({"1MD?": ["1", "0", "1"]})
+    stage.stop()
+    assert controller.lines == ["1ST", "1MD?", "1MD?"]
+
+
+def test_stop_that_has_no_effect_becomes_an_abort() -> None:
+    stage, controller = homed({"1MD?": ["1", "0"]})
+    with pytest.raises(InstrumentError, match="'1ST' has not ended"):
+        stage.stop()
+    assert controller.commands() == ["1ST", "1AB"]
+
+
+def test_a_late_answer_is_not_taken_for_the_next_one() -> None:
+    stage, controller = homed({"1TP?": ["", "2.0000"]})
+    with pytest.raises(LinkTimeout):
+        stage.angle()
+    controller.sends[-1](b"1.0000\r\n")
+    controller.script["VE?"] = "1.0000\r\n" + VERSION
+    assert stage.angle().value == 2.0
+    assert controller.lines == ["1TP?", "VE?", "1TP?"]
+
+
+def test_stop_goes_out_at_once_even_when_answers_are_overdue() -> None:
+    stage, controller = homed({"1TP?": ""})
+    with pytest.raises(LinkTimeout):
+        stage.angle()
+    stage.stop()
+    assert controller.lines == ["1TP?", "1ST", "VE?", "1MD?"]
+
+
+def test_after_a_lost_connection_the_reference_is_not_believed() -> None:
+    stage, controller = homed()
+    assert stage.is_homed()
+    controller.hung_up = True
+    with pytest.raises(LinkLost):
+        stage.angle()
+    assert stage.is_homed() is False
+    assert len(controller.sends) == 2
+
+
+@pytest.mark.parametrize("answer", ["", "abc", "1.0 2.0", "nan", "0x10"])
+def test_an_angle_that_is_no_number(answer: str) -> None:
+    stage, _ = homed({"1TP?": answer or " "})
+    with pytest.raises(BadReply, match=r"rotation: '1TP\?' gave"):
+        stage.angle()
+
+
+@pytest.mark.parametrize("answer", ["0", "0, 1", "x, 1, NO", "-1, 2, NO"])
+def test_an_error_report_of_another_form(answer: str) -> None:
+    with pytest.raises(BadReply, match="code, timestamp, text"):
+        opened({"TB?": answer})
+
+
+@given(
+    code=st.integers(0, 999),
+    timestamp=st.integers(0, 10**9),
+    text=st.text(st.characters(min_codepoint=32, max_codepoint=126)).map(str.strip),
+)
+def test_an_error_report_parses_into_what_it_was_made_of(code: int, timestamp: int, text: str) -> None:
+    assert parse_error(f"{code}, {timestamp}, {text}") == QueuedError(code, text)
+
+
+@given(answer=st.text(st.characters(max_codepoint=255), max_size=40))
+def test_no_text_crashes_the_parser(answer: str) -> None:
+    try:
+        error = parse_error(answer)
+    except ValueError:
+        return
+    assert error.code == int(answer.split(",")[0])
