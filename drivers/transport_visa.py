@@ -175,8 +175,6 @@ def _set_line(line: SerialInstrument, settings: SerialSettings) -> None:
     line.data_bits = settings.bytesize
     line.stop_bits = STOP_BITS[settings.stopbits]
     line.flow_control = FLOW_CONTROL[settings.rtscts, settings.xonxoff]
-    line.end_input = constants.SerialTermination.none
-    line.end_output = constants.SerialTermination.none
 
 
 def _one_line(error: Exception) -> str:
