@@ -192,6 +192,17 @@ def test_keys_of_a_laboratory_s_own_are_kept(sensing, tmp_path):
     assert_same(recording, read_bundle(tmp_path / "again"))
 
 
+def test_any_text_and_key_survives_toml(tmp_path):
+    odd = 'tab\t quote" back\\slash \x7f \x01 line\n π 🛰'
+    constants = {"g m/s²": 9.8, 'π."': float("inf"), "": -0.0}
+    header = Header("sensing-axis", title=odd, constants=constants, extra={odd: {"list": [odd, 1, {"a": True}]}})
+    record = RunRecord("1", "1", "import", conditions(0.0), True)
+    columns = {name: np.arange(2.0) for name in ("t_s", "stage_x_mm", "accel_v")}
+    recording = Recording(header, (record,), {"1": columns}, ImportReport(1))
+    write_bundle(recording, tmp_path / "b")
+    assert_same(recording, read_bundle(tmp_path / "b"))
+
+
 def test_start_in_another_time_zone_is_kept_as_utc(sensing):
     sensing.toml = sensing.toml.replace("2026-11-21T01:00:00Z", "2026-11-21T02:00:00.25+01:00")
     assert read_bundle(sensing.write()).header.started == "2026-11-21T01:00:00.250000Z"

@@ -48,6 +48,24 @@ def test_flaw_in_patterns_csv_is_refused(refusal, platform, column, text, messag
     assert refusal(platform.write()) == f"platform/patterns.csv, {message}"
 
 
+@pytest.mark.parametrize(
+    ("bundle", "run_id", "column"),
+    [
+        ("platform", "1", "q_b_v"),
+        ("platform", "1", "theta_deg"),
+        ("platform", "2", "moving"),
+        ("inflight", "a", "m2_z"),
+        ("inflight", "b", "t_yz"),
+        ("inflight", "b", "att_x"),
+        ("inflight", "c", "command_y"),
+    ],
+)
+def test_run_file_without_a_column_is_refused(request, refusal, bundle, run_id, column):
+    bundle = request.getfixturevalue(bundle)
+    bundle.set(f"runs/{run_id}.csv", 1, column, "other")
+    assert f"runs/{run_id}.csv, line 1: column {column} is missing; " in refusal(bundle.write())
+
+
 def test_platform_turning_half_is_refused(refusal, platform):
     platform.set("runs/1.csv", 9, "moving", "0.5")
     assert refusal(platform.write()) == "platform/runs/1.csv, line 9: moving is 0.5; write 1 or 0"

@@ -202,6 +202,31 @@ def test_events_keep_their_order_kind_and_rig_time(store):
     assert first.time.endswith("+00:00")
 
 
+def test_a_reader_in_the_middle_never_holds_up_the_writer(store, path):
+    record(store, "before")
+    with Store.open(path, readonly=True) as reader:
+        reading = reader._connection.execute("SELECT run_id FROM runs")
+        reading.fetchone()
+        record(store, "while read")
+        assert reading.fetchone() is None
+        reading.close()
+        assert [run.key for run in reader.runs()] == ["before", "while read"]
+
+
+def test_what_ends_a_run_is_on_stable_storage_and_chunks_do_not_wait_for_it(store):
+    statements = []
+    with store.begin_run("k", "s", {}) as writer:
+        store._connection.set_trace_callback(statements.append)
+        writer.append({"t_s": np.arange(2.0)})
+        assert not any("synchronous" in text for text in statements)
+        writer.finish()
+    full = statements.index("PRAGMA synchronous = FULL")
+    finished = next(i for i, text in enumerate(statements) if "state = 'finished'" in text)
+    commit = statements.index("COMMIT", finished)
+    assert full < finished < commit < statements.index("PRAGMA synchronous = NORMAL")
+    assert store._connection.execute("PRAGMA synchronous").fetchone() == (1,)
+
+
 def test_requests_are_taken_once_oldest_first_across_connections(store, path):
     with Store.open(path) as console:
         console.add_request("pause")
@@ -249,8 +274,11 @@ def test_missing_store_and_other_files_are_refused_by_name(tmp_path):
     with sqlite3.connect(other) as connection:
         connection.execute("CREATE TABLE t (a)")
     connection.close()
-    with pytest.raises(DataError, match="not a campaign store"):
-        Store.open(other, readonly=True)
+    data = other.read_bytes()
+    for readonly in (True, False):
+        with pytest.raises(DataError, match="not a campaign store"):
+            Store.open(other, readonly=readonly)
+    assert other.read_bytes() == data
 
 
 def test_reader_cannot_write(store, path):
