@@ -51,8 +51,10 @@ def show(path: Path, found: dict[str, Any]) -> None:
 
 
 def figures(path: Path, directory: Path) -> list[Path]:
-    """Write the figures of a store; returns what was written."""
+    """Write the figures of a store, with the budget its rig file's certificates allow; returns what was written."""
     from rigctl.report.figures import write_figures
 
     with Store.open(path, readonly=True) as store:
-        return write_figures(analyse(store), directory)
+        certificates = rig_file_of(store).certificates
+        uncertainties = {name: certificate.uncertainty for name, certificate in certificates.items()}
+        return write_figures(analyse(store), directory, uncertainties)

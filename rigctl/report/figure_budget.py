@@ -31,8 +31,8 @@ def budget_plate(budgets: Mapping[str, AxisBudget]) -> Plate[BudgetRow]:
     """Make the figure of all axes."""
     rows = [row for budget in budgets.values() for row in _rows(budget)]
     caption = (
-        "Standard uncertainty of each sensing axis by its contributions. Component 1: along the motion at the pendulum "
-        "nulls; component 2: perpendicular to it and to the axis."
+        "Standard uncertainty of each sensing axis by its contributions. Component 1: along the motion at the "
+        "pendulum nulls; component 2: perpendicular to it and to the axis."
     )
     return Plate("budget", caption, rows, draw_budget)
 
@@ -59,7 +59,7 @@ def draw_budget(rows: Sequence[BudgetRow]) -> Figure:
         panel.set_title(f"axis {name}", loc="center")
         panel.set_xlabel("standard uncertainty / arcsec")
     panels[0].set_yticks(range(len(names)), names)
-    panels[0].invert_yaxis()
+    panels[0].set_ylim(len(names) - 0.4, -0.6)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 

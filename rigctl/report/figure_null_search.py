@@ -53,8 +53,8 @@ def response_plate(name: str, fit: RecordingFit, runs: Sequence[RunObservables])
         f"Response in phase with the displacement, divided by gain and motion amplitude, against the stage's angle: "
         f"axis {first.axis}, {first.configuration}, mounting {first.mounting}. (a) All runs; (b) close to the null. "
         f"Points: runs with 1 sigma; lines: fitted model; diamond and band: the null theta0 = "
-        f"{math.degrees(null.theta0_rad):.5f} deg +- {null.theta0_sigma_rad / ARCSEC:.2f} arcsec; open markers: where "
-        f"each frequency alone would put it."
+        f"{math.degrees(null.theta0_rad):.5f} deg +- {null.theta0_sigma_rad / ARCSEC:.2f} arcsec; open markers: "
+        f"where each frequency alone would put it."
     )
     return Plate(name, caption, _rows(fit, null, runs), draw_response)
 
@@ -168,11 +168,12 @@ def draw_response(rows: Sequence[ResponseRow]) -> Figure:
     for axes, letter in ((overview, "a"), (close, "b")):
         axes.axhline(0.0, color=SOFT, linewidth=0.5, zorder=0)
         axes.set_ylabel("in-phase response $S/(kA)$ / (µm s$^{-2}$ mm$^{-1}$)")
-        axes.legend(loc="upper left")
         panel_letter(axes, letter)
     overview.set_xlabel("stage angle $\\theta$ / deg")
     close.set_xlabel("$\\theta - \\theta_0$ / arcsec")
     _limit_close_up(close, rows)
+    overview.legend(loc="best")
+    close.legend(loc="upper left")
     return figure
 
 
@@ -187,6 +188,7 @@ def _draw_series(axes: Axes, rows: Sequence[ResponseRow], x: Sequence[float], in
         yerr=[row.response_sigma_um_s2_per_mm or 0.0 for _, row in runs],
         fmt=look.marker,
         color=look.color,
+        markersize=3.2,
         capsize=2.0,
         elinewidth=0.7,
         label=label,
@@ -196,11 +198,11 @@ def _draw_series(axes: Axes, rows: Sequence[ResponseRow], x: Sequence[float], in
 
 def _draw_null(overview: Axes, close: Axes, null: ResponseRow) -> None:
     sigma = null.theta_sigma_arcsec or 0.0
-    overview.axvline(null.theta_deg, color=SOFT, linewidth=0.8, zorder=0)
+    overview.axvline(null.theta_deg, color=SOFT, linewidth=0.8, zorder=0, label="$\\theta_0$")
     close.axvspan(-sigma, sigma, color=SOFT, alpha=0.35, linewidth=0.0, zorder=0)
     label = f"$\\theta_0$ = {null.theta_deg:.5f}° ± {sigma:.2f}″".replace("= -", "= −")
-    look = {"color": INK, "markersize": 5.0, "zorder": 5}
-    close.errorbar([0.0], [null.response_um_s2_per_mm], xerr=[sigma], fmt="D", capsize=2.0, label=label, **look)
+    at = [null.response_um_s2_per_mm]
+    close.errorbar([0.0], at, xerr=[sigma], fmt="D", color=INK, markersize=5.0, capsize=2.0, label=label, zorder=5)
 
 
 def _limit_close_up(axes: Axes, rows: Sequence[ResponseRow]) -> None:
@@ -213,13 +215,13 @@ def _limit_close_up(axes: Axes, rows: Sequence[ResponseRow]) -> None:
     ]
     margin = 0.15 * (max(shown) - min(shown)) + 5.0
     low, high = min(shown) - margin, max(shown) + margin
-    heights = [
+    heights = [0.0] + [
         row.response_um_s2_per_mm + sign * (row.response_sigma_um_s2_per_mm or 0.0)
         for row in rows
         for sign in (-1.0, 1.0)
-        if low <= row.theta_minus_theta0_arcsec <= high
+        if row.kind in {"measured", "null"} and low <= row.theta_minus_theta0_arcsec <= high
     ]
-    span = max(heights) - min(heights)
+    span = max(heights) - min(heights) or 1.0
     axes.set_xlim(low, high)
-    # Room above for the legend.
-    axes.set_ylim(min(heights) - 0.08 * span, max(heights) + 0.45 * span)
+    # Room for the legend above, for the lines' slopes below.
+    axes.set_ylim(min(heights) - 0.5 * span, max(heights) + 0.8 * span)

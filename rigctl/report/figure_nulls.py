@@ -67,7 +67,7 @@ def draw_nulls(rows: Sequence[NullRow]) -> Figure:
         above.set_title(f"axis {name}", loc="center")
         below.set_xlabel("mounting")
         below.xaxis.set_major_locator(MaxNLocator(integer=True))
-        below.set_ylim(bottom=0.0)
+    panels[1, 0].set_ylim(0.0, 1.1 * max(row.theta0_sigma_arcsec for row in rows))
     panels[0, 0].set_ylabel("null angle $\\theta_0$ / deg")
     panels[1, 0].set_ylabel("$\\sigma(\\theta_0)$ / arcsec")
     panel_letter(panels[0, 0], "a")

@@ -16,7 +16,7 @@ from rigctl.experiments.sensing_axis.result import AxisResult
 from rigctl.fitting.plane import ARCSEC
 from rigctl.interfaces import FloatArray
 from rigctl.report.figure_data import Plate
-from rigctl.report.style import INK, SOFT, new_figure, panel_letter, series_style
+from rigctl.report.style import INK, SOFT, SeriesStyle, new_figure, panel_letter, series_style
 
 IN_RANGE = 1.6
 """The requirement is drawn when it is at most this many times farther out than the data."""
@@ -47,9 +47,9 @@ def plane_plate(name: str, axis: AxisResult, settings: AxisSettings) -> Plate[Pl
     caption = (
         f"Null vectors of axis {axis.name} about their non-sensitivity plane. (a) Angle out of the fitted plane with "
         f"1 sigma of each vector's own fit; bands: 1 and 2 half-cone standard deviations (eq. 16), 2 sigma_hc = "
-        f"{axis.plane.std_hc_2sigma_arcsec:.2f} arcsec, required {axis.requirement_arcsec:g} arcsec; mean out-of-plane "
-        f"angle {axis.plane.theta_m_arcsec:+.3f} arcsec (eq. 19). (b) Directions of the vectors in the plane, in the "
-        f"cube's frame."
+        f"{axis.plane.std_hc_2sigma_arcsec:.2f} arcsec, required {axis.requirement_arcsec:g} arcsec; mean "
+        f"out-of-plane angle {axis.plane.theta_m_arcsec:+.3f} arcsec (eq. 19). (b) Directions of the vectors in the "
+        f"plane, with mean and standard deviation of their angles from the cube's axis."
     )
     return Plate(name, caption, _rows(axis, settings), draw_plane)
 
@@ -90,8 +90,7 @@ def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
     """Two panels: out-of-plane angles by mounting, and the directions in the plane."""
     figure = new_figure(2.9)
     scatter, directions = figure.subplots(1, 2, width_ratios=[1.75, 1.0])
-    configurations = list(dict.fromkeys(row.configuration for row in rows))
-    for index, configuration in enumerate(configurations):
+    for index, (configuration, angles_deg) in enumerate(_by_configuration(rows).items()):
         own = [row for row in rows if row.configuration == configuration]
         look = series_style(index)
         scatter.errorbar(
@@ -105,10 +104,7 @@ def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
             label=configuration,
             zorder=3,
         )
-        angles = np.radians([row.in_plane_deg for row in own])
-        for x, y in zip(np.cos(angles), np.sin(angles), strict=True):
-            directions.plot([0.0, x], [0.0, y], linestyle=look.line, color=look.color, linewidth=0.5)
-        directions.plot(np.cos(angles), np.sin(angles), look.marker, color=look.color, label=configuration)
+        _draw_directions(directions, angles_deg, look, configuration)
     _draw_bands(scatter, rows)
     _frame_directions(directions, rows)
     scatter.set_xlabel("mounting")
@@ -120,22 +116,33 @@ def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
     return figure
 
 
+def _draw_directions(axes: Axes, angles_deg: Sequence[float], look: SeriesStyle, configuration: str) -> None:
+    vectors = np.exp(1j * np.radians(angles_deg))
+    for tip in vectors:
+        axes.plot([0.0, tip.real], [0.0, tip.imag], linestyle=look.line, color=look.color, linewidth=0.5)
+    mean = vectors.mean()
+    spread = np.degrees(np.angle(vectors / mean)).std(ddof=min(1, len(vectors) - 1))
+    angle = f"{np.degrees(np.angle(mean)):.2f}° ± {spread:.2f}°".replace("-", "−")
+    label = f"{configuration}, n = {len(vectors)}\n{angle}"
+    axes.plot(vectors.real, vectors.imag, look.marker, color=look.color, label=label)
+
+
 def _draw_bands(axes: Axes, rows: Sequence[PlaneRow]) -> None:
     sigma, requirement = rows[0].sigma_hc_arcsec, rows[0].requirement_arcsec
     for multiple, alpha in ((2.0, 0.12), (1.0, 0.16)):
         axes.axhspan(-multiple * sigma, multiple * sigma, color=INK, alpha=alpha, linewidth=0.0, zorder=0)
-        for sign, text in ((1.0, "+"), (-1.0, "−")):
+        for sign, text in ((multiple, "+"), (-multiple, "−")):
             label = f"{text}{'' if multiple == 1.0 else '2'}$\\sigma_\\mathrm{{hc}}$"
-            place = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points", "va": "center"}
-            axes.annotate(label, (1.0, sign * multiple * sigma), (3.0, 0.0), fontsize=7.0, **place)
+            edge = axes.get_yaxis_transform()
+            axes.text(1.01, sign * sigma, label, fontsize=7.0, va="center", transform=edge)
     axes.axhline(0.0, color=INK, linewidth=0.6, zorder=1)
     reach = max(2.0 * sigma, *(abs(row.out_of_plane_arcsec) + row.sigma_fit_arcsec for row in rows))
-    axes.set_title(f"axis {rows[0].axis}: $2\\sigma_\\mathrm{{hc}}$ = {2.0 * sigma:.1f}″", loc="center")
+    title = f"axis {rows[0].axis}: $2\\sigma_\\mathrm{{hc}}$ = {2.0 * sigma:.1f}″, required {requirement:g}″"
+    axes.set_title(title, loc="center")
     if requirement <= IN_RANGE * reach:
         reach = max(reach, requirement)
-        for sign in (-1.0, 1.0):
-            label = f"requirement ±{requirement:g}″" if sign > 0 else None
-            axes.axhline(sign * requirement, color=SOFT, linestyle="--", label=label)
+        axes.axhline(requirement, color=SOFT, linestyle="--", label=f"requirement ±{requirement:g}″")
+        axes.axhline(-requirement, color=SOFT, linestyle="--")
     axes.set_ylim(-1.45 * reach, 1.2 * reach)
 
 
@@ -146,7 +153,18 @@ def _frame_directions(axes: Axes, rows: Sequence[PlaneRow]) -> None:
     angles = np.radians([row.in_plane_deg for row in rows])
     for coordinates, limit in ((np.cos(angles), axes.set_xlim), (np.sin(angles), axes.set_ylim)):
         limit(min(0.0, coordinates.min()) - 0.15, max(0.0, coordinates.max()) + 0.15)
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", anchor="N")
     axes.set_xlabel(f"along $\\mathit{{{rows[0].in_plane_from[0]}}}_\\mathrm{{COC}}$")
     axes.set_ylabel(f"along $\\mathit{{{rows[0].in_plane_towards[0]}}}_\\mathrm{{COC}}$")
-    axes.legend(loc="center")
+    # Between the clusters, inside the circle.
+    tips = [np.mean(np.exp(1j * np.radians(own))) for own in _by_configuration(rows).values()]
+    place = (0.38 * float(np.sum(tips).real), 0.38 * float(np.sum(tips).imag))
+    axes.legend(loc="center", bbox_to_anchor=place, bbox_transform=axes.transData, labelspacing=1.0)
+
+
+def _by_configuration(rows: Sequence[PlaneRow]) -> dict[str, list[float]]:
+    """In-plane angles [deg] of each configuration."""
+    angles: dict[str, list[float]] = {}
+    for row in rows:
+        angles.setdefault(row.configuration, []).append(row.in_plane_deg)
+    return angles
