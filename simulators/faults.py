@@ -181,7 +181,6 @@ class FaultyConnection:
     def close(self) -> None:
         """The client has gone."""
         self._cut = True
-        self._waiting.clear()
         self._inner.close()
 
     def _reply(self, data: bytes) -> None:
