@@ -258,7 +258,7 @@ def recordings(draw):
     return Recording(header, tuple(records), columns, ImportReport(count))
 
 
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 @given(recording=recordings())
 def test_any_recording_survives_bundle_store_and_bundle(tmp_path_factory, recording):
     folder = tmp_path_factory.mktemp("round")
@@ -269,6 +269,7 @@ def test_any_recording_survives_bundle_store_and_bundle(tmp_path_factory, record
     assert_same(recording, read_bundle(folder / "two"))
 
 
+@settings(deadline=None)
 @given(
     columns=st.integers(1, 4).flatmap(
         lambda width: hnp.arrays(np.float64, st.tuples(st.integers(0, 9), st.just(width)), elements=st.floats())

@@ -66,7 +66,7 @@ def test_run_carries_what_was_known_at_its_start_and_at_its_end(store):
     )
 
 
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 @given(columns=st.lists(hnp.arrays(np.float64, st.integers(0, 20), elements=st.floats(width=64)), min_size=1))
 def test_samples_come_back_bit_for_bit_however_they_were_chunked(tmp_path_factory, columns):
     path = tmp_path_factory.mktemp("store") / "s.rig.sqlite"
