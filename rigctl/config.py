@@ -7,6 +7,7 @@ role are its driver's own (`drivers.<module>.<...>Settings`), those of a procedu
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -104,6 +105,21 @@ class RigFile(Table):
         return self.constants[name].value if name in self.constants else default
 
 
+class ModelTable(Table):
+    """Which effects the model has beyond its baseline."""
+
+    effects: tuple[str, ...] = ()
+
+
+class ReferenceTable(Table):
+    """Values to print a result beside."""
+
+    source: str = ""
+    axes: dict[str, tuple[float, float, float]] = {}
+    std_hc_2sigma_arcsec: dict[str, float] = {}
+    offset_deg: dict[str, float] = {}
+
+
 class CampaignFile(Table):
     """A campaign file, checked as far as it does not depend on the procedure."""
 
@@ -114,9 +130,9 @@ class CampaignFile(Table):
     rig: str = ""
     procedure: dict[str, Any]
     targets: dict[str, Any] = {}
-    model: ModelTable
+    model: ModelTable = ModelTable()
     on_terminal_lost: Literal["continue", "stop"] = "continue"
-    reference: dict[str, Any] = {}
+    reference: ReferenceTable = ReferenceTable()
 
     @property
     def rig_path(self) -> Path:
@@ -124,43 +140,32 @@ class CampaignFile(Table):
         return self.path.parent / self.rig
 
 
-class ModelTable(Table):
-    """Which effects the model has beyond its baseline."""
-
-    effects: tuple[str, ...] = ()
-
-
 def read_rig(path: Path) -> RigFile:
     """Read and check a rig file; `ConfigError`."""
-    text, data = _read(path)
-    return validated(RigFile, {**data, "path": path, "text": text}, path)
+    return parse_rig(_read(path), path)
 
 
 def parse_rig(text: str, path: Path) -> RigFile:
     """Check a rig file's text as kept in a store; `ConfigError`."""
-    return validated(RigFile, {**_parse(text, path), "path": path, "text": text}, path)
+    data = _parse(text, path)
+    _require_separable_world(text, path)
+    return _file(RigFile, text, data, path)
 
 
 def read_campaign(path: Path) -> CampaignFile:
     """Read and check a campaign file; `ConfigError`."""
-    text, data = _read(path)
-    return parse_campaign_data(text, data, path)
+    return parse_campaign(_read(path), path)
 
 
 def parse_campaign(text: str, path: Path) -> CampaignFile:
     """Check a campaign file's text as kept in a store; `ConfigError`."""
-    return parse_campaign_data(text, _parse(text, path), path)
-
-
-def parse_campaign_data(text: str, data: Mapping[str, Any], path: Path) -> CampaignFile:
-    """Check a parsed campaign file."""
-    return validated(CampaignFile, {"model": {}, **data, "path": path, "text": text}, path)
+    return _file(CampaignFile, text, _parse(text, path), path)
 
 
 def validated(model: type[Model], data: Mapping[str, Any], path: Path, prefix: str = "") -> Model:
-    """Check data against a model; `ConfigError` with the first fault as file, key, mend."""
+    """Check data against a model, types as TOML has them; `ConfigError` with the first fault as file, key, mend."""
     try:
-        return model.model_validate(dict(data))
+        return model.model_validate(_with_tuples(data), strict=True)
     except ValidationError as error:
         raise ConfigError(f"{path}: {explain(model, error, prefix)}") from None
 
@@ -194,16 +199,59 @@ def only_tables(text: str, name: str) -> str:
 
 
 def _sections(text: str, name: str) -> list[tuple[bool, str]]:
+    """The lines, each with whether it belongs to the tables; comments right above a header do as well."""
     header = re.compile(r"\s*\[\[?\s*\"?([A-Za-z0-9_-]+)\"?\s*(?:\.|\])")
     inside = False
-    lines = []
+    lines: list[tuple[bool, str]] = []
     for line in text.splitlines(keepends=True):
         found = header.match(line)
         # A row of a nested array looks like a header but holds numbers; names begin with a letter here.
         if found and found.group(1)[0].isalpha():
             inside = found.group(1) == name
+            lines = _with_comments_above(lines) if inside else lines
         lines.append((inside, line))
     return lines
+
+
+def _with_comments_above(lines: list[tuple[bool, str]]) -> list[tuple[bool, str]]:
+    first = len(lines)
+    while first and lines[first - 1][1].lstrip().startswith("#"):
+        first -= 1
+    return lines[:first] + [(True, line) for _, line in lines[first:]]
+
+
+def _file(model: type[Model], text: str, data: Mapping[str, Any], path: Path) -> Model:
+    for key in sorted(_OURS & set(data)):
+        raise ConfigError(f"{path}: unknown key {key}; known there: {', '.join(_known_keys(model, []))}")
+    return validated(model, {**data, "path": path, "text": text}, path)
+
+
+def _require_separable_world(text: str, path: Path) -> None:
+    """What a store keeps is the text without the world: the text must show where that begins and ends."""
+    try:
+        seen, hidden = (tomllib.loads(take(text, "world")) for take in (without_tables, only_tables))
+    except tomllib.TOMLDecodeError:
+        seen, hidden = {"world": None}, {}
+    if "world" in seen or set(hidden) - {"world"}:
+        raise ConfigError(f"{path}: world: write it as tables of its own, [world] and [world.NAME]")
+
+
+def _require_finite(value: Any, path: Path, key: str = "") -> None:
+    if isinstance(value, Mapping):
+        for name, each in value.items():
+            _require_finite(each, path, f"{key}.{name}" if key else name)
+    elif isinstance(value, list):
+        for index, each in enumerate(value):
+            _require_finite(each, path, f"{key}.{index}")
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f"{path}: {key}: {value} is no quantity; write a number")
+
+
+def _with_tuples(value: Any) -> Any:
+    """TOML's arrays as tuples: what never changes, and what strict validation takes for one."""
+    if isinstance(value, Mapping):
+        return {key: _with_tuples(each) for key, each in value.items()}
+    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value
 
 
 def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
@@ -213,27 +261,30 @@ def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
         annotation = fields[part].annotation if part in fields else None
         candidates = [annotation, *getattr(annotation, "__args__", ())]
         current = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), current)
-    hidden = {"path", "text"}
-    return [name for name in getattr(current, "model_fields", {}) if name not in hidden]
+    return [name for name in getattr(current, "model_fields", {}) if name not in _OURS]
 
 
-def _read(path: Path) -> tuple[str, dict[str, Any]]:
+_OURS = {"path", "text"}
+"""Fields of a file that do not come from its text."""
+
+
+def _read(path: Path) -> str:
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; check the name") from None
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8") from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    return text, _parse(text, path)
 
 
 def _parse(text: str, path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not TOML: {error}") from None
-
-
-CampaignFile.model_rebuild()
+    except RecursionError:
+        raise ConfigError(f"{path}: not TOML that anybody wrote: nested too deeply") from None
+    _require_finite(data, path)
+    return data

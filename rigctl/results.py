@@ -46,7 +46,7 @@ def show(path: Path, found: dict[str, Any]) -> None:
 
     with Store.open(path, readonly=True) as store:
         text = store.header.campaign_toml
-        reference = config.parse_campaign(text, path).reference if text else {}
+        reference = config.parse_campaign(text, path).reference.model_dump() if text else {}
     print_result(found, reference)
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from rigctl.campaign.store import Store
-from rigctl.errors import Aborted
+from rigctl.errors import Aborted, RigError
 
 HEED_S = 0.02
 """How often requests of this process are looked for (wall-clock)."""
@@ -76,7 +77,11 @@ class Control:
 
 
 class RequestWatcher:
-    """Carries out requests in a thread: those of this process at once, those in the store several times a second."""
+    """Carries out requests in a thread: those of this process at once, those in the store several times a second.
+
+    What goes wrong here ends no campaign: an instrument that would not stop is tried again, and reported, when
+    the campaign leaves its rig; a store that is busy is looked into again.
+    """
 
     def __init__(self, path: Path, control: Control) -> None:
         self._path = path
@@ -96,10 +101,11 @@ class RequestWatcher:
         with Store.open(self._path) as store:
             looks = 0
             while not self._ended.wait(HEED_S):
-                self._control.heed()
                 looks += 1
-                if looks % STORE_EVERY == 0:
-                    self._obey(store.take_request())
+                with suppress(RigError):
+                    self._control.heed()
+                    if looks % STORE_EVERY == 0:
+                        self._obey(store.take_request())
 
     def _obey(self, request: str | None) -> None:
         if request == "pause":
@@ -108,3 +114,9 @@ class RequestWatcher:
             self._control.go_on()
         elif request == "abort":
             self._control.abort("the operator asked for it (rigctl abort)")
+
+
+def forget_requests(store: Store) -> None:
+    """Drop what was asked of a campaign that ended before it looked."""
+    while store.take_request() is not None:
+        pass

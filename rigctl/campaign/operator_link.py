@@ -8,7 +8,7 @@ import socket
 from typing import Any
 
 from rigctl.clock import Clock
-from rigctl.errors import ConfigError, LinkLost, LinkTimeout
+from rigctl.errors import BadReply, ConfigError, LinkLost, LinkTimeout
 
 LONGEST_ACTION_S = 7200.0
 """Rig time within which any action of the hands is done."""
@@ -40,5 +40,10 @@ class TcpOperatorLink:
             ) from None
         if not line:
             raise LinkLost(f"{self._address}: the simulated operator hung up; is `rigctl simulate` running?")
-        answer: dict[str, Any] = json.loads(line)
+        try:
+            answer = json.loads(line)
+        except ValueError:
+            answer = None
+        if not isinstance(answer, dict):
+            raise BadReply(f"{self._address}: {line[:60]!r} is no operator's answer; is this the operator's port?")
         return answer

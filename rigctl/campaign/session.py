@@ -116,7 +116,8 @@ class Session:
     def _must_match(key: str, recorded: RunRecord, conditions: Mapping[str, Any]) -> None:
         for name, value in conditions.items():
             held = recorded.conditions.get(name)
-            if held != value and not (isinstance(value, float) and abs(float(held or 0) - value) < 1e-9):
+            near = isinstance(held, int | float) and isinstance(value, int | float) and abs(held - value) < 1e-9
+            if held != value and not near:
                 raise DataError(
                     f"run '{key}' is recorded with {name} = {held}, the procedure now asks for {value}: "
                     "the store belongs to another campaign file or version; start a new store"

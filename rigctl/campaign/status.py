@@ -16,7 +16,9 @@ def status_of(path: Path) -> dict[str, Any]:
         runs = store.runs()
     invalid = sum(not run.valid for run in runs)
     if not status:
-        status = {"state": "done", "step": "", "runs_planned": len(runs), "eta_s": 0.0}
+        # An imported recording has runs and never had a campaign; one without either was killed at its start.
+        state = "done" if runs else "running"
+        status = {"state": state, "step": "", "runs_planned": len(runs), "eta_s": 0.0}
     if status["state"] in {"running", "paused"} and not is_held(store_lock(path)):
         status["state"] = "interrupted"
     planned = max(int(status["runs_planned"]), len(runs))

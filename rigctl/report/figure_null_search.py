@@ -35,6 +35,9 @@ class ResponseRow:
     The response is the in-phase amplitude divided by gain and motion amplitude (eq. 5: rho1 g cos + w^2 sin).
     """
 
+    axis: str
+    configuration: str
+    mounting: int
     kind: Literal["measured", "model", "null", "apparent null"]
     run_id: str
     frequency_hz: float | None
@@ -110,6 +113,9 @@ def _row(
     run_id: str = "",
 ) -> ResponseRow:
     return ResponseRow(
+        null.axis,
+        null.configuration,
+        null.mounting,
         kind,
         run_id,
         frequency_hz,
@@ -165,6 +171,7 @@ def draw_response(rows: Sequence[ResponseRow]) -> Figure:
         close.plot(zeros, [0.0] * len(zeros), look.marker, color=look.color, markerfacecolor="white", zorder=3)
     null = next(row for row in rows if row.kind == "null")
     _draw_null(overview, close, null)
+    overview.set_title(f"axis {null.axis}, {null.configuration}, mounting {null.mounting}", loc="center")
     for axes, letter in ((overview, "a"), (close, "b")):
         axes.axhline(0.0, color=SOFT, linewidth=0.5, zorder=0)
         axes.set_ylabel("in-phase response $S/(kA)$ / (µm s$^{-2}$ mm$^{-1}$)")

@@ -143,6 +143,9 @@ class Package(Table):
         return self.configurations[configuration].turntable_from_cube(self.axes[axis].cube_axis)
 
     def spot_margin_mm(self, theta_deg: float, amplitude_mm: float) -> float:
-        """How far inside the cube's face the side and top heads' spots stay; negative when they leave it."""
-        sideways = abs(self.lever_mm * math.sin(math.radians(theta_deg)))
+        """How far inside the cube's side face the spot stays; negative when it leaves it.
+
+        The side face is the worst: it turns farthest from the rotation axis, and the motion runs along it.
+        """
+        sideways = abs((self.lever_mm + self.cube_side_mm / 2.0) * math.sin(math.radians(theta_deg)))
         return self.cube_side_mm / 2.0 - sideways - amplitude_mm

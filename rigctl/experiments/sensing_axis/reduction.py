@@ -1,4 +1,4 @@
-"""From samples to observables: one sine fit per run, noise pooled over the runs of a mounting."""
+"""From samples to observables: one sine fit per run, noise pooled over the runs of an axis in a configuration."""
 
 from __future__ import annotations
 
@@ -73,22 +73,23 @@ def reduce_run(run_id: str, conditions: Mapping[str, Any], samples: Mapping[str,
 
 
 def observables(runs: Sequence[ReducedRun], *, harmonics: int = HARMONICS) -> list[RunObservables]:
-    """Observables of all runs, in their order, with the noise of each mounting's runs pooled.
+    """Observables of all runs, in their order, with the noise of each axis and configuration pooled:
+    beside a bump of the ground's noise the runs driven at other frequencies tell it best.
 
     Sigmas are worked out up to `harmonics` and NaN beyond: a null search needs the first only.
     """
     pools: dict[tuple[Any, ...], dict[str, list[Spectrum]]] = {}
     for run in runs:
-        pool = pools.setdefault(_mounting(run), {})
+        pool = pools.setdefault(_pool(run), {})
         for name, channel in run.channels.items():
             pool.setdefault(name, []).append(channel.noise)
     spectra = {key: {name: pooled_psd(parts) for name, parts in pool.items()} for key, pool in pools.items()}
     levels: dict[tuple[Any, ...], float] = {}
 
     def density(run: ReducedRun, name: str, frequency_hz: float) -> float:
-        key = (*_mounting(run), name, round(frequency_hz, 4))
+        key = (*_pool(run), name, round(frequency_hz, 4))
         if key not in levels:
-            levels[key] = spectra[_mounting(run)][name].level(frequency_hz, target_dof=NOISE_DOF).psd
+            levels[key] = spectra[_pool(run)][name].level(frequency_hz, target_dof=NOISE_DOF).psd
         return levels[key]
 
     return [_observed(run, density, harmonics) for run in runs]
@@ -146,8 +147,8 @@ def _laser(basis: HarmonicBasis, column: FloatArray, reference: complex) -> Redu
     return _channel(kept, column[seen], reference)
 
 
-def _mounting(run: ReducedRun) -> tuple[Any, ...]:
-    return tuple(run.conditions[name] for name in ("axis", "configuration", "mounting"))
+def _pool(run: ReducedRun) -> tuple[Any, ...]:
+    return tuple(run.conditions[name] for name in ("axis", "configuration"))
 
 
 def _number(value: Any) -> float:

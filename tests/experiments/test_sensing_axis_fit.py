@@ -1,0 +1,154 @@
+"""The measurement model against recordings made without it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rigctl.effects.catalogue import chosen
+from rigctl.errors import ConfigError, DataError, ProcedureError
+from rigctl.experiments.sensing_axis.fit import RecordingFit, fit_recording, residuals_of
+from rigctl.experiments.sensing_axis.model import RecordingModel
+from rigctl.experiments.sensing_axis.reduction import ReducedRun, observables
+
+EFFECTS = ("roll-gravity", "resonance")
+MOUNTINGS = [(axis, configuration) for axis in "XYZ" for configuration in ("pendulum", "flag")]
+AXES = {"X": (1.0, 0.002, 0.008), "Y": (-0.006, 1.0, -0.002), "Z": (-0.012, 0.0024, 1.0)}
+
+
+def runs_of_a_search(make_run: Callable[..., ReducedRun], seed: int, **nature: Any) -> list[ReducedRun]:
+    rng = np.random.default_rng(seed)
+    settings = [(0.0, 0.6, 10.0), (0.45, 0.6, 50.0), (0.45, 0.3, 50.0)]
+    return [
+        make_run(rng, theta_deg=theta, frequency_hz=f, duration_s=T, run_id=str(i), **nature)
+        for i, (theta, f, T) in enumerate(settings)
+    ]
+
+
+def fitted(runs: list[ReducedRun], package: Any, heads: Any, effects: tuple[str, ...] = EFFECTS) -> RecordingFit:
+    return fit_recording(RecordingModel(observables(runs), package, heads, 9.803, chosen("sensing-axis", effects)))
+
+
+@pytest.mark.parametrize(("axis", "configuration"), MOUNTINGS)
+def test_null_and_vector_are_natures(
+    make_run: Any, null_of: Any, package: Any, heads: Any, axis: str, configuration: str
+) -> None:
+    delta = (4e-3, -1.5e-3, 2e-3)
+    nature = {"axis": axis, "configuration": configuration, "true_axis": AXES[axis], "delta": delta}
+    quiet = {"noise_m_s2_rthz": 1e-9, "laser_noise_m": 1e-10}
+    fit = fitted(runs_of_a_search(make_run, 1, **nature, **quiet), package, heads)
+    null = fit.null(axis, configuration, 1)
+    # Four sigma of these quiet records, which are a hundredth of an arcsecond and less.
+    assert null.theta0_sigma_rad < 5e-7
+    truth = null_of(axis, configuration, AXES[axis], delta)
+    assert null.theta0_rad == pytest.approx(truth, abs=4 * null.theta0_sigma_rad)
+    assert fit.result.value("rho1") == pytest.approx(9.7e-5, abs=4 * fit.result.sigma("rho1"))
+    for component, value in zip("xyz", delta, strict=True):
+        name = f"delta_{component}[{axis},{configuration},1]"
+        assert fit.result.value(name) == pytest.approx(value, abs=4 * fit.result.sigma(name))
+    assert null.vector_coc is not None
+    assert null.vector_covariance is not None
+    # At the null the motion is perpendicular to the sensing axis, by definition.
+    unit = np.asarray(AXES[axis]) / np.linalg.norm(AXES[axis])
+    sigma = math.sqrt(unit @ null.vector_covariance @ unit)
+    assert null.vector_coc @ unit == pytest.approx(0.0, abs=4 * sigma)
+
+
+def test_errors_over_their_sigma_are_standard_normal(make_run: Any, null_of: Any, package: Any, heads: Any) -> None:
+    delta, true_axis = (4e-3, -1.5e-3, 2e-3), AXES["X"]
+    truth = null_of("X", "pendulum", true_axis, delta)
+    pulls = []
+    for seed in range(60):
+        runs = runs_of_a_search(make_run, 100 + seed, true_axis=true_axis, delta=delta, gain_error=0.006)
+        null = fitted(runs, package, heads).null("X", "pendulum", 1)
+        pulls.append((null.theta0_rad - truth) / null.theta0_sigma_rad)
+    # The noise is estimated: with its forty degrees of freedom t is as good as normal at this number of seeds.
+    assert stats.kstest(pulls, "norm").pvalue > 1e-3
+    assert 0.75 < np.std(pulls, ddof=1) < 1.3  # 99.9 % of the standard deviation of 60 normal numbers
+
+
+def test_without_roll_in_the_model_the_null_is_displaced(
+    make_run: Any, null_of: Any, package: Any, heads: Any
+) -> None:
+    runs = [run for run in runs_of_a_search(make_run, 3) if abs(run.frequency_hz - 0.6) < 0.01]
+    null = fitted(runs, package, heads, ("resonance",)).null("X", "pendulum", 1)
+    truth = null_of("X", "pendulum", AXES["X"], (5e-3, 2e-3, -1e-3))
+    expected = -9.7e-5 * 9.803 / (2 * math.pi * 0.6) ** 2
+    assert null.theta0_rad - truth == pytest.approx(expected, abs=4 * null.theta0_sigma_rad)
+    assert abs(expected) > 10 * null.theta0_sigma_rad
+
+
+def test_roll_and_null_are_not_told_apart_at_one_frequency(make_run: Any, package: Any, heads: Any) -> None:
+    runs = [run for run in runs_of_a_search(make_run, 3) if abs(run.frequency_hz - 0.6) < 0.01]
+    with pytest.raises(ProcedureError, match="do not determine the model"):
+        fitted(runs, package, heads)
+
+
+def test_the_jacobian_is_the_slope_of_the_residuals(make_run: Any, package: Any, heads: Any) -> None:
+    fit = fitted(runs_of_a_search(make_run, 5), package, heads)
+    model, values = fit.model, fit.result.values
+    for i, parameter in enumerate(model.parameters):
+        step = np.zeros(len(values))
+        step[i] = parameter.step or 1e-6
+        slope = (residuals_of(model, values + step) - residuals_of(model, values - step)) / (2 * step[i])
+        np.testing.assert_allclose(fit.result.jacobian[: len(slope), i], slope, rtol=1e-6, atol=1e-9)
+
+
+def test_a_recording_without_lasers_has_nulls_and_no_vectors(make_run: Any, package: Any) -> None:
+    fit = fitted(runs_of_a_search(make_run, 7), package, {})
+    null = fit.null("X", "pendulum", 1)
+    assert null.vector_coc is None
+    assert not any(name.startswith("delta") for name in fit.result.names)
+
+
+def test_mountings_share_gain_and_roll_but_not_nulls(make_run: Any, package: Any, heads: Any) -> None:
+    rng = np.random.default_rng(11)
+    runs = [
+        make_run(
+            rng, mounting=m, theta_deg=theta, frequency_hz=f, run_id=f"{m} {theta} {f}", delta=(0.0, 0.0, 1e-3 * m)
+        )
+        for m in (1, 2)
+        for theta, f in ((0.0, 0.6), (0.4, 0.6), (0.4, 0.3))
+    ]
+    names = fitted(runs, package, heads).result.names
+    assert sorted(n for n in names if n.startswith(("theta0", "gain", "rho1"))) == [
+        "gain[X,pendulum]",
+        "rho1",
+        "theta0[X,pendulum,1]",
+        "theta0[X,pendulum,2]",
+    ]
+
+
+def test_lost_targets_are_left_out(make_run: Any, package: Any, heads: Any) -> None:
+    from rigctl.experiments.sensing_axis.reduction import reduce_run
+
+    t = np.arange(2000) / 100.0
+    x = 5.0 * np.sin(2 * np.pi * 0.6 * t)
+    half_blind = np.where(np.arange(2000) % 10 == 0, np.nan, 0.1 * x)
+    samples = {"t_s": t, "stage_x_mm": x, "accel_v": 0.01 * x, "laser_2_mm": half_blind, "laser_3_mm": np.nan * x}
+    conditions = {"axis": "X", "configuration": "flag", "mounting": 1, "theta_deg": 0.0, "frequency_hz": 0.6}
+    run = reduce_run("7", conditions, samples)
+    assert set(run.channels) == {"accel_v", "laser_2_mm"}
+    assert run.channels["laser_2_mm"].value[1] == pytest.approx(0.1 * 5e-3, rel=1e-9)
+
+
+def test_a_record_at_another_frequency_names_the_run() -> None:
+    from rigctl.experiments.sensing_axis.reduction import reduce_run
+
+    t = np.arange(2000) / 100.0
+    samples = {"t_s": t, "stage_x_mm": np.random.default_rng(1).standard_normal(2000), "accel_v": 0 * t}
+    conditions = {"axis": "X", "configuration": "flag", "mounting": 1, "theta_deg": 0.0, "frequency_hz": 0.6}
+    with pytest.raises(DataError, match="run 12"):
+        reduce_run(
+            "12", conditions, {**samples, "t_s": t[:50], "stage_x_mm": samples["stage_x_mm"][:50], "accel_v": t[:50]}
+        )
+
+
+def test_unknown_effects_are_named_with_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match=r"unknown effect 'warp'.*resonance.*roll-gravity"):
+        chosen("sensing-axis", ["warp"])

@@ -1,0 +1,60 @@
+"""A twin of the shipped rig, open, with a session in a scratch store."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from procedures.bench import Bench
+from rigctl import config, runner
+from rigctl.campaign.control import Control
+from rigctl.campaign.operator import SimulatedOperator
+from rigctl.campaign.progress import Progress
+from rigctl.campaign.recording import Header
+from rigctl.campaign.session import Session
+from rigctl.campaign.store import Store
+from rigctl.rig import Rig
+
+RIG = Path(__file__).parents[2] / "campaigns" / "isa-rig.toml"
+
+
+@dataclass
+class Twin:
+    rig: Rig
+    bench: Bench
+    session: Session
+    store: Store
+
+    @property
+    def theta0_deg(self) -> float:
+        """Nature's null of what is mounted."""
+        assert self.rig.simulation is not None
+        mounted: Any = self.rig.simulation.world.truth()["mountings"]
+        return float(mounted[-1]["theta0_deg"])
+
+
+@pytest.fixture
+def make_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
+    with ExitStack() as stack:
+
+        def make(seed: int = 1, effects: dict[str, dict[str, float]] | None = None, **world: Any) -> Twin:
+            file = config.read_rig(RIG)
+            assert file.world is not None
+            nature = {**file.world, **world}
+            if effects is not None:
+                nature["effects"] = effects
+            rig = stack.enter_context(Rig(file.model_copy(update={"world": nature}), seed=seed))
+            bench = runner.bench_of(rig)
+            store = stack.enter_context(Store.create(tmp_path / f"{seed}.rig.sqlite", Header("sensing-axis")))
+            session = Session(
+                store, rig.clock, SimulatedOperator(rig.operator_link), Control(rig.stop, bench.rest), Progress(store)
+            )
+            bench.prepare()
+            return Twin(rig, bench, session, store)
+
+        yield make
