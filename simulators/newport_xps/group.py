@@ -89,10 +89,9 @@ class Group:
         """Brake a motion or a jog; the group stays ready."""
         self._require(self.state in (GroupState.MOVING, GroupState.JOGGING))
         self._enders.append(done)
-        if len(self._enders) == 1:
-            now_s = self._clock.now_s()
-            stands_s = max(p.brake(now_s) for p in self.positioners.values())
-            self._then(stands_s, lambda: self._end(GroupState.READY_FROM_ABORT, -27))
+        now_s = self._clock.now_s()
+        stands_s = max(p.brake(now_s) for p in self.positioners.values())
+        self._then(stands_s, lambda: self._end(GroupState.READY_FROM_ABORT, -27))
 
     def kill(self, done: Done) -> None:
         """Brake hard whatever happens and switch the motors off; always allowed."""

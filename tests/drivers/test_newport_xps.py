@@ -281,6 +281,31 @@ def test_stop_tries_again_over_a_new_connection() -> None:
     ]
 
 
+def test_a_stop_between_two_steps_of_homing_lets_the_next_one_not_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage, controller = opened({"GroupStatusGet(Group1,int *)": b"0,42,EndOfAPI"})
+    ask_status = stage._status
+
+    def ask_status_and_be_stopped() -> int:
+        monkeypatch.setattr(stage, "_status", ask_status)
+        status = ask_status()
+        stage.stop()
+        return status
+
+    monkeypatch.setattr(stage, "_status", ask_status_and_be_stopped)
+    with pytest.raises(MotionStopped):
+        stage.home()
+    assert "GroupHomeSearch(Group1)" not in controller.texts()
+
+
+def test_a_signal_handler_can_stop_in_the_middle_of_a_query_of_its_own_thread() -> None:
+    clock = VirtualClock()
+    stage, controller = opened({"GroupPositionCurrentGet(Group1,double *)": SILENCE}, clock)
+    clock.call_at(0.5, stage.stop)
+    with pytest.raises(LinkError):
+        stage.angle()
+    assert (3, "GroupMoveAbort(Group1)") in controller.requests
+
+
 def test_stop_that_fails_says_so() -> None:
     stage, _ = opened({"GroupMoveAbort(Group1)": SILENCE})
     with pytest.raises(LinkError, match="nothing came"):

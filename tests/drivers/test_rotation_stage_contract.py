@@ -21,6 +21,7 @@ from simulators.newport_xps import SimulatedXps
 
 SPEED_DEG_S, ACCELERATION_DEG_S2 = 10.0, 40.0
 WAIT_S = 10.0
+HOMING_STEPS = (b"GroupInitialize", b"GroupHomeSearch", b"1MO\r", b"1OR")
 
 
 class Tap:
@@ -270,7 +271,8 @@ def test_a_stop_between_the_steps_of_homing_lets_none_of_the_later_ones_happen(v
     virtual.tap.sent = StopsAtStep()
     with pytest.raises((MotionStopped, LinkError)):
         virtual.stage.home()
-    assert any(data.startswith(step) for data in virtual.tap.sent)
+    before_stop = next(i for i, data in enumerate(virtual.tap.sent) if data.startswith(step))
+    assert not any(data.startswith(HOMING_STEPS) for data in virtual.tap.sent[before_stop + 1 :])
     virtual.clock.sleep_s(30.0)
     assert virtual.axis.position(virtual.clock.now_s()) == pytest.approx(100.0, abs=1.0)
     assert not virtual.stage.is_homed()
@@ -301,6 +303,7 @@ def test_a_following_error_is_an_instrument_error_and_homing_recovers(scaled: Be
     assert not isinstance(move.error, MotionStopped)
     assert (move.error.code, move.error.instrument) in {("-25", "stage"), ("103", "stage")}
     assert "following error" in move.error.text.lower()
+    assert scaled.clock.wait_for(lambda: not scaled.axis.moving(scaled.clock.now_s()), 20.0)
     scaled.stage.home()
     scaled.stage.move_to(3.0)
     assert scaled.stage.angle().value == 3.0

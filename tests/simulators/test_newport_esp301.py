@@ -242,6 +242,16 @@ def test_a_new_target_on_the_way_brakes_first(homed: Bench) -> None:
     assert homed.rest() == 0.0
 
 
+def test_the_end_of_a_move_that_was_replaced_is_not_the_end_of_its_successor(homed: Bench) -> None:
+    homed.send("1PA100")
+    homed.clock.sleep_s(2.0)
+    homed.send("1PA-100")
+    homed.clock.sleep_s(100 / 10 + 10 / 40)
+    assert homed.axes[0].velocity(homed.clock.now_s()) == -10.0
+    assert homed.send("1MD?") == ["0"]
+    assert homed.rest() == -100.0
+
+
 @pytest.mark.parametrize(("line", "motor"), [("1ST", "1"), ("ST", "1"), ("1AB", "0"), ("AB", "0"), ("1MF", "0")])
 def test_stops_of_every_kind(homed: Bench, line: str, motor: str) -> None:
     homed.send("1PA100")
