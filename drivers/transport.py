@@ -124,9 +124,7 @@ class InProcessTransport:
         return not self._open or bool(getattr(self._connection, "hung_up", False))
 
     def _lost(self) -> LinkLost:
-        return lost(
-            self.address, "the instrument ended the connection" if self._open else "it is closed here"
-        )
+        return lost(self.address, "the instrument ended the connection" if self._open else "it is closed here")
 
 
 def lost(address: str, why: str) -> LinkLost:

@@ -59,7 +59,7 @@ class Train:
 
     def edges(self, after_s: float, until_s: float) -> FloatArray:
         """The edges in (after_s, until_s]."""
-        times = self.first_s + self.period_s * np.arange(self.count)
+        times = self.first_s + self.period_s * np.arange(self.count, dtype=np.float64)
         return times[(times > after_s) & (times <= until_s)]
 
 
