@@ -9,7 +9,7 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -35,19 +35,27 @@ def main() -> None:
     """Run a command; errors become one line on stderr and an exit status."""
     try:
         app(standalone_mode=True)
-    except Aborted as error:
-        _fail(f"aborted: {error}", 130)
-    except (ConfigError, DataError, LimitError) as error:
-        _fail(str(error), 2)
     except RigError as error:
-        _fail("; ".join([str(error), *getattr(error, "__notes__", [])]), 1)
+        _fail("; ".join([_said(error), *getattr(error, "__notes__", [])]), _status(error))
     except KeyboardInterrupt:
         _fail("aborted: interrupted", 130)
     except BrokenPipeError:
         sys.stderr.close()
+    except OSError as error:
+        _fail(f"{error.filename or 'rigctl'}: {error.strerror or error}; check the path and its permissions", 1)
 
 
-def _fail(message: str, status: int) -> None:
+def _said(error: RigError) -> str:
+    return f"aborted: {error}" if isinstance(error, Aborted) else str(error)
+
+
+def _status(error: RigError) -> int:
+    if isinstance(error, Aborted):
+        return 130
+    return 2 if isinstance(error, ConfigError | DataError | LimitError) else 1
+
+
+def _fail(message: str, status: int) -> NoReturn:
     print(" ".join(message.split()), file=sys.stderr)  # noqa: T201
     sys.exit(status)
 
@@ -107,9 +115,7 @@ def resume(
     if is_held(store_lock(store)):
         _request(store, "resume", as_json=as_json)
         return
-    with Store.open(store) as opened:
-        if opened.status().get("state") == "done":
-            raise DataError(f"{store} is done; there is nothing to resume")
+    with Store.open(store, readonly=True) as opened:
         unattended = yes or bool(opened.header.extra.get("unattended"))
     from rigctl.report.terminal import ProgressBar
 
@@ -191,13 +197,17 @@ def mark(
     run_id: Annotated[str, typer.Argument(metavar="RUN")],
     reason: Annotated[str, typer.Argument(metavar="REASON")],
     valid: Annotated[bool, typer.Option("--valid/--invalid", help="Use the run, or leave it out.")],
+    as_json: Json = False,
 ) -> None:
     """Declare a run valid or invalid, with the reason."""
     from rigctl.campaign.store import Store
 
     with Store.open(store) as opened:
         opened.mark(run_id, valid, reason)
-    _say(f"run {run_id} is {'valid' if valid else 'invalid'}: {reason}")
+    if as_json:
+        _print_json({"run_id": run_id, "valid": valid, "reason": reason})
+    else:
+        _say(f"run {run_id} is {'valid' if valid else 'invalid'}: {reason}")
 
 
 @app.command("import")
@@ -207,9 +217,11 @@ def import_(
     as_json: Json = False,
 ) -> None:
     """Read a recording, ours or another laboratory's, into a store."""
-    from rigctl.campaign.bundle import import_bundle
+    from rigctl.campaign.bundle import import_bundle, import_report
+    from rigctl.campaign.recording import ImportReport
 
-    report = import_bundle(bundle, store)
+    with import_bundle(bundle, store) as imported:
+        report = import_report(imported) or ImportReport(len(imported.runs()))
     if as_json:
         _print_json({"runs": report.runs, "invalid": dict(report.invalid), "warnings": list(report.warnings)})
         return
@@ -225,37 +237,51 @@ def export(
     store: StoreFile,
     directory: Annotated[Path, typer.Argument(metavar="DIR")],
     format_: Annotated[str, typer.Option("--format", help="bundle or hdf5")] = "bundle",
-    salvage: Annotated[bool, typer.Option(help="Include runs that were cut off.")] = False,
+    salvage: Annotated[bool, typer.Option("--salvage", help="Include runs that were cut off.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Write a store as a bundle of plain files, or as one HDF5 file in DIR."""
     from rigctl.campaign.store import Store
 
     if format_ not in {"bundle", "hdf5"}:
         raise ConfigError(f"--format {format_} is unknown; bundle or hdf5")
-    with Store.open(store, readonly=True) as opened:
+    written = directory
+    lost: tuple[str, ...] = ()
+    with Store.open(store, readonly=True, salvage=salvage) as opened:
         if format_ == "hdf5":
             from rigctl.campaign.hdf5 import write_hdf5
 
-            write_hdf5(opened, directory, salvage=salvage)
+            directory.mkdir(parents=True, exist_ok=True)
+            written = directory / f"{store.stem}.h5"
+            write_hdf5(opened, written)
         else:
             from rigctl.campaign.bundle import write_bundle
 
-            write_bundle(opened, directory, salvage=salvage)
-    _say(f"written to {directory}")
+            lost = write_bundle(opened, directory, salvage=salvage)
+    for line in lost:
+        print(line, file=sys.stderr)  # noqa: T201
+    if as_json:
+        _print_json({"written": str(written), "lost": list(lost)})
+    else:
+        _say(f"written: {written}")
 
 
 @app.command()
 def report(
     store: StoreFile,
     figures: Annotated[Path | None, typer.Option(metavar="DIR", help="One SVG and one CSV per figure.")] = None,
+    as_json: Json = False,
 ) -> None:
     """Write the figures of a campaign."""
     if figures is None:
         raise ConfigError("nothing to write: pass --figures DIR")
     from rigctl import results
 
-    for path in results.figures(store, figures):
-        _say(str(path))
+    written = [str(path) for path in results.figures(store, figures)]
+    if as_json:
+        _print_json({"written": written})
+    else:
+        _say("\n".join(written))
 
 
 @app.command()
@@ -339,7 +365,7 @@ def home(
         _say(f"homed: {', '.join(homed)}")
 
 
-@app.command()
+@app.command(context_settings={"ignore_unknown_options": True})
 def move(
     rig: RigToml,
     name: Annotated[str, typer.Argument(metavar="NAME")],

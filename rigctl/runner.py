@@ -6,7 +6,7 @@ import importlib.metadata
 import signal
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,14 +16,14 @@ from procedures import sensing_axes
 from procedures.bench import Bench
 from rigctl import config
 from rigctl.campaign import locks
-from rigctl.campaign.control import Control, RequestWatcher
-from rigctl.campaign.operator import Operator, SimulatedOperator, TerminalOperator
+from rigctl.campaign.control import Control, RequestWatcher, forget_requests
+from rigctl.campaign.operator import Operator, SimulatedOperator, TerminalOperator, TypedLines
 from rigctl.campaign.progress import Display, Progress
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
 from rigctl.effects.catalogue import chosen
-from rigctl.errors import Aborted, ConfigError, DataError, RigError
+from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
 from rigctl.rig import Rig
 
 VERSIONED = ("rigctl", "numpy", "scipy", "pydantic")
@@ -40,39 +40,42 @@ class Options:
 
 
 def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: Path, options: Options) -> None:
-    """Run a campaign into a new store; everything is checked before anything moves."""
+    """Run a campaign into a new store; everything is checked before anything is connected, let alone moves."""
     plan = plan_of(campaign)
-    with rig_of_ones_own(rig_file), Rig(rig_file, seed=options.seed) as rig:
-        bench = bench_of(rig)
-        plan.check(bench)
-        if store_path.exists():
-            raise DataError(f"{store_path} exists already; `rigctl resume` it, or choose another --store")
-        with locks.held(locks.store_lock(store_path), f"{store_path} is in use by another campaign"):
+    rig = Rig(rig_file, seed=options.seed)
+    bench = _checked_bench(rig, plan, campaign)
+    if store_path.exists():
+        raise DataError(f"{store_path} exists already; `rigctl resume` it, or choose another --store")
+    with _in_charge(rig, bench, campaign) as control:
+        identities = rig.identities()
+        with _store_to_oneself(store_path):
             _write_truth(rig_file, store_path)
-            with Store.create(store_path, _header(campaign, rig, options.seed)) as store:
-                for name, identity in rig.identities().items():
+            with Store.create(store_path, _header(campaign, rig, options)) as store:
+                for name, identity in identities.items():
                     store.set_identity(name, identity)
-                _carry_out(store, rig, bench, plan, campaign, options)
+                _carry_out(store, rig, bench, plan, control, options)
 
 
 def resume(store_path: Path, options: Options) -> None:
     """Go on with an interrupted campaign; what is recorded is not measured again."""
-    with Store.open(store_path) as store:
+    with Store.open(store_path) as store, _store_to_oneself(store_path):
+        if store.status().get("state") == "done":
+            raise DataError(f"{store_path} is done; there is nothing to resume")
         campaign = campaign_of(store)
-        rig_file = rig_file_of(store, with_world=True)
-        lock = locks.held(locks.store_lock(store_path), f"{store_path} is in use by another campaign")
+        plan = plan_of(campaign)
         start_s = max((event.rig_time_s or 0.0 for event in store.events()), default=0.0)
-        seed = store.header.seed
-        with lock, rig_of_ones_own(rig_file), Rig(rig_file, seed=seed, start_s=start_s) as rig:
+        rig = Rig(rig_file_of(store, with_world=True), seed=store.header.seed, start_s=start_s)
+        bench = _checked_bench(rig, plan, campaign)
+        forget_requests(store)
+        with _in_charge(rig, bench, campaign) as control:
             store.add_event("resumed", {"after": store.status().get("state", "")}, start_s)
-            _carry_out(store, rig, bench_of(rig), plan_of(campaign), campaign, options)
+            _carry_out(store, rig, bench, plan, control, options)
 
 
 def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile) -> dict[str, Any]:
     """What a campaign would do, checked against the rig's limits; nothing is connected, nothing moves."""
     plan = plan_of(campaign)
-    rig = Rig(rig_file)
-    plan.check(bench_of(rig))
+    _checked_bench(Rig(rig_file), plan, campaign)
     return {
         "experiment": campaign.experiment,
         "procedure": plan.procedure.name,
@@ -135,7 +138,7 @@ def rig_file_of(store: Store, *, with_world: bool = False) -> config.RigFile:
     if with_world and store.header.world_sha256 is not None:
         if not truth.exists():
             raise DataError(f"{store.path}: {truth} is missing; the simulated world cannot be made again without it")
-        text = f"{text}\n{truth.read_text()}"
+        text = f"{text}\n\n{truth.read_text(encoding='utf-8')}"
     rig_file = config.parse_rig(text, store.path)
     if with_world and rig_file.world_sha256 != store.header.world_sha256:
         raise DataError(f"{truth} is not the world {store.path} was measured in; restore the original")
@@ -147,27 +150,52 @@ def truth_path(store: Path) -> Path:
     return store.with_name(store.name + TRUTH_SUFFIX)
 
 
-def _carry_out(
-    store: Store,
-    rig: Rig,
-    bench: Bench,
-    plan: sensing_axes.Plan,
-    campaign: config.CampaignFile,
-    options: Options,
-) -> None:
+@contextmanager
+def _in_charge(rig: Rig, bench: Bench, campaign: config.CampaignFile) -> Iterator[Control]:
+    """The rig open, nobody else's, and at rest when left, however often somebody presses Ctrl-C meanwhile."""
     control = Control(rig.stop, bench.rest)
+    with rig_of_ones_own(rig.file), _signals(control, campaign.on_terminal_lost), rig:
+        yield control
+
+
+@contextmanager
+def rig_of_ones_own(rig_file: config.RigFile) -> Iterator[None]:
+    """Hold the instruments of a rig file; `RigError` when a campaign of another process does."""
+    refusal = f"{rig_file.path}: another campaign holds these instruments; see `rigctl status` of its store"
+    with locks.instruments_held(rig_file, refusal):
+        yield
+
+
+@contextmanager
+def _store_to_oneself(path: Path) -> Iterator[None]:
+    with locks.held(locks.store_lock(path), f"{path} is in use by another campaign; see `rigctl status`"):
+        yield
+
+
+def _checked_bench(rig: Rig, plan: sensing_axes.Plan, campaign: config.CampaignFile) -> Bench:
+    bench = bench_of(rig)
+    try:
+        plan.check(bench)
+    except (ConfigError, LimitError) as error:
+        raise type(error)(f"{campaign.path}: {error}") from None
+    return bench
+
+
+def _carry_out(
+    store: Store, rig: Rig, bench: Bench, plan: sensing_axes.Plan, control: Control, options: Options
+) -> None:
     progress = Progress(store, options.display)
-    session = Session(store, rig.clock, _operator(rig, options), control, progress)
+    session = Session(store, rig.clock, _operator(rig, control, options), control, progress)
     progress.state("running")
     try:
-        with _signals(control, campaign.on_terminal_lost), RequestWatcher(store.path, control):
+        with RequestWatcher(store.path, control):
             sensing_axes.run(session, bench, plan)
     except RigError as error:
         if control.aborted:
             progress.state("aborted")
             session.event("aborted", reason=control.reason)
             raise Aborted(control.reason) from error
-        progress.state("interrupted")
+        progress.state("aborted" if isinstance(error, Aborted) else "interrupted")
         session.event("failed", error=str(error))
         raise
     except BaseException:
@@ -177,8 +205,10 @@ def _carry_out(
     session.event("done")
 
 
-def _operator(rig: Rig, options: Options) -> Operator:
-    return SimulatedOperator(rig.operator_link) if options.unattended else TerminalOperator(rig.operator_link)
+def _operator(rig: Rig, control: Control, options: Options) -> Operator:
+    if options.unattended:
+        return SimulatedOperator(rig.operator_link)
+    return TerminalOperator(rig.operator_link, TypedLines(control.raise_if_aborted))
 
 
 @contextmanager
@@ -204,21 +234,13 @@ def _signals(control: Control, on_terminal_lost: str) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-@contextmanager
-def rig_of_ones_own(rig_file: config.RigFile) -> Iterator[None]:
-    path = locks.rig_lock(rig_file)
-    refusal = f"{rig_file.path}: another campaign holds these instruments; see `rigctl status` of its store"
-    with locks.held(path, refusal) if path is not None else nullcontext():
-        yield
-
-
 def _write_truth(rig_file: config.RigFile, store_path: Path) -> None:
     world = config.only_tables(rig_file.text, "world")
     if world:
         truth_path(store_path).write_text(world, encoding="utf-8")
 
 
-def _header(campaign: config.CampaignFile, rig: Rig, seed: int | None) -> Header:
+def _header(campaign: config.CampaignFile, rig: Rig, options: Options) -> Header:
     file = rig.file
     channels = {"stage_x_mm": ChannelInfo("mm", "position")}
     for role in ("linear", "displacement", "readout"):
@@ -234,12 +256,15 @@ def _header(campaign: config.CampaignFile, rig: Rig, seed: int | None) -> Header
         rig_toml=file.text_without_world,
         campaign_toml=campaign.text,
         world_sha256=file.world_sha256,
-        seed=seed,
+        seed=options.seed,
         versions=versions(),
         constants={name: constant.value for name, constant in file.constants.items()},
         channels=channels,
         lasers={name: LaserInfo(tilt_deg=head.tilt_deg) for name, head in file.lasers.items()},
-        extra={"certificates": {k: c.model_dump(mode="json") for k, c in file.certificates.items()}},
+        extra={
+            "certificates": {k: c.model_dump(mode="json") for k, c in file.certificates.items()},
+            "unattended": options.unattended,
+        },
     )
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import select
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from rigctl.errors import Aborted, ProcedureError
+
+HEED_S = 0.1
+"""How often a question looks up whether the campaign is being aborted (wall-clock)."""
 
 
 class OperatorLink(Protocol):
@@ -80,12 +85,39 @@ class SimulatedOperator:
                 raise ProcedureError(f"the simulated operator could not do {action}: {answer['error']}")
 
 
+class TypedLines:
+    """Lines somebody types on the standard input; `heed` is called several times a second while nobody does."""
+
+    def __init__(self, heed: Callable[[], None]) -> None:
+        self._heed = heed
+        self._typed = bytearray()
+
+    def __call__(self) -> str:
+        """The next line; `EOFError` at the end, or when the terminal is gone."""
+        while b"\n" not in self._typed:
+            self._typed += self._read()
+        line, _, rest = self._typed.partition(b"\n")
+        self._typed = rest
+        return line.decode(errors="replace")
+
+    def _read(self) -> bytes:
+        try:
+            while not select.select([sys.stdin], [], [], HEED_S)[0]:
+                self._heed()
+            data = os.read(sys.stdin.fileno(), 4096)
+        except (OSError, ValueError, TypeError):  # hung up, closed, or never there
+            data = b""
+        if not data:
+            raise EOFError
+        return data
+
+
 @dataclass
 class TerminalOperator:
     """Asks at the terminal; behind a simulated rig the world's hands then do what was confirmed."""
 
     link: OperatorLink | None
-    ask: Callable[[str], str] = input
+    ask: Callable[[], str]
     name: str = "operator"
 
     def remount(self, axis: str, configuration: str, mounting: int) -> None:
@@ -131,7 +163,7 @@ class TerminalOperator:
     def _read(self, prompt: str) -> str:
         try:
             print(prompt, end="", file=sys.stderr, flush=True)  # noqa: T201 - stdout belongs to --json
-            return self.ask("")
+            return self.ask()
         except EOFError:
             raise ProcedureError(
                 f"nobody at the terminal to answer: {prompt.strip()} Run with --yes, or at a terminal"

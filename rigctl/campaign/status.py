@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from rigctl.campaign.bundle import import_report
 from rigctl.campaign.locks import is_held, store_lock
 from rigctl.campaign.store import Store
 
@@ -16,8 +17,8 @@ def status_of(path: Path) -> dict[str, Any]:
         runs = store.runs()
     invalid = sum(not run.valid for run in runs)
     if not status:
-        # An imported recording has runs and never had a campaign; one without either was killed at its start.
-        state = "done" if runs else "running"
+        # Either there never was a campaign here, or it was killed before it could say anything.
+        state = "done" if import_report(store) is not None else "running"
         status = {"state": state, "step": "", "runs_planned": len(runs), "eta_s": 0.0}
     if status["state"] in {"running", "paused"} and not is_held(store_lock(path)):
         status["state"] = "interrupted"
