@@ -25,6 +25,9 @@ app = typer.Typer(
 # The matrices here are small: a second thread only waits, and the other core belongs to the console.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+TRACEBACK = "RIGCTL_TRACEBACK"
+"""Environment variable for whoever hunts a bug of ours: show it in full."""
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="A campaign file, by convention *.rig.sqlite.")]
 RigToml = Annotated[Path, typer.Argument(metavar="RIG.toml", help="A rig file.")]
@@ -43,6 +46,11 @@ def main() -> None:
         sys.stderr.close()
     except OSError as error:
         _fail(f"{error.filename or 'rigctl'}: {error.strerror or error}; check the path and its permissions", 1)
+    except Exception as error:
+        if TRACEBACK in os.environ:
+            raise
+        told = f"{type(error).__name__}: {error}"
+        _fail(f"internal error: {told}; please report it with what {TRACEBACK}=1 shows", 1)
 
 
 def _said(error: RigError) -> str:

@@ -15,10 +15,11 @@ def status_of(path: Path) -> dict[str, Any]:
     with Store.open(path, readonly=True) as store:
         status = store.status()
         runs = store.runs()
+        imported = import_report(store) is not None
     invalid = sum(not run.valid for run in runs)
     if not status:
         # Either there never was a campaign here, or it was killed before it could say anything.
-        state = "done" if import_report(store) is not None else "running"
+        state = "done" if imported else "running"
         status = {"state": state, "step": "", "runs_planned": len(runs), "eta_s": 0.0}
     if status["state"] in {"running", "paused"} and not is_held(store_lock(path)):
         status["state"] = "interrupted"
