@@ -15,6 +15,7 @@ from rigctl.campaign.session import Session
 from rigctl.clock import Clock
 from rigctl.errors import LimitError, ProcedureError
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package
+from rigctl.experiments.sensing_axis.reduction import face_column
 from rigctl.interfaces import (
     Channel,
     DisplacementMeter,
@@ -176,7 +177,14 @@ class Bench:
             "temperature_c": float(np.mean(temperature)),
         }
         found.update(self._judge(point, columns))
-        return found
+        return found | {face_column(head): face for head, face in self._faces(point).items()}
+
+    def _faces(self, point: SetPoint) -> dict[str, str]:
+        """Which face each head looks at, for whoever reads the recording without the rig file."""
+        return {
+            name: self.package.face(point.axis, point.configuration, head.position)
+            for name, head in self.heads.items()
+        }
 
     def _acquire(
         self, session: Session, writer: RunWriter, point: SetPoint, recorders: list[PacedRecorder]

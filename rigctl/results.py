@@ -10,8 +10,12 @@ from rigctl.campaign.store import Store
 from rigctl.effects.catalogue import chosen
 from rigctl.errors import DataError
 from rigctl.experiments.sensing_axis.budget import axis_budgets
+from rigctl.experiments.sensing_axis.recorded import recorded_faces, recorded_heads, recorded_package
 from rigctl.experiments.sensing_axis.result import SensingAxisResult, sensing_axes
 from rigctl.runner import campaign_of, rig_file_of
+
+STANDARD_G = 9.80665
+"""Where nobody has given the local one."""
 
 
 def of(path: Path) -> dict[str, Any]:
@@ -26,6 +30,8 @@ def of(path: Path) -> dict[str, Any]:
 
 def uncertainties_of(store: Store) -> dict[str, dict[str, float]]:
     """Standard uncertainties from the rig file's certificates, by name."""
+    if store.header.rig_toml is None:
+        return {}
     return {name: dict(c.uncertainty) for name, c in rig_file_of(store).certificates.items()}
 
 
@@ -33,11 +39,26 @@ def analyse(store: Store) -> SensingAxisResult:
     """Fit a store's runs and find the axes."""
     if store.header.experiment != "sensing-axis":
         raise DataError(f"{store.path}: no result for '{store.header.experiment}' recordings yet")
+    if store.header.rig_toml is None:
+        return _analyse_recorded(store)
     rig_file = rig_file_of(store)
     if rig_file.package is None:
         raise DataError(f"{store.path}: its rig file has no [package]")
     effects = chosen("sensing-axis", campaign_of(store).model.effects)
-    return sensing_axes(store, rig_file.package, rig_file.lasers, rig_file.constant("g_m_s2", 9.80665), effects)
+    return sensing_axes(store, rig_file.package, rig_file.lasers, rig_file.constant("g_m_s2", STANDARD_G), effects)
+
+
+def _analyse_recorded(store: Store) -> SensingAxisResult:
+    """A recording without rig file: nominal mountings, the baseline model."""
+    header = store.header
+    return sensing_axes(
+        store,
+        recorded_package(header),
+        recorded_heads(header),
+        float(header.constants.get("g_m_s2", STANDARD_G)),
+        (),
+        faces=recorded_faces(header),
+    )
 
 
 def show(path: Path, found: dict[str, Any]) -> None:

@@ -26,6 +26,9 @@ from rigctl.effects.catalogue import chosen
 from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
 from rigctl.rig import Rig
 
+KINDS = {"readout": "accelerometer"}
+"""What a channel measures where the instrument only knows what it reads."""
+
 VERSIONED = ("rigctl", "numpy", "scipy", "pydantic")
 TRUTH_SUFFIX = ".truth.toml"
 
@@ -246,7 +249,7 @@ def _header(campaign: config.CampaignFile, rig: Rig, options: Options) -> Header
     for role in ("linear", "displacement", "readout"):
         for instrument in rig.by_role(role):
             channels |= {
-                c.name: ChannelInfo(c.unit, c.kind, full_scale=c.full_scale, latency_s=c.latency_s)
+                c.name: ChannelInfo(c.unit, KINDS.get(role, c.kind), full_scale=c.full_scale, latency_s=c.latency_s)
                 for c in instrument.channels()
             }
     return Header(

@@ -43,14 +43,13 @@ def motion_in_cube(theta_rad: FloatArray, delta_rad: FloatArray, nominal: FloatA
     return motion
 
 
-def beam(position: FloatArray, tilt_rad: FloatArray | float) -> FloatArray:
-    """Beam direction c in the lab of a head that stands at `position` (unit vector), (..., 3).
+def beam(position: FloatArray, tilt_rad: float) -> FloatArray:
+    """Beam direction c in the lab of a head that stands at `position` (unit vector), shape (3,).
 
     Side heads are tilted upwards, the head above is tilted along x.
     """
     towards = np.array([1.0, 0.0, 0.0]) if abs(position[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
-    tilt = np.asarray(tilt_rad, dtype=np.float64)[..., None]
-    direction: FloatArray = np.cos(tilt) * position + np.sin(tilt) * towards
+    direction: FloatArray = np.cos(tilt_rad) * position + np.sin(tilt_rad) * towards
     return direction
 
 
@@ -63,9 +62,9 @@ def lab_from_cube_mount(theta_rad: FloatArray, delta_rad: FloatArray) -> FloatAr
 def head_scale(rotation: FloatArray, face_turntable: FloatArray, beam_lab: FloatArray) -> FloatArray:
     """What a head reads per metre of stage motion, n_x / (c . n), n the face's normal in the lab.
 
-    `rotation` is `lab_from_cube_mount`, `face_turntable` (3,) the nominal outward normal M n_C, `beam_lab` (3,) the
-    beam's direction c; returns the leading shape of `rotation`.
+    `rotation` (..., 3, 3) is `lab_from_cube_mount`, `face_turntable` (..., 3) the nominal outward normal M n_C,
+    `beam_lab` (..., 3) the beam's direction c; returns the leading shape.
     """
-    normal = rotation @ face_turntable
-    scale: FloatArray = normal[..., 0] / (normal @ beam_lab)
+    normal = (rotation @ face_turntable[..., None])[..., 0]
+    scale: FloatArray = normal[..., 0] / np.sum(normal * beam_lab, axis=-1)
     return scale

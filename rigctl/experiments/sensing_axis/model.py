@@ -91,10 +91,13 @@ class RecordingModel:
             self._declare_effect(item)
         self._steps = np.array([parameter.step for parameter in self.parameters], dtype=np.float64)
         self._conditions = self._collect_conditions(g_m_s2)
-        positions = {name: unit_vector(heads[name].position) for name in self.heads}
-        self._beams = {name: beam(positions[name], heads[name].tilt_rad) for name in self.heads}
-        # The face a head sees is the one whose nominal normal points at it: M n_C is the head's own direction.
-        self._faces = positions
+        # One face and one beam per run, shape (runs, 1, 3): a head sees other faces in other configurations.
+        positions = {name: [self._position(name, run) for run in self.runs] for name in self.heads}
+        self._faces = {name: np.array(found)[:, None, :] for name, found in positions.items()}
+        self._beams = {
+            name: np.array([beam(each, heads[name].tilt_rad) for each in found])[:, None, :]
+            for name, found in positions.items()
+        }
 
     def index(self, name: str) -> int:
         """Position of a parameter by name."""
@@ -178,6 +181,12 @@ class RecordingModel:
             approach=column([run.approach for run in self.runs]),
             start=column([run.start_s for run in self.runs]),
         )
+
+    def _position(self, head: str, run: RunObservables) -> FloatArray:
+        """Where the head stands in the lab: before the face it looks at, whose nominal normal is M n_C."""
+        if head not in run.faces:
+            return unit_vector(self.head_settings[head].position)
+        return self.package.turntable_from_cube(run.axis, run.configuration) @ unit_vector(run.faces[head])
 
     def _sensor(self, run: RunObservables) -> SensorSettings:
         return self.package.axes[run.axis].sensor[run.configuration]

@@ -29,7 +29,7 @@ class Amplitudes:
 
 @dataclass(frozen=True)
 class RunObservables:
-    """One run, reduced. `motion_m` are the encoder's harmonics 1..H with x = Re sum X_h exp(i h w t), X_1 = -iA."""
+    """One run, reduced. `faces` are the cube faces the heads look at, where recorded. `motion_m` are the encoder's harmonics 1..H with x = Re sum X_h exp(i h w t), X_1 = -iA."""
 
     run_id: str
     axis: str
@@ -44,6 +44,7 @@ class RunObservables:
     motion_m: ComplexArray
     accel_v: Amplitudes
     lasers_m: dict[str, Amplitudes]
+    faces: dict[str, str]
 
     @property
     def amplitude_m(self) -> float:

@@ -142,6 +142,12 @@ class Package(Table):
         """Nominal M of a mounting, shape (3, 3)."""
         return self.configurations[configuration].turntable_from_cube(self.axes[axis].cube_axis)
 
+    def face(self, axis: str, configuration: str, position: str) -> str:
+        """The cube face that looks towards a head at `position` in the lab: x y z -x -y -z."""
+        normal = self.turntable_from_cube(axis, configuration).T @ unit_vector(position)
+        component = int(np.argmax(np.abs(normal)))
+        return ("-" if normal[component] < 0 else "") + "xyz"[component]
+
     def spot_margin_mm(self, theta_deg: float, amplitude_mm: float) -> float:
         """How far inside the cube's side face the spot stays; negative when it leaves it.
 

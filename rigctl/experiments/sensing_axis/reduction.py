@@ -124,7 +124,13 @@ def _observed(run: ReducedRun, density: Callable[[ReducedRun, str, float], float
         motion_m=run.motion_m,
         accel_v=amplitudes(ACCEL),
         lasers_m={name: amplitudes(name) for name in run.channels if name != ACCEL},
+        faces={head: str(given[key]) for head in run.channels if given.get(key := face_column(head))},
     )
+
+
+def face_column(head: str) -> str:
+    """The column of runs.csv that says which face a head looks at: laser_1_mm -> laser_1_face."""
+    return f"{head.removesuffix('_mm')}_face"
 
 
 def _channel(basis: HarmonicBasis, column: FloatArray, reference: complex) -> ReducedChannel:

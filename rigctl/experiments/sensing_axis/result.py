@@ -17,7 +17,7 @@ from rigctl.experiments.sensing_axis.chain import FloatArray
 from rigctl.experiments.sensing_axis.fit import NullPoint, RecordingFit, fit_recording
 from rigctl.experiments.sensing_axis.model import RecordingModel
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package
-from rigctl.experiments.sensing_axis.reduction import observables, reduce_run
+from rigctl.experiments.sensing_axis.reduction import face_column, observables, reduce_run
 from rigctl.fitting.plane import PlaneFit, angle_between, fit_plane
 
 
@@ -83,12 +83,18 @@ def sensing_axes(
     heads: Mapping[str, HeadSettings],
     g_m_s2: float,
     effects: Sequence[Effect],
+    *,
+    faces: Mapping[str, str] | None = None,
 ) -> SensingAxisResult:
-    """Fit all valid runs of a recording and find the axes; `ProcedureError` when there are no runs."""
+    """Fit all valid runs of a recording and find the axes; `ProcedureError` when there are no runs.
+
+    `faces` are the cube faces heads look at, for runs that do not say so themselves.
+    """
+    known = {face_column(head): face for head, face in (faces or {}).items()}
     records = source.runs(valid_only=True)
     if not records:
         raise ProcedureError("no valid runs yet: nothing to make a result of")
-    reduced = [reduce_run(r.run_id, r.conditions, source.samples(r.run_id)) for r in records]
+    reduced = [reduce_run(r.run_id, {**known, **r.conditions}, source.samples(r.run_id)) for r in records]
     runs = observables(reduced, harmonics=1)
     fit = fit_recording(RecordingModel(runs, package, heads, g_m_s2, effects))
     axes: dict[str, AxisResult] = {}
