@@ -306,7 +306,10 @@ def simulate(
 
     with Served(config.read_rig(rig)) as served:
         if write_rig is not None:
-            write_rig.write_text(served.rig_text(), encoding="utf-8")
+            # Whole or not at all: somebody may be waiting for it to appear.
+            partial = write_rig.with_name(f".{write_rig.name}.{os.getpid()}")
+            partial.write_text(served.rig_text(), encoding="utf-8")
+            partial.rename(write_rig)
         if as_json:
             _print_json({"instruments": served.addresses})
         else:

@@ -5,11 +5,11 @@ The only place that knows drivers and simulators by name.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from types import TracebackType
 from typing import Any, cast
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from drivers.connect import connector
 from drivers.transport import Connect, InProcessTransport
@@ -20,7 +20,7 @@ from rigctl.clock import Clock, RealClock
 from rigctl.errors import ConfigError, RigError
 from rigctl.interfaces import Identity, Instrument
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
-from simulators.rig import SimulatedRig, Spec
+from simulators.rig import LockedInstrument, SimulatedRig, Spec, TableError
 
 Build = Callable[[str, BaseModel, Connect, Clock], Instrument]
 
@@ -115,9 +115,14 @@ class Rig:
 
     def stop(self) -> None:
         """Bring every instrument to rest, each tried even if others fail; any thread, any number of times."""
-        failures = self._each(lambda instrument: instrument.stop())
+        failures = []
+        for instrument in self.instruments.values():
+            try:
+                instrument.stop()
+            except Exception as error:  # noqa: BLE001 - whatever fails in one, the others are to be stopped
+                failures.append(str(error) or f"{instrument.name}: {type(error).__name__}")
         if failures:
-            raise type(failures[0])("NOT known to be at rest: " + "; ".join(str(failure) for failure in failures))
+            raise RigError("NOT known to be at rest: " + "; ".join(failures))
 
     def identities(self) -> dict[str, Identity]:
         """Ask every instrument who it is."""
@@ -173,8 +178,8 @@ class Rig:
             raise ConfigError(
                 f"{self.file.path}: instruments.{name} is simulated but there is no [world] table; add it"
             )
-        endpoint, clock = simulation.instruments[name], simulation.clock
-        return lambda: InProcessTransport(f"{name} (simulated)", endpoint, clock)
+        endpoint = LockedInstrument(simulation.instruments[name], simulation.clock)
+        return lambda: InProcessTransport(f"{name} (simulated)", endpoint, simulation.clock)
 
 
 def build_simulation(file: config.RigFile, clock: SimulationClock, *, seed: int | None = None) -> SimulatedRig:
@@ -187,11 +192,24 @@ def build_simulation(file: config.RigFile, clock: SimulationClock, *, seed: int 
         for name, table in file.instruments.items()
     }
     try:
-        return SimulatedRig(specs, world, clock)
-    except ValidationError as error:
-        raise ConfigError(f"{file.path}: [world] or a simulator table: {config.explain(BaseModel, error)}") from None
+        simulation = SimulatedRig(specs, world, clock)
+    except TableError as error:
+        raise ConfigError(f"{file.path}: {config.explain(error.model, error.cause, error.table)}") from None
     except ValueError as error:
         raise ConfigError(f"{file.path}: {error}") from None
+    _require_in_world(file, simulation.nature.sensors, simulation.nature.lasers)
+    return simulation
+
+
+def _require_in_world(file: config.RigFile, sensors: Collection[str], heads: Collection[str]) -> None:
+    """A world without what is to be measured would only be found out in the middle of the night."""
+    for name in file.package.axes if file.package else ():
+        if name not in sensors:
+            raise ConfigError(f"{file.path}: [world.sensors.{name}] is missing; the package has this axis")
+    for table in file.instruments.values():
+        for name in table.settings.get("heads", {}) if table.role == "displacement" else ():
+            if name not in heads:
+                raise ConfigError(f"{file.path}: [world.lasers.{name}] is missing; there is a head of this name")
 
 
 def _simulate(file: config.RigFile, seed: int | None, start_s: float) -> tuple[SimulatedRig | None, Clock]:

@@ -7,7 +7,8 @@ import signal
 from typing import Any
 from urllib.parse import parse_qsl
 
-from rigctl.config import RigFile
+from rigctl.config import RigFile, parse_rig
+from rigctl.errors import ConfigError
 from rigctl.rig import build_simulation
 from simulators.clock import ScaledClock
 from simulators.operator_port import Done
@@ -60,12 +61,21 @@ class Served:
         self._server.stop()
 
     def rig_text(self) -> str:
-        """The rig file with the served addresses and without the world: what a client on this machine needs."""
+        """The rig file with the served addresses and without the world: what a client on this machine needs.
+
+        `ConfigError` when the file is written in a way that this cannot follow.
+        """
         text = self.file.text_without_world
-        for name, address in self._addresses.items():
-            text = _with_key(text, f"instruments.{name}", "address", _url(address))
+        wanted = {f"instruments.{name}": _url(address) for name, address in self._addresses.items()}
+        for table, address in {**wanted, "operator": _url(self._operator)}.items():
+            text = _with_key(text, table, "address", address)
         text = _with_key(text, "rig", "clock", "real")
-        return f'{text}\n[operator]\naddress = "{_url(self._operator)}"\n'
+        client = parse_rig(text, self.file.path)
+        if {f"instruments.{name}": table.address for name, table in client.instruments.items()} != wanted:
+            raise ConfigError(
+                f"{self.file.path}: write every instrument as a table [instruments.NAME] to have it served"
+            )
+        return text
 
     def _serve(self, name: str) -> Address:
         table, instrument = self.file.instruments[name], self.simulation.instruments[name]
@@ -96,15 +106,12 @@ def _url(address: Address) -> str:
 
 
 def _with_key(text: str, table: str, key: str, value: str) -> str:
-    """TOML text with a string key of a table replaced, or added as its first."""
+    """TOML text with a string key of a table replaced, or added as its first; the table is added if need be."""
+    line = f'{key} = "{value}"\n'
     head = re.search(rf"^\[{re.escape(table)}\][^\n]*\n", text, re.MULTILINE)
     if head is None:
-        return text
+        return f"{text}\n[{table}]\n{line}"
     end = re.search(r"^\[", text[head.end() :], re.MULTILINE)
     stop = head.end() + end.start() if end else len(text)
-    body, count = re.subn(
-        rf'^{key}\s*=\s*"[^"\n]*"', f'{key} = "{value}"', text[head.end() : stop], flags=re.MULTILINE
-    )
-    if not count:
-        body = f'{key} = "{value}"\n{body}'
-    return text[: head.end()] + body + text[stop:]
+    body = re.sub(rf"^{key}\s*=[^\n]*\n?", "", text[head.end() : stop], flags=re.MULTILINE)
+    return text[: head.end()] + line + body + text[stop:]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import BaseModel, ValidationError
 
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEnsemble
 from simulators.clock import SimulationClock
@@ -16,7 +17,7 @@ from simulators.keysight_34465a import MeterSettings, Simulated34465A
 from simulators.motion import MotionAxis
 from simulators.newport_esp301 import Esp301SimulatorSettings, SimulatedEsp301
 from simulators.newport_xps import SimulatedXps, XpsSimulatorSettings
-from simulators.wiring import FloatArray, Signal, SimulatedInstrument, TriggerLine
+from simulators.wiring import Connection, FloatArray, Signal, SimulatedInstrument, TriggerLine
 from simulators.worlds.accelerometer_bench import AccelerometerBench
 from simulators.worlds.bench_settings import BenchSettings
 
@@ -32,21 +33,67 @@ class Spec:
     faults: Mapping[str, Any] = field(default_factory=dict)
 
 
+class TableError(ValueError):
+    """A table of the rig file that `model` does not accept; `cause` says why."""
+
+    def __init__(self, table: str, model: type[BaseModel], cause: ValidationError) -> None:
+        super().__init__(f"{table}: {cause}")
+        self.table = table
+        self.model = model
+        self.cause = cause
+
+
+class LockedInstrument:
+    """An instrument for clients in this process, whichever thread they are in: one at a time, as its clock wants."""
+
+    def __init__(self, inner: SimulatedInstrument, clock: SimulationClock) -> None:
+        self._inner = inner
+        self._clock = clock
+
+    def connect(self, send: Callable[[bytes], None]) -> LockedConnection:
+        """Serve one more client."""
+        with self._clock.lock:
+            return LockedConnection(self._inner.connect(send), self._clock)
+
+
+class LockedConnection:
+    """One client's end of a `LockedInstrument`."""
+
+    def __init__(self, inner: Connection, clock: SimulationClock) -> None:
+        self._inner = inner
+        self._clock = clock
+
+    @property
+    def hung_up(self) -> bool:
+        """True once the instrument has ended the connection."""
+        return bool(getattr(self._inner, "hung_up", False))
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the client."""
+        with self._clock.lock:
+            self._inner.receive(data)
+
+    def close(self) -> None:
+        """The client has gone."""
+        with self._clock.lock:
+            self._inner.close()
+
+
 class SimulatedRig:
-    """Instruments by name; raises `ValueError` (pydantic's included) for settings that make no sense."""
+    """Instruments by name; `TableError` or another `ValueError` for settings that make no sense."""
 
     def __init__(self, specs: Mapping[str, Spec], world: Mapping[str, Any], clock: SimulationClock) -> None:
         self.clock = clock
         self._rotation, self._linear, self._pace = MotionAxis(), MotionAxis(), TriggerLine()
-        self.nature = BenchSettings.model_validate(world)
+        self.nature = _checked(BenchSettings, world, "world")
         self.world = AccelerometerBench(self.nature, clock, self._rotation, self._linear, self._pace)
         self._meters: list[Simulated34465A] = []
-        self.instruments = {name: self._build(spec) for name, spec in specs.items()}
+        self.instruments = {name: self._build(name, spec) for name, spec in specs.items()}
 
     def operate(self, action: Mapping[str, Any]) -> float:
         """Do what an operator's hands do; returns the rig time at which it is done.
 
-        `{"remount": {"axis", "configuration", "mounting"}}`, `{"level": true}` or `{"run": n}`; `ValueError` otherwise.
+        `{"remount": {"axis", "configuration", "mounting"}}`, `{"level": true}` or `{"run": n}`, else `ValueError`.
         """
         match dict(action):
             case {"remount": {"axis": str(axis), "configuration": str(configuration), "mounting": int(number)}}:
@@ -71,45 +118,41 @@ class SimulatedRig:
         self.clock.sleep_s(done_s - self.clock.now_s())
         return {"done": True}
 
-    def _build(self, spec: Spec) -> SimulatedInstrument:
-        if spec.kind not in _BUILDERS:
-            raise ValueError(f"no simulator for {spec.kind}; there are {', '.join(_BUILDERS)}")
-        instrument = _BUILDERS[spec.kind](self, spec)
+    def _build(self, name: str, spec: Spec) -> SimulatedInstrument:
+        if spec.kind not in _KINDS:
+            raise ValueError(f"no simulator for {spec.kind}; there are {', '.join(_KINDS)}")
+        build, model = _KINDS[spec.kind]
+        settings = _checked(model, spec.simulator, f"instruments.{name}.simulator")
+        instrument = build(self, spec, settings)
         if isinstance(instrument, Simulated34465A):
             self._meters.append(instrument)
         if spec.faults:
-            return FaultyInstrument(instrument, FaultPlan.model_validate(spec.faults), self.clock)
+            plan = _checked(FaultPlan, spec.faults, f"instruments.{name}.faults")
+            return FaultyInstrument(instrument, plan, self.clock)
         return instrument
 
     def _axis(self, role: str) -> MotionAxis:
         """The world's axis of this role; an instrument that has no part in the experiment moves its own."""
         return {"rotation": self._rotation, "linear": self._linear}.get(role) or MotionAxis()
 
-    def _xps(self, spec: Spec) -> SimulatedInstrument:
-        settings = XpsSimulatorSettings.model_validate(spec.simulator)
+    def _xps(self, spec: Spec, settings: XpsSimulatorSettings) -> SimulatedInstrument:
         group, positioner = spec.settings.get("group", "Group1"), spec.settings.get("positioner", "Pos")
         return SimulatedXps(self.clock, {group: {positioner: self._axis(spec.role)}}, settings)
 
-    def _esp301(self, spec: Spec) -> SimulatedInstrument:
-        settings = Esp301SimulatorSettings.model_validate(spec.simulator)
+    def _esp301(self, spec: Spec, settings: Esp301SimulatorSettings) -> SimulatedInstrument:
         return SimulatedEsp301(self.clock, [self._axis(spec.role)], settings)
 
-    def _ensemble(self, spec: Spec) -> SimulatedInstrument:
-        settings = EnsembleSimulatorSettings.model_validate(
-            {"axis": spec.settings.get("axis", "X"), **spec.simulator}
-        )
-        return SimulatedEnsemble(self.clock, self._axis(spec.role), self._pace, settings)
+    def _ensemble(self, spec: Spec, settings: EnsembleSimulatorSettings) -> SimulatedInstrument:
+        named = settings.model_copy(update={"axis": spec.settings.get("axis", settings.axis)})
+        return SimulatedEnsemble(self.clock, self._axis(spec.role), self._pace, named)
 
-    def _lkg3001(self, spec: Spec) -> SimulatedInstrument:
-        settings = Lkg3001Settings.model_validate(spec.simulator)
+    def _lkg3001(self, spec: Spec, settings: Lkg3001Settings) -> SimulatedInstrument:
         return SimulatedLkg3001(self.clock, self._heads(spec), self._pace, settings)
 
-    def _lkg5000(self, spec: Spec) -> SimulatedInstrument:
-        settings = Lkg5000Settings.model_validate(spec.simulator)
+    def _lkg5000(self, spec: Spec, settings: Lkg5000Settings) -> SimulatedInstrument:
         return SimulatedLkg5000(self.clock, self._heads(spec), self._pace, settings)
 
-    def _meter(self, spec: Spec) -> SimulatedInstrument:
-        settings = MeterSettings.model_validate(spec.simulator)
+    def _meter(self, spec: Spec, settings: MeterSettings) -> SimulatedInstrument:
         paces = spec.role == "readout"
         return Simulated34465A(
             self.clock,
@@ -134,11 +177,23 @@ def _nothing(times_s: FloatArray) -> FloatArray:
     return np.full_like(times_s, np.nan)
 
 
-_BUILDERS: dict[str, Callable[[SimulatedRig, Spec], SimulatedInstrument]] = {
-    "newport-xps": SimulatedRig._xps,
-    "newport-esp301": SimulatedRig._esp301,
-    "aerotech-ensemble": SimulatedRig._ensemble,
-    "keyence-lkg3001": SimulatedRig._lkg3001,
-    "keyence-lkg5000": SimulatedRig._lkg5000,
-    "keysight-34465a": SimulatedRig._meter,
+Settings = TypeVar("Settings", bound=BaseModel)
+
+
+def _checked(model: type[Settings], data: Mapping[str, Any], table: str) -> Settings:
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        raise TableError(table, model, error) from None
+
+
+_Build = Callable[[SimulatedRig, Spec, Any], SimulatedInstrument]
+
+_KINDS: dict[str, tuple[_Build, type[BaseModel]]] = {
+    "newport-xps": (SimulatedRig._xps, XpsSimulatorSettings),
+    "newport-esp301": (SimulatedRig._esp301, Esp301SimulatorSettings),
+    "aerotech-ensemble": (SimulatedRig._ensemble, EnsembleSimulatorSettings),
+    "keyence-lkg3001": (SimulatedRig._lkg3001, Lkg3001Settings),
+    "keyence-lkg5000": (SimulatedRig._lkg5000, Lkg5000Settings),
+    "keysight-34465a": (SimulatedRig._meter, MeterSettings),
 }
