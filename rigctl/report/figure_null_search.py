@@ -97,7 +97,8 @@ def _rows(fit: RecordingFit, null: NullPoint, runs: Sequence[RunObservables]) ->
         template = min(members, key=lambda run: abs(run.theta_rad - null.theta0_rad))
         line = _scale(gain, template) * _predicted(fit, template, theta)
         rows += [_row("model", null, t, y, frequency) for t, y in zip(theta, line, strict=True)]
-        rows += [_row("apparent null", null, zero, 0.0, frequency) for zero in _zeros(theta, line)]
+        zeros = sorted(_zeros(theta, line), key=lambda zero: abs(zero - null.theta0_rad))
+        rows += [_row("apparent null", null, zero, 0.0, frequency) for zero in zeros[:1]]
         at_null.append(float(np.interp(null.theta0_rad, theta, line)))
     rows.append(_row("null", null, null.theta0_rad, float(np.mean(at_null))))
     return rows
@@ -121,7 +122,7 @@ def _row(
         frequency_hz,
         math.degrees(theta_rad),
         float(theta_rad - null.theta0_rad) / ARCSEC,
-        null.theta0_sigma_rad / ARCSEC if kind == "null" else None,
+        float(null.theta0_sigma_rad) / ARCSEC if kind == "null" else None,
         float(response),
         sigma,
     )
@@ -164,7 +165,7 @@ def draw_response(rows: Sequence[ResponseRow]) -> Figure:
         zeros = [row.theta_minus_theta0_arcsec for row in own if row.kind == "apparent null"]
         label = f"{frequency:.3g} Hz"
         _draw_series(overview, own, [row.theta_deg for row in own], index, label)
-        if len(zeros) == 1:
+        if zeros:
             label += f", zero at {zeros[0]:+.1f}″".replace("-", "−")
         _draw_series(close, own, [row.theta_minus_theta0_arcsec for row in own], index, label)
         look = series_style(index)
@@ -174,10 +175,10 @@ def draw_response(rows: Sequence[ResponseRow]) -> Figure:
     overview.set_title(f"axis {null.axis}, {null.configuration}, mounting {null.mounting}", loc="center")
     for axes, letter in ((overview, "a"), (close, "b")):
         axes.axhline(0.0, color=SOFT, linewidth=0.5, zorder=0)
-        axes.set_ylabel("in-phase response $S/(kA)$ / (µm s$^{-2}$ mm$^{-1}$)")
+        axes.set_ylabel("in-phase response S/(kA) / (µm s⁻² mm⁻¹)")
         panel_letter(axes, letter)
-    overview.set_xlabel("stage angle $\\theta$ / deg")
-    close.set_xlabel("$\\theta - \\theta_0$ / arcsec")
+    overview.set_xlabel("stage angle θ / deg")
+    close.set_xlabel("θ − θ₀ / arcsec")
     _limit_close_up(close, rows)
     overview.legend(loc="best")
     close.legend(loc="upper left")
@@ -205,9 +206,9 @@ def _draw_series(axes: Axes, rows: Sequence[ResponseRow], x: Sequence[float], in
 
 def _draw_null(overview: Axes, close: Axes, null: ResponseRow) -> None:
     sigma = null.theta_sigma_arcsec or 0.0
-    overview.axvline(null.theta_deg, color=SOFT, linewidth=0.8, zorder=0, label="$\\theta_0$")
+    overview.axvline(null.theta_deg, color=SOFT, linewidth=0.8, zorder=0, label="θ₀")
     close.axvspan(-sigma, sigma, color=SOFT, alpha=0.35, linewidth=0.0, zorder=0)
-    label = f"$\\theta_0$ = {null.theta_deg:.5f}° ± {sigma:.2f}″".replace("= -", "= −")
+    label = f"θ₀ = {null.theta_deg:.5f}° ± {sigma:.2f}″".replace("= -", "= −")
     at = [null.response_um_s2_per_mm]
     close.errorbar([0.0], at, xerr=[sigma], fmt="D", color=INK, markersize=5.0, capsize=2.0, label=label, zorder=5)
 

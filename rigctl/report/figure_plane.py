@@ -122,7 +122,8 @@ def _draw_directions(axes: Axes, angles_deg: Sequence[float], look: SeriesStyle,
         axes.plot([0.0, tip.real], [0.0, tip.imag], linestyle=look.line, color=look.color, linewidth=0.5)
     mean = vectors.mean()
     spread = np.degrees(np.angle(vectors / mean)).std(ddof=min(1, len(vectors) - 1))
-    angle = f"{np.degrees(np.angle(mean)):.2f}° ± {spread:.2f}°".replace("-", "−")
+    # Adding zero turns a rounded -0.00 into 0.00.
+    angle = f"{round(float(np.degrees(np.angle(mean))), 2) + 0.0:.2f}° ± {spread:.2f}°".replace("-", "−")
     label = f"{configuration}, n = {len(vectors)}\n{angle}"
     axes.plot(vectors.real, vectors.imag, look.marker, color=look.color, label=label)
 
@@ -132,12 +133,12 @@ def _draw_bands(axes: Axes, rows: Sequence[PlaneRow]) -> None:
     for multiple, alpha in ((2.0, 0.12), (1.0, 0.16)):
         axes.axhspan(-multiple * sigma, multiple * sigma, color=INK, alpha=alpha, linewidth=0.0, zorder=0)
         for sign, text in ((multiple, "+"), (-multiple, "−")):
-            label = f"{text}{'' if multiple == 1.0 else '2'}$\\sigma_\\mathrm{{hc}}$"
+            label = f"{text}{'' if multiple == 1.0 else '2'}σ"
             edge = axes.get_yaxis_transform()
             axes.text(1.01, sign * sigma, label, fontsize=7.0, va="center", transform=edge)
     axes.axhline(0.0, color=INK, linewidth=0.6, zorder=1)
     reach = max(2.0 * sigma, *(abs(row.out_of_plane_arcsec) + row.sigma_fit_arcsec for row in rows))
-    title = f"axis {rows[0].axis}: $2\\sigma_\\mathrm{{hc}}$ = {2.0 * sigma:.1f}″, required {requirement:g}″"
+    title = f"axis {rows[0].axis}: half-cone 2σ = {2.0 * sigma:.1f}″, required {requirement:g}″"
     axes.set_title(title, loc="center")
     if requirement <= IN_RANGE * reach:
         reach = max(reach, requirement)
@@ -151,15 +152,22 @@ def _frame_directions(axes: Axes, rows: Sequence[PlaneRow]) -> None:
     circle = np.linspace(0.0, 2.0 * np.pi, 181)
     axes.plot(np.cos(circle), np.sin(circle), color=SOFT, linewidth=0.5, zorder=0)
     angles = np.radians([row.in_plane_deg for row in rows])
-    for coordinates, limit in ((np.cos(angles), axes.set_xlim), (np.sin(angles), axes.set_ylim)):
-        limit(min(0.0, coordinates.min()) - 0.15, max(0.0, coordinates.max()) + 0.15)
+    (left, right), (bottom, top) = _quadrants(np.cos(angles)), _quadrants(np.sin(angles))
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
     axes.set_aspect("equal", anchor="N")
-    axes.set_xlabel(f"along $\\mathit{{{rows[0].in_plane_from[0]}}}_\\mathrm{{COC}}$")
-    axes.set_ylabel(f"along $\\mathit{{{rows[0].in_plane_towards[0]}}}_\\mathrm{{COC}}$")
-    # Between the clusters, inside the circle.
-    tips = [np.mean(np.exp(1j * np.radians(own))) for own in _by_configuration(rows).values()]
-    place = (0.38 * float(np.sum(tips).real), 0.38 * float(np.sum(tips).imag))
+    axes.set_xlabel(f"along {rows[0].in_plane_from[0]} of the cube")
+    axes.set_ylabel(f"along {rows[0].in_plane_towards[0]} of the cube")
+    # Between the axes, inside the circle.
+    place = (0.38 * (left + right), 0.38 * (bottom + top))
     axes.legend(loc="center", bbox_to_anchor=place, bbox_transform=axes.transData, labelspacing=1.0)
+
+
+def _quadrants(components: FloatArray) -> tuple[float, float]:
+    """Limits that show one side of the unit circle, or both where vectors point both ways."""
+    low = -1.0 if components.min() < -0.5 else 0.0
+    high = 1.0 if components.max() > 0.5 or low == 0.0 else 0.0
+    return low - 0.15, high + 0.15
 
 
 def _by_configuration(rows: Sequence[PlaneRow]) -> dict[str, list[float]]:

@@ -37,7 +37,6 @@ _RC: dict[str, Any] = {
     "xtick.top": True,
     "ytick.right": True,
     "hatch.linewidth": 0.5,
-    "mathtext.fontset": "dejavusans",
     "svg.fonttype": "none",
     "svg.hashsalt": "rigctl",
 }
