@@ -96,7 +96,9 @@ def scan(seed: int, axis: str, configuration: str, dwell_s: float) -> dict[str, 
         angles = [round(centre + x, 4) for x in np.linspace(-SCAN_HALF_WIDTH_DEG, SCAN_HALF_WIDTH_DEG, SCAN_ANGLES)]
 
         def point(m: Mounting, theta_deg: float, frequency_hz: float) -> SetPoint:
-            return SetPoint(m.axis, m.configuration, m.number, theta_deg, frequency_hz, AMPLITUDE_MM, dwell_s, SAMPLE_RATE_HZ)
+            return SetPoint(
+                m.axis, m.configuration, m.number, theta_deg, frequency_hz, AMPLITUDE_MM, dwell_s, SAMPLE_RATE_HZ
+            )
 
         began_s = t.rig.clock.now_s()
         records = AngleScan(t.session, t.bench, fixture, point).measure(mounting, angles, (0.6,))

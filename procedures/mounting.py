@@ -11,7 +11,7 @@ from rigctl.campaign.session import Session
 from rigctl.errors import ProcedureError
 
 MAX_LEVELLINGS = 5
-LEVEL_READINGS = 5
+LEVEL_READINGS = 3
 
 
 @dataclass(frozen=True)

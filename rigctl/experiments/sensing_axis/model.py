@@ -28,11 +28,16 @@ LEVEL_PRIOR_RAD = 15e-3
 
 @dataclass(frozen=True)
 class Family:
-    """Parameters of one kind, of which every run uses one: all are varied at once for a derivative."""
+    """Parameters of one kind, of which every run uses one: all are varied at once for a derivative.
+
+    `accel` and `lasers` tell which channels depend on them.
+    """
 
     base: str
     first: int
     index: tuple[int, ...]
+    accel: bool
+    lasers: bool
 
     @property
     def count(self) -> int:
@@ -111,17 +116,26 @@ class RecordingModel:
         """The same model of other data."""
         return RecordingModel(runs, self.package, self.head_settings, self.g_m_s2, self.effects)
 
-    def predict(self, values: FloatArray) -> Prediction:
-        """Amplitudes of every channel of every run for parameter values of shape (parameters,)."""
+    def predict(self, values: FloatArray, *, accel: bool = True, lasers: bool = True) -> Prediction:
+        """Amplitudes of every channel of every run for parameter values of shape (parameters,).
+
+        Channels that are not wanted are left zero.
+        """
         given = {family.base: values[family.first + np.array(family.index)][:, None] for family in self.families}
         run = replace(self._conditions, theta0=given["theta0"])
-        run = replace(run, theta=run.theta + self._added("angle_rad", run, given, np.zeros_like(run.x)))
+        run = replace(run, theta=run.theta + self._added("angle_rad", run, given, np.zeros_like(run.theta)))
+        accel_v = self._accel(run, given) if accel else np.zeros((len(self.runs), HARMONICS + 1), np.complex128)
+        if not (lasers and self.heads):
+            nothing = np.zeros((len(self.runs), len(self.heads), HARMONICS + 1), np.complex128)
+            return Prediction(accel_v, nothing)
+        return Prediction(accel_v, self._lasers(run, given))
+
+    def _accel(self, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
         force = -np.sin(run.theta - run.theta0) * run.a
         force = force + self._added("specific_force_m_s2", run, given, force)
         volts = given["gain"] * force + given["dc"]
         volts = volts + self._added("sensor_output_v", run, given, volts)
-        accel_v = referred(harmonics(volts, HARMONICS))
-        return Prediction(accel_v, self._lasers(run, given))
+        return referred(harmonics(volts, HARMONICS))
 
     def jacobian(self, values: FloatArray, observe: Callable[[Prediction], FloatArray]) -> FloatArray:
         """Derivatives of `observe(prediction)`, which has one row per run; shape (rows * columns, parameters).
@@ -135,14 +149,15 @@ class RecordingModel:
             members = slice(family.first, family.first + family.count)
             step = np.zeros(len(values))
             step[members] = self._steps[members]
-            upper, lower = observe(self.predict(values + step)), observe(self.predict(values - step))
+            upper, lower = (
+                observe(self.predict(values + moved, accel=family.accel, lasers=family.lasers))
+                for moved in (step, -step)
+            )
             columns = family.first + np.array(family.index)
             jacobian[rows, :, columns] = (upper - lower) / (2.0 * step[columns][:, None])
         return jacobian.reshape(-1, len(self.parameters))
 
     def _lasers(self, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
-        if not self.heads:
-            return np.zeros((len(self.runs), 0, HARMONICS + 1), np.complex128)
         delta = np.concatenate([given["delta_x"], given["delta_y"], given["delta_z"]], axis=1)
         # One rotation per run, or per grid point where an effect moves the angle within the period.
         rotation = lab_from_cube_mount(run.theta, delta[:, None, :])
@@ -204,12 +219,12 @@ class RecordingModel:
             prior = Prior(0.0, LEVEL_PRIOR_RAD) if name.startswith("delta_x") else None
             return Parameter(name, 0.0, 1e-5, prior=prior)
 
-        self._declare("theta0", "mounting", "rad", angle)
-        self._declare("gain", "axis-configuration", "V/(m/s2)", gain)
-        self._declare("dc", "mounting", "V", mean)
+        self._declare("theta0", "mounting", "rad", angle, accel=True)
+        self._declare("gain", "axis-configuration", "V/(m/s2)", gain, accel=True)
+        self._declare("dc", "mounting", "V", mean, accel=True)
         if self.heads:
             for base in ("delta_x", "delta_y", "delta_z"):
-                self._declare(base, "mounting", "rad", angle)
+                self._declare(base, "mounting", "rad", angle, lasers=True)
 
     def _declare_effect(self, item: Effect) -> None:
         for parameter, unit in item.parameters.items():
@@ -218,7 +233,15 @@ class RecordingModel:
                 if item.id == "resonance"
                 else partial(_absent, item.typical[parameter])
             )
-            self._declare(f"{item.id}.{parameter}", item.scope, unit, make, shown=parameter)
+            self._declare(
+                f"{item.id}.{parameter}",
+                item.scope,
+                unit,
+                make,
+                shown=parameter,
+                accel=item.on != "laser_m",
+                lasers=item.on not in {"specific_force_m_s2", "sensor_output_v"},
+            )
 
     def _resonance(self, parameter: str, name: str, run: RunObservables) -> Parameter:
         """The package's data sheet knows the resonance roughly; a null search close to the null does not."""
@@ -233,7 +256,10 @@ class RecordingModel:
         scope: str,
         unit: str,
         make: Callable[[str, RunObservables], Parameter],
+        *,
         shown: str | None = None,
+        accel: bool = False,
+        lasers: bool = False,
     ) -> None:
         label = _LABELS[scope]
         first = len(self.parameters)
@@ -245,7 +271,8 @@ class RecordingModel:
                 name = shown or base
                 self.parameters.append(make(f"{name}[{key}]" if key else name, run))
                 self.units.append(unit)
-        self.families.append(Family(base, first, tuple(seen[label(run)] for run in self.runs)))
+        index = tuple(seen[label(run)] for run in self.runs)
+        self.families.append(Family(base, first, index, accel, lasers))
 
 
 def _absent(typical: float, name: str, _: RunObservables) -> Parameter:
