@@ -24,6 +24,7 @@ from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
 from rigctl.effects.catalogue import chosen
 from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
+from rigctl.experiments.sensing_axis.reduction import ACCEL, LASER_PREFIX
 from rigctl.rig import Rig
 
 KINDS = {"readout": "accelerometer"}
@@ -108,21 +109,33 @@ def bench_of(rig: Rig) -> Bench:
         raise ConfigError(f"{rig.file.path}: [package] is missing; add what is to be calibrated")
     lasers = tuple(rig.by_role("displacement"))
     columns = {channel.name for meter in lasers for channel in meter.channels()}
-    without = sorted(columns - set(rig.file.lasers))
-    if without:
-        raise ConfigError(f"{rig.file.path}: [lasers.{without[0]}] is missing; say where the head stands")
+    readout = rig.only("readout")
+    _require_names(rig.file, columns, readout.channels()[0].name)
     thermometers = rig.by_role("thermometer")
     return Bench(
         rotation=rig.only("rotation"),
         linear=rig.only("linear"),
         lasers=lasers,
-        readout=rig.only("readout"),
+        readout=readout,
         thermometer=thermometers[0] if thermometers else None,
         package=rig.file.package,
         heads={name: head for name, head in rig.file.lasers.items() if name in columns},
         g_m_s2=rig.file.constant("g_m_s2", 9.80665),
         clock=rig.clock,
     )
+
+
+def _require_names(file: config.RigFile, heads: set[str], channel: str) -> None:
+    """Columns are known by their names wherever a recording goes: the rig file has to use those."""
+    for name in sorted(heads):
+        if not (name.startswith(LASER_PREFIX) and name.endswith("_mm")):
+            raise ConfigError(
+                f"{file.path}: heads: '{name}' is no name for a head; call it {LASER_PREFIX}1_mm or alike"
+            )
+        if name not in file.lasers:
+            raise ConfigError(f"{file.path}: [lasers.{name}] is missing; say where the head stands")
+    if channel != ACCEL:
+        raise ConfigError(f"{file.path}: the readout's channel is '{channel}'; call it {ACCEL}")
 
 
 def campaign_of(store: Store) -> config.CampaignFile:

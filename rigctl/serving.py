@@ -40,20 +40,26 @@ class Served:
     @property
     def addresses(self) -> list[dict[str, Any]]:
         """Where everything is, as `rigctl simulate --json` prints it."""
-        listed = []
+        listed: list[dict[str, Any]] = []
         for name, address in self._addresses.items():
             table = self.file.instruments[name]
-            named = {key: table.settings[key] for key in ("group", "positioner", "axis") if key in table.settings}
+            named: dict[str, Any] = {
+                key: table.settings[key] for key in ("group", "positioner", "axis") if key in table.settings
+            }
             listed.append({**address.as_dict(), **named})
         return [*listed, self._operator.as_dict()]
 
     def serve(self) -> None:
         """Serve until interrupted (Ctrl-C or TERM)."""
-        handlers = {number: signal.signal(number, lambda *_: self._server.stop()) for number in _STOPS}
+
+        def stop(_: int, __: object) -> None:
+            self._server.stop()
+
+        handlers = [(number, signal.signal(number, stop)) for number in _STOPS]
         try:
             self._server.serve()
         finally:
-            for number, handler in handlers.items():
+            for number, handler in handlers:
                 signal.signal(number, handler)
 
     def stop(self) -> None:
