@@ -1,8 +1,8 @@
 """Are the stated uncertainties true? Twin campaigns by seed against nature's axes.
 
-Each axis' two error components over their stated sigma must follow Student's t with N - 2 degrees of freedom. Runs the
-flight-model campaign (six configurations, ten mountings each) once per seed; results are kept in a file of JSON lines,
-so that an interrupted study goes on where it was.
+Each axis' two error components over their stated sigma must follow Student's t with N - 2 degrees of freedom. Runs
+the flight-model campaign (six configurations, ten mountings each) once per seed; results are kept in a file of JSON
+lines, so that an interrupted study goes on where it was.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 from multiprocessing import Pool
 from pathlib import Path
 
@@ -55,8 +56,12 @@ def row(seed: int, axis: AxisResult, truth: np.ndarray) -> dict[str, float | str
     }
 
 
-def report(rows: list[dict[str, float]]) -> None:
-    """The statistics of all rows."""
+SMALLEST_P = 1e-3
+"""With --check: a study of true uncertainties fails once in a thousand."""
+
+
+def report(rows: list[dict[str, float]]) -> float:
+    """Print the statistics of all rows; returns the Kolmogorov-Smirnov p."""
     pulls = np.array([[r["error_1"] / r["sigma_1"], r["error_2"] / r["sigma_2"]] for r in rows]).ravel()
     errors = np.array([[r["error_1"], r["error_2"]] for r in rows]).ravel()
     dof = int(rows[0]["vectors"]) - 2
@@ -76,6 +81,7 @@ def report(rows: list[dict[str, float]]) -> None:
     limit = 2.0 * stats.f(2, dof).ppf(0.9973)
     beyond = sum(r["e_c_e"] > limit for r in rows)
     print(f"  e' C^+ e > {limit:.1f}        {beyond} of {len(rows)} axes (expected {0.0027 * len(rows):.1f})")
+    return float(test.pvalue)
 
 
 def main() -> None:
@@ -84,6 +90,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--keep", type=Path, default=Path("out/accuracy.jsonl"))
+    parser.add_argument("--check", action="store_true", help="exit 1 when the uncertainties are not true")
     arguments = parser.parse_args()
     arguments.keep.parent.mkdir(parents=True, exist_ok=True)
     kept = [json.loads(line) for line in arguments.keep.read_text().splitlines()] if arguments.keep.exists() else []
@@ -94,7 +101,9 @@ def main() -> None:
             kept += rows
             keep.writelines(json.dumps(r) + "\n" for r in rows)
             keep.flush()
-    report([r for r in kept if r["seed"] in wanted])
+    p_value = report([r for r in kept if r["seed"] in wanted])
+    if arguments.check and p_value < SMALLEST_P:
+        sys.exit(f"stated uncertainties are not true: p = {p_value:.2g}")
 
 
 if __name__ == "__main__":

@@ -251,7 +251,8 @@ def _theta0_slope(fit: RecordingFit, null: NullPoint) -> FloatArray:
 def _included(axis: AxisResult, uncertainties: Uncertainties) -> list[Included]:
     """Parts of the scatter that are known by themselves."""
     normal = axis.plane.normal
-    fitted = np.sqrt(np.mean([normal @ null.vector_covariance @ normal for null in axis.nulls]))
+    covariances = [null.vector_covariance for null in axis.nulls if null.vector_covariance is not None]
+    fitted = np.sqrt(np.mean([normal @ covariance @ normal for covariance in covariances]))
     nulls = np.sqrt(np.mean([null.theta0_sigma_rad**2 for null in axis.nulls]))
     resolution = uncertainties.get("rotation", {}).get("resolution_arcsec", 0.0) * ARCSEC / math.sqrt(12.0)
     return [
