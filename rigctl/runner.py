@@ -130,7 +130,7 @@ def _require_names(file: config.RigFile, heads: set[str], channel: str) -> None:
     for name in sorted(heads):
         if not (name.startswith(LASER_PREFIX) and name.endswith("_mm")):
             raise ConfigError(
-                f"{file.path}: heads: '{name}' is no name for a head; call it {LASER_PREFIX}1_mm or alike"
+                f"{file.path}: heads: '{name}' is no head's name; call it {LASER_PREFIX}1_mm or alike"
             )
         if name not in file.lasers:
             raise ConfigError(f"{file.path}: [lasers.{name}] is missing; say where the head stands")
