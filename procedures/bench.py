@@ -209,7 +209,8 @@ class Bench:
                     f"{self.readout.name}: {received} of {samples} samples after "
                     f"{self.clock.now_s() - start_s:.0f} s; check its trigger and memory"
                 )
-        columns: dict[str, FloatArray] = {name: np.concatenate(parts)}
+        volts: FloatArray = np.concatenate(parts)
+        columns = {name: volts}
         for recorder in recorders:
             values = recorder.collect()
             columns.update({channel.name: values[:, i] for i, channel in enumerate(recorder.channels())})

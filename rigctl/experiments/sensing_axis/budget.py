@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from rigctl.experiments.sensing_axis.chain import FloatArray
 from rigctl.experiments.sensing_axis.fit import NullPoint, RecordingFit, residuals_of
 from rigctl.experiments.sensing_axis.model import RecordingModel
+from rigctl.experiments.sensing_axis.observables import Amplitudes
 from rigctl.experiments.sensing_axis.package import HeadSettings
 from rigctl.experiments.sensing_axis.result import AxisResult, SensingAxisResult
 from rigctl.fitting.budget import Budget, Comparison, Contribution, budget, compare, monte_carlo
@@ -144,11 +146,11 @@ def _heads(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) ->
         if "tilt_deg" in certified:
             u = math.radians(certified["tilt_deg"])
             source = f"certificate of {name}"
-            effect = _response(axis, fit, lambda step, head=name: _tilted(fit.model, head, step))
+            effect = _response(axis, fit, partial(_tilted, fit.model, name))
             inputs.append(_Input(Contribution(f"beam tilt of {name}", 0.0, u, "rad", source=source), effect))
         if "scale" in certified:
             source = f"certificate of {name}"
-            effect = _response(axis, fit, lambda step, head=name: _scaled(fit.model, head, step))
+            effect = _response(axis, fit, partial(_scaled, fit.model, name))
             inputs.append(
                 _Input(Contribution(f"scale of {name}", 0.0, certified["scale"], "1", source=source), effect)
             )
