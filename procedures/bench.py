@@ -199,7 +199,7 @@ class Bench:
         while received < samples:
             session.wait_s(min(1.0, (samples - received) * period_s) + period_s)
             part = self.readout.fetch()[:, 0]
-            times_s = period_s * np.arange(received, received + len(part))
+            times_s: FloatArray = period_s * np.arange(received, received + len(part), dtype=np.float64)
             if len(part):
                 writer.append({"t_s": times_s, name: part})
             received += len(part)
@@ -209,8 +209,7 @@ class Bench:
                     f"{self.readout.name}: {received} of {samples} samples after "
                     f"{self.clock.now_s() - start_s:.0f} s; check its trigger and memory"
                 )
-        volts: FloatArray = np.concatenate(parts)
-        columns = {name: volts}
+        columns = {name: np.concatenate(parts)}
         for recorder in recorders:
             values = recorder.collect()
             columns.update({channel.name: values[:, i] for i, channel in enumerate(recorder.channels())})

@@ -129,9 +129,7 @@ def _require_names(file: config.RigFile, heads: set[str], channel: str) -> None:
     """Columns are known by their names wherever a recording goes: the rig file has to use those."""
     for name in sorted(heads):
         if not (name.startswith(LASER_PREFIX) and name.endswith("_mm")):
-            raise ConfigError(
-                f"{file.path}: heads: '{name}' is no head's name; call it {LASER_PREFIX}1_mm or alike"
-            )
+            raise ConfigError(f"{file.path}: heads: '{name}' is no head's name; call it {LASER_PREFIX}1_mm or alike")
         if name not in file.lasers:
             raise ConfigError(f"{file.path}: [lasers.{name}] is missing; say where the head stands")
     if channel != ACCEL:

@@ -21,7 +21,8 @@ ARCSEC = np.pi / 648000.0
 
 # Below this |z| of the normal the coefficients of z = -a'x - b'y exceed 5 and weight the scatter wrongly.
 _MIN_NORMAL_Z = 0.2
-_MIN_SPREAD = 1e-6
+# Vectors of one configuration differ by the mounting's milliradians: a line through them is no plane.
+_MIN_SPREAD = 0.05
 
 
 @dataclass(frozen=True)

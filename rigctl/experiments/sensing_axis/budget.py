@@ -17,7 +17,6 @@ import numpy as np
 from rigctl.experiments.sensing_axis.chain import FloatArray
 from rigctl.experiments.sensing_axis.fit import NullPoint, RecordingFit, residuals_of
 from rigctl.experiments.sensing_axis.model import RecordingModel
-from rigctl.experiments.sensing_axis.observables import Amplitudes
 from rigctl.experiments.sensing_axis.package import HeadSettings
 from rigctl.experiments.sensing_axis.result import AxisResult, SensingAxisResult
 from rigctl.fitting.budget import Budget, Comparison, Contribution, budget, compare, monte_carlo

@@ -40,8 +40,8 @@ class Runs:
 
     def filtered(self, transfer: Callable[[ComplexArray], ComplexArray]) -> FloatArray:
         """`signal` after a linear filter in its steady state; `transfer` takes s = i w [rad/s]."""
-        spectrum: ComplexArray = np.fft.rfft(self.signal, axis=-1)
-        s: ComplexArray = 1j * self.omega * np.arange(spectrum.shape[-1])
+        spectrum = np.fft.rfft(self.signal, axis=-1)
+        s = np.asarray(1j * self.omega * np.arange(spectrum.shape[-1]), dtype=np.complex128)
         return np.fft.irfft(spectrum * transfer(s), n=self.signal.shape[-1], axis=-1)
 
 

@@ -29,7 +29,11 @@ class Amplitudes:
 
 @dataclass(frozen=True)
 class RunObservables:
-    """One run, reduced. `faces` are the cube faces the heads look at, where recorded. `motion_m` are the encoder's harmonics 1..H with x = Re sum X_h exp(i h w t), X_1 = -iA."""
+    """One run, reduced.
+
+    `motion_m` are the encoder's harmonics 1..H with x = Re sum X_h exp(i h w t), X_1 = -iA; `faces` the cube's faces the
+    heads look at, where the recording says so.
+    """
 
     run_id: str
     axis: str
