@@ -12,41 +12,27 @@ Where the sources are silent the driver decides:
 from __future__ import annotations
 
 import re
-from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field
 
 from drivers.newport_esp301_line import EspLine, QueuedError
+from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.clock import Clock
 from rigctl.errors import InstrumentError, LimitError, LinkError, MotionStopped
-from rigctl.interfaces import Identity, Reading, RotationLimits
+from rigctl.interfaces import Identity, Reading
 
 UNIT_DEGREE = 7
 
 
-class Esp301Settings(BaseModel):
+class Esp301Settings(RotationSettings):
     """The stage's keys in a rig file."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     axis_number: int = Field(default=1, ge=1, le=3)
-    angle_min_deg: float = -170.0
-    angle_max_deg: float = 170.0
-    speed_deg_s: float = Field(default=10.0, gt=0, allow_inf_nan=False)
-    acceleration_deg_s2: float = Field(default=40.0, gt=0, allow_inf_nan=False)
     home_mode: int = Field(default=1, ge=0, le=6)
     """The number behind `OR`: 0 zero count, 1 switch and index, 2 switch, 3-6 limits."""
     arrival_tolerance_deg: float = Field(default=0.01, gt=0)
-    link_timeout_s: float = Field(default=2.0, gt=0)
-    motion_timeout_s: float = Field(default=120.0, gt=0)
     poll_interval_s: float = Field(default=0.05, gt=0)
-
-    @model_validator(mode="after")
-    def _range_is_not_empty(self) -> Self:
-        if not self.angle_min_deg < self.angle_max_deg:
-            raise ValueError("angle_min_deg must lie below angle_max_deg")
-        return self
 
 
 class NewportEsp301:
@@ -54,12 +40,7 @@ class NewportEsp301:
 
     def __init__(self, name: str, settings: Esp301Settings, connect: Connect, clock: Clock) -> None:
         self.name = name
-        self.limits = RotationLimits(
-            settings.angle_min_deg,
-            settings.angle_max_deg,
-            settings.speed_deg_s,
-            settings.acceleration_deg_s2,
-        )
+        self.limits = settings.limits
         self._settings = settings
         self._axis = settings.axis_number
         self._clock = clock

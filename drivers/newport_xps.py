@@ -16,11 +16,11 @@ import contextlib
 import re
 import threading
 from collections.abc import Iterator
-from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field
 
 from drivers.newport_xps_socket import Reply, XpsSocket
+from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.clock import Clock
 from rigctl.errors import (
@@ -33,7 +33,7 @@ from rigctl.errors import (
     RigError,
     WrongInstrument,
 )
-from rigctl.interfaces import Identity, Reading, RotationLimits
+from rigctl.interfaces import Identity, Reading
 
 NOT_INITIALISED = frozenset({*range(10), 50, 63, 66, 67, 71, 72, 83, 106})
 READY = frozenset({*range(10, 20), 56, 70, 77})
@@ -67,26 +67,14 @@ ERROR_TEXTS = {
 }
 
 
-class XpsSettings(BaseModel):
+class XpsSettings(RotationSettings):
     """The stage's keys in a rig file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     group: str = Field(default="Group1", pattern=r"^[\w-]+$")
     positioner: str = Field(default="Pos", pattern=r"^[\w-]+$")
     """Without the group: `Pos` for `Group1.Pos`."""
-    angle_min_deg: float = -170.0
-    angle_max_deg: float = 170.0
     speed_deg_s: float = Field(default=20.0, gt=0, allow_inf_nan=False)
     acceleration_deg_s2: float = Field(default=80.0, gt=0, allow_inf_nan=False)
-    link_timeout_s: float = Field(default=2.0, gt=0)
-    motion_timeout_s: float = Field(default=120.0, gt=0)
-
-    @model_validator(mode="after")
-    def _range_is_not_empty(self) -> Self:
-        if not self.angle_min_deg < self.angle_max_deg:
-            raise ValueError("angle_min_deg must lie below angle_max_deg")
-        return self
 
 
 class NewportXps:
@@ -94,12 +82,7 @@ class NewportXps:
 
     def __init__(self, name: str, settings: XpsSettings, connect: Connect, clock: Clock) -> None:
         self.name = name
-        self.limits = RotationLimits(
-            settings.angle_min_deg,
-            settings.angle_max_deg,
-            settings.speed_deg_s,
-            settings.acceleration_deg_s2,
-        )
+        self.limits = settings.limits
         self._settings = settings
         self._group = settings.group
         self._positioner = f"{settings.group}.{settings.positioner}"
