@@ -6,6 +6,7 @@ The only place that knows drivers and simulators by name.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
 from types import TracebackType
 from typing import Any, cast
 
@@ -85,6 +86,11 @@ class Rig:
         self.operator_link: OperatorLink | None = self.simulation
         if file.operator.address:
             self.operator_link = TcpOperatorLink(file.operator.address, self.clock)
+
+    @classmethod
+    def from_file(cls, path: Path | str, *, seed: int | None = None) -> Rig:
+        """A rig from its file, closed; `ConfigError` when the file is wrong."""
+        return cls(config.read_rig(Path(path)), seed=seed)
 
     def __enter__(self) -> Rig:
         self.open()
