@@ -55,7 +55,8 @@ class ProgressBar:
         elif step.split(" / ")[0] != self._last:
             self._last = step.split(" / ")[0]
             self._console.print(
-                f"{status['state']}: {self._last}, {status['runs_done']} of {status['runs_planned']} runs, {left} left",
+                f"{status['state']}: {self._last}, {status['runs_done']} of {status['runs_planned']} runs, "
+                f"{left} left",
                 highlight=False,
                 soft_wrap=True,
             )

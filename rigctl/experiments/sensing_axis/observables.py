@@ -31,8 +31,8 @@ class Amplitudes:
 class RunObservables:
     """One run, reduced.
 
-    `motion_m` are the encoder's harmonics 1..H with x = Re sum X_h exp(i h w t), X_1 = -iA; `faces` the cube's faces the
-    heads look at, where the recording says so.
+    `motion_m` are the encoder's harmonics 1..H with x = Re sum X_h exp(i h w t), X_1 = -iA; `faces` the cube's faces
+    the heads look at, where the recording says so.
     """
 
     run_id: str

@@ -1,0 +1,143 @@
+"""The uncertainty budget against what its inputs do when they are really changed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
+from rigctl.effects.catalogue import chosen
+from rigctl.experiments.sensing_axis.budget import AxisBudget, axis_budgets
+from rigctl.experiments.sensing_axis.fit import fit_recording
+from rigctl.experiments.sensing_axis.model import RecordingModel
+from rigctl.experiments.sensing_axis.reduction import observables
+from rigctl.experiments.sensing_axis.result import AxisResult, SensingAxisResult
+from rigctl.fitting.plane import ARCSEC, fit_plane
+
+TRUE_AXIS = np.array([1.0, 0.002, 0.008])
+CERTIFIED = {
+    "laser_2_mm": {"tilt_deg": 0.05, "scale": 1e-4},
+    "cube": {"orthogonality_arcsec": 1.0},
+    "stage": {"yaw_rad_per_m": 5.6e-5, "recoil_rad_s2_per_m": 1e-7},
+    "rotation": {"resolution_arcsec": 0.36},
+}
+SCATTER_ARCSEC = 12.5
+
+
+@pytest.fixture
+def result(make_run: Any, package: Any, heads: Any) -> SensingAxisResult:
+    rng = np.random.default_rng(4)
+    runs, mounting = [], 0
+    for configuration in ("pendulum", "flag"):
+        for _ in range(4):
+            mounting += 1
+            tilt = np.concatenate([[0.0], SCATTER_ARCSEC * ARCSEC * rng.standard_normal(2)])
+            delta = 2e-3 * rng.standard_normal(3)
+            for theta_deg, frequency_hz in ((0.0, 0.6), (0.4, 0.6), (0.4, 0.3)):
+                runs.append(
+                    make_run(
+                        rng,
+                        configuration=configuration,
+                        mounting=mounting,
+                        true_axis=TRUE_AXIS + tilt,
+                        delta=delta,
+                        theta_deg=theta_deg,
+                        frequency_hz=frequency_hz,
+                        duration_s=20.0,
+                        run_id=str(len(runs) + 1),
+                    )
+                )
+    model = RecordingModel(
+        observables(runs), package, heads, 9.803, chosen("sensing-axis", ["roll-gravity", "resonance"])
+    )
+    fit = fit_recording(model)
+    nulls = tuple(fit.nulls())
+    vectors = np.array([null.vector_coc for null in nulls])
+    plane = fit_plane(vectors, np.array([1.0, 0.0, 0.0]))
+    return SensingAxisResult({"X": AxisResult("X", plane, nulls, vectors, plane.normal, 100.0)}, {}, fit)
+
+
+@pytest.fixture
+def axis_budget(result: SensingAxisResult) -> AxisBudget:
+    return axis_budgets(result, CERTIFIED)["X"]
+
+
+def component(budget: AxisBudget, name: str) -> np.ndarray:
+    names = [each.name for each in budget.budget.contributions]
+    return budget.budget.components[:, names.index(name)]
+
+
+def test_the_scatter_is_that_of_the_plane(result: SensingAxisResult, axis_budget: AxisBudget) -> None:
+    parts = np.stack([component(axis_budget, f"scatter in {c}") for c in ("pendulum", "flag")])
+    stated = np.diag(axis_budget.basis @ result.axes["X"].plane.covariance @ axis_budget.basis.T)
+    # The plane's covariance pools the same scatter over both configurations, which are equally many here.
+    np.testing.assert_allclose(np.sum(parts**2, axis=0), stated, rtol=0.02)
+
+
+@pytest.mark.parametrize(("quantity", "name"), [("tilt_deg", "beam tilt"), ("scale", "scale")])
+def test_a_heads_error_does_to_the_axis_what_the_budget_says(
+    result: SensingAxisResult, axis_budget: AxisBudget, package: Any, heads: Any, quantity: str, name: str
+) -> None:
+    """The whole recording is fitted again with the head changed by its standard uncertainty."""
+    model = result.fit.model
+    u = CERTIFIED["laser_2_mm"][quantity]
+    if quantity == "tilt_deg":
+        head = heads["laser_2_mm"]
+        changed = model.with_heads({**heads, "laser_2_mm": head.model_copy(update={"tilt_deg": head.tilt_deg + u})})
+    else:
+        from dataclasses import replace
+
+        runs = []
+        for run in model.runs:
+            laser = run.lasers_m["laser_2_mm"]
+            scaled = replace(laser, value=laser.value * (1.0 - u))
+            runs.append(replace(run, lasers_m={**run.lasers_m, "laser_2_mm": scaled}))
+        changed = model.with_runs(runs)
+    vectors = np.array([null.vector_coc for null in fit_recording(changed).nulls()])
+    moved = axis_budget.basis @ (fit_plane(vectors, TRUE_AXIS).normal - result.axes["X"].plane.normal)
+    stated = component(axis_budget, f"{name} of laser_2_mm")
+    assert np.linalg.norm(moved - stated) < 0.05 * np.linalg.norm(stated) + 0.002 * ARCSEC
+
+
+def test_yaw_and_recoil_shift_the_null_and_so_the_axis(axis_budget: AxisBudget) -> None:
+    # A common shift of theta0 turns both configurations' vectors by the same angle about the vertical.
+    shift_rad = 5.6e-5 * 0.072
+    np.testing.assert_allclose(np.abs(component(axis_budget, "guide yaw times lever")), shift_rad, rtol=0.02)
+    np.testing.assert_allclose(np.abs(component(axis_budget, "bench recoil")), 1e-7 * 9.803, rtol=0.02)
+
+
+def test_the_roll_correction_is_no_larger_than_its_displacement_of_the_null(
+    result: SensingAxisResult, axis_budget: AxisBudget
+) -> None:
+    displacement = result.fit.result.sigma("rho1") * 9.803 / (2 * math.pi * 0.3) ** 2
+    assert 0.0 < np.abs(component(axis_budget, "roll correction")).max() < displacement
+
+
+def test_monte_carlo_agrees_and_the_parts_add_up(axis_budget: AxisBudget) -> None:
+    assert all(axis_budget.check.validated), axis_budget.check.reason
+    total = np.sqrt(np.sum(axis_budget.budget.components**2, axis=1))
+    np.testing.assert_allclose(axis_budget.budget.standard_uncertainty, total)
+    shown = axis_budget.as_json()
+    assert shown["combined_arcsec"] == pytest.approx((total / ARCSEC).tolist())
+    assert {row["type"] for row in shown["contributions"]} == {"A", "B"}
+    assert shown["included_in_scatter"]["resolution of the rotation stage"] == pytest.approx(0.36 / math.sqrt(12))
+
+
+def test_certificates_that_are_not_there_contribute_nothing(result: SensingAxisResult) -> None:
+    names = {each.name for each in axis_budgets(result, {})["X"].budget.contributions}
+    assert not any(name.startswith(("beam tilt", "scale", "guide", "bench")) for name in names)
+
+
+def test_a_recording_in_memory_needs_runs() -> None:
+    from rigctl.errors import ProcedureError
+    from rigctl.experiments.sensing_axis.recorded import recorded_heads, recorded_package
+    from rigctl.experiments.sensing_axis.result import sensing_axes
+
+    header = Header("sensing-axis", constants={"gain_v_per_m_s2": 80.0})
+    empty = Recording(header, [RunRecord("1", "1", "", {}, valid=False)], {}, ImportReport(1))
+    assert recorded_package(header).axes["X"].sensor["flag"].gain_v_per_m_s2 == 80.0
+    with pytest.raises(ProcedureError, match="no valid runs"):
+        sensing_axes(empty, recorded_package(header), recorded_heads(header), 9.8, ())
