@@ -100,6 +100,19 @@ class RigFile(Table):
         text = only_tables(self.text, "world")
         return hashlib.sha256(text.encode()).hexdigest() if text else None
 
+    @property
+    def heads(self) -> dict[str, HeadSettings]:
+        """The displacement heads, each with what its certificate says of its scale."""
+        return {name: self._certified(name, head) for name, head in self.lasers.items()}
+
+    def _certified(self, name: str, head: HeadSettings) -> HeadSettings:
+        if name not in self.certificates:
+            return head
+        known = self.certificates[name].uncertainty
+        # A tilt error changes the reading as the scale does, by tan(tilt) times the error.
+        from_tilt = math.tan(head.tilt_rad) * math.radians(known.get("tilt_deg", 0.0))
+        return head.model_copy(update={"u_scale": math.hypot(known.get("scale", 0.0), from_tilt)})
+
     def constant(self, name: str, default: float) -> float:
         """Value of a constant, or the default."""
         return self.constants[name].value if name in self.constants else default

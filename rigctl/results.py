@@ -45,7 +45,7 @@ def analyse(store: Store) -> SensingAxisResult:
     if rig_file.package is None:
         raise DataError(f"{store.path}: its rig file has no [package]")
     effects = chosen("sensing-axis", campaign_of(store).model.effects)
-    return sensing_axes(store, rig_file.package, rig_file.lasers, rig_file.constant("g_m_s2", STANDARD_G), effects)
+    return sensing_axes(store, rig_file.package, rig_file.heads, rig_file.constant("g_m_s2", STANDARD_G), effects)
 
 
 def _analyse_recorded(store: Store) -> SensingAxisResult:

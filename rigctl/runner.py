@@ -119,7 +119,7 @@ def bench_of(rig: Rig) -> Bench:
         readout=readout,
         thermometer=thermometers[0] if thermometers else None,
         package=rig.file.package,
-        heads={name: head for name, head in rig.file.lasers.items() if name in columns},
+        heads={name: head for name, head in rig.file.heads.items() if name in columns},
         g_m_s2=rig.file.constant("g_m_s2", 9.80665),
         clock=rig.clock,
     )

@@ -152,3 +152,33 @@ def test_a_record_at_another_frequency_names_the_run() -> None:
 def test_unknown_effects_are_named_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match=r"unknown effect 'warp'.*resonance.*roll-gravity"):
         chosen("sensing-axis", ["warp"])
+
+
+def test_a_scale_error_within_its_certificate_does_not_pass_for_a_rotation(
+    make_run: Any, package: Any, heads: Any
+) -> None:
+    """The main head's noise allows 1e-7; a certified 1e-4 believed to that would tip the mounting rotation."""
+    from dataclasses import replace
+
+    certified = {name: head.model_copy(update={"u_scale": 1e-4}) for name, head in heads.items()}
+    runs = observables(runs_of_a_search(make_run, 21))
+    wrong = [
+        replace(
+            run,
+            lasers_m={
+                name: replace(laser, value=laser.value * (1.0001 if name == "laser_1_mm" else 1.0))
+                for name, laser in run.lasers_m.items()
+            },
+        )
+        for run in runs
+    ]
+
+    def vector(recording: Any, chosen_heads: Any) -> Any:
+        model = RecordingModel(recording, package, chosen_heads, 9.803, chosen("sensing-axis", EFFECTS))
+        return fit_recording(model).null("X", "pendulum", 1).vector_coc
+
+    axis = np.array(AXES["X"])
+    believed = abs((vector(wrong, heads) - vector(runs, heads)) @ axis)
+    allowed_for = abs((vector(wrong, certified) - vector(runs, certified)) @ axis)
+    assert allowed_for < 0.05 * believed
+    assert allowed_for < 1e-7

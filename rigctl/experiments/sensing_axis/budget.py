@@ -17,7 +17,6 @@ import numpy as np
 from rigctl.experiments.sensing_axis.chain import FloatArray
 from rigctl.experiments.sensing_axis.fit import NullPoint, RecordingFit, residuals_of
 from rigctl.experiments.sensing_axis.model import RecordingModel
-from rigctl.experiments.sensing_axis.package import HeadSettings
 from rigctl.experiments.sensing_axis.result import AxisResult, SensingAxisResult
 from rigctl.fitting.budget import Budget, Comparison, Contribution, budget, compare, monte_carlo
 from rigctl.fitting.plane import ARCSEC, fit_plane
@@ -172,7 +171,7 @@ def _slopes(fit: RecordingFit, null: NullPoint) -> FloatArray:
 
 def _tilted(model: RecordingModel, head: str, by_rad: float) -> RecordingModel:
     settings = model.head_settings[head]
-    tilted = HeadSettings(position=settings.position, tilt_deg=settings.tilt_deg + math.degrees(by_rad))
+    tilted = settings.model_copy(update={"tilt_deg": settings.tilt_deg + math.degrees(by_rad)})
     return model.with_heads({**model.head_settings, head: tilted})
 
 

@@ -163,7 +163,8 @@ class RecordingModel:
         rotation = lab_from_cube_mount(run.theta, delta[:, None, :])
         readings = []
         for name in self.heads:
-            reading = run.x * head_scale(rotation, self._faces[name], self._beams[name])
+            scale = 1.0 + given.get(_scale_of(name), np.zeros(1))
+            reading = run.x * scale * head_scale(rotation, self._faces[name], self._beams[name])
             readings.append(reading + self._added("laser_m", replace(run, head=name), given, reading))
         return referred(harmonics(np.stack(readings, axis=1), HARMONICS))
 
@@ -225,6 +226,12 @@ class RecordingModel:
         if self.heads:
             for base in ("delta_x", "delta_y", "delta_z"):
                 self._declare(base, "mounting", "rad", angle, lasers=True)
+        for head in self.heads:
+            u_scale = self.head_settings[head].u_scale
+            if u_scale > 0.0:
+                # Noise is far below what a certificate guarantees: without this freedom a head's scale would
+                # pass for a mounting rotation.
+                self._declare(_scale_of(head), "recording", "1", partial(_certified, u_scale), lasers=True)
 
     def _declare_effect(self, item: Effect) -> None:
         for parameter, unit in item.parameters.items():
@@ -273,6 +280,16 @@ class RecordingModel:
                 self.units.append(unit)
         index = tuple(seen[label(run)] for run in self.runs)
         self.families.append(Family(base, first, index, accel, lasers))
+
+
+def _scale_of(head: str) -> str:
+    """Name of the parameter for a head's relative scale error."""
+    return f"scale[{head}]"
+
+
+def _certified(u_scale: float, name: str, _: RunObservables) -> Parameter:
+    """A quantity that a certificate says is zero within its standard uncertainty."""
+    return Parameter(name, 0.0, 0.1 * u_scale, prior=Prior(0.0, u_scale))
 
 
 def _absent(typical: float, name: str, _: RunObservables) -> Parameter:

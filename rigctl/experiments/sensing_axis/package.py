@@ -100,10 +100,14 @@ class ConfigurationSettings(Table):
 
 
 class HeadSettings(Table):
-    """A displacement head: where it stands in the lab, and how far its beam is tilted on purpose."""
+    """A displacement head: where it stands in the lab, and how far its beam is tilted on purpose.
+
+    `u_scale` is the relative standard uncertainty of its reading, from its certificate: scale and beam tilt together.
+    """
 
     position: Direction
     tilt_deg: float = 0.0
+    u_scale: Annotated[float, Field(ge=0)] = 0.0
 
     @property
     def tilt_rad(self) -> float:
