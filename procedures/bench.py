@@ -31,8 +31,8 @@ from rigctl.interfaces import (
 RESIDUAL_TRANSIENT_M_S2 = 1e-8
 """What may be left of a free oscillation when a run starts: a tenth of the noise of a hundred-second run."""
 
-ROLL_ALLOWANCE_RAD = 1e-4
-"""How far the response can be from zero at the best known null: unknown roll and guess."""
+NULL_WITHIN_DEG = 2.0
+"""How far a null may be from the nominal one: axes are off the cube by up to a degree, mountings by tenths."""
 
 OSCILLATION_MARGIN_S = 30.0
 """Settling, arming and read-out fit in here."""
@@ -91,8 +91,7 @@ class Bench:
     g_m_s2: float
     clock: Clock
     approach_overshoot_deg: float = 0.05
-    _oscillation: tuple[float, float, float] | None = field(default=None, init=False)
-    _disturbed_rad: float = field(default=0.0, init=False)
+    _oscillating: bool = field(default=False, init=False)
     _approached: bool = field(default=False, init=False)
 
     def prepare(self) -> None:
@@ -104,9 +103,9 @@ class Bench:
 
     def rest(self) -> None:
         """End an oscillation."""
-        if self._oscillation is not None:
+        if self._oscillating:
             self.linear.rest()
-            self._oscillation = None
+            self._oscillating = False
 
     def check(self, point: SetPoint, *, lasers: bool) -> None:
         """`LimitError` when the stages cannot do it, or the spots would leave the cube's faces."""
@@ -132,12 +131,11 @@ class Bench:
         point: SetPoint,
         *,
         before: Callable[[], None],
-        null_deg: float | None = None,
         lasers: bool = True,
     ) -> RunRecord:
         """Acquire one run at a set-point, unless it is recorded already.
 
-        `before` is called before anything moves; `null_deg`, the best guess of the null, shortens the settling.
+        `before` is called before anything moves.
         """
         self.check(point, lasers=lasers)
         asked = {
@@ -151,17 +149,15 @@ class Bench:
 
         def measure(writer: RunWriter) -> dict[str, Any]:
             before()
-            return self._measure(session, writer, point, null_deg, lasers)
+            return self._measure(session, writer, point, lasers)
 
         return session.acquire(key, asked, measure)
 
-    def _measure(
-        self, session: Session, writer: RunWriter, point: SetPoint, null_deg: float | None, lasers: bool
-    ) -> dict[str, Any]:
-        offset_deg = abs(point.theta_deg - null_deg) if null_deg is not None else 1.0
-        offset_rad = math.radians(offset_deg) + ROLL_ALLOWANCE_RAD
+    def _measure(self, session: Session, writer: RunWriter, point: SetPoint, lasers: bool) -> dict[str, Any]:
+        # Every run sets out from rest: what it records depends on nothing before it, a restart included.
+        self.rest()
         self._turn_to(point.theta_deg)
-        self._oscillate(point, offset_rad)
+        self._oscillate(point)
         session.wait_s(self._settling_s(point))
         angle = self.rotation.angle()
         temperature = [self._temperature_c()]
@@ -236,13 +232,11 @@ class Bench:
         return {}
 
     def _settling_s(self, point: SetPoint) -> float:
-        """Time until the free oscillation that the last changes have excited has died away."""
-        excited_m_s2 = point.peak_acceleration_m_s2 * self._disturbed_rad
-        self._disturbed_rad = 0.0
-        if excited_m_s2 <= RESIDUAL_TRANSIENT_M_S2:
-            return 0.0
+        """Time until the free oscillation has died away that stopping, turning and starting have excited."""
+        offset_deg = min(abs(point.theta_deg) + NULL_WITHIN_DEG, 90.0)
+        excited_m_s2 = point.peak_acceleration_m_s2 * math.sin(math.radians(offset_deg))
         ring_down_s = self.package.axes[point.axis].sensor[point.configuration].ring_down_s
-        return ring_down_s * math.log(excited_m_s2 / RESIDUAL_TRANSIENT_M_S2)
+        return ring_down_s * max(math.log(excited_m_s2 / RESIDUAL_TRANSIENT_M_S2), 0.0)
 
     def _turn_to(self, theta_deg: float) -> None:
         """Arrive from below, so that every null is approached from the same side."""
@@ -253,20 +247,11 @@ class Bench:
             self.rotation.move_to(theta_deg - self.approach_overshoot_deg)
         self.rotation.move_to(theta_deg)
         self._approached = True
-        self._disturbed_rad += math.radians(abs(theta_deg - now_deg) + self.approach_overshoot_deg)
 
-    def _oscillate(self, point: SetPoint, offset_rad: float) -> None:
-        """Let the wanted oscillation run long enough; one that already does is left alone."""
-        wanted = (point.frequency_hz, point.amplitude_mm)
-        needed_s = point.duration_s + OSCILLATION_MARGIN_S
-        running = self._oscillation
-        if running is not None and running[:2] == wanted and running[2] - self.clock.now_s() > needed_s:
-            return
-        self.rest()
+    def _oscillate(self, point: SetPoint) -> None:
         lasting_s = 1.5 * point.duration_s + 2 * OSCILLATION_MARGIN_S
+        self._oscillating = True
         self.linear.oscillate(0.0, point.amplitude_mm, point.frequency_hz, lasting_s)
-        self._oscillation = (*wanted, self.clock.now_s() + lasting_s)
-        self._disturbed_rad += offset_rad
 
     def _temperature_c(self) -> float:
         return self.thermometer.temperature().value if self.thermometer is not None else math.nan

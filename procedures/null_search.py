@@ -70,7 +70,7 @@ class NullSearch:
                     f"{MAX_RUNS} runs, target {self.settings.theta0_sigma_arcsec:g}: is the room quiet?"
                 )
             frequency_hz = pending.pop(0) if pending else self._weakest()
-            self._measure(theta_deg, frequency_hz, self._missing_s(frequency_hz, target_rad), null)
+            self._measure(theta_deg, frequency_hz, self._missing_s(frequency_hz, target_rad))
             null = self._null()
         return null
 
@@ -100,7 +100,7 @@ class NullSearch:
         """Short runs, each at the null as the last one told, until the guess stays on the spot."""
         theta_deg = self.settings.start_deg
         for _ in range(4):
-            self._measure(theta_deg, self.pair[0], self.settings.coarse_s, None)
+            self._measure(theta_deg, self.pair[0], self.settings.coarse_s)
             null = self._null()
             found_deg = _set_point_deg(null)
             # With the gain known to its prior, one step of a degree ends within its hundredth.
@@ -109,7 +109,7 @@ class NullSearch:
             theta_deg = found_deg
         raise ProcedureError(f"{self.mounting.key}: no null within reach of {self.settings.start_deg:g} deg")
 
-    def _measure(self, theta_deg: float, frequency_hz: float, duration_s: float, null: NullPoint | None) -> None:
+    def _measure(self, theta_deg: float, frequency_hz: float, duration_s: float) -> None:
         settings = self.settings
         point = SetPoint(
             self.mounting.axis,
@@ -121,11 +121,8 @@ class NullSearch:
             duration_s,
             settings.sample_rate_hz,
         )
-        null_deg = math.degrees(null.theta0_rad) if null is not None else None
         key = f"{self.mounting.key} run {len(self.runs) + 1}"
-        record = self.bench.run(
-            self.session, key, point, before=lambda: self.fixture.confirm(self.mounting), null_deg=null_deg
-        )
+        record = self.bench.run(self.session, key, point, before=lambda: self.fixture.confirm(self.mounting))
         if not record.valid:
             raise ProcedureError(f"{key}: {record.reason}; level the package or reduce the amplitude")
         self.runs.append(reduce_run(record.run_id, record.conditions, self.session.store.samples(record.run_id)))
