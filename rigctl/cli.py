@@ -182,11 +182,12 @@ def _show_outcome(store: Path, *, as_json: bool) -> None:
     from rigctl import results
     from rigctl.campaign.status import status_of
 
+    found = results.of(store)
     if as_json:
-        _print_json({"store": str(store), "status": status_of(store), "result": results.of(store)})
-    else:
-        _say(f"store: {store}")
-        _show_result(store, as_json=False)
+        _print_json({"store": str(store), "status": status_of(store), "result": found})
+        return
+    results.show(store, {**found, "budget": {}})
+    _say(f"store: {store}; `rigctl result {store}` shows the uncertainty budget, `rigctl report` the figures")
 
 
 def _show_result(store: Path, *, as_json: bool) -> None:
