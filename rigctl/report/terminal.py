@@ -86,11 +86,28 @@ def print_status(status: Mapping[str, Any]) -> None:
 def print_result(result: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
     """Axes and angles, beside the reference values where a campaign file gives some; fits 80 columns."""
     console = Console()
+    if result.get("quick_check"):
+        _print_quick_check(console, result["quick_check"])
+    if result["axes"]:
+        _print_axes(console, result["axes"], reference)
+    else:
+        console.print(_nulls(result["nulls"]))
+    if result["angles"]:
+        console.print(_angles(result["angles"], reference.get("offset_deg", {})))
+    for name, reason in result.get("missing", {}).items():
+        console.print(f"axis {name}: no result: {reason}", highlight=False, soft_wrap=True)
+    if reference.get("source"):
+        console.print(f"ref: {reference['source']}", style="dim", highlight=False)
+    if result.get("budget"):
+        print_budget(result["budget"])
+
+
+def _print_axes(console: Console, found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
     axes = Table(title="Sensing axes in the cube's frame", title_justify="left", padding=(0, 1))
     for column in ("axis", "x", "y", "z", "std_hc 2s", "theta_m", "n", "verdict"):
         axes.add_column(column, justify="left" if column in {"axis", "verdict"} else "right", no_wrap=True)
     printed = reference.get("axes", {})
-    for name, axis in result["axes"].items():
+    for name, axis in found.items():
         axes.add_row(
             name,
             *(f"{c:+.6f}" for c in axis["coc"]),
@@ -104,22 +121,43 @@ def print_result(result: Mapping[str, Any], reference: Mapping[str, Any]) -> Non
             shown = "" if std is None else f'{std:.2f}"'
             axes.add_row(" ref", *(f"{c:+.6f}" for c in printed[name]), shown, "", "", "", style="dim")
     console.print(axes)
-    limits = sorted({axis["requirement_arcsec"] for axis in result["axes"].values()})
-    if limits:
-        console.print(
-            "std_hc 2s: half-cone deviation at 2 sigma, theta_m: its mean, n: null vectors; "
-            f"pass up to {', '.join(f'{limit:g}' for limit in limits)} arcsec",
-            style="dim",
-            highlight=False,
+    limits = sorted({axis["requirement_arcsec"] for axis in found.values()})
+    console.print(
+        "std_hc 2s: half-cone deviation at 2 sigma, theta_m: its mean, n: null vectors; "
+        f"pass up to {', '.join(f'{limit:g}' for limit in limits)} arcsec",
+        style="dim",
+        highlight=False,
+    )
+
+
+def _print_quick_check(console: Console, check: Mapping[str, Any]) -> None:
+    scale = check["laser_scale"]
+    rows = {
+        "verdict": "pass" if check["passed"] else "FAIL",
+        "null": f"{check['theta0_deg']:+.4f} deg",
+        "gain": f"{check['gain_v_per_m_s2']:.3f} V/(m/s2)",
+        "reversal (S+ + S-)/(S+ - S-)": f"{check['reversal']:+.2e} +- {check['reversal_sigma']:.1e}",
+        "main laser over encoder": "no main head" if scale is None else f"{scale:.5f}",
+    }
+    table = Table(title="Quick check", title_justify="left", show_header=False)
+    for name, value in rows.items():
+        table.add_row(name, value)
+    console.print(table)
+
+
+def _nulls(nulls: list[Mapping[str, Any]]) -> Table:
+    table = Table(title="Nulls", title_justify="left")
+    for column in ("axis", "configuration", "mounting", "theta0/deg", "sigma/arcsec"):
+        table.add_column(column, justify="left" if column in {"axis", "configuration"} else "right")
+    for null in nulls:
+        table.add_row(
+            null["axis"],
+            null["configuration"],
+            str(null["mounting"]),
+            f"{null['theta0_deg']:+.5f}",
+            f"{null['theta0_sigma_arcsec']:.2f}",
         )
-    if result["angles"]:
-        console.print(_angles(result["angles"], reference.get("offset_deg", {})))
-    for name, reason in result.get("missing", {}).items():
-        console.print(f"axis {name}: no result: {reason}", highlight=False, soft_wrap=True)
-    if reference.get("source"):
-        console.print(f"ref: {reference['source']}", style="dim", highlight=False)
-    if result.get("budget"):
-        print_budget(result["budget"])
+    return table
 
 
 def _angles(angles: Mapping[str, Any], printed: Mapping[str, float]) -> Table:
