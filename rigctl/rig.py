@@ -6,6 +6,7 @@ The only place that knows drivers and simulators by name.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, cast
@@ -76,13 +77,22 @@ ROLES: Mapping[str, tuple[str, ...]] = {
 }
 
 
+@dataclass(frozen=True)
+class Driver:
+    """A driver's own keys, checked, and how to make it."""
+
+    settings: BaseModel
+    build: Build
+
+
 class Rig:
     """The instruments of a rig file. Made closed; use it in `with`: leaving brings everything to rest."""
 
     def __init__(self, file: config.RigFile, *, seed: int | None = None, start_s: float = 0.0) -> None:
         self.file = file
+        drivers = drivers_of(file)
         self.simulation, self.clock = _simulate(file, seed, start_s)
-        self.instruments = {name: self._make(name, table) for name, table in file.instruments.items()}
+        self.instruments = {name: self._make(name, table, drivers[name]) for name, table in file.instruments.items()}
         self.operator_link: OperatorLink | None = self.simulation
         if file.operator.address:
             self.operator_link = TcpOperatorLink(file.operator.address, self.clock)
@@ -156,22 +166,8 @@ class Rig:
                 failures.append(error)
         return failures
 
-    def _make(self, name: str, table: config.Instrument) -> Instrument:
-        where = f"instruments.{name}"
-        if table.role not in ROLES:
-            raise ConfigError(f"{self.file.path}: {where}.role '{table.role}' is unknown; one of {', '.join(ROLES)}")
-        if table.driver not in DRIVERS:
-            raise ConfigError(
-                f"{self.file.path}: {where}.driver '{table.driver}' is unknown; one of {', '.join(DRIVERS)}"
-            )
-        if table.driver not in ROLES[table.role]:
-            raise ConfigError(
-                f"{self.file.path}: {where}: a {table.driver} cannot be the {table.role}; "
-                f"that takes {' or '.join(ROLES[table.role])}"
-            )
-        model, build, implied = _driver(table.driver, table.role)
-        settings = config.validated(model, {**table.settings, **implied}, self.file.path, where)
-        return build(name, settings, self._connect(name, table), self.clock)
+    def _make(self, name: str, table: config.Instrument, driver: Driver) -> Instrument:
+        return driver.build(name, driver.settings, self._connect(name, table), self.clock)
 
     def _connect(self, name: str, table: config.Instrument) -> Connect:
         if not table.simulated:
@@ -188,10 +184,30 @@ class Rig:
         return lambda: InProcessTransport(f"{name} (simulated)", endpoint, simulation.clock)
 
 
+def drivers_of(file: config.RigFile) -> dict[str, Driver]:
+    """What the instruments of a rig file are driven with, their keys checked; `ConfigError`."""
+    return {name: _driver_of(file, f"instruments.{name}", table) for name, table in file.instruments.items()}
+
+
+def _driver_of(file: config.RigFile, where: str, table: config.Instrument) -> Driver:
+    if table.role not in ROLES:
+        raise ConfigError(f"{file.path}: {where}.role '{table.role}' is unknown; one of {', '.join(ROLES)}")
+    if table.driver not in DRIVERS:
+        raise ConfigError(f"{file.path}: {where}.driver '{table.driver}' is unknown; one of {', '.join(DRIVERS)}")
+    if table.driver not in ROLES[table.role]:
+        raise ConfigError(
+            f"{file.path}: {where}: a {table.driver} cannot be the {table.role}; "
+            f"that takes {' or '.join(ROLES[table.role])}"
+        )
+    model, build, implied = _driver(table.driver, table.role)
+    return Driver(config.validated(model, {**table.settings, **implied}, file.path, where), build)
+
+
 def build_simulation(file: config.RigFile, clock: SimulationClock, *, seed: int | None = None) -> SimulatedRig:
     """All instruments of a rig file as simulators on its world; `ConfigError`."""
     if file.world is None:
         raise ConfigError(f"{file.path}: there is no [world] table to simulate; add it")
+    drivers_of(file)
     world = dict(file.world) if seed is None else {**file.world, "seed": seed}
     specs = {
         name: Spec(table.driver, table.role, table.settings, table.simulator, table.faults)
