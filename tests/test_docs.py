@@ -1,0 +1,324 @@
+"""The documentation says what the program does: commands, keys, defaults, links and examples are held to the code."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+from typer.testing import CliRunner
+
+from drivers.aerotech_ensemble import EnsembleSettings
+from drivers.keyence_settings import KeyenceSettings
+from drivers.keysight_34465a import ThermometerSettings, VoltmeterSettings
+from drivers.newport_esp301 import Esp301Settings
+from drivers.newport_xps import XpsSettings
+from drivers.rotation_settings import RotationSettings
+from procedures.sensing_axes import Procedure, Targets
+from rigctl import config
+from rigctl.cli import app
+from rigctl.effects.catalogue import catalogue
+from rigctl.experiments.sensing_axis import package
+from simulators import faults
+from simulators.aerotech_ensemble import EnsembleSimulatorSettings
+from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings
+from simulators.keysight_34465a import MeterSettings
+from simulators.newport_esp301 import Esp301SimulatorSettings
+from simulators.newport_xps import XpsSimulatorSettings
+from simulators.worlds import bench_settings as world
+from simulators.worlds.effect_sizes import EFFECTS, Scope
+
+ROOT = Path(__file__).parent.parent
+DOCS = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])
+IDS = [str(path.relative_to(ROOT)) for path in DOCS]
+
+FILE_FIELDS = {"path", "text"}
+TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
+    "rig": (config.RigTable, set()),
+    "instruments.NAME": (config.Instrument, set()),
+    "rotation stages": (RotationSettings, set()),
+    "newport-xps": (XpsSettings, set(RotationSettings.model_fields)),
+    "newport-esp301": (Esp301Settings, set(RotationSettings.model_fields)),
+    "aerotech-ensemble": (EnsembleSettings, set()),
+    "keyence": (KeyenceSettings, {"generation"}),
+    "voltmeter": (VoltmeterSettings, set()),
+    "thermometer": (ThermometerSettings, set()),
+    "lasers.NAME": (package.HeadSettings, set()),
+    "package": (package.Package, set()),
+    "package.configurations.NAME": (package.ConfigurationSettings, set()),
+    "package.axes.NAME": (package.AxisSettings, set()),
+    "package.axes.NAME.sensor.CONFIGURATION": (package.SensorSettings, set()),
+    "constants.NAME": (config.Constant, set()),
+    "certificates.NAME": (config.Certificate, set()),
+    "operator": (config.OperatorTable, set()),
+    "world": (world.BenchSettings, set()),
+    "world.sensors.NAME": (world.SensorSettings, set()),
+    "world.sensors.NAME.CONFIGURATION": (world.SensorConfiguration, set()),
+    "world.lasers.NAME": (world.LaserSettings, set()),
+    "world.ground": (world.GroundNoiseSettings, set()),
+    "world.temperature": (world.TemperatureSettings, set()),
+    "world.angle": (world.AngleSettings, set()),
+    "newport-xps simulator": (XpsSimulatorSettings, set()),
+    "newport-esp301 simulator": (Esp301SimulatorSettings, set()),
+    "aerotech-ensemble simulator": (EnsembleSimulatorSettings, set()),
+    "keyence simulator": (Lkg3001Settings, set()),
+    "keysight-34465a simulator": (MeterSettings, set()),
+    "faults": (faults.FaultPlan, set()),
+    "fault": (faults.Fault, set()),
+    "campaign": (config.CampaignFile, FILE_FIELDS),
+    "procedure": (Procedure, set()),
+    "targets": (Targets, set()),
+    "model": (config.ModelTable, set()),
+    "reference": (config.ReferenceTable, set()),
+}
+"""Tables of docs/files.md, the model each describes, and that model's fields it need not name."""
+
+
+def _doc(name: str) -> str:
+    return (ROOT / "docs" / name).read_text(encoding="utf-8")
+
+
+def _rows(text: str, marker: str) -> list[list[str]]:
+    """The rows of the Markdown table behind `<!-- marker -->`, header left out."""
+    after = text.split(f"<!-- {marker} -->\n", 1)[1]
+    table = after.split("\n\n", 1)[0].splitlines()
+    return [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in table[2:]]
+
+
+def _documented(marker: str) -> dict[str, str]:
+    return {row[0].strip("`"): row[1] for row in _rows(_doc("files.md"), f"table: {marker}")}
+
+
+def _plain(value: Any) -> Any:
+    """A value as a TOML file would give it, with what is left to defaults left out."""
+    if isinstance(value, BaseModel):
+        return {k: _plain(v) for k, v in value.model_dump(exclude_defaults=True).items()}
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+
+
+def _default_said(cell: str) -> Any:
+    if cell in {"required", "none"}:
+        return {"required": PydanticUndefined, "none": None}[cell]
+    return tomllib.loads(f"value = {cell.strip('`')}")["value"]
+
+
+@pytest.mark.parametrize("marker", TABLES)
+def test_every_key_of_a_file_is_documented_with_its_default(marker: str) -> None:
+    model, elsewhere = TABLES[marker]
+    fields = {name: field for name, field in model.model_fields.items() if name not in elsewhere}
+    documented = _documented(marker)
+    assert list(documented) == list(fields)
+    for name, field in fields.items():
+        assert _default_said(documented[name]) == _plain(field.default), f"{marker}: {name}"
+
+
+def test_every_table_of_files_md_is_held_to_a_model() -> None:
+    markers = set(re.findall(r"<!-- table: (.+?) -->", _doc("files.md")))
+    assert markers == {*TABLES, "keyence-lkg5000 simulator"}
+
+
+def test_the_lkg5000_differs_from_the_lkg3001_as_documented() -> None:
+    differing = {
+        name: field.default
+        for name, field in Lkg5000Settings.model_fields.items()
+        if field.default != Lkg3001Settings.model_fields[name].default
+    }
+    said = _documented("keyence-lkg5000 simulator")
+    assert {name: _default_said(cell) for name, cell in said.items()} == differing
+
+
+def test_every_effect_of_the_world_is_documented_with_its_parameters_and_scope() -> None:
+    scopes = {
+        "rig": Scope.RIG,
+        "axis": Scope.AXIS,
+        "axis and configuration": Scope.AXIS_CONFIGURATION,
+        "head": Scope.HEAD,
+    }
+    said = {
+        row[0].strip("`"): (tuple(re.findall(r"`(\w+)`", row[1])), scopes[row[2]])
+        for row in _rows(_doc("files.md"), "effects")
+    }
+    assert said == {name: (form.parameters, form.scope) for name, form in EFFECTS.items()}
+
+
+def test_effects_of_the_model_are_those_the_campaign_table_names() -> None:
+    (row,) = _rows(_doc("files.md"), "table: model")
+    assert set(re.findall(r'`"([\w-]+)"`', row[2])) == set(catalogue("sensing-axis"))
+
+
+@pytest.mark.parametrize("path", DOCS, ids=IDS)
+def test_links_lead_somewhere(path: Path) -> None:
+    for target in _links(path.read_text(encoding="utf-8")):
+        file, _, anchor = target.partition("#")
+        linked = (path.parent / file).resolve() if file else path
+        assert linked.exists(), f"{path.name}: {target}"
+        assert linked.is_relative_to(ROOT), f"{path.name}: {target} leaves the project"
+        if anchor:
+            assert anchor in _anchors(linked.read_text(encoding="utf-8")), f"{path.name}: {target}"
+
+
+def _links(text: str) -> Iterator[str]:
+    for target in re.findall(r"\]\(([^)\s]+)\)", _without_code(text)):
+        if "://" not in target:
+            yield target
+
+
+def _without_code(text: str) -> str:
+    return re.sub(r"`[^`\n]*`", "", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE))
+
+
+def _anchors(text: str) -> set[str]:
+    titles = re.findall(r"^#+ (.+)$", _without_code(text), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("path", DOCS, ids=IDS)
+def test_toml_examples_parse(path: Path) -> None:
+    for example in re.findall(r"^```toml\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE):
+        tomllib.loads(example)
+
+
+# Commands
+
+
+def _commands() -> dict[str, Any]:
+    """The command tree, click's or the one that typer brings along."""
+    return dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+
+
+def _options(command: Any) -> set[str]:
+    own = [p for p in command.params if p.param_type_name == "option"]
+    return {text for p in own for text in (*p.opts, *p.secondary_opts)} - {"--help"}
+
+
+def _command_lines(text: str) -> Iterator[tuple[str, bool]]:
+    """Commands in shell examples (behind `$ ` in console blocks, every line of sh blocks), and in sentences.
+
+    The second says that the line is complete, so that a shell would take it.
+    """
+    for kind, block in re.findall(r"^```(console|sh)\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        for line in block.replace("\\\n", " ").splitlines():
+            typed = line.removeprefix("$ ") if line.startswith("$ ") else line if kind == "sh" else ""
+            typed = typed.split(" #")[0].split(" > ")[0].split(" | ")[0].removesuffix(" &")
+            if "rigctl " in f"{typed} " and "=" not in typed.split("rigctl")[0]:
+                yield typed[typed.index("rigctl") :], True
+    for line in re.findall(r"`(rigctl [^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)):
+        yield line, False
+
+
+@pytest.mark.parametrize("path", DOCS, ids=IDS)
+def test_commands_in_examples_can_be_parsed(path: Path) -> None:
+    for line, complete in _command_lines(path.read_text(encoding="utf-8")):
+        _, *arguments = shlex.split(line)
+        if not arguments or arguments == ["--help"]:
+            continue
+        name, *rest = arguments
+        assert name in _commands(), line
+        command = _commands()[name]
+        used = {word for word in rest if word.startswith("--")}
+        assert used <= {*_options(command), "--help"}, line
+        if complete:
+            with command.make_context(name, list(rest)):
+                pass
+
+
+def test_every_command_and_option_is_documented() -> None:
+    sections = dict(re.findall(r"^### (\w+)\n(.*?)(?=^##|\Z)", _doc("commands.md"), re.DOTALL | re.MULTILINE))
+    commands = _commands()
+    assert set(sections) == set(commands)
+    for name, command in commands.items():
+        options = _options(command)
+        assert set(re.findall(r"^\| `(--[\w-]+)`", sections[name], re.MULTILINE)) == options, name
+        synopsis = re.search(r"^    (rigctl .+)$", sections[name], re.MULTILINE)
+        assert synopsis is not None
+        assert set(re.findall(r"--[\w-]+", synopsis[1])) == options, name
+        places = [p.metavar for p in command.params if p.param_type_name == "argument"]
+        words = re.sub(r"\[--[^\]]*\]|--\S+( [A-Z]+)?", "", synopsis[1]).split()[2:]
+        assert [word.strip("[]") for word in words] == places, name
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A directory with the shipped campaigns, as a reader has it, and the reader in it."""
+    directory = tmp_path_factory.mktemp("desk")
+    (directory / "campaigns").symlink_to(ROOT / "campaigns")
+    with contextlib.chdir(directory):
+        yield directory
+
+
+def _run(*arguments: str) -> dict[str, Any]:
+    """The JSON document a command prints."""
+    found = CliRunner().invoke(app, [*arguments, "--json"])
+    assert found.exit_code == 0, found.output
+    return dict(json.loads(found.stdout))
+
+
+@pytest.fixture(scope="module")
+def notebook(desk: Path) -> dict[str, Any]:
+    """The names the blocks of docs/python.md leave behind, run one after the other."""
+    names: dict[str, Any] = {}
+    for block in re.findall(r"^```python\n(.*?)^```", _doc("python.md"), re.DOTALL | re.MULTILINE):
+        exec(compile(block, "docs/python.md", "exec"), names)
+    return names
+
+
+def test_python_examples_run_and_find_what_they_promise(notebook: dict[str, Any], desk: Path) -> None:
+    assert notebook["axis"].passed
+    with_roll, without = (found.fit.result for found in notebook["fits"].values())
+    assert without.chi2 - with_roll.chi2 > 5.0**2
+    assert (desk / "notebook-bundle" / "runs.csv").exists()
+
+
+def _keys_said(marker: str) -> set[str]:
+    return {row[0].strip("`") for row in _rows(_doc("commands.md"), f"json: {marker}")}
+
+
+def test_keys_of_the_result_are_as_documented(notebook: dict[str, Any]) -> None:
+    assert notebook
+    result = _run("result", "notebook.rig.sqlite")
+    assert _keys_said("result") - {"quick_check"} == set(result)
+    assert _keys_said("result axes") == set(result["axes"]["A"])
+    assert _keys_said("result budget") == set(result["budget"]["A"])
+
+
+def _json_keys_said(command: str) -> set[str]:
+    section = re.search(rf"^### {command}\n(.*?)(?=^##|\Z)", _doc("commands.md"), re.DOTALL | re.MULTILINE)
+    assert section is not None
+    row = next(line for line in section[1].splitlines() if line.startswith("| `--json`"))
+    return set(re.findall(r'"(\w+)"', row))
+
+
+def test_keys_of_a_run_its_status_and_a_quick_check_are_as_documented(desk: Path) -> None:
+    campaign = str(desk / "campaigns" / "quick-check.toml")
+    dry = _run("run", campaign, "--dry-run")
+    outcome = _run("run", campaign, "--yes")
+    assert _json_keys_said("run") == {*outcome, *dry}
+    assert _json_keys_said("status") == set(outcome["status"])
+    assert "quick_check" in outcome["result"]
+    quick = next(row[1] for row in _rows(_doc("commands.md"), "json: result") if row[0] == "`quick_check`")
+    assert set(re.findall(r"`(\w+)`", quick)) == set(outcome["result"]["quick_check"])
+
+
+def test_keys_of_instrument_commands_are_as_documented(desk: Path) -> None:
+    rig = str(desk / "campaigns" / "one-axis.rig.toml")
+    checked = _run("check", rig)
+    assert _json_keys_said("check") == {*checked, *checked["instruments"]["stage"]}
+    assert _json_keys_said("home") == set(_run("home", rig, "stage"))
+    assert _json_keys_said("move") == set(_run("move", rig, "stage", "-1.5"))
+    assert _json_keys_said("stop") == set(_run("stop", rig))
+
+
+def test_keys_of_store_commands_are_as_documented(notebook: dict[str, Any]) -> None:
+    assert notebook
+    store = "notebook.rig.sqlite"
+    assert _json_keys_said("mark") == set(_run("mark", store, "2", "looked at", "--valid"))
+    assert _json_keys_said("export") == set(_run("export", store, "exported"))
