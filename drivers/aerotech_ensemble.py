@@ -190,21 +190,26 @@ class AerotechEnsemble:
         """The stage's position."""
         return (Channel("stage_x_mm", "mm", "position", self._settings.latency_s),)
 
-    def arm(self, samples: int, period_s: float) -> None:
-        """Clear and wait for `samples` edges, `period_s` apart."""
+    def longest_record(self, period_s: float) -> int:
+        """Most positions of one record; `LimitError` when the capture is not that fast."""
         s = self._settings
-        capacity = s.capture_points_max
-        if s.capture_read == "restarts":
-            capacity = min(capacity, s.capture_registers)
-        if not 1 <= samples <= capacity:
-            raise LimitError(
-                f"{self.name}: cannot capture {samples} positions, at most {capacity}; "
-                "record for a shorter time or at a longer period"
-            )
         if period_s < s.capture_period_min_s:
             raise LimitError(
                 f"{self.name}: cannot capture every {period_s:g} s; "
                 f"the shortest period is {s.capture_period_min_s:g} s"
+            )
+        return (
+            min(s.capture_points_max, s.capture_registers) if s.capture_read == "restarts" else s.capture_points_max
+        )
+
+    def arm(self, samples: int, period_s: float) -> None:
+        """Clear and wait for `samples` edges, `period_s` apart."""
+        s = self._settings
+        capacity = self.longest_record(period_s)
+        if not 1 <= samples <= capacity:
+            raise LimitError(
+                f"{self.name}: cannot capture {samples} positions, at most {capacity}; "
+                "record for a shorter time or at a longer period"
             )
         self._wire.tell(f"DATAACQ {self._axis} INPUT {s.capture_input}")
         self._wire.tell(f"DATAACQ {self._axis} TRIGGER {s.capture_trigger}")

@@ -89,6 +89,15 @@ class KeyenceLkg:
             for name in self.settings.heads
         )
 
+    def longest_record(self, period_s: float) -> int:
+        """Most values per head of one storage; `LimitError` when the controller samples more slowly than that."""
+        if period_s < self.settings.sampling_us * 1e-6 * (1 - 1e-9):
+            raise LimitError(
+                f"{self.name}: edges {period_s:g} s apart, but a value only every "
+                f"{self.settings.sampling_us:g} us; lower `sampling_us` or the rate"
+            )
+        return self.settings.samples_max
+
     def arm(self, samples: int, period_s: float) -> None:
         """Set up and start a storage of one value per head and edge of the TIMING input.
 
@@ -141,16 +150,11 @@ class KeyenceLkg:
     # Recording
 
     def _check_limits(self, samples: int, period_s: float) -> None:
-        longest = self.settings.samples_max
+        longest = self.longest_record(period_s)
         if not 1 <= samples <= longest:
             raise LimitError(
                 f"{self.name}: {samples} samples of {len(self.settings.heads)} heads; "
                 f"the storage holds 1 to {longest}, record fewer"
-            )
-        if period_s < self.settings.sampling_us * 1e-6 * (1 - 1e-9):
-            raise LimitError(
-                f"{self.name}: edges {period_s:g} s apart, but a value only every "
-                f"{self.settings.sampling_us:g} us; lower `sampling_us` or the rate"
             )
 
     def _storage_settings(self, samples: int) -> list[str]:

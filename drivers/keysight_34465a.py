@@ -144,15 +144,24 @@ class _Voltmeter(Keysight34465A):
     def _transfer(self) -> tuple[str, ...]:
         return ("FORM:DATA ASC",) if self.settings.transfer == "ascii" else ("FORM:DATA REAL,64", "FORM:BORD NORM")
 
-    def _check_limits(self, samples: int, period_s: float, samples_maximum: int) -> None:
+    def _samples_maximum(self) -> int:
+        """Most samples that can be asked for, if fetched in time."""
+        return SAMPLES_MAXIMUM
+
+    def longest_record(self, period_s: float) -> int:
+        """Most samples of one record; `LimitError` for a period below the aperture or beyond the timer's longest."""
         s = self.settings
-        if not 1 <= samples <= samples_maximum:
-            raise LimitError(f"{self.name}: {samples} samples asked for; 1 to {samples_maximum} are possible")
         if not s.aperture_s <= period_s <= PERIOD_MAXIMUM_S:
             raise LimitError(
                 f"{self.name}: a sample every {period_s:g} s asked for; possible are {s.aperture_s:g} s "
                 f"(aperture_s) to {PERIOD_MAXIMUM_S:g} s"
             )
+        return self._samples_maximum()
+
+    def _check_limits(self, samples: int, period_s: float) -> None:
+        longest = self.longest_record(period_s)
+        if not 1 <= samples <= longest:
+            raise LimitError(f"{self.name}: {samples} samples asked for; 1 to {longest} are possible")
 
     def _check_interval(self, period_s: float) -> None:
         """Ask for the shortest interval, which depends on all that was configured before."""
@@ -227,7 +236,7 @@ class PacingVoltmeter(_Voltmeter):
         Records longer than the memory need `fetch` in time. `LimitError` for more than 1 000 000 samples, a
         period below the aperture, or one that is no whole number of the timer's 1 us steps.
         """
-        self._check_limits(samples, period_s, SAMPLES_MAXIMUM)
+        self._check_limits(samples, period_s)
         if abs(period_s - round(period_s / TIMER_STEP_S) * TIMER_STEP_S) > 1e-3 * TIMER_STEP_S:
             raise LimitError(
                 f"{self.name}: the sample timer has steps of 1 us, {period_s!r} s would drift; "
@@ -265,9 +274,13 @@ class PacedVoltmeter(_Voltmeter):
     _grace_s = 0.0
     """How long after the last edge its reading may take."""
 
+    def _samples_maximum(self) -> int:
+        """They are fetched after the last edge: all have to fit in memory."""
+        return min(self.settings.memory_readings, SAMPLES_MAXIMUM)
+
     def arm(self, samples: int, period_s: float) -> None:
         """Clear and wait for `samples` edges, `period_s` apart; `LimitError` if the memory cannot hold them."""
-        self._check_limits(samples, period_s, min(self.settings.memory_readings, SAMPLES_MAXIMUM))
+        self._check_limits(samples, period_s)
         self._link.configure("ABOR", "*CLS", *self._measurement())
         self._check_interval(period_s)
         self._grace_s = 2 * self.settings.aperture_s + abs(self.settings.latency_s) + min(period_s, 0.5)

@@ -117,12 +117,25 @@ class Bench:
                 f"{limits.angle_max_deg:g} deg (with the approach from below)"
             )
         check_oscillation(self.linear, point.amplitude_mm, point.frequency_hz)
+        longest_s = self.longest_run_s(point.sample_rate_hz, lasers=lasers)
+        if point.samples > longest_s * point.sample_rate_hz:
+            raise LimitError(
+                f"{point.duration_s:g} s at {point.sample_rate_hz:g} Hz is more than the recorders' memories hold; "
+                f"at this rate at most {longest_s:.0f} s"
+            )
         margin_mm = self.package.spot_margin_mm(point.theta_deg, point.amplitude_mm)
         if lasers and self.heads and margin_mm < 0:
             raise LimitError(
                 f"at {point.theta_deg:g} deg with {point.amplitude_mm:g} mm a laser's spot leaves the "
                 f"{self.package.cube_side_mm:g} mm cube by {-margin_mm:.2f} mm: less angle or amplitude"
             )
+
+    def longest_run_s(self, sample_rate_hz: float, *, lasers: bool) -> float:
+        """What the recorders' memories hold at this rate; `LimitError` when one of them is not that fast."""
+        recorders: list[PacedRecorder | PacingRecorder] = [self.readout, self.linear]
+        if lasers:
+            recorders += self.lasers
+        return min(recorder.longest_record(1.0 / sample_rate_hz) for recorder in recorders) / sample_rate_hz
 
     def run(
         self,

@@ -140,7 +140,8 @@ class NullSearch:
         # What the others lack of their shares they get when it is their turn again: nobody else makes up for it.
         others = sum(min(noise[f] / times[f], share) if times[f] else share for f in self.pair if f != frequency_hz)
         needed_s = noise[frequency_hz] / (allowed - others) - times[frequency_hz]
-        return min(max(needed_s, 2.0 / frequency_hz), self.settings.max_run_s)
+        longest_s = self.bench.longest_run_s(self.settings.sample_rate_hz, lasers=True) - 1.0 / frequency_hz
+        return min(max(needed_s, 2.0 / frequency_hz), self.settings.max_run_s, longest_s)
 
     def _weakest(self) -> float:
         """The frequency whose noise limits theta0 now."""

@@ -63,14 +63,19 @@ def quick_check(session: Session, bench: Bench, fixture: Fixture, start: SetPoin
     fit = fit_recording(RecordingModel([near], bench.package, bench.heads, bench.g_m_s2))
     null = fit.null(mounting.axis, mounting.configuration, mounting.number)
     theta0_deg = round(math.degrees(null.theta0_rad) / ANGLE_RESOLUTION_DEG) * ANGLE_RESOLUTION_DEG
-    aside = replace(start, duration_s=DWELL_S, amplitude_mm=REVERSAL_AMPLITUDE_MM)
     plus, minus = (
-        measure(f"reversal {turn:+d} deg", replace(aside, theta_deg=theta0_deg + turn), lasers=False)
-        for turn in (90, -90)
+        measure(f"reversal {point.theta_deg - theta0_deg:+.0f} deg", point, lasers=False)
+        for point in reversal_points(replace(start, theta_deg=theta0_deg))
     )
     check = _compare(theta0_deg, plus, minus, _main_head_scale(near, bench))
     session.once("quick check", lambda: {**asdict(check), "passed": check.passed})
     return check
+
+
+def reversal_points(null: SetPoint) -> tuple[SetPoint, SetPoint]:
+    """A quarter turn to either side of a null."""
+    aside = replace(null, duration_s=DWELL_S, amplitude_mm=REVERSAL_AMPLITUDE_MM)
+    return replace(aside, theta_deg=null.theta_deg + 90.0), replace(aside, theta_deg=null.theta_deg - 90.0)
 
 
 def _compare(theta0_deg: float, plus: RunObservables, minus: RunObservables, laser_scale: float | None) -> QuickCheck:

@@ -17,7 +17,7 @@ from procedures.bench import Bench, SetPoint
 from procedures.mounting import Fixture, Mounting, MountingLostError
 from procedures.noise_check import check_noise
 from procedures.null_search import NullSearch, NullSearchSettings
-from procedures.quick_check import quick_check
+from procedures.quick_check import quick_check, reversal_points
 from rigctl.campaign.session import Session
 from rigctl.effects.catalogue import Effect
 from rigctl.errors import ConfigError
@@ -33,7 +33,7 @@ class Procedure(Table):
 
     name: Literal["six-mountings", "null-search", "angle-scan", "quick-check"]
     axes: tuple[str, ...] = Field(min_length=1)
-    configurations: tuple[str, ...] = ("pendulum", "flag")
+    configurations: tuple[str, ...] = Field(default=("pendulum", "flag"), min_length=1)
     mountings: Annotated[int, Field(ge=1)] = 1
     frequencies_hz: tuple[Positive, ...] = Field(default=(0.3, 0.5, 0.6), min_length=1)
     amplitude_mm: Positive = 5.0
@@ -113,6 +113,9 @@ class Plan:
             raise ConfigError("procedure.angles_deg is missing; an angle scan needs its angles")
         for point in self._extremes():
             bench.check(point, lasers=True)
+        if self.procedure.name == "quick-check":
+            for point in reversal_points(self._extremes()[0]):
+                bench.check(point, lasers=False)
 
     def _extremes(self) -> list[SetPoint]:
         procedure = self.procedure

@@ -159,6 +159,10 @@ class PacedRecorder(Protocol):
         """The columns `collect` delivers, in order."""
         ...
 
+    def longest_record(self, period_s: float) -> int:
+        """Most samples of one record at this period; `LimitError` when it is not that fast. Sends nothing."""
+        ...
+
     def arm(self, samples: int, period_s: float) -> None:
         """Clear and wait for `samples` edges, `period_s` apart; `LimitError` if the memory cannot hold them."""
         ...
@@ -179,6 +183,10 @@ class PacingRecorder(Protocol):
 
     def channels(self) -> tuple[Channel, ...]:
         """The columns `fetch` delivers, in order."""
+        ...
+
+    def longest_record(self, period_s: float) -> int:
+        """Most samples of one record at this period; `LimitError` when it is not that fast. Sends nothing."""
         ...
 
     def start(self, samples: int, period_s: float) -> float:
