@@ -16,7 +16,7 @@ from procedures.angle_scan import AngleScan
 from procedures.bench import Bench, SetPoint
 from procedures.mounting import Fixture, Mounting, MountingLostError
 from procedures.noise_check import check_noise
-from procedures.null_search import NullSearch, NullSearchSettings
+from procedures.null_search import ROLL, NullSearch, NullSearchSettings
 from procedures.quick_check import quick_check, reversal_points
 from rigctl.campaign.session import Session
 from rigctl.effects.catalogue import Effect
@@ -109,6 +109,11 @@ class Plan:
                 raise ConfigError(
                     f"procedure.configurations: no {configuration} in the rig's package; it has {known}"
                 )
+        if any(effect.id == ROLL for effect in self.effects) and len(self.procedure.frequencies_hz) == 1:
+            raise ConfigError(
+                f"model.effects: at one frequency {ROLL} cannot be told from theta0; "
+                "give procedure.frequencies_hz another, or leave it out"
+            )
         if self.procedure.name == "angle-scan" and not self.procedure.angles_deg:
             raise ConfigError("procedure.angles_deg is missing; an angle scan needs its angles")
         for point in self._extremes():

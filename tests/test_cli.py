@@ -1,0 +1,412 @@
+"""The command line: what is refused is refused in one line, with its status, before anything has moved."""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigctl import cli, config
+from rigctl.campaign import locks
+from rigctl.campaign.store import Store
+
+FIRST_ADDRESS = 'address = "sim:"                  # tcp://192.168.0.254:5001'
+
+
+@pytest.fixture
+def dead_port() -> int:
+    """A TCP port on which nobody listens."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+# Bad input: files
+
+BAD_CAMPAIGNS = [
+    (
+        ("amplitude_mm = 5.0", "amplitude_m = 0.005"),
+        ["campaign.toml", "unknown key procedure.amplitude_m", "amplitude_mm"],
+    ),
+    (("amplitude_mm = 5.0", 'amplitude_mm = "5 mm"'), ["campaign.toml", "procedure.amplitude_mm", "valid number"]),
+    (("mountings = 1", "mountings = 1.5"), ["campaign.toml", "procedure.mountings", "integer"]),
+    (("[targets]", "[target]"), ["campaign.toml", "unknown key target", "targets"]),
+    (('title = "small"', "title = small"), ["campaign.toml", "not TOML", "line 2"]),
+    (('"sensing-axis"', '"sensing axis"'), ["campaign.toml", "experiment", "sensing-axis"]),
+    (('"sensing-axis"', '"rotating-platform"'), ["campaign.toml", "no procedure for 'rotating-platform'"]),
+    (('"six-mountings"', '"seven-mountings"'), ["campaign.toml", "procedure.name", "six-mountings"]),
+    (('axes = ["X"]', 'axes = ["Q"]'), ["campaign.toml", "procedure.axes", "no axis Q", "X, Y, Z"]),
+    (('"flag"', '"upright"'), ["campaign.toml", "procedure.configurations", "no upright", "pendulum, flag"]),
+    (('["roll-gravity", "resonance"]', '["rol-gravity"]'), ["campaign.toml", "model.effects", "roll-gravity"]),
+    (('rig = "rig.toml"', 'rig = "absent.toml"'), ["absent.toml", "no such file"]),
+    (('rig = "rig.toml"\n', ""), ["campaign.toml", "rig is missing", "--rig"]),
+    (
+        ("amplitude_mm = 5.0", "amplitude_mm = 26.0\nstart_deg = 0.0"),
+        ["campaign.toml", "stage", "26 mm", "travel", "at most 25 mm"],
+    ),
+    (("[0.3, 0.6]", "[0.3, 6.0]"), ["campaign.toml", "stage", "5 mm at 6 Hz", "acceleration", "at most 0.704 mm"]),
+    (
+        ("[0.3, 0.6]\namplitude_mm = 5.0", "[1.0, 0.5]\namplitude_mm = 20.0"),
+        ["campaign.toml", "stage", "speed", "at most 15.9 mm"],
+    ),
+    (
+        ("amplitude_mm = 5.0", "amplitude_mm = 5.0\nstart_deg = 171.0"),
+        ["campaign.toml", "rotation", "171 deg", "170 deg"],
+    ),
+    (
+        ("amplitude_mm = 5.0", "amplitude_mm = 5.0\nstart_deg = -170.0"),
+        ["campaign.toml", "rotation", "-169.95 .. 170"],
+    ),
+    (("amplitude_mm = 5.0", "amplitude_mm = 5.0\nstart_deg = 3.0"), ["campaign.toml", "spot leaves the 15 mm cube"]),
+    (
+        ("amplitude_mm = 5.0", "amplitude_mm = 7.6"),
+        ["campaign.toml", "spot leaves the 15 mm cube", "less angle or amplitude"],
+    ),
+    (
+        ("amplitude_mm = 5.0", "amplitude_mm = 5.0\nsample_rate_hz = 5000.0"),
+        ["campaign.toml", "accelerometer", "0.0002 s"],
+    ),
+    (
+        ("amplitude_mm = 5.0", "amplitude_mm = 5.0\ndwell_s = 1000.0"),
+        ["campaign.toml", "1000 s at 100 Hz", "at most 500 s"],
+    ),
+    (("[0.3, 0.6]", "[0.6]"), ["campaign.toml", "model.effects", "at one frequency roll-gravity cannot be told"]),
+    (('"six-mountings"', '"angle-scan"'), ["campaign.toml", "procedure.angles_deg is missing"]),
+    (('"six-mountings"', '"angle-scan"\nangles_deg = [0.0, 200.0]'), ["campaign.toml", "rotation", "200 deg"]),
+]
+
+
+@pytest.mark.parametrize(("change", "facts"), BAD_CAMPAIGNS, ids=[facts[-1] for _, facts in BAD_CAMPAIGNS])
+def test_a_bad_campaign_file_is_refused_before_a_byte_is_sent(
+    desk: Any, wire: Any, change: tuple[str, str], facts: list[str]
+) -> None:
+    desk.campaign(change)
+    desk.run().refused(2, *facts)
+    assert wire.sent == []
+    assert desk.left == set()
+
+
+BAD_RIGS = [
+    (('clock = "virtual"', 'clocks = "virtual"'), ["rig.toml", "unknown key rig.clocks", "known there: name, clock"]),
+    (("angle_min_deg", "angle_min"), ["rig.toml", "unknown key instruments.rotation.angle_min", "angle_min_deg"]),
+    (("position_min_mm = -25.0", 'position_min_mm = "-25"'), ["rig.toml", "instruments.stage.position_min_mm"]),
+    (("range_v = 10.0", "range_v = 12.0"), ["rig.toml", "instruments.accelerometer.range_v"]),
+    (("clock_ppm = 12.0", "clock_pp = 12.0"), ["rig.toml", "unknown key instruments.stage.simulator.clock_pp"]),
+    (("seed = 2022", "sed = 2022"), ["rig.toml", "world.s"]),
+    (("rho1 = 9.7e-5", "rho = 9.7e-5"), ["rig.toml", "roll-gravity", "rho"]),
+    (("[world.effects.roll-gravity]", "[world.effects.rol-gravity]"), ["rig.toml", "unknown effect 'rol-gravity'"]),
+    (
+        ('"newport-xps"', '"newport-xp"'),
+        ["rig.toml", "instruments.rotation.driver 'newport-xp' is unknown", "newport-esp301"],
+    ),
+    (
+        ('role = "rotation"', 'role = "rotating"'),
+        ["rig.toml", "instruments.rotation.role 'rotating' is unknown", "linear"],
+    ),
+    (('role = "rotation"', 'role = "linear"'), ["rig.toml", "a newport-xps cannot be the linear"]),
+    (('role = "rotation"', 'role = "spare"'), ["rig.toml", "0 instruments with role 'rotation', needs one"]),
+    (
+        (
+            "[instruments.thermometer]\n",
+            '[instruments.second]\ndriver = "newport-xps"\naddress = "sim:"\nrole = "rotation"\n'
+            "[instruments.thermometer]\n",
+        ),
+        ["rig.toml", "2 instruments with role 'rotation', needs one"],
+    ),
+    (("laser_3_mm = 1 }", "laser_4_mm = 1 }"), ["rig.toml", "[world.lasers.laser_4_mm] is missing"]),
+    (('[lasers.laser_3_mm]\nposition = "+z"\ntilt_deg = 5.0\n', ""), ["rig.toml", "[lasers.laser_3_mm] is missing"]),
+    (('channel = "accel_v"', 'channel = "volts"'), ["rig.toml", "channel is 'volts'", "accel_v"]),
+    (('k = "-z"', 'k = "+z"'), ["rig.toml", "package.configurations.flag", "no right-handed triad"]),
+    ((FIRST_ADDRESS, 'address = "tcp://127.0.0.1:5001"'), ["rig.toml", "rig.clock 'virtual'", "use 'real'"]),
+    (
+        ("[instruments.thermometer]\n", "[instruments.thermometer.faults]\nsilent = {}\n[instruments.thermometer]\n"),
+        ["rig.toml", "instruments.thermometer.faults.silent", "say when"],
+    ),
+    (("[rig]", "[rig"), ["rig.toml", "not TOML"]),
+]
+
+
+@pytest.mark.parametrize(("change", "facts"), BAD_RIGS, ids=[facts[1] for _, facts in BAD_RIGS])
+def test_a_bad_rig_file_is_refused_before_a_byte_is_sent(
+    desk: Any, wire: Any, change: tuple[str, str], facts: list[str]
+) -> None:
+    desk.rig(change)
+    desk.run().refused(2, *facts)
+    assert wire.sent == []
+    assert desk.left == set()
+
+
+@pytest.mark.parametrize(
+    ("first", "following", "facts"),
+    [
+        ("[package]", "[constants.g_m_s2]", ["[package] is missing"]),
+        ("# Nature.", None, ["[world] table", "add it"]),
+        ("[world.sensors.X]", "[world.sensors.Y]", ["[world.sensors.X] is missing"]),
+    ],
+)
+def test_a_rig_file_without_a_table_that_is_needed_is_refused(
+    desk: Any, wire: Any, first: str, following: str | None, facts: list[str]
+) -> None:
+    text = desk.rig().read_text()
+    end = text.index(following) if following else len(text)
+    desk.rig((text[text.index(first) : end], ""))
+    desk.run().refused(2, "rig.toml", *facts)
+    assert wire.sent == []
+    assert desk.left == set()
+
+
+def test_an_address_that_cannot_be_understood_is_refused(desk: Any, wire: Any) -> None:
+    desk.rig(('clock = "virtual"', 'clock = "real"'), (FIRST_ADDRESS, 'address = "tcp:127.0.0.1"'))
+    desk.run().refused(2, "rig.toml", "instruments.rotation.address", "tcp:127.0.0.1", "tcp://host:port")
+    assert wire.sent == []
+    assert desk.left == set()
+
+
+def test_a_quick_check_needs_a_quarter_turn_to_either_side(desk: Any, wire: Any) -> None:
+    desk.campaign(('"six-mountings"', '"quick-check"'))
+    desk.rig(("angle_max_deg = 170.0", "angle_max_deg = 60.0"))
+    desk.run().refused(2, "campaign.toml", "rotation", "90 deg is outside")
+    assert wire.sent == []
+    assert desk.left == set()
+
+
+def test_missing_files_and_directories_are_named(desk: Any) -> None:
+    desk.rigctl("run", "none.toml").refused(2, "none.toml", "no such file")
+    desk.rigctl("run", ".").refused(2, "Is a directory")
+    desk.rigctl("run", "campaign.toml", "--rig", "other.toml").refused(2, "other.toml", "no such file")
+    desk.rigctl("run", "campaign.toml", "--yes", "--store", "no/such/x.rig.sqlite").refused(2, "no/such", "directory")
+    assert desk.left == set()
+
+
+def test_wrong_usage_is_status_2(desk: Any) -> None:
+    for arguments in (
+        ("run",),
+        ("run", "campaign.toml", "--sed", 1),
+        ("walk",),
+        ("run", "campaign.toml", "--seed", "x"),
+    ):
+        found = desk.rigctl(*arguments)
+        assert found.status == 2
+        assert "Traceback" not in found.err
+    assert desk.left == set()
+
+
+# Bad input: instruments
+
+
+def spoilt(table: str, fault: str) -> tuple[str, str]:
+    """A change of the rig file that gives one instrument a fault."""
+    return f"[instruments.{table}]\n", f"[instruments.{table}.faults]\n{fault}\n[instruments.{table}]\n"
+
+
+@pytest.mark.parametrize(
+    ("table", "fault", "status", "facts"),
+    [
+        ("rotation", 'wrong_identity = { text = "XPS-C8", instead = "SMC100" }', 1, ["rotation", "SMC100"]),
+        ("lasers_a", 'wrong_identity = { text = "M1,", instead = "MS," }', 1, ["lasers_a"]),
+        ("accelerometer", 'wrong_identity = { text = "34465A", instead = "34401A" }', 1, ["accelerometer", "34401A"]),
+        ("stage", 'wrong_identity = { text = "4.01", instead = "CONEX" }', 1, ["stage", "CONEX"]),
+        ("rotation", "silent = { after = 0 }", 1, ["rotation", "nothing came", "check power, cable"]),
+        ("stage", "silent = { after = 0 }", 1, ["stage", "nothing came"]),
+        ("lasers_b", "silent = { after = 0 }", 1, ["lasers_b", "nothing came"]),
+        ("thermometer", "silent = { after = 0 }", 1, ["thermometer", "nothing came"]),
+        ("rotation", "garbled = { after = 0, flipped_bytes = 4 }", 1, ["rotation"]),
+        ("stage", "garbled = { after = 0, flipped_bytes = 4 }", 1, ["stage"]),
+        ("lasers_a", "garbled = { after = 0, flipped_bytes = 4 }", 1, ["lasers_a"]),
+        ("accelerometer", "garbled = { after = 0, flipped_bytes = 4 }", 1, ["accelerometer"]),
+        ("accelerometer", "truncated = { after = 0, keep_bytes = 3 }", 1, ["accelerometer"]),
+    ],
+)
+def test_a_wrong_silent_or_garbled_instrument_is_refused_before_anything_moves(
+    desk: Any, wire: Any, table: str, fault: str, status: int, facts: list[str]
+) -> None:
+    desk.rig(spoilt(table, fault))
+    desk.run().refused(status, *facts)
+    assert wire.motions == []
+    assert desk.left == set()
+
+
+def test_all_instruments_that_do_not_answer_are_in_one_error(desk: Any, wire: Any) -> None:
+    desk.rig(
+        spoilt("rotation", "silent = { after = 0 }"),
+        spoilt("lasers_b", "silent = { after = 0 }"),
+        spoilt("thermometer", 'wrong_identity = { text = "34465A", instead = "34401A" }'),
+    )
+    desk.run().refused(1, "rotation", "lasers_b", "thermometer", "34401A")
+    assert wire.motions == []
+    assert desk.left == set()
+
+
+def test_an_absent_instrument_is_named_with_its_address(desk: Any, wire: Any, dead_port: int) -> None:
+    desk.rig(('"virtual"', '"real"'), (FIRST_ADDRESS, f'address = "tcp://127.0.0.1:{dead_port}"'))
+    desk.run().refused(1, f"tcp://127.0.0.1:{dead_port}", "check power and cable")
+    desk.rigctl("check", "rig.toml").refused(1, f"tcp://127.0.0.1:{dead_port}")
+    assert wire.motions == []
+    assert desk.left == set()
+
+
+# Stores
+
+
+@pytest.fixture
+def done(desk: Any) -> Any:
+    """A desk with a finished campaign."""
+    desk.campaign(('["pendulum", "flag"]', '["flag"]'), ("[0.3, 0.6]", "[0.6]"), ('"roll-gravity", ', ""))
+    assert desk.run().status == 0
+    return desk
+
+
+def test_a_store_that_exists_is_not_touched(done: Any, wire: Any) -> None:
+    before = done.store.read_bytes()
+    done.run().refused(2, "x.rig.sqlite", "exists already", "resume")
+    assert wire.sent == []
+    assert done.store.read_bytes() == before
+
+
+def test_a_finished_campaign_is_not_resumed_paused_or_aborted(done: Any, wire: Any) -> None:
+    done.rigctl("resume", done.store).refused(2, "is done", "nothing to resume")
+    for command in ("pause", "abort"):
+        done.rigctl(command, done.store).refused(1, "no campaign is running", "rigctl status")
+    assert wire.sent == []
+    assert done.rigctl("status", done.store, "--json").json["state"] == "done"
+
+
+@pytest.mark.parametrize("command", ["resume", "pause", "abort", "status", "result", "mark", "export", "report"])
+def test_a_store_that_is_missing_or_none_is_refused_by_every_command(desk: Any, command: str) -> None:
+    more = {"mark": ["1", "--invalid", "x"], "export": ["out"], "report": ["--figures", "out"]}.get(command, [])
+    desk.rigctl(command, "none.rig.sqlite", *more).refused(2, "none.rig.sqlite", "no such store")
+    desk.rigctl(command, "rig.toml", *more).refused(2, "rig.toml", "not a campaign store")
+    assert desk.left == set()
+
+
+def test_runs_are_marked_by_their_name(done: Any) -> None:
+    done.rigctl("mark", done.store, "77", "--invalid", "a truck").refused(2, "no run 77", "nearest")
+    assert done.rigctl("mark", done.store, "1", "--invalid", "a truck went by").status == 0
+    assert done.rigctl("status", done.store, "--json").json["runs_invalid"] == 1
+    with Store.open(done.store, readonly=True) as store:
+        assert next((run.valid, run.reason) for run in store.runs()) == (False, "a truck went by")
+    marked = done.rigctl("mark", done.store, "1", "--valid", "looked again", "--json").json
+    assert marked == {"run_id": "1", "valid": True, "reason": "looked again"}
+    assert done.rigctl("status", done.store, "--json").json["runs_invalid"] == 0
+
+
+def test_a_broken_bundle_is_refused_and_leaves_no_store(done: Any, tmp_path: Path) -> None:
+    assert done.rigctl("export", done.store, "bundle", "--json").json == {"written": "bundle", "lost": []}
+    (tmp_path / "bundle" / "recording.toml").write_text("format = 1\nexperiment = \n")
+    done.rigctl("import", "bundle", "--store", "y.rig.sqlite").refused(2, "recording.toml", "2")
+    done.rigctl("import", "nothing", "--store", "y.rig.sqlite").refused(2, "nothing")
+    assert not (tmp_path / "y.rig.sqlite").exists()
+
+
+def test_a_bundle_comes_back_as_a_finished_store_that_has_nothing_to_resume(done: Any) -> None:
+    assert done.rigctl("export", done.store, "bundle").status == 0
+    assert done.rigctl("import", "bundle", "--store", "y.rig.sqlite", "--json").json["runs"] == 2
+    assert done.rigctl("status", "y.rig.sqlite", "--json").json["state"] == "done"
+    done.rigctl("resume", "y.rig.sqlite").refused(2, "no campaign to go on with")
+
+
+def test_export_formats(done: Any, tmp_path: Path) -> None:
+    assert done.rigctl("export", done.store, "out", "--format", "hdf5", "--json").json["written"].endswith(".h5")
+    assert [path.suffix for path in (tmp_path / "out").iterdir()] == [".h5"]
+    done.rigctl("export", done.store, "out", "--format", "csv").refused(2, "--format csv is unknown")
+
+
+# Locks
+
+
+def test_one_campaign_per_store(desk: Any, wire: Any) -> None:
+    with locks.held(locks.store_lock(desk.store), "taken"):
+        desk.run().refused(1, "x.rig.sqlite is in use by another campaign")
+    assert wire.motions == []
+    assert not desk.store.exists()
+
+
+def test_one_campaign_per_instrument_even_under_another_rig_file(desk: Any, wire: Any, dead_port: int) -> None:
+    address = f"tcp://127.0.0.1:{dead_port}"
+    desk.rig(('"virtual"', '"real"'), (FIRST_ADDRESS, f'address = "{address}"'))
+    other = desk.directory / "other.toml"
+    other.write_text(
+        f'[rig]\nname = "other"\n[instruments.it]\ndriver = "newport-xps"\naddress = "{address}"\nrole = "spare"\n'
+    )
+    with locks.instruments_held(config.read_rig(other), "taken"):
+        desk.run().refused(1, "rig.toml", "another campaign holds these instruments", address)
+        desk.rigctl("move", "rig.toml", "rotation", 1).refused(1, "another campaign holds", address)
+    assert wire.sent == []
+    desk.run().refused(1, address, "no connection")
+
+
+# The rig by hand
+
+
+def test_check_identifies_and_moves_nothing(desk: Any, wire: Any) -> None:
+    found = desk.rigctl("check", "rig.toml", "--json").json["instruments"]
+    assert set(found) == {"rotation", "stage", "lasers_a", "lasers_b", "accelerometer", "thermometer"}
+    assert found["accelerometer"]["model"] == "34465A"
+    assert wire.motions == []
+
+
+def test_stages_are_homed_moved_and_stopped_by_name(desk: Any, wire: Any) -> None:
+    assert desk.rigctl("home", "rig.toml", "--json").json == {"homed": ["rotation", "stage"]}
+    assert desk.rigctl("home", "rig.toml", "stage", "--json").json == {"homed": ["stage"]}
+    moved = desk.rigctl("move", "rig.toml", "rotation", "-5.5", "--json").json
+    assert moved == {"name": "rotation", "value": pytest.approx(-5.5, abs=1e-4), "unit": "deg"}
+    assert desk.rigctl("move", "rig.toml", "stage", "3", "--json").json["unit"] == "mm"
+    wire.sent.clear()
+    assert set(desk.rigctl("stop", "rig.toml", "--json").json["stopped"]) >= {"rotation", "stage"}
+    assert any(b"GroupMoveAbort" in data or b"GroupKill" in data for data in wire.sent)
+    assert any(data.startswith(b"ABORT") for data in wire.sent)
+
+
+def test_moves_beyond_the_limits_or_of_nothing_are_refused(desk: Any, wire: Any) -> None:
+    desk.rigctl("move", "rig.toml", "rotation", "171").refused(2, "rotation", "171 deg", "-170 to 170")
+    desk.rigctl("move", "rig.toml", "stage", "-26").refused(2, "stage", "-26 mm")
+    desk.rigctl("move", "rig.toml", "lasers_a", "1").refused(2, "no stage 'lasers_a'", "rotation, stage")
+    desk.rigctl("home", "rig.toml", "rotor").refused(2, "no stage 'rotor'")
+    assert not any(b"MoveAbsolute" in data or b"MOVEABS" in data for data in wire.sent)
+
+
+def test_a_dry_run_tells_the_plan_and_touches_nothing(desk: Any, wire: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("a dry run connects to nothing")
+
+    monkeypatch.setattr(socket.socket, "connect", never)
+    plan = desk.rigctl("run", "campaign.toml", "--dry-run", "--json", "--store", desk.store).json
+    assert plan["mountings"] == ["X pendulum 1", "X flag 2"]
+    assert plan["runs_planned"] == 6
+    assert plan["effects"] == ["roll-gravity", "resonance"]
+    assert "X pendulum 1" in desk.rigctl("run", "campaign.toml", "--dry-run").out
+    assert wire.sent == []
+    assert desk.left == set()
+
+
+# What nobody expects
+
+
+def test_a_bug_of_ours_is_one_line_unless_asked_for_in_full(desk: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def bug(_: Path) -> None:
+        raise ZeroDivisionError("seven by zero")
+
+    monkeypatch.setattr(config, "read_rig", bug)
+    found = desk.rigctl("check", "rig.toml")
+    assert found.status == 1
+    assert found.err.splitlines() == [
+        "internal error: ZeroDivisionError: seven by zero; please report it with what RIGCTL_TRACEBACK=1 shows"
+    ]
+    monkeypatch.setenv(cli.TRACEBACK, "1")
+    with pytest.raises(ZeroDivisionError):
+        desk.rigctl("check", "rig.toml")
+
+
+def test_files_that_cannot_be_written_are_named(desk: Any) -> None:
+    desk.rigctl("simulate", "rig.toml", "--write-rig", "no/dir/client.toml").refused(1, "no/dir", "check the path")
+
+
+def test_json_is_one_document_on_stdout(done: Any) -> None:
+    for command in ("status", "result"):
+        found = done.rigctl(command, done.store, "--json")
+        assert found.err == ""
+        assert json.loads(found.out)
+        assert len(found.out.splitlines()) == 1

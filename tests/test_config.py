@@ -1,0 +1,276 @@
+"""Rig and campaign files: what is accepted, and every complaint in one line."""
+
+from __future__ import annotations
+
+import copy
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rigctl import config, runner
+from rigctl.campaign.toml_document import to_toml
+from rigctl.errors import ConfigError, LimitError
+
+CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
+RIG = tomllib.loads((CAMPAIGNS / "isa-rig.toml").read_text())
+CAMPAIGN = tomllib.loads((CAMPAIGNS / "isa-flight-model.toml").read_text())
+SHIPPED = sorted(path.name for path in CAMPAIGNS.glob("*.toml") if "rig" not in path.name)
+
+
+def complaint(error: pytest.ExceptionInfo[Exception], *facts: str) -> str:
+    text = str(error.value)
+    assert len(text.splitlines()) == 1
+    for fact in facts:
+        assert fact in text
+    return text
+
+
+def rig_error(text: str) -> str:
+    with pytest.raises(ConfigError) as error:
+        config.parse_rig(text, Path("rig.toml"))
+    return complaint(error, "rig.toml: ")
+
+
+def campaign_error(text: str) -> str:
+    with pytest.raises(ConfigError) as error:
+        runner.plan_of(config.parse_campaign(text, Path("campaign.toml")))
+    return complaint(error, "campaign.toml: ")
+
+
+def changed(data: dict[str, Any], *keys: str, **entries: Any) -> str:
+    """TOML text of the data with entries of one table set, or removed where None."""
+    copied = copy.deepcopy(data)
+    table = copied
+    for key in keys:
+        table = table[key]
+    for name, value in entries.items():
+        if value is None:
+            del table[name]
+        else:
+            table[name] = value
+    return to_toml(copied)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_campaign_can_be_run_on_its_rig(name: str) -> None:
+    campaign = config.read_campaign(CAMPAIGNS / name)
+    plan = runner.dry_run(campaign, config.read_rig(campaign.rig_path))
+    assert plan["experiment"] == "sensing-axis"
+    assert plan["runs_planned"] >= len(plan["mountings"]) >= 1
+
+
+def test_every_shipped_rig_can_be_built() -> None:
+    for path in (CAMPAIGNS / "all-instruments.rig.toml", CAMPAIGNS / "one-axis.rig.toml", CAMPAIGNS / "isa-rig.toml"):
+        assert runner.bench_of(runner.Rig(config.read_rig(path))).package.axes
+
+
+@pytest.mark.parametrize(
+    ("keys", "entry", "key"),
+    [
+        ((), {"sensors": 3}, "unknown key sensors"),
+        ((), {"path": "x"}, "unknown key path"),
+        ((), {"text": "x"}, "unknown key text"),
+        (("rig",), {"clok": "real"}, "unknown key rig.clok; known there: name, clock, clock_speed"),
+        (("package",), {"requirement": 100.0}, "unknown key package.requirement"),
+        (("package", "axes", "X"), {"resonance": 3.5}, "unknown key package.axes.X.resonance"),
+        (("package", "axes", "X", "sensor", "flag"), {"gain": 1.0}, "unknown key package.axes.X.sensor.flag.gain"),
+        (("lasers", "laser_1_mm"), {"tilt_rad": 0.1}, "unknown key lasers.laser_1_mm.tilt_rad"),
+        (("constants", "g_m_s2"), {"sigma": 0.1}, "unknown key constants.g_m_s2.sigma"),
+        (("certificates", "rotation"), {"expiry": 1}, "unknown key certificates.rotation.expiry"),
+    ],
+)
+def test_an_unknown_key_of_a_rig_file_is_named(keys: tuple[str, ...], entry: dict[str, Any], key: str) -> None:
+    assert key in rig_error(changed(RIG, *keys, **entry))
+
+
+@pytest.mark.parametrize(
+    ("keys", "entry", "facts"),
+    [
+        (("rig",), {"clock": "fast"}, "rig.clock: input should be 'virtual' or 'real', not 'fast'"),
+        (("rig",), {"clock_speed": 0.0}, "rig.clock_speed: input should be greater than 0, not 0.0"),
+        (("rig",), {"clock_speed": "200"}, "rig.clock_speed: input should be a valid number, not '200'"),
+        (("rig",), {"name": None}, "rig.name is missing; add it"),
+        (("instruments", "stage"), {"address": None}, "instruments.stage.address is missing; add it"),
+        (("instruments", "stage"), {"role": 3}, "instruments.stage.role: input should be a valid string, not 3"),
+        (("package",), {"lever_mm": "72 mm"}, "package.lever_mm: input should be a valid number, not '72 mm'"),
+        (("package",), {"requirement_arcsec": True}, "package.requirement_arcsec: input should be a valid number"),
+        (("package",), {"uoaf_from_coc": [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 2.0]]}, "is no rotation matrix"),
+        (("package", "configurations", "flag"), {"k": "+z"}, "is no right-handed triad"),
+        (("package", "configurations", "flag"), {"k": "up"}, "package.configurations.flag.k"),
+        (("package", "axes", "Y", "sensor"), {"flag": None}, "axes.Y.sensor lacks configuration flag"),
+        (("certificates", "cube"), {"uncertainty": {"x": -1.0}}, "certificates.cube.uncertainty.x"),
+        ((), {"world": 3}, "world: write it as tables of its own"),
+    ],
+)
+def test_a_wrong_value_of_a_rig_file_is_named_with_what_is_allowed(
+    keys: tuple[str, ...], entry: dict[str, Any], facts: str
+) -> None:
+    assert facts in rig_error(changed(RIG, *keys, **entry))
+
+
+@pytest.mark.parametrize(
+    ("keys", "entry", "facts"),
+    [
+        ((), {"operators": 2}, "unknown key operators"),
+        ((), {"text": "x"}, "unknown key text"),
+        ((), {"experiment": "sensing"}, "experiment: input should be 'sensing-axis', 'rotating-platform' or"),
+        ((), {"procedure": None}, "procedure is missing; add it"),
+        ((), {"on_terminal_lost": "abort"}, "on_terminal_lost: input should be 'continue' or 'stop', not 'abort'"),
+        (("procedure",), {"amplitude_m": 0.005}, "unknown key procedure.amplitude_m; known there: name, axes"),
+        (("procedure",), {"amplitude_mm": "5"}, "procedure.amplitude_mm: input should be a valid number, not '5'"),
+        (("procedure",), {"amplitude_mm": -5.0}, "procedure.amplitude_mm: input should be greater than 0"),
+        (("procedure",), {"mountings": 2.5}, "procedure.mountings: input should be a valid integer"),
+        (("procedure",), {"mountings": True}, "procedure.mountings: input should be a valid integer"),
+        (("procedure",), {"mountings": 0}, "procedure.mountings: input should be greater than or equal to 1"),
+        (("procedure",), {"axes": "X"}, "procedure.axes: input should be a valid tuple"),
+        (("procedure",), {"axes": []}, "procedure.axes"),
+        (("procedure",), {"axes": ["X", "X"]}, "procedure.axes: has the same entry twice"),
+        (("procedure",), {"frequencies_hz": [0.5, math.inf]}, "procedure.frequencies_hz.1: inf is no quantity"),
+        (("procedure",), {"dwell_s": math.nan}, "procedure.dwell_s: nan is no quantity"),
+        (("procedure",), {"name": "seven-mountings"}, "procedure.name: input should be 'six-mountings'"),
+        (("targets",), {"theta0_sigma_deg": 0.1}, "unknown key targets.theta0_sigma_deg"),
+        (("model",), {"effects": ["roll"]}, "model.effects: "),
+        (("model",), {"effect": ["roll-gravity"]}, "unknown key model.effect; known there: effects"),
+        (("reference", "axes"), {"X": [1.0, 0.0]}, "reference.axes.X"),
+    ],
+)
+def test_a_wrong_entry_of_a_campaign_file_is_named(keys: tuple[str, ...], entry: dict[str, Any], facts: str) -> None:
+    assert facts in campaign_error(changed(CAMPAIGN, *keys, **entry))
+
+
+def test_an_unknown_effect_is_told_what_there_is() -> None:
+    assert "roll-gravity" in campaign_error(changed(CAMPAIGN, "model", effects=["rol-gravity"]))
+
+
+def test_several_faults_are_counted() -> None:
+    assert campaign_error(changed(CAMPAIGN, "procedure", amplitude_m=1.0, speed=2)).endswith("(and 1 more)")
+
+
+def test_files_that_cannot_be_read_say_why(tmp_path: Path) -> None:
+    for read in (config.read_rig, config.read_campaign):
+        with pytest.raises(ConfigError) as error:
+            read(tmp_path / "none.toml")
+        complaint(error, "none.toml: no such file")
+        with pytest.raises(ConfigError) as error:
+            read(tmp_path)
+        complaint(error, "cannot be read: Is a directory")
+        latin = tmp_path / "latin.toml"
+        latin.write_bytes(b'title = "\xb5m"')
+        with pytest.raises(ConfigError) as error:
+            read(latin)
+        complaint(error, "latin.toml: not UTF-8 text (byte 9)")
+
+
+@pytest.mark.parametrize("text", ["[rig", "a = ", "a = 1\na = 2", "x = [1,,2]", "[" * 5000])
+def test_what_is_not_toml_is_refused_with_its_place(text: str) -> None:
+    assert "not TOML" in rig_error(text)
+    assert "not TOML" in campaign_error(text)
+
+
+# The simulated world is separable from the text
+
+
+SECRET = "3.14159e-7"
+
+
+@pytest.mark.parametrize("place", ["first", "middle", "last"])
+def test_the_world_leaves_the_text_and_comes_back_the_same(place: str) -> None:
+    world = f"# hidden: K2 is {SECRET}\n[world]\nseed = 1\n# more of it: {SECRET}\n"
+    world += f"[world.effects.quadratic]\nK2 = {SECRET}\n"
+    head, tail = '[rig]\nname = "x"\n', '[instruments.a]\ndriver = "d"\naddress = "sim:"\nrole = "spare"\n'
+    text = {"first": world + head + tail, "middle": head + world + tail, "last": head + tail + world}[place]
+    file = config.parse_rig(text, Path("rig.toml"))
+    kept = file.text_without_world
+    assert SECRET not in kept
+    assert "hidden" not in kept
+    assert "world" not in tomllib.loads(kept)
+    again = config.parse_rig(f"{kept}\n\n{config.only_tables(text, 'world')}", Path("rig.toml"))
+    assert again.world == file.world
+    assert again.world_sha256 == file.world_sha256
+    assert again.instruments == file.instruments
+
+
+def test_another_world_has_another_hash_and_none_has_none() -> None:
+    base = '[instruments]\n[rig]\nname = "x"\n'
+    hashes = {config.parse_rig(base + f"[world]\nseed = {n}\n", Path("r")).world_sha256 for n in (1, 2)}
+    assert len(hashes) == 2
+    assert config.parse_rig(base, Path("r")).world_sha256 is None
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        f"world = {{ seed = 1, effects = {{ quadratic = {{ K2 = {SECRET} }} }} }}\n[rig]\nname = 'x'\n",
+        f"world.seed = {SECRET}\n[rig]\nname = 'x'\n",
+        f"[rig]\nname = 'x'\n['world']\nseed = {SECRET}\n",
+    ],
+)
+def test_a_world_that_would_slip_into_the_store_is_refused(written: str) -> None:
+    assert "write it as tables of its own" in rig_error(f"{written}[instruments]\n")
+
+
+# Mutations: whatever is written, it is accepted or refused in one line
+
+PRINTABLE = st.characters(exclude_categories=["C", "Zl", "Zp"])
+SCALARS = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-3, 1000),
+    st.integers(),
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.text(PRINTABLE, max_size=5),
+    st.sampled_from(
+        ["sim:", "tcp://127.0.0.1:1", "serial:", "keysight-34465a", "spare", "rotation", "X", "pendulum"]
+    ),
+    st.lists(st.one_of(st.floats(), st.text(PRINTABLE, max_size=3), st.lists(st.integers(), max_size=3)), max_size=4),
+    st.dictionaries(st.text("abc_", min_size=1, max_size=3), st.integers(), max_size=2),
+)
+
+
+def paths(data: Any, prefix: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    found = []
+    for key, value in data.items():
+        found.append((*prefix, key))
+        if isinstance(value, dict):
+            found += paths(value, (*prefix, key))
+    return found
+
+
+def mutated(data: dict[str, Any], draw: st.DataObject) -> str:
+    copied = copy.deepcopy(data)
+    for _ in range(draw.draw(st.integers(1, 3))):
+        *keys, last = draw.draw(st.sampled_from(paths(copied)))
+        table = copied
+        for key in keys:
+            table = table[key]
+        value = table.pop(last)
+        match draw.draw(st.sampled_from(["remove", "rename", "replace"])):
+            case "rename":
+                table[draw.draw(st.text("abcxyz_", min_size=1, max_size=8))] = value
+            case "replace":
+                replacement = draw.draw(SCALARS)
+                if replacement is not None:
+                    table[last] = replacement
+    return to_toml(copied)
+
+
+@settings(deadline=None, max_examples=120, suppress_health_check=[HealthCheck.too_slow])
+@given(st.data())
+def test_a_mutated_file_is_accepted_or_refused_in_one_line(draw: st.DataObject) -> None:
+    of_rig = draw.draw(st.booleans())
+    rig_text = mutated(RIG, draw) if of_rig else to_toml(RIG)
+    campaign_text = to_toml(CAMPAIGN) if of_rig else mutated(CAMPAIGN, draw)
+    try:
+        rig = config.parse_rig(rig_text, Path("rig.toml"))
+        plan = runner.dry_run(config.parse_campaign(campaign_text, Path("campaign.toml")), rig)
+    except (ConfigError, LimitError) as error:
+        said = str(error)
+    else:
+        said = f"rig.toml: {plan['runs_planned']} runs"
+    assert len(said.splitlines()) == 1
+    assert said.startswith(("rig.toml: ", "campaign.toml: "))
