@@ -94,8 +94,8 @@ class Rig:
         self.simulation, self.clock = _simulate(file, seed, start_s)
         self.instruments = {name: self._make(name, table, drivers[name]) for name, table in file.instruments.items()}
         self.operator_link: OperatorLink | None = self.simulation
-        if file.operator.address:
-            self.operator_link = TcpOperatorLink(file.operator.address, self.clock)
+        if file.operator.address and self.simulation is None:
+            self.operator_link = _operator_link(file, self.clock)
 
     @classmethod
     def from_file(cls, path: Path | str, *, seed: int | None = None) -> Rig:
@@ -243,6 +243,13 @@ def _simulate(file: config.RigFile, seed: int | None, start_s: float) -> tuple[S
     virtual = file.rig.clock == "virtual"
     clock = VirtualClock(start_s) if virtual else ScaledClock(file.rig.clock_speed, start_s)
     return build_simulation(file, clock, seed=seed), clock
+
+
+def _operator_link(file: config.RigFile, clock: Clock) -> OperatorLink:
+    try:
+        return TcpOperatorLink(file.operator.address, clock)
+    except ConfigError as error:
+        raise ConfigError(f"{file.path}: {error}") from None
 
 
 def _joined(failures: list[RigError]) -> RigError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import sys
@@ -127,7 +128,8 @@ class TerminalOperator:
 
     def level(self, reading_v: float) -> None:
         """Ask for levelling and wait for the confirmation."""
-        self._confirm(f"Level the package: static output {reading_v:+.3f} V")
+        seen = f": static output {reading_v:+.3f} V" if math.isfinite(reading_v) else ""
+        self._confirm(f"Level the package{seen}")
         self._hands.level(reading_v)
 
     def still_mounted(self, axis: str, configuration: str, mounting: int) -> bool:

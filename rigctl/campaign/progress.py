@@ -44,9 +44,10 @@ class Progress:
         self._planned = runs
         self._publish()
 
-    def replayed(self) -> None:
+    def replayed(self, *, valid: bool) -> None:
         """A run that was recorded before a restart."""
         self._done += 1
+        self._invalid += not valid
 
     def ran(self, *, valid: bool) -> None:
         """A run was measured."""
@@ -56,7 +57,7 @@ class Progress:
         self._publish()
 
     def state(self, state: str) -> None:
-        """running, paused, done, aborted or failed; written at once."""
+        """running, paused, done, aborted or interrupted; written at once."""
         self._state = state
         self._published = 0.0
         self._publish()

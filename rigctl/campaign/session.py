@@ -62,7 +62,7 @@ class Session:
         recorded = self.store.run_by_key(key)
         if recorded is not None:
             self._must_match(key, recorded, conditions)
-            self._progress.replayed()
+            self._progress.replayed(valid=recorded.valid)
             return recorded
         self.checkpoint()
         self.operator.announce_run(number)
