@@ -15,8 +15,9 @@ from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
+from machine import machine
 from scipy import stats
-from twin import CAMPAIGNS, machine, twin
+from twin import CAMPAIGNS, twin
 
 from procedures import sensing_axes
 from rigctl import config, runner

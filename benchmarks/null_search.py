@@ -11,7 +11,8 @@ import argparse
 import math
 
 import numpy as np
-from twin import Twin, machine, twin
+from machine import machine
+from twin import Twin, twin
 
 from procedures.angle_scan import AngleScan, line_fit_rad, minimum_of_modulus_rad
 from procedures.bench import SetPoint

@@ -6,7 +6,6 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import platform
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -47,13 +46,3 @@ def twin(seed: int) -> Iterator[Twin]:
             session = Session(store, rig.clock, SimulatedOperator(rig.operator_link), control, Progress(store))
             bench.prepare()
             yield Twin(rig, bench, session, store)
-
-
-def machine() -> str:
-    """The machine in a line, for the record."""
-    model = platform.processor() or platform.machine()
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        names = [line.split(":")[1].strip() for line in cpuinfo.read_text().splitlines() if "model name" in line]
-        model = names[0] if names else model
-    return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}, {platform.system()}"

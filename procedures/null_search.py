@@ -24,6 +24,9 @@ from rigctl.fitting.plane import ARCSEC
 
 ROLL = "roll-gravity"
 MAX_RUNS = 24
+MAX_ATTEMPTS = 3
+"""A run that saturates, or that an operator has declared invalid, is taken again."""
+
 MARGIN = 1.04
 """Time is planned this much longer than the noise asks for: a second visit costs more."""
 
@@ -121,11 +124,18 @@ class NullSearch:
             duration_s,
             settings.sample_rate_hz,
         )
-        key = f"{self.mounting.key} run {len(self.runs) + 1}"
-        record = self.bench.run(self.session, key, point, before=lambda: self.fixture.confirm(self.mounting))
-        if not record.valid:
-            raise ProcedureError(f"{key}: {record.reason}; level the package or reduce the amplitude")
-        self.runs.append(reduce_run(record.run_id, record.conditions, self.session.store.samples(record.run_id)))
+        # The set-point is part of the name: when a run is declared invalid, what follows from it changes too.
+        key = f"{self.mounting.key} run {len(self.runs) + 1} at {theta_deg:.4f} deg {frequency_hz:g} Hz"
+        reason = ""
+        for attempt in range(MAX_ATTEMPTS):
+            name = f"{key}, again {attempt}" if attempt else key
+            record = self.bench.run(self.session, name, point, before=lambda: self.fixture.confirm(self.mounting))
+            if record.valid:
+                samples = self.session.store.samples(record.run_id)
+                self.runs.append(reduce_run(record.run_id, record.conditions, samples))
+                return
+            reason = record.reason
+        raise ProcedureError(f"{key}: {MAX_ATTEMPTS} times {reason}; level the package or reduce the amplitude")
 
     def _null(self) -> NullPoint:
         mounting = self.mounting

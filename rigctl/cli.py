@@ -187,7 +187,8 @@ def _show_outcome(store: Path, *, as_json: bool) -> None:
         _print_json({"store": str(store), "status": status_of(store), "result": found})
         return
     results.show(store, {**found, "budget": {}})
-    _say(f"store: {store}; `rigctl result {store}` shows the uncertainty budget, `rigctl report` the figures")
+    more = f"; `rigctl result {store}` shows the uncertainty budget, `rigctl report` the figures"
+    _say(f"store: {store}{more if found['axes'] else ''}")
 
 
 def _show_result(store: Path, *, as_json: bool) -> None:

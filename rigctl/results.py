@@ -76,6 +76,4 @@ def figures(path: Path, directory: Path) -> list[Path]:
     from rigctl.report.figures import write_figures
 
     with Store.open(path, readonly=True) as store:
-        certificates = rig_file_of(store).certificates
-        uncertainties = {name: certificate.uncertainty for name, certificate in certificates.items()}
-        return write_figures(analyse(store), directory, uncertainties)
+        return write_figures(analyse(store), directory, uncertainties_of(store))

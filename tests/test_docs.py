@@ -286,8 +286,8 @@ def test_keys_of_the_result_are_as_documented(notebook: dict[str, Any]) -> None:
     assert notebook
     result = _run("result", "notebook.rig.sqlite")
     assert _keys_said("result") - {"quick_check"} == set(result)
-    assert _keys_said("result axes") == set(result["axes"]["A"])
-    assert _keys_said("result budget") == set(result["budget"]["A"])
+    assert _keys_said("result axes") == set(result["axes"]["Y"])
+    assert _keys_said("result budget") == set(result["budget"]["Y"])
 
 
 def _json_keys_said(command: str) -> set[str]:

@@ -104,8 +104,8 @@ def print_result(result: Mapping[str, Any], reference: Mapping[str, Any]) -> Non
 
 def _print_axes(console: Console, found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
     axes = Table(title="Sensing axes in the cube's frame", title_justify="left", padding=(0, 1))
-    for column in ("axis", "x", "y", "z", "std_hc 2s", "theta_m", "n", "verdict"):
-        axes.add_column(column, justify="left" if column in {"axis", "verdict"} else "right", no_wrap=True)
+    for column in ("axis", "x", "y", "z", "std_hc 2s", "theta_m", "n", "ok?"):
+        axes.add_column(column, justify="left" if column in {"axis", "ok?"} else "right", no_wrap=True)
     printed = reference.get("axes", {})
     for name, axis in found.items():
         axes.add_row(
@@ -134,7 +134,7 @@ def _print_quick_check(console: Console, check: Mapping[str, Any]) -> None:
     scale = check["laser_scale"]
     rows = {
         "verdict": "pass" if check["passed"] else "FAIL",
-        "null": f"{check['theta0_deg']:+.4f} deg",
+        "null, roll not allowed for": f"{check['theta0_deg']:+.4f} deg",
         "gain": f"{check['gain_v_per_m_s2']:.3f} V/(m/s2)",
         "reversal (S+ + S-)/(S+ - S-)": f"{check['reversal']:+.2e} +- {check['reversal_sigma']:.1e}",
         "main laser over encoder": "no main head" if scale is None else f"{scale:.5f}",

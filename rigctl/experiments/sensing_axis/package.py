@@ -137,6 +137,10 @@ class Package(Table):
         if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-4) or np.linalg.det(matrix) < 0:
             raise ValueError("uoaf_from_coc is no rotation matrix")
         for name, axis in self.axes.items():
+            if name != axis.cube_axis:
+                raise ValueError(
+                    f"axes.{name}: recordings name an axis after the cube axis it measures, {axis.cube_axis}"
+                )
             missing = sorted(set(self.configurations) - set(axis.sensor))
             if missing:
                 raise ValueError(f"axes.{name}.sensor lacks configuration {', '.join(missing)}")
