@@ -152,6 +152,18 @@ class Desk:
             time.sleep(0.005)
 
 
+@pytest.fixture(scope="session")
+def campaigns() -> Path:
+    """Where the shipped files are."""
+    return CAMPAIGNS
+
+
+@pytest.fixture(scope="session")
+def small() -> str:
+    """The small campaign's text."""
+    return SMALL
+
+
 @pytest.fixture
 def desk(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
     """A directory with the small campaign on the shipped rig; commands run in it."""
