@@ -12,6 +12,7 @@ from simulators.worlds.bench_settings import BenchSettings, isa_twin
 from simulators.worlds.stages import Stages
 
 STEP_DEG = 0.0001
+IMPERFECT = {"resolution_deg": STEP_DEG, "error_steps": 0.5}
 
 
 def settings(**changes: object) -> BenchSettings:
@@ -25,7 +26,7 @@ def error_rad(stages: Stages, rotation: MotionAxis, angle_deg: float) -> float:
 
 def test_the_encoder_is_off_by_up_to_half_a_step_and_always_the_same_at_the_same_place() -> None:
     rotation = MotionAxis()
-    stages = Stages(settings(), rotation, MotionAxis())
+    stages = Stages(settings(angle=IMPERFECT), rotation, MotionAxis())
     angles = STEP_DEG * np.arange(-300, 300)
     errors = np.array([error_rad(stages, rotation, a) for a in angles]) / math.radians(STEP_DEG)
     assert np.max(np.abs(errors)) <= 0.5
@@ -35,9 +36,14 @@ def test_the_encoder_is_off_by_up_to_half_a_step_and_always_the_same_at_the_same
     assert error_rad(stages, rotation, angles[10]) / math.radians(STEP_DEG) == errors[10]
 
 
+def test_the_twin_s_encoder_reads_where_the_stage_is() -> None:
+    rotation = MotionAxis()
+    assert error_rad(Stages(settings(), rotation, MotionAxis()), rotation, 0.123) == 0.0
+
+
 def test_another_seed_has_another_encoder() -> None:
     rotation = MotionAxis()
-    one, other = (Stages(settings(seed=s), rotation, MotionAxis()) for s in (1, 2))
+    one, other = (Stages(settings(seed=s, angle=IMPERFECT), rotation, MotionAxis()) for s in (1, 2))
     assert error_rad(one, rotation, 0.5) != error_rad(other, rotation, 0.5)
 
 
