@@ -1,0 +1,261 @@
+"""A rig: opened as one, brought to rest as one, whatever its instruments do."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.transport import InProcessTransport
+from rigctl import config, runner
+from rigctl.errors import ConfigError, LinkError, LinkLost, LinkTimeout, RigError, WrongInstrument
+from rigctl.interfaces import Instrument, LinearStage, RotationStage, Thermometer, Voltmeter
+from rigctl.rig import DRIVERS, Rig, build_simulation
+from simulators.clock import ScaledClock, VirtualClock
+
+
+@pytest.fixture
+def file(campaigns: Path) -> config.RigFile:
+    return config.read_rig(campaigns / "isa-rig.toml")
+
+
+def names(instruments: list[Any]) -> list[str]:
+    return [instrument.name for instrument in instruments]
+
+
+def test_instruments_are_made_closed_and_found_by_role(file: config.RigFile, wire: Any) -> None:
+    rig = Rig(file)
+    assert wire.sent == []
+    assert all(isinstance(instrument, Instrument) for instrument in rig.instruments.values())
+    assert isinstance(rig.only("rotation"), RotationStage)
+    assert isinstance(rig.only("linear"), LinearStage)
+    assert isinstance(rig.only("readout"), Voltmeter)
+    assert isinstance(rig.only("thermometer"), Thermometer)
+    assert names(rig.by_role("displacement")) == ["lasers_a", "lasers_b"]
+    with pytest.raises(ConfigError, match=r"2 instruments with role 'displacement', needs one"):
+        rig.only("displacement")
+
+
+def test_an_opened_rig_knows_who_answered_and_has_not_moved(file: config.RigFile, wire: Any) -> None:
+    with Rig(file) as rig:
+        identities = rig.identities()
+        assert wire.motions == []
+    assert identities["rotation"].model.startswith("XPS")
+    assert identities["lasers_a"].model == "LK-G3001"
+    assert {identities[name].model for name in ("accelerometer", "thermometer")} == {"34465A"}
+
+
+def test_every_driver_opens_on_its_simulator(campaigns: Path) -> None:
+    file = config.read_rig(campaigns / "all-instruments.rig.toml")
+    assert {table.driver for table in file.instruments.values()} == set(DRIVERS)
+    with Rig(file) as rig:
+        assert set(rig.identities()) == set(file.instruments)
+
+
+def test_leaving_a_rig_stops_every_stage_whatever_happened(file: config.RigFile, wire: Any) -> None:
+    rig = Rig(file)
+
+    def work() -> None:
+        with rig:
+            rig.only("linear").home()
+            rig.only("linear").oscillate(0.0, 5.0, 0.5, 60.0)
+            wire.sent.clear()
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        work()
+    assert any(data.startswith(b"ABORT") for data in wire.sent)
+    assert any(b"GroupMoveAbort" in data or b"GroupKill" in data for data in wire.sent)
+    with pytest.raises(RigError):
+        rig.only("linear").position()
+
+
+def failing(error: Exception) -> Any:
+    def stop() -> None:
+        raise error
+
+    return stop
+
+
+@pytest.mark.parametrize("error", [LinkLost("rotation: no connection"), ZeroDivisionError("rotation: a bug of ours")])
+def test_an_instrument_that_will_not_stop_does_not_keep_the_others_from_it(
+    file: config.RigFile, error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped: list[str] = []
+    rig = Rig(file)
+    for name, instrument in rig.instruments.items():
+        monkeypatch.setattr(instrument, "stop", lambda name=name: stopped.append(name))
+    monkeypatch.setattr(rig.instruments["rotation"], "stop", failing(error))
+    with pytest.raises(RigError, match=r"^NOT known to be at rest: rotation: "), rig:
+        pass
+    assert stopped == ["stage", "lasers_a", "lasers_b", "accelerometer", "thermometer"]
+
+
+def test_what_could_not_be_stopped_is_told_beside_the_error_that_ended_it(
+    file: config.RigFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig(file)
+    monkeypatch.setattr(rig.instruments["rotation"], "stop", failing(LinkLost("rotation: no connection")))
+    with pytest.raises(LinkTimeout) as ended, rig:
+        raise LinkTimeout("lasers_a: nothing came")
+    assert str(ended.value) == "lasers_a: nothing came"
+    assert ended.value.__notes__ == ["NOT known to be at rest: rotation: no connection"]
+
+
+def test_one_failure_keeps_its_class_and_several_are_joined(
+    file: config.RigFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig(file)
+    closed: list[str] = []
+    for name, instrument in rig.instruments.items():
+        monkeypatch.setattr(instrument, "close", lambda name=name: closed.append(name))
+    monkeypatch.setattr(rig.instruments["stage"], "open", failing(WrongInstrument("stage: answers as another")))
+    with pytest.raises(WrongInstrument, match=r"^stage: answers as another$"):
+        rig.open()
+    assert closed == list(file.instruments), "nothing stays connected to half a rig"
+    monkeypatch.setattr(rig.instruments["lasers_b"], "open", failing(LinkTimeout("lasers_b: nothing came")))
+    with pytest.raises(RigError, match=r"^stage: answers as another; lasers_b: nothing came$"):
+        rig.open()
+
+
+def test_stop_from_another_thread_ends_an_oscillation(file: config.RigFile) -> None:
+    real = file.model_copy(update={"rig": file.rig.model_copy(update={"clock": "real", "clock_speed": 100.0})})
+    with Rig(real) as rig:
+        stage = rig.only("linear")
+        stage.home()
+        stage.oscillate(0.0, 5.0, 0.5, 3600.0)
+        assert rig.simulation is not None
+        thread = threading.Thread(target=rig.stop)
+        thread.start()
+        thread.join()
+        rig.clock.sleep_s(2.0)
+        position_mm = stage.position().value
+        rig.clock.sleep_s(1.3)
+        assert stage.position().value == position_mm
+
+
+def test_a_virtual_rig_runs_on_a_virtual_clock_and_a_real_one_on_the_wall_clock(file: config.RigFile) -> None:
+    assert isinstance(Rig(file, start_s=500.0).clock, VirtualClock)
+    assert Rig(file, start_s=500.0).clock.now_s() == 500.0
+    real = Rig(file.model_copy(update={"rig": file.rig.model_copy(update={"clock": "real", "clock_speed": 50.0})}))
+    assert isinstance(real.clock, ScaledClock)
+    assert real.clock.speed == 50.0
+
+
+def test_a_seed_replaces_the_rig_files(file: config.RigFile) -> None:
+    def truth(seed: int | None) -> Any:
+        simulation = build_simulation(file, VirtualClock(), seed=seed)
+        simulation.request({"remount": {"axis": "X", "configuration": "flag", "mounting": 1}})
+        return simulation.world.truth()
+
+    assert truth(None) == truth(2022)
+    assert truth(1) != truth(2022)
+    assert truth(1) == truth(1)
+
+
+def test_hands_that_are_asked_for_nonsense_say_what_there_is(file: config.RigFile) -> None:
+    simulation = build_simulation(file, VirtualClock())
+    for action in ({"level": True}, {"remount": {"axis": "Q", "configuration": "flag", "mounting": 1}}, {"dance": 1}):
+        assert "error" in simulation.request(action)
+
+
+def test_instruments_in_this_process_are_talked_to_one_at_a_time(file: config.RigFile) -> None:
+    simulation = build_simulation(file, VirtualClock())
+    rig = Rig(file)
+    assert rig.simulation is not None
+    entered = threading.Event()
+
+    def write() -> None:
+        rig.instruments["rotation"].open()
+        entered.set()
+
+    thread = threading.Thread(target=write)
+    with rig.simulation.clock.lock:
+        thread.start()
+        assert not entered.wait(0.05), "somebody else is in the middle of an event"
+    thread.join()
+    assert entered.is_set()
+    rig.close()
+    assert isinstance(simulation.clock, VirtualClock)
+
+
+def test_the_bench_of_a_rig_has_its_parts(file: config.RigFile) -> None:
+    bench = runner.bench_of(Rig(file))
+    assert bench.rotation.name == "rotation"
+    assert bench.linear.name == "stage"
+    assert names(list(bench.lasers)) == ["lasers_a", "lasers_b"]
+    assert set(bench.heads) == {"laser_1_mm", "laser_2_mm", "laser_3_mm"}
+    assert bench.thermometer is not None
+    assert bench.g_m_s2 == 9.803
+
+
+def test_a_rig_without_lasers_or_thermometer_is_a_bench_as_well(desk: Any) -> None:
+    text = desk.rig().read_text()
+    start, end = text.index("[instruments.lasers_a]"), text.index("[instruments.accelerometer]")
+    thermometer = text[text.index("[instruments.thermometer]") : text.index("# Where the heads stand")]
+    desk.rig((text[start:end], ""), (thermometer, ""))
+    found = desk.run()
+    assert found.status == 0
+    nulls = found.json["result"]["nulls"]
+    assert [null["vector_coc"] for null in nulls] == [None, None]
+    assert all(null["theta0_sigma_arcsec"] < 15.0 for null in nulls)
+
+
+# Instruments that fail in the middle of a campaign
+
+
+@pytest.mark.parametrize(
+    ("table", "fault", "words"),
+    [
+        ("lasers_a", "silent = { after = 60 }", "lasers_a"),
+        ("stage", "silent = { after = 1000 }", "NOT known to be at rest: "),
+        ("rotation", "silent = { after = 20 }", "NOT known to be at rest: "),
+        ("accelerometer", "silent = { after = 120 }", "accelerometer"),
+        ("accelerometer", "truncated = { after = 120, keep_bytes = 1 }", "accelerometer"),
+        ("thermometer", "disconnect = { after = 12 }", "thermometer"),
+        ("accelerometer", "disconnect = { after = 120 }", "accelerometer"),
+    ],
+)
+def test_an_instrument_that_fails_in_the_middle_costs_no_run_and_the_campaign_can_be_resumed(
+    desk: Any, wire: Any, monkeypatch: pytest.MonkeyPatch, table: str, fault: str, words: str
+) -> None:
+    spoilt = f"[instruments.{table}.faults]\n{fault}\n[instruments.{table}]\n"
+    desk.rig((f"[instruments.{table}]\n", spoilt))
+    found = desk.run()
+    assert found.status == 1
+    assert found.out == ""
+    assert words in found.err.splitlines()[-1]
+    assert "Traceback" not in found.err
+    assert "internal error" not in found.err
+    status = desk.rigctl("status", desk.store, "--json").json
+    assert status["state"] == "interrupted"
+    assert 1 <= status["runs_done"] < 6
+    last_motion = max(i for i, data in enumerate(wire.sent) if b"OSCILLATE" in data or b"MOVEABS" in data)
+    after = b"".join(wire.sent[last_motion + 1 :])
+    assert b"ABORT" in after
+    assert b"GroupMoveAbort" in after or b"GroupKill" in after or table == "rotation"
+
+    mended = runner.rig_file_of
+
+    def without_faults(*arguments: Any, **options: Any) -> config.RigFile:
+        file = mended(*arguments, **options)
+        tables = {name: each.model_copy(update={"faults": {}}) for name, each in file.instruments.items()}
+        return file.model_copy(update={"instruments": tables})
+
+    monkeypatch.setattr(runner, "rig_file_of", without_faults)
+    again = desk.rigctl("resume", desk.store, "--json")
+    assert again.status == 0, again.err
+    assert again.json["status"]["runs_done"] == 6
+    assert len(again.json["result"]["nulls"]) == 2
+
+
+def test_an_error_on_the_wire_is_one_of_ours(file: config.RigFile, monkeypatch: pytest.MonkeyPatch) -> None:
+    def cut(self: InProcessTransport, _: bytes) -> None:
+        raise LinkLost(f"{self.address}: no connection")
+
+    with Rig(file) as rig, monkeypatch.context() as patch:
+        patch.setattr(InProcessTransport, "write", cut)
+        with pytest.raises(LinkError, match="stage"):
+            rig.only("linear").position()
