@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import signal
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -26,10 +28,13 @@ class Served:
         clock = ScaledClock(file.rig.clock_speed)
         self.simulation = build_simulation(file, clock)
         self._server = Server(clock)
-        self._addresses: dict[str, Address] = {name: self._serve(name) for name in self.simulation.instruments}
-        self._operator = self._server.add_operator(
-            lambda action: Done(self.simulation.operate(action)), _port(file.operator.address)
-        )
+        with ExitStack() as undo:
+            undo.callback(self._server.close)
+            self._addresses: dict[str, Address] = {name: self._serve(name) for name in self.simulation.instruments}
+            self._operator = self._server.add_operator(
+                lambda action: Done(self.simulation.operate(action)), _port(file.operator.address)
+            )
+            undo.pop_all()
 
     def __enter__(self) -> Served:
         return self
@@ -76,8 +81,7 @@ class Served:
         for table, address in {**wanted, "operator": _url(self._operator)}.items():
             text = _with_key(text, table, "address", address)
         text = _with_key(text, "rig", "clock", "real")
-        client = parse_rig(text, self.file.path)
-        if {f"instruments.{name}": table.address for name, table in client.instruments.items()} != wanted:
+        if _addresses_in(text) != wanted:
             raise ConfigError(
                 f"{self.file.path}: write every instrument as a table [instruments.NAME] to have it served"
             )
@@ -95,6 +99,14 @@ class Served:
 
 
 _STOPS = (signal.SIGINT, signal.SIGTERM)
+
+
+def _addresses_in(text: str) -> dict[str, str] | None:
+    try:
+        client = parse_rig(text, Path("client"))
+    except ConfigError:
+        return None
+    return {f"instruments.{name}": table.address for name, table in client.instruments.items()}
 
 
 def _port(address: str) -> int:

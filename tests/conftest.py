@@ -17,6 +17,8 @@ import pytest
 
 from drivers.transport import InProcessTransport
 from rigctl import cli
+from rigctl.campaign.store import Store
+from rigctl.errors import DataError
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 
@@ -100,6 +102,14 @@ class Desk:
     def store(self) -> Path:
         """Where `run` keeps its campaign."""
         return self.directory / "x.rig.sqlite"
+
+    def runs(self) -> int:
+        """Finished runs in the store, which is perhaps about to be made."""
+        try:
+            with Store.open(self.store, readonly=True) as store:
+                return len(store.runs())
+        except DataError:
+            return 0
 
     @property
     def left(self) -> set[str]:

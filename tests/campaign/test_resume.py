@@ -24,7 +24,7 @@ from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store import Store
-from rigctl.errors import Aborted, DataError, ProcedureError
+from rigctl.errors import Aborted, ProcedureError
 from rigctl.rig import Rig
 
 SLOW = (
@@ -33,15 +33,6 @@ SLOW = (
     ("seed = 2022", "seed = 2022\nremount_s = 20.0\nlevel_s = 5.0"),
 )
 """A rig on the wall clock: somebody has time to do something to a campaign on it."""
-
-
-def runs_of(path: Path) -> int:
-    """Finished runs in a store that is about to be made."""
-    try:
-        with Store.open(path, readonly=True) as store:
-            return len(store.runs())
-    except DataError:
-        return 0
 
 
 # kill -9
@@ -120,7 +111,7 @@ def test_killed_at_any_instant_a_campaign_goes_on_to_the_same_result(
 def test_killed_from_outside_a_campaign_says_interrupted_until_it_is_resumed(desk: Any) -> None:
     desk.rig(*SLOW)
     process = desk.process("run", "campaign.toml", "--store", desk.store, "--yes", "--json")
-    desk.until(lambda: runs_of(desk.store) >= 1, process)
+    desk.until(lambda: desk.runs() >= 1, process)
     assert desk.rigctl("status", desk.store, "--json").json["state"] == "running"
     process.kill()
     process.wait()
@@ -150,7 +141,7 @@ def signal_when_running(desk: Any, number: int) -> threading.Thread:
 
     def send() -> None:
         never = threading.Event()
-        while runs_of(desk.store) < 1:
+        while desk.runs() < 1:
             never.wait(0.005)
         os.kill(os.getpid(), number)
 
@@ -189,7 +180,7 @@ def test_a_signal_stops_motion_and_leaves_a_campaign_that_can_be_resumed(
 def test_an_abort_from_another_process(desk: Any) -> None:
     desk.rig(*SLOW)
     process = desk.process("run", "campaign.toml", "--store", desk.store, "--yes", "--json")
-    desk.until(lambda: runs_of(desk.store) >= 1, process)
+    desk.until(lambda: desk.runs() >= 1, process)
     assert desk.rigctl("abort", desk.store, "--json").json == {"requested": "abort"}
     desk.rigctl("abort", desk.store)
     ended = desk.end(process, 20.0)
@@ -203,14 +194,14 @@ def test_an_abort_from_another_process(desk: Any) -> None:
 def test_a_pause_and_a_lost_terminal_from_outside(desk: Any) -> None:
     desk.rig(*SLOW)
     process = desk.process("run", "campaign.toml", "--store", desk.store, "--yes", "--json")
-    desk.until(lambda: runs_of(desk.store) >= 1, process)
+    desk.until(lambda: desk.runs() >= 1, process)
     assert desk.rigctl("pause", desk.store, "--json").json == {"requested": "pause"}
     desk.until(lambda: status_of(desk.store)["state"] == "paused", process)
-    runs = runs_of(desk.store)
+    runs = desk.runs()
     desk.run().refused(2, "exists already")
     process.send_signal(signal.SIGHUP)
     assert desk.rigctl("status", desk.store, "--json").json["state"] == "paused"
-    assert runs_of(desk.store) == runs
+    assert desk.runs() == runs
     assert desk.rigctl("resume", desk.store, "--json").json == {"requested": "resume"}
     ended = desk.end(process)
     assert (ended.status, ended.json["status"]["state"]) == (0, "done")
@@ -367,7 +358,7 @@ def test_a_package_that_cannot_be_levelled_is_given_up_before_it_is_measured(
 ) -> None:
     with pytest.raises(ProcedureError, match=r"X pendulum 1: static output .* after 5 levellings, limit 1 V; check"):
         session_with(idle_levellings=99)
-    assert runs_of(desk.store) == 0
+    assert desk.runs() == 0
 
 
 LOUD = ("seed = 2022", "seed = 2022\nground = { asd_m_s2_rthz = 1e-4 }")
@@ -383,7 +374,7 @@ def test_a_loud_room_is_refused_when_nobody_is_there_to_accept_it(desk: Any) -> 
     assert "wait for a quieter room or raise targets.noise_m_s2_rthz" in found.err
     assert "Traceback" not in found.err
     assert status_of(desk.store)["state"] == "interrupted"
-    assert runs_of(desk.store) == 0
+    assert desk.runs() == 0
 
 
 def test_a_loud_room_may_be_accepted_once(session_with: Callable[..., tuple[Store, Hand]], desk: Any) -> None:
