@@ -182,3 +182,14 @@ def test_a_scale_error_within_its_certificate_does_not_pass_for_a_rotation(
     allowed_for = abs((vector(wrong, certified) - vector(runs, certified)) @ axis)
     assert allowed_for < 0.05 * believed
     assert allowed_for < 1e-7
+
+
+@pytest.mark.parametrize("seed", [0, 1, 125])
+def test_a_single_coarse_run_is_always_fitted(make_run: Any, package: Any, heads: Any, seed: int) -> None:
+    """At one angle delta_x is known to its prior only: a long curved valley, in which a night must not end."""
+    rng = np.random.default_rng(seed)
+    delta = (*(12e-3 * rng.standard_normal(1)), *(5e-3 * rng.standard_normal(2)))
+    run = make_run(rng, theta_deg=0.0, duration_s=6.67, delta=delta, configuration="flag")
+    null = fitted([run], package, heads, ("resonance",)).null("X", "flag", 1)
+    assert np.isfinite(null.theta0_rad)
+    assert null.theta0_sigma_rad < math.radians(0.05)

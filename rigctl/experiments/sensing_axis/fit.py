@@ -14,6 +14,9 @@ from rigctl.experiments.sensing_axis.model import Prediction, RecordingModel
 from rigctl.experiments.sensing_axis.observables import RunObservables
 from rigctl.fitting.least_squares import FitResult, least_squares
 
+MAX_ITERATIONS = 500
+"""At one angle delta_x is known to its prior only: a long curved valley, in which steps stay short."""
+
 
 @dataclass(frozen=True)
 class NullPoint:
@@ -85,7 +88,7 @@ def fit_recording(model: RecordingModel) -> RecordingFit:
         slopes = model.jacobian(values, _observe).reshape(*sigma.shape, -1)
         return (-slopes / sigma[..., None])[free]
 
-    result = least_squares(residuals, model.parameters, jacobian=jacobian)
+    result = least_squares(residuals, model.parameters, jacobian=jacobian, max_iterations=MAX_ITERATIONS)
     if result.verdict != "converged":
         raise ProcedureError(f"the runs do not determine the model: {result.reason}")
     return RecordingFit(model, result)
