@@ -1,0 +1,270 @@
+"""The shipped campaigns, small, from files to results through the command line."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigctl.campaign.store import Store
+
+RESULT_KEYS = {
+    "coc", "uoaf", "std_hc_2sigma_arcsec", "theta_m_arcsec", "vectors", "covariance", "requirement_arcsec", "pass"
+}  # fmt: skip
+STATUS_KEYS = {"state", "step", "runs_done", "runs_planned", "runs_invalid", "eta_s"}
+MARKER = 0.123456789012
+"""A number of nature's that nobody would come by otherwise."""
+
+
+def two_mountings(desk: Any) -> None:
+    desk.campaign(("mountings = 1", "mountings = 2"))
+
+
+def rig_seconds(path: Path) -> dict[str, float]:
+    """Rig time of each event by what happened."""
+    with Store.open(path, readonly=True) as store:
+        return {str(event.data.get("key", event.kind)): event.rig_time_s or 0.0 for event in store.events()}
+
+
+def test_one_axis_ends_with_every_key_of_the_contract(desk: Any) -> None:
+    two_mountings(desk)
+    ran = desk.run()
+    assert ran.status == 0, ran.err
+    assert ran.json["store"] == str(desk.store)
+    assert set(ran.json["status"]) >= STATUS_KEYS
+    assert ran.json["status"] == desk.rigctl("status", desk.store, "--json").json
+    status = ran.json["status"]
+    assert (status["state"], status["runs_invalid"], status["eta_s"]) == ("done", 0, 0.0)
+    assert status["runs_done"] == status["runs_planned"] == 12
+
+    result = desk.rigctl("result", desk.store, "--json").json
+    assert result == ran.json["result"]
+    assert set(result) >= {"axes", "angles"}
+    assert result["angles"] == {}
+    assert set(result["axes"]) == {"X"}
+    axis = result["axes"]["X"]
+    assert set(axis) >= RESULT_KEYS
+    assert axis["vectors"] == 4
+    assert axis["requirement_arcsec"] == 100.0
+    assert axis["pass"] is (axis["std_hc_2sigma_arcsec"] <= 100.0) is True
+    coc, uoaf = np.array(axis["coc"]), np.array(axis["uoaf"])
+    assert np.linalg.norm(coc) == pytest.approx(1.0, abs=1e-12)
+    turn = math.radians(35.0)
+    r_uc = np.array([[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]])
+    assert uoaf == pytest.approx(r_uc @ coc, abs=1e-9)
+
+
+def test_the_covariance_is_singular_along_the_axis_and_covers_the_truth(desk: Any) -> None:
+    two_mountings(desk)
+    axis = desk.run().json["result"]["axes"]["X"]
+    covariance, coc = np.array(axis["covariance"]), np.array(axis["coc"])
+    assert covariance.shape == (3, 3)
+    assert covariance == pytest.approx(covariance.T, rel=1e-9)
+    values = np.linalg.eigvalsh(covariance)
+    assert np.abs(covariance @ coc).max() < 1e-6 * values[2]
+    assert values[1] > 0.1 * values[2] > 0.0
+    assert np.degrees(math.sqrt(values[2])) * 3600.0 < 60.0
+    truth = np.array([0.99992, 1.4503e-3, 1.2822e-2])
+    error = coc - truth / np.linalg.norm(truth)
+    # Two components over their scatter of 4 - 2 degrees of freedom: one in a thousand lies beyond.
+    assert error @ np.linalg.pinv(covariance, rcond=1e-6) @ error < 2 * 999.0
+    assert np.linalg.norm(error) < 5e-4
+
+
+def test_three_axes_have_three_angles(desk: Any) -> None:
+    desk.campaign(('axes = ["X"]', 'axes = ["X", "Y", "Z"]'), ("mountings = 1", "mountings = 2"))
+    result = desk.run().json["result"]
+    assert set(result["axes"]) == {"X", "Y", "Z"}
+    assert set(result["angles"]) == {"XY", "XZ", "YZ"}
+    for angle in result["angles"].values():
+        assert angle["offset_deg"] == pytest.approx(abs(angle["deg"] - 90.0), abs=1e-12)
+    assert result["angles"]["XY"]["offset_deg"] == pytest.approx(0.31, abs=0.02)
+
+
+def test_a_seed_gives_the_same_bits_and_another_seed_another_night(desk: Any) -> None:
+    def samples(name: str, seed: int) -> tuple[Any, list[bytes]]:
+        store = desk.directory / name
+        result = desk.rigctl("run", "campaign.toml", "--store", store, "--yes", "--json", "--seed", seed).json[
+            "result"
+        ]
+        with Store.open(store, readonly=True) as opened:
+            assert opened.header.seed == seed
+            columns = [opened.samples(run.run_id) for run in opened.runs()]
+        return result, [column.tobytes() for run in columns for column in run.values()]
+
+    first, again, other = samples("a", 5), samples("b", 5), samples("c", 6)
+    assert first == again
+    assert first[0] != other[0]
+
+
+def test_nature_stays_out_of_store_and_exports(desk: Any) -> None:
+    desk.rig(
+        ("[world]\nseed = 2022", f"# the marker is {MARKER}\n[world]\nseed = 2022\nbias_sigma_v = {MARKER}"),
+        ("[constants.g_m_s2]", "[world.ground]\nbump_frequency_hz = 0.2123456789\n\n[constants.g_m_s2]"),
+    )
+    assert desk.run().status == 0
+    assert desk.rigctl("export", desk.store, "bundle").status == 0
+    assert desk.rigctl("export", desk.store, "hdf5", "--format", "hdf5").status == 0
+    secrets = [str(MARKER).encode(), b"0.2123456789", b"[world.", b"true_axis", b"9.7e-5"]
+    kept = [path for path in desk.directory.rglob("*") if path.is_file() and path.suffix != ".toml"]
+    kept += list((desk.directory / "bundle").rglob("*.toml"))
+    assert {path.name for path in kept} >= {"x.rig.sqlite", "recording.toml", "runs.csv"}
+    for path in kept:
+        for secret in secrets:
+            assert secret not in path.read_bytes(), f"{path.name} holds {secret!r}"
+    with sqlite3.connect(desk.store) as database:
+        assert not [line for line in database.iterdump() if str(MARKER) in line or "true_axis" in line]
+    database.close()
+    truth = (desk.directory / "x.rig.sqlite.truth.toml").read_text()
+    assert str(MARKER) in truth
+    assert "0.2123456789" in truth
+    assert "true_axis" in truth
+    assert "[package]" not in truth
+
+
+def test_a_record_says_all_it_takes_to_run_it_again(desk: Any) -> None:
+    assert desk.run("--seed", 3).status == 0
+    with Store.open(desk.store, readonly=True) as store:
+        header = store.header
+        assert header.experiment == "sensing-axis"
+        assert header.title == "small"
+        assert header.campaign_toml == (desk.directory / "campaign.toml").read_text()
+        assert header.rig_toml is not None
+        assert "[instruments.rotation]" in header.rig_toml
+        assert header.world_sha256
+        assert header.seed == 3
+        assert set(header.versions) >= {"rigctl", "numpy", "scipy"}
+        assert set(store.identities()) == {
+            "rotation",
+            "stage",
+            "lasers_a",
+            "lasers_b",
+            "accelerometer",
+            "thermometer",
+        }
+        for run in store.runs():
+            assert set(run.conditions) >= {
+                "axis", "configuration", "mounting", "theta_deg", "frequency_hz", "amplitude_mm", "approach",
+                "start_s", "temperature_c",
+            }  # fmt: skip
+            columns = store.samples(run.run_id)
+            assert set(columns) == {"t_s", "accel_v", "stage_x_mm", "laser_1_mm", "laser_2_mm", "laser_3_mm"}
+            assert len({len(column) for column in columns.values()}) == 1
+        starts = [run.conditions["start_s"] for run in store.runs()]
+        assert starts == sorted(starts)
+
+
+def test_the_quick_check_takes_under_ten_minutes_and_finds_a_healthy_axis(desk: Any, campaigns: Path) -> None:
+    desk.campaign(("isa-rig.toml", "rig.toml"), text=(campaigns / "quick-check.toml").read_text())
+    found = desk.run()
+    assert found.status == 0, found.err
+    check = found.json["result"]["quick_check"]
+    assert check["passed"] is True
+    assert abs(check["reversal"]) < 1e-3
+    assert check["laser_scale"] == pytest.approx(1.0, abs=1e-3)
+    assert check["gain_v_per_m_s2"] == pytest.approx(59.7 / (1 - (0.6 / 4.53) ** 2), rel=5e-3)
+    at = rig_seconds(desk.store)
+    assert 0.0 < at["quick check"] - at["X pendulum 1 level 1"] < 600.0
+    with Store.open(desk.store, readonly=True) as store:
+        angles = [run.conditions["theta_deg"] for run in store.runs()]
+        theta0_deg = check["theta0_deg"]
+        assert angles[1:] == pytest.approx([theta0_deg + 90.0, theta0_deg - 90.0], abs=1e-3)
+
+
+def test_the_quick_check_finds_a_laser_with_a_wrong_scale(desk: Any, campaigns: Path) -> None:
+    desk.campaign(("isa-rig.toml", "rig.toml"), text=(campaigns / "quick-check.toml").read_text())
+    roll = "[world.effects.roll-gravity]"
+    desk.rig((roll, f'[world.effects.laser-cosine]\n"dt[laser_1_mm]" = 0.05\n\n{roll}'))
+    check = desk.run().json["result"]["quick_check"]
+    assert check["passed"] is False
+    tilt = math.radians(5.0)
+    assert check["laser_scale"] == pytest.approx(math.cos(tilt) / math.cos(tilt + 0.05), abs=1e-3)
+
+
+def test_the_angle_scan_measures_its_grid(desk: Any, campaigns: Path) -> None:
+    text = (campaigns / "angle-scan.toml").read_text()
+    desk.campaign(
+        ("isa-rig.toml", "rig.toml"),
+        ("[-1.6, -1.2, -0.8, -0.4, 0.0, 0.4, 0.8, 1.2, 1.6]", "[0.2, 0.8, 1.4]"),
+        ("dwell_s = 20.0", "dwell_s = 10.0"),
+        text=text,
+    )
+    found = desk.run()
+    assert found.status == 0, found.err
+    assert found.json["status"]["runs_done"] == found.json["status"]["runs_planned"] == 6
+    with Store.open(desk.store, readonly=True) as store:
+        grid = {(run.conditions["theta_asked_deg"], run.conditions["frequency_hz"]) for run in store.runs()}
+        assert grid == {(theta, frequency) for theta in (0.2, 0.8, 1.4) for frequency in (0.3, 0.6)}
+        for run in store.runs():
+            assert run.conditions["theta_deg"] == pytest.approx(run.conditions["theta_asked_deg"], abs=1e-3)
+            assert store.samples(run.run_id)["t_s"][-1] >= 10.0 - 0.02
+    (null,) = found.json["result"]["nulls"]
+    assert null["theta0_deg"] == pytest.approx(0.774, abs=0.01)
+
+
+def test_another_accelerometer_is_another_table(desk: Any, campaigns: Path) -> None:
+    desk.rig(of="one-axis.rig.toml")
+    text = (campaigns / "one-axis.toml").read_text()
+    desk.campaign(("one-axis.rig.toml", "rig.toml"), ("mountings = 3", "mountings = 2"), text=text)
+    found = desk.run()
+    assert found.status == 0, found.err
+    result = found.json["result"]
+    assert set(result["axes"]) == {"Y"}
+    axis = result["axes"]["Y"]
+    assert axis["requirement_arcsec"] == 60.0
+    assert axis["pass"] is True
+    x, y, z = axis["coc"]
+    assert axis["uoaf"] == pytest.approx([x, -z, y], abs=1e-12)
+    truth = np.array([3e-3, 1.0, -5e-3])
+    assert np.array(axis["coc"]) == pytest.approx(truth / np.linalg.norm(truth), abs=2e-4)
+    with Store.open(desk.store, readonly=True) as store:
+        assert {run.conditions["frequency_hz"] for run in store.runs()} == {0.25, 0.5}
+        assert set(store.samples("1")) == {"t_s", "accel_v", "stage_x_mm", "laser_main_mm", "laser_side_mm"}
+
+
+def test_a_campaign_may_run_on_another_rig_and_keeps_its_store_beside_the_user(desk: Any, campaigns: Path) -> None:
+    desk.campaign(('rig = "rig.toml"\n', ""))
+    found = desk.rigctl("run", "campaign.toml", "--rig", campaigns / "all-instruments.rig.toml", "--yes", "--json")
+    assert found.status == 0, found.err
+    assert found.json["store"] == "campaign.rig.sqlite"
+    with Store.open(desk.directory / "campaign.rig.sqlite", readonly=True) as store:
+        assert len(store.identities()) == 8
+
+
+def test_a_result_for_people_is_printed_beside_its_reference(desk: Any) -> None:
+    two_mountings(desk)
+    with (desk.directory / "campaign.toml").open("a") as file:
+        file.write(
+            '[reference]\nsource = "the last calibration"\n[reference.axes]\nX = [0.99992, 1.45e-3, 1.28e-2]\n'
+        )
+    ran = desk.rigctl("run", "campaign.toml", "--store", desk.store, "--yes")
+    assert ran.status == 0, ran.err
+    assert f"store: {desk.store}" in ran.out
+    shown = desk.rigctl("result", desk.store).out
+    assert "ref: the last calibration" in shown
+    assert "+0.012800" in shown
+    assert "pass" in shown
+    assert "done: 12 of 12 runs (0 invalid)" in desk.rigctl("status", desk.store).out
+
+
+def test_figures_of_a_campaign_are_written_by_a_command(desk: Any) -> None:
+    two_mountings(desk)
+    assert desk.run().status == 0
+    written = desk.rigctl("report", desk.store, "--figures", "figures", "--json").json["written"]
+    assert {Path(path).suffix for path in written} >= {".svg", ".csv"}
+    assert all(Path(path).stat().st_size > 0 for path in written)
+    desk.rigctl("report", desk.store).refused(2, "nothing to write", "--figures")
+
+
+def test_json_has_no_infinities(desk: Any) -> None:
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is no JSON")
+
+    found = desk.run()
+    json.loads(found.out, parse_constant=refuse)
+    assert found.json["result"]["missing"]["X"].startswith("2 motion vectors")
