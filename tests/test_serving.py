@@ -110,8 +110,6 @@ def test_a_campaign_aborted_over_the_wire_leaves_the_served_stages_at_rest(desk:
     ended = desk.end(process)
     assert (ended.status, ended.err.splitlines()[-1]) == (130, "aborted: interrupted by SIGINT")
     assert simulator.ask("stage", b"PFBK(X)\n") == simulator.ask("stage", b"PFBK(X)\n")
-    assert desk.rigctl("resume", desk.store, "--json").json["status"]["state"] == "done"
-    assert desk.runs() == 3
 
 
 TCP = ("rotation", "stage", "lasers_a", "lasers_b", "accelerometer", "thermometer", "operator")
