@@ -305,7 +305,7 @@ def test_pickle_in_npz_clothes_is_refused(refusal, sensing):
     assert refusal(sensing.write()).startswith("night/runs/2.npz: not readable arrays of numbers (")
 
 
-@pytest.mark.parametrize("data", [b"t_s,stage_x_mm", gzip.compress(b"t_s" * 999)[:-9]])
+@pytest.mark.parametrize("data", [b"t_s,stage_x_mm", gzip.compress(b"t_s" * 999)[:-9]], ids=["no gzip", "cut off"])
 def test_broken_gzip_is_refused(refusal, sensing, data):
     sensing.tables.pop("runs/2.csv")
     sensing.raw["runs/2.csv.gz"] = data
