@@ -1,63 +1,119 @@
 """Wall time and memory of the whole flight-model campaign in virtual time, on one core.
 
-    PYTHONPATH=.:benchmarks python benchmarks/flight_model.py
+    python benchmarks/flight_model.py [--repeats N] [DIRECTORY]
 
-Six configurations, ten mountings each, every byte through drivers and simulated instruments, then the result with its
-budget. The floor beside it is the least that any program has to do with the same records: read them from the store
-and fit a sine to every channel with numpy. Exit status 1 over 60 s or 500 MB.
+The command a user types, `rigctl run campaigns/isa-flight-model.toml`, from start to printed axes: six configurations
+of ten mountings, every byte through drivers and simulated instruments. It is a process of its own, on the one core
+that this one keeps to, so that its memory is all its own.
+
+The floor, in the same minute on the same core, is the least that a program without instruments would do for as many
+records: make each channel's sinusoid and noise, put every run in a SQLite file so that it is durable (WAL,
+synchronous FULL), read it back and fit a sinusoid to each channel, with numpy. Exit status 1 over 60 s or 500 MB.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
-import resource
+import statistics
 import sys
 import tempfile
 import time
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
-os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-
-import numpy as np
-from machine import machine
-from twin import CAMPAIGNS
-
-from rigctl import Campaign, Store
-
+CAMPAIGN = Path(__file__).parent.parent / "campaigns" / "isa-flight-model.toml"
 LIMIT_S, LIMIT_MB = 60.0, 500.0
 
+os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-def sine_fits_s(path: Path) -> tuple[float, int]:
-    """Seconds to read every run and fit its channels by least squares; and the number of samples."""
-    start, samples = time.perf_counter(), 0
+import numpy as np
+from machine import conditions
+from store_overhead import plain_sqlite
+
+from rigctl import Store
+
+
+@dataclass(frozen=True)
+class Used:
+    """What a process took."""
+
+    wall_s: float
+    cpu_s: float
+    peak_mb: float
+
+
+def campaign(store: Path) -> Used:
+    """Run the command; `SystemExit` with its own words when it fails."""
+    said = store.with_suffix(".txt")
+    arguments = [sys.executable, "-m", "rigctl.cli", "run", str(CAMPAIGN), "--store", str(store), "--yes"]
+    start = time.perf_counter()
+    with said.open("w") as file:
+        to_file = [(os.POSIX_SPAWN_DUP2, file.fileno(), 1), (os.POSIX_SPAWN_DUP2, file.fileno(), 2)]
+        child = os.posix_spawn(sys.executable, arguments, os.environ, file_actions=to_file)
+        _, status, usage = os.wait4(child, 0)
+    wall_s = time.perf_counter() - start
+    if status:
+        sys.exit(f"rigctl run: exit status {os.waitstatus_to_exitcode(status)}: {said.read_text()[-1000:]}")
+    return Used(wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0)
+
+
+def shapes(path: Path) -> list[tuple[float, int, int]]:
+    """Frequency [Hz], samples and channels of every run."""
     with Store.open(path, readonly=True) as store:
+        found = []
         for run in store.runs():
             columns = store.samples(run.run_id)
-            t = columns.pop("t_s")
-            w = 2 * np.pi * run.conditions["frequency_hz"]
-            design = np.stack([np.ones_like(t), np.cos(w * t), np.sin(w * t)], axis=1)
-            np.linalg.lstsq(design, np.stack(list(columns.values()), axis=1), rcond=None)
-            samples += len(t)
-    return time.perf_counter() - start, samples
+            found.append((run.conditions["frequency_hz"], len(columns["t_s"]), len(columns) - 1))
+        return found
+
+
+def floor_s(path: Path, runs: list[tuple[float, int, int]], rate_hz: float) -> float:
+    """Seconds to make, keep and fit as many records without instruments."""
+    rng = np.random.default_rng(1)
+    start = time.perf_counter()
+    with closing(plain_sqlite(path)) as plain:
+        for frequency_hz, samples, channels in runs:
+            t = np.arange(samples) / rate_hz
+            phase = 2.0 * np.pi * frequency_hz * t
+            made = np.sin(phase)[:, np.newaxis] + rng.normal(size=(samples, channels))
+            number = plain.execute("INSERT INTO runs (data) VALUES (?)", (made.tobytes(),)).lastrowid
+            (kept,) = plain.execute("SELECT data FROM runs WHERE id = ?", (number,)).fetchone()
+            design = np.stack([np.ones_like(t), np.cos(phase), np.sin(phase)], axis=1)
+            np.linalg.lstsq(design, np.frombuffer(kept).reshape(samples, channels), rcond=None)
+    return time.perf_counter() - start
+
+
+def line(name: str, unit: str, values: list[float], limit: float | None = None) -> str:
+    """Median with the extremes."""
+    median = statistics.median(values)
+    bound = "" if limit is None else f"  <= {limit:g} {unit}{'' if median <= limit else '  MISSED'}"
+    return f"  {name:<28} {median:8.2f} {unit:<2}  ({min(values):.2f} .. {max(values):.2f}){bound}"
 
 
 def main() -> int:
-    with tempfile.TemporaryDirectory() as scratch:
-        path = Path(scratch) / "flight.rig.sqlite"
-        start = time.perf_counter()
-        Campaign(CAMPAIGNS / "isa-flight-model.toml").run(path, unattended=True)
-        took_s = time.perf_counter() - start
-        peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-        floor_s, samples = sine_fits_s(path)
-        with Store.open(path, readonly=True) as store:
-            runs = store.runs()
-            rig_s = runs[-1].conditions["start_s"]
-    print(machine() + ", one core used")
-    print(f"{len(runs)} runs, {samples} samples of 5 channels, {rig_s / 3600:.1f} h of rig time")
-    print(f"  campaign and result    {took_s:7.1f} s   (limit {LIMIT_S:g} s)")
-    print(f"  reading and sine fits  {floor_s:7.2f} s   campaign over this: {took_s / floor_s:.0f}")
-    print(f"  peak memory            {peak_mb:7.0f} MB  (limit {LIMIT_MB:g} MB)")
-    return 0 if took_s <= LIMIT_S and peak_mb <= LIMIT_MB else 1
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("directory", type=Path, nargs="?")
+    arguments = parser.parse_args()
+    used, floors = [], []
+    for number in range(arguments.repeats):
+        with tempfile.TemporaryDirectory(dir=arguments.directory) as name:
+            used.append(campaign(Path(name) / "flight.rig.sqlite"))
+            runs = shapes(Path(name) / "flight.rig.sqlite")
+            floors.append(floor_s(Path(name) / f"floor-{number}.sqlite", runs, 100.0))
+    wall_s, peak_mb = [one.wall_s for one in used], [one.peak_mb for one in used]
+    samples = sum(count for _, count, _ in runs)
+    print(conditions() + ", one core")
+    print(f"{len(runs)} runs, {samples} samples of {runs[0][2]} channels; median of {len(used)} (least .. most)")
+    print(line("campaign, wall time", "s", wall_s, LIMIT_S))
+    print(line("campaign, processor time", "s", [one.cpu_s for one in used]))
+    print(line("floor without instruments", "s", floors))
+    print(line("campaign over floor", "", [a / b for a, b in zip(wall_s, floors, strict=True)]))
+    print(line("peak memory", "MB", peak_mb, LIMIT_MB))
+    return 0 if statistics.median(wall_s) <= LIMIT_S and max(peak_mb) <= LIMIT_MB else 1
 
 
 if __name__ == "__main__":
