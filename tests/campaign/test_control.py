@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -215,24 +216,20 @@ def test_a_lock_is_held_by_one_process_and_ends_with_it(tmp_path: Path) -> None:
     assert not locks.is_held(path)
 
 
-def test_asking_whether_a_lock_is_held_does_not_refuse_it_to_others(tmp_path: Path) -> None:
-    path = tmp_path / "a.lock"
-    path.touch()
-    asking = threading.Event()
+def test_somebody_who_asks_just_then_whether_a_lock_is_held_does_not_refuse_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flock = fcntl.flock
+    asking = iter([True, True])
 
-    def ask() -> None:
-        while not asking.is_set():
-            locks.is_held(path)
+    def contended(handle: int, operation: int) -> None:
+        if next(asking, False):
+            raise BlockingIOError
+        flock(handle, operation)
 
-    thread = threading.Thread(target=ask)
-    thread.start()
-    try:
-        for _ in range(200):
-            with locks.held(path, "taken"):
-                pass
-    finally:
-        asking.set()
-        thread.join()
+    monkeypatch.setattr(fcntl, "flock", contended)
+    with locks.held(tmp_path / "a.lock", "taken"):
+        assert in_another_process(lambda: locks.is_held(tmp_path / "a.lock"))
 
 
 def test_a_lock_in_no_directory_is_one_error(tmp_path: Path) -> None:
