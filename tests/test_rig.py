@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from rigctl.errors import ConfigError, LinkError, LinkLost, LinkTimeout, RigErro
 from rigctl.interfaces import Instrument, LinearStage, RotationStage, Thermometer, Voltmeter
 from rigctl.rig import DRIVERS, Rig, build_simulation
 from simulators.clock import ScaledClock, VirtualClock
+from simulators.rig import LockedInstrument
 
 
 @pytest.fixture
@@ -161,24 +163,43 @@ def test_hands_that_are_asked_for_nonsense_say_what_there_is(file: config.RigFil
         assert "error" in simulation.request(action)
 
 
-def test_instruments_in_this_process_are_talked_to_one_at_a_time(file: config.RigFile) -> None:
-    simulation = build_simulation(file, VirtualClock())
-    rig = Rig(file)
-    assert rig.simulation is not None
-    entered = threading.Event()
+class Listener:
+    """An instrument and its connection; notes what happens to it."""
 
-    def write() -> None:
-        rig.instruments["rotation"].open()
-        entered.set()
+    kind = "listener"
 
-    thread = threading.Thread(target=write)
-    with rig.simulation.clock.lock:
+    def __init__(self) -> None:
+        self.heard: list[str] = []
+
+    def connect(self, send: Callable[[bytes], None]) -> Listener:
+        self.heard.append("connect")
+        return self
+
+    def receive(self, data: bytes) -> None:
+        self.heard.append("receive")
+
+    def close(self) -> None:
+        self.heard.append("close")
+
+
+@pytest.mark.parametrize("what", ["connect", "receive", "close"])
+def test_instruments_in_this_process_are_talked_to_one_at_a_time(what: str) -> None:
+    clock, listener = VirtualClock(), Listener()
+    locked = LockedInstrument(listener, clock)
+    connection = locked.connect(lambda _: None)
+    talk = {
+        "connect": lambda: locked.connect(lambda _: None),
+        "receive": lambda: connection.receive(b"x"),
+        "close": connection.close,
+    }
+    listener.heard.clear()
+    thread = threading.Thread(target=talk[what])
+    with clock.lock:
         thread.start()
-        assert not entered.wait(0.05), "somebody else is in the middle of an event"
+        thread.join(0.05)
+        assert listener.heard == [], "it is in the middle of an event"
     thread.join()
-    assert entered.is_set()
-    rig.close()
-    assert isinstance(simulation.clock, VirtualClock)
+    assert listener.heard == [what]
 
 
 def test_the_bench_of_a_rig_has_its_parts(file: config.RigFile) -> None:
