@@ -11,7 +11,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -62,21 +62,24 @@ class Store:
 
     @classmethod
     def create(cls, path: Path, header: Header) -> Store:
-        """A new campaign file; `DataError` if `path` exists or cannot be made."""
+        """A new campaign file, whole from the moment it is there; `DataError` if `path` exists or cannot be made."""
+        if path.exists():
+            raise DataError(f"{path}: exists already; name another store, or `rigctl resume` this one")
+        partial = path.with_name(f".{path.name}.{os.getpid()}.new")
         try:
-            os.close(os.open(path, os.O_CREAT | os.O_EXCL, 0o644))
-        except FileExistsError as error:
-            raise DataError(f"{path}: exists already; name another store, or `rigctl resume` this one") from error
+            os.close(os.open(partial, os.O_CREAT | os.O_TRUNC, 0o644))
+            with schema.database_errors(path), closing(schema.connect(partial, readonly=False)) as connection:
+                schema.prepare_for_writing(connection)
+                with schema.transaction(connection, durable=True):
+                    connection.execute(f"PRAGMA application_id = {schema.APPLICATION_ID}")
+                    schema.migrate(connection, schema.MIGRATIONS)
+                    connection.execute("INSERT INTO header VALUES (1, ?)", (header_to_json(header),))
+            partial.rename(path)
         except OSError as error:
             raise DataError(f"{path}: cannot be made ({error.strerror}); check the directory") from error
-        connection = schema.connect(path, readonly=False)
-        with schema.database_errors(path):
-            schema.prepare_for_writing(connection)
-            with schema.transaction(connection, durable=True):
-                connection.execute(f"PRAGMA application_id = {schema.APPLICATION_ID}")
-                schema.migrate(connection, schema.MIGRATIONS)
-                connection.execute("INSERT INTO header VALUES (1, ?)", (header_to_json(header),))
-        return cls(path, connection, header)
+        finally:
+            partial.unlink(missing_ok=True)
+        return cls.open(path)
 
     @classmethod
     def open(cls, path: Path, *, readonly: bool = False, salvage: bool = False) -> Store:

@@ -376,3 +376,19 @@ def test_header_is_json_that_others_can_read(store):
     (text,) = store._connection.execute("SELECT data FROM header").fetchone()
     assert json.loads(text)["title"] == HEADER.title
     assert replace(HEADER, title="") != HEADER
+
+
+def test_a_store_is_whole_from_the_moment_it_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[list[str]] = []
+    rename = Path.rename
+
+    def look(self: Path, target: Path) -> Path:
+        seen.append([path.name for path in tmp_path.iterdir() if not path.name.startswith(".")])
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", look)
+    Store.create(tmp_path / "x.rig.sqlite", Header("sensing-axis")).close()
+    assert seen == [[]]
+    assert [path.name for path in tmp_path.iterdir() if path.suffix == ".new"] == []
+    with pytest.raises(DataError, match="exists already"):
+        Store.create(tmp_path / "x.rig.sqlite", Header("sensing-axis"))
