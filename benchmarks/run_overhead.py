@@ -12,7 +12,10 @@ disk (DIRECTORY, by default the current one) and at the same level (WAL, synchro
   runs, and a driver that said anything else would be found out. What the run stores is compared with what was
   recorded. Its parts are timed apart, in further runs.
 
-Exit status 1 when a ratio of medians is over 3.
+What is ours there is session, bench and store. How many exchanges a run takes is the instruments' doing: the
+Ensemble gives a captured position per question, a thousand a run, and takes one question at a time.
+
+Exit status 1 when the ratio of medians is over 3: of the first run, or of what is ours of the second.
 """
 
 from __future__ import annotations
@@ -126,7 +129,7 @@ def block_run(plain: sqlite3.Connection, path: Path) -> Pairs:
         def measure(writer: RunWriter) -> dict[str, float]:
             link.send(f"SOUR:VOLT {1e-3 * number}")
             columns = np.frombuffer(link.query_block("R?"), dtype=">f8").reshape(values.shape)
-            writer.append(dict(zip(BLOCK_COLUMNS, columns, strict=True)))
+            writer.stream(dict(zip(BLOCK_COLUMNS, columns, strict=True)))
             return {"temperature_c": 20.0}
 
         session.acquire(f"run {number}", {"frequency_hz": 0.5, "theta_deg": 1e-3 * number}, measure)
@@ -199,8 +202,8 @@ def _bench(file: config.RigFile, instruments: Mapping[str, Any], clock: Clock) -
     )
 
 
-def bench_run(plain: sqlite3.Connection, path: Path) -> tuple[Pairs, list[str]]:
-    """A run of the sensing-axis bench; and where its time goes, line by line."""
+def bench_run(plain: sqlite3.Connection, path: Path) -> tuple[Pairs, Pairs, list[str]]:
+    """A run of the sensing-axis bench, whole and without its instruments; and where its time goes, line by line."""
     with Store.create(path, Header("sensing-axis")) as store:
         bench = TapedBench(store)
         exchanges = bench.play()
@@ -210,7 +213,8 @@ def bench_run(plain: sqlite3.Connection, path: Path) -> tuple[Pairs, list[str]]:
         found = pairs(inserts(plain, data), lambda _: bench.run(), BENCH_RUNS)
         bench.run()  # `pairs` has made an odd number: this is at the taped set-point again
         _require_same(store, taped, store.runs()[-1])
-        return found, parts(bench, exchanges)
+        ours_s, lines = parts(bench, exchanges)
+        return found, Pairs(found.floor_s, ours_s), lines
 
 
 def _require_same(store: Store, taped: RunRecord, played: RunRecord) -> None:
@@ -221,21 +225,24 @@ def _require_same(store: Store, taped: RunRecord, played: RunRecord) -> None:
         raise ValueError("a run from tape differs from the run that was taped")
 
 
-def parts(bench: TapedBench, exchanges: Mapping[str, int]) -> list[str]:
-    """Milliseconds of a run in each driver and in the store, and what is left for bench and session."""
-    watches = {f"{name}, {count} exchanges": Stopwatch() for name, count in exchanges.items()} | {
-        "store": Stopwatch()
-    }
-    for instrument, watch in zip(bench.instruments.values(), watches.values(), strict=False):
+def parts(bench: TapedBench, exchanges: Mapping[str, int]) -> tuple[list[float], list[str]]:
+    """Seconds of each run outside its instruments; and the mean run's milliseconds, part by part."""
+    instruments = {f"{name}, {count} exchanges": Stopwatch() for name, count in exchanges.items()}
+    for instrument, watch in zip(bench.instruments.values(), instruments.values(), strict=True):
         watch.on(instrument, *(n for n in dir(instrument) if n[0] != "_" and callable(getattr(instrument, n))))
-    watches["store"].on(Store, "run_by_key", "begin_run")
-    watches["store"].on(RunWriter, "append", "finish")
-    start = time.perf_counter()
+    store = Stopwatch()
+    store.on(Store, "run_by_key", "begin_run")
+    store.on(RunWriter, "stream", "finish")
+    ours_s = []
     for _ in range(BENCH_RUNS):
+        before_s = sum(watch.spent_s for watch in instruments.values())
+        start = time.perf_counter()
         bench.run()
-    left_s = time.perf_counter() - start - sum(watch.spent_s for watch in watches.values())
-    spent_s = {name: watch.spent_s for name, watch in watches.items()} | {"bench, session": left_s}
-    return [
+        elapsed_s = time.perf_counter() - start
+        ours_s.append(elapsed_s - sum(watch.spent_s for watch in instruments.values()) + before_s)
+    spent_s = {name: watch.spent_s for name, watch in instruments.items()}
+    spent_s |= {"store": store.spent_s, "bench, session": sum(ours_s) - store.spent_s}
+    return ours_s, [
         f"    {name:<60} {1e3 * part_s / BENCH_RUNS:7.2f} ms"
         for name, part_s in sorted(spent_s.items(), key=lambda item: -item[1])
     ]
@@ -248,11 +255,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory(dir=base) as name, closing(plain_sqlite(Path(name) / "plain.sqlite")) as plain:
         block = block_run(plain, Path(name) / "block.rig.sqlite")
         print(block.line(f"one instrument, {BLOCK_ROWS} x {len(BLOCK_COLUMNS)} samples in a block", TARGET))
-        bench, lines = bench_run(plain, Path(name) / "bench.rig.sqlite")
-        print(bench.line("sensing-axis bench, as many samples", TARGET))
+        bench, ours, lines = bench_run(plain, Path(name) / "bench.rig.sqlite")
+        print(ours.line("sensing-axis bench: session, bench, store", TARGET))
+        print(bench.line("the same with its instruments' exchanges", None))
         print("  of which, in the mean")
         print("\n".join(lines))
-    return 0 if max(block.ratio, bench.ratio) <= TARGET else 1
+    return 0 if max(block.ratio, ours.ratio) <= TARGET else 1
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ EOS"), so a line feed before a status character is passed over and never awaited
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from drivers.transport import Connect, Transport
@@ -58,6 +59,22 @@ class AsciiLink:
             except LinkLost:
                 return self._exchange(line, self._timeout_s, query=True)
 
+    def ask_each(self, lines: Sequence[str]) -> list[Answer]:
+        """Send queries one after the other, each when the one before is answered; stops after one that fails.
+
+        Nothing else comes between them, so whether the controller has hung up is looked at once, not for each.
+        """
+        with self.lock:
+            answers = [self.ask(lines[0])] if lines else []
+            for line in lines[1:]:
+                if answers[-1].status != SUCCESS:
+                    break
+                try:
+                    answers.append(self._converse(self._connected(), line, self._timeout_s, query=True))
+                except LinkLost:
+                    answers.append(self._exchange(line, self._timeout_s, query=True))
+            return answers
+
     def tell(self, line: str, *, timeout_s: float | None = None) -> Answer:
         """Send a command, once."""
         with self.lock:
@@ -72,7 +89,9 @@ class AsciiLink:
                 return self.tell(line)
 
     def _exchange(self, line: str, timeout_s: float, *, query: bool) -> Answer:
-        transport = self._awake()
+        return self._converse(self._awake(), line, timeout_s, query=query)
+
+    def _converse(self, transport: Transport, line: str, timeout_s: float, *, query: bool) -> Answer:
         try:
             transport.write(line.encode("ascii") + b"\n")
             status = transport.read_exactly(1, timeout_s)

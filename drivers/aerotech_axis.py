@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import IntFlag
 
 from drivers.aerotech_ascii import FAULT, INVALID, SUCCESS, Answer, AsciiLink
@@ -71,7 +72,16 @@ class AsciiAxis:
 
     def ask_number(self, line: str) -> float:
         """The answer to a query as a number; `BadReply` when it is none."""
-        text = self.ask(line)
+        return self._number(line, self.ask(line))
+
+    def ask_numbers(self, lines: Sequence[str]) -> list[float]:
+        """The answers to queries that are sent in one go, one by one."""
+        return [
+            self._number(line, self.succeed(line, answer))
+            for line, answer in zip(lines, self.link.ask_each(lines), strict=False)
+        ]
+
+    def _number(self, line: str, text: str) -> float:
         try:
             # some locale settings of the controller give a decimal comma
             value = float(text.replace(",", "."))

@@ -240,7 +240,7 @@ class AerotechEnsemble:
         self._wire.succeed(command, answer)
         if self._wire.ask_number(f"DGLOBAL({last})") == NOT_WRITTEN:
             raise self._too_few(already, count, samples)
-        return [self._wire.ask_number(f"DGLOBAL({register})") for register in range(first, last + 1)]
+        return self._wire.ask_numbers([f"DGLOBAL({register})" for register in range(first, last + 1)])
 
     def _too_few(self, already: int, count: int, samples: int) -> InstrumentError:
         return InstrumentError(

@@ -210,7 +210,7 @@ class Bench:
             part = self.readout.fetch()[:, 0]
             times_s: FloatArray = period_s * np.arange(received, received + len(part), dtype=np.float64)
             if len(part):
-                writer.append({"t_s": times_s, name: part})
+                writer.stream({"t_s": times_s, name: part})
             received += len(part)
             parts.append(part)
             if self.clock.now_s() > start_s + samples * period_s + 30.0 and not len(part):
@@ -223,7 +223,7 @@ class Bench:
             values = recorder.collect()
             columns.update({channel.name: values[:, i] for i, channel in enumerate(recorder.channels())})
         late = {column: values for column, values in columns.items() if column != name}
-        writer.append(late)
+        writer.stream(late)
         return start_s, columns
 
     def _judge(self, point: SetPoint, columns: Mapping[str, FloatArray]) -> dict[str, Any]:

@@ -1,9 +1,10 @@
-"""One run while it is being acquired: every chunk committed at once, durable at the end."""
+"""One run while it is being acquired: committed chunk by chunk, durable at the end."""
 
 from __future__ import annotations
 
 import json
 import sqlite3
+import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,9 @@ _INSERT = "INSERT INTO samples (id, name, data) VALUES (?, ?, ?)"
 _FINISH = "UPDATE runs SET conditions = ?, state = 'finished', valid = ?, reason = ? WHERE number = ?"
 _INTERRUPT = "UPDATE runs SET state = 'interrupted', reason = ? WHERE number = ?"
 
+COMMIT_EVERY_S = 1.0
+"""Of real time: what a stream of samples loses at most when its process is killed."""
+
 
 class RunWriter:
     """Made by `Store.begin_run`; use it in `with`: leaving without `finish` marks the run interrupted."""
@@ -33,6 +37,8 @@ class RunWriter:
         self._record = record
         self._lengths: dict[str, int] = {}
         self._next_chunk_id = first_chunk_id(number)
+        self._pending: list[tuple[int, str, bytes]] = []
+        self._committed_s = time.monotonic()
         self._open = True
 
     @property
@@ -45,16 +51,34 @@ class RunWriter:
 
         Columns may come at different times and in chunks of their own; at `finish` all are equally long.
         """
+        self._take(columns)
+        self._commit()
+
+    def stream(self, columns: Mapping[str, FloatArray]) -> None:
+        """As `append`, but committed at most once a second of real time, and at the end: for samples that pour in."""
+        self._take(columns)
+        if time.monotonic() - self._committed_s >= COMMIT_EVERY_S:
+            self._commit()
+
+    def _take(self, columns: Mapping[str, FloatArray]) -> None:
         self._require_open()
         rows = [
             (chunk_id, name, self._bytes(name, column))
             for chunk_id, (name, column) in enumerate(columns.items(), self._next_chunk_id)
         ]
-        with database_errors(self._path), transaction(self._connection):
-            self._connection.executemany(_INSERT, rows)
         self._next_chunk_id += len(rows)
         for _, name, data in rows:
             self._lengths[name] = self._lengths.get(name, 0) + len(data) // 8
+        self._pending += rows
+
+    def _commit(self) -> None:
+        with database_errors(self._path), transaction(self._connection):
+            self._insert_pending()
+        self._committed_s = time.monotonic()
+
+    def _insert_pending(self) -> None:
+        rows, self._pending = self._pending, []
+        self._connection.executemany(_INSERT, rows)
 
     def finish(
         self, conditions: Mapping[str, Any] | None = None, *, valid: bool = True, reason: str = ""
@@ -67,6 +91,7 @@ class RunWriter:
         self._require_equal_lengths()
         kept = dumps({**self._record.conditions, **(conditions or {})})
         with database_errors(self._path), transaction(self._connection, durable=True):
+            self._insert_pending()
             self._connection.execute(_FINISH, (kept, int(valid), reason, self._number))
         self._open = False
         return replace(self._record, conditions=json.loads(kept), valid=valid, reason=reason, state="finished")
@@ -100,6 +125,7 @@ class RunWriter:
         reason = "left unfinished" if kind is None else f"{kind.__name__}: {error}"
         try:
             with database_errors(self._path), transaction(self._connection):
+                self._insert_pending()
                 self._connection.execute(_INTERRUPT, (reason, self._number))
         except DataError:
             if kind is None:

@@ -63,8 +63,6 @@ class Store:
     @classmethod
     def create(cls, path: Path, header: Header) -> Store:
         """A new campaign file, whole from the moment it is there; `DataError` if `path` exists or cannot be made."""
-        if path.exists():
-            raise DataError(f"{path}: exists already; name another store, or `rigctl resume` this one")
         partial = path.with_name(f".{path.name}.{os.getpid()}.new")
         try:
             os.close(os.open(partial, os.O_CREAT | os.O_TRUNC, 0o644))
@@ -74,7 +72,9 @@ class Store:
                     connection.execute(f"PRAGMA application_id = {schema.APPLICATION_ID}")
                     schema.migrate(connection, schema.MIGRATIONS)
                     connection.execute("INSERT INTO header VALUES (1, ?)", (header_to_json(header),))
-            partial.rename(path)
+            _publish(partial, path)
+        except FileExistsError as error:
+            raise DataError(f"{path}: exists already; name another store, or `rigctl resume` this one") from error
         except OSError as error:
             raise DataError(f"{path}: cannot be made ({error.strerror}); check the directory") from error
         finally:
@@ -309,6 +309,18 @@ class Store:
         number = self._connection.execute(statement, values).lastrowid
         assert number is not None
         return number
+
+
+def _publish(partial: Path, path: Path) -> None:
+    """Give a finished file its name; `FileExistsError` rather than over a store that somebody made meanwhile."""
+    try:
+        os.link(partial, path)
+    except FileExistsError:
+        raise
+    except OSError as error:  # a file system without hard links, where the name can only be looked for
+        if path.exists():
+            raise FileExistsError(path) from error
+        partial.rename(path)
 
 
 def _record(row: tuple[Any, ...]) -> RunRecord:

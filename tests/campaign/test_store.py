@@ -1,7 +1,9 @@
 import json
+import os
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -79,6 +81,63 @@ def test_samples_come_back_bit_for_bit_however_they_were_chunked(tmp_path_factor
         samples = store.samples("1")
     assert samples["a"].tobytes() == np.concatenate(columns).tobytes()
     assert samples["late"].tobytes() == samples["a"].tobytes()
+
+
+def committed_samples(store, column):
+    with Store.open(store.path, readonly=True) as reader:
+        return len(reader.samples("1").get(column, ()))
+
+
+def test_a_stream_is_committed_once_a_second_and_at_the_end(store, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("rigctl.campaign.run_writer.time", SimpleNamespace(monotonic=lambda: now[0]))
+    seen = []
+    with store.begin_run("k", "s", {}) as writer:
+        for _ in range(5):
+            writer.stream({"a": np.arange(2.0)})
+            seen.append(committed_samples(store, "a"))
+            now[0] += 0.5
+        writer.finish()
+    assert seen == [0, 0, 6, 6, 10]
+    assert committed_samples(store, "a") == 10
+
+
+def test_what_streamed_before_an_error_is_kept(store):
+    def stream_and_fail(writer):
+        writer.stream({"t_s": np.arange(2.0)})
+        assert committed_samples(store, "t_s") == 0
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError), store.begin_run("k", "s", {}) as writer:
+        stream_and_fail(writer)
+    assert committed_samples(store, "t_s") == 2
+
+
+@pytest.mark.parametrize("hard_links", [True, False])
+def test_of_two_makers_of_one_store_the_second_is_refused(tmp_path, monkeypatch, hard_links):
+    path = tmp_path / "s.rig.sqlite"
+    link = os.link
+
+    def meanwhile(source, target):
+        Path(target).write_text("somebody else's")
+        if not hard_links:
+            raise PermissionError(1, "Operation not permitted")
+        link(source, target)
+
+    monkeypatch.setattr(os, "link", meanwhile)
+    with pytest.raises(DataError, match="exists already"):
+        Store.create(path, HEADER)
+    assert path.read_text() == "somebody else's"
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_store_is_made_where_there_are_no_hard_links(tmp_path, monkeypatch):
+    def refused(*_):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refused)
+    with Store.create(tmp_path / "s.rig.sqlite", HEADER) as made:
+        assert made.header == HEADER
 
 
 def test_strided_and_integer_columns_are_kept_as_numbers(store):
@@ -381,13 +440,13 @@ def test_header_is_json_that_others_can_read(store):
 
 def test_a_store_is_whole_from_the_moment_it_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[list[str]] = []
-    rename = Path.rename
+    link = os.link
 
-    def look(self: Path, target: Path) -> Path:
+    def look(source: Path, target: Path) -> None:
         seen.append([path.name for path in tmp_path.iterdir() if not path.name.startswith(".")])
-        return rename(self, target)
+        link(source, target)
 
-    monkeypatch.setattr(Path, "rename", look)
+    monkeypatch.setattr(os, "link", look)
     Store.create(tmp_path / "x.rig.sqlite", Header("sensing-axis")).close()
     assert seen == [[]]
     assert [path.name for path in tmp_path.iterdir() if path.suffix == ".new"] == []

@@ -713,6 +713,21 @@ def test_a_connection_the_controller_has_closed_is_opened_again() -> None:
         assert bench.tap.connections == before + 1
 
 
+def test_a_read_out_goes_on_where_the_controller_hung_up() -> None:
+    bench = Bench().homed()
+    bench.stage.oscillate(0.0, 5.0, 0.5, 20.0)
+    bench.stage.arm(20, 0.05)
+    first_s = bench.clock.now_s() + 0.3
+    bench.line.begin(first_s, 0.05, 20)
+    bench.clock.sleep_s(1.5)
+    connections = bench.tap.connections
+    bench.tap.on_line = lambda line: line != "DGLOBAL(15)" or bench.tap.connections > connections
+    rows = bench.stage.collect()
+    np.testing.assert_allclose(rows[:, 0], bench.axis.sample(first_s + 0.05 * np.arange(20))[0], atol=2.6e-6)
+    assert bench.tap.connections == connections + 1
+    assert bench.tap.lines.count("DGLOBAL(15)") == 2
+
+
 def test_a_motion_command_is_never_sent_twice() -> None:
     bench = Bench().homed()
     bench.tap.on_line = lambda line: not line.startswith("MOVEABS")
