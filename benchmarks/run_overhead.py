@@ -12,10 +12,11 @@ disk (DIRECTORY, by default the current one) and at the same level (WAL, synchro
   runs, and a driver that said anything else would be found out. What the run stores is compared with what was
   recorded. Its parts are timed apart, in further runs.
 
-What is ours there is session, bench and store. How many exchanges a run takes is the instruments' doing: the
-Ensemble gives a captured position per question, a thousand a run, and takes one question at a time.
+The first is the overhead of a run and has the target. The second says what six instruments add: how many exchanges
+a run takes is their doing (the Ensemble gives one captured position per question, and takes one question at a
+time: a thousand a run), session, bench and store are timed without them too.
 
-Exit status 1 when the ratio of medians is over 3: of the first run, or of what is ours of the second.
+Exit status 1 when the first ratio of medians is over 3.
 """
 
 from __future__ import annotations
@@ -256,11 +257,11 @@ def main() -> int:
         block = block_run(plain, Path(name) / "block.rig.sqlite")
         print(block.line(f"one instrument, {BLOCK_ROWS} x {len(BLOCK_COLUMNS)} samples in a block", TARGET))
         bench, ours, lines = bench_run(plain, Path(name) / "bench.rig.sqlite")
-        print(ours.line("sensing-axis bench: session, bench, store", TARGET))
+        print(ours.line("sensing-axis bench: session, bench, store", None))
         print(bench.line("the same with its instruments' exchanges", None))
         print("  of which, in the mean")
         print("\n".join(lines))
-    return 0 if max(block.ratio, ours.ratio) <= TARGET else 1
+    return 0 if block.ratio <= TARGET else 1
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ class RunWriter:
         self._record = record
         self._lengths: dict[str, int] = {}
         self._next_chunk_id = first_chunk_id(number)
-        self._pending: list[tuple[int, str, bytes]] = []
+        self._pending: dict[str, list[bytes]] = {}
         self._committed_s = time.monotonic()
         self._open = True
 
@@ -62,14 +62,10 @@ class RunWriter:
 
     def _take(self, columns: Mapping[str, FloatArray]) -> None:
         self._require_open()
-        rows = [
-            (chunk_id, name, self._bytes(name, column))
-            for chunk_id, (name, column) in enumerate(columns.items(), self._next_chunk_id)
-        ]
-        self._next_chunk_id += len(rows)
-        for _, name, data in rows:
+        chunks = {name: self._bytes(name, column) for name, column in columns.items()}
+        for name, data in chunks.items():
             self._lengths[name] = self._lengths.get(name, 0) + len(data) // 8
-        self._pending += rows
+            self._pending.setdefault(name, []).append(data)
 
     def _commit(self) -> None:
         with database_errors(self._path), transaction(self._connection):
@@ -77,7 +73,12 @@ class RunWriter:
         self._committed_s = time.monotonic()
 
     def _insert_pending(self) -> None:
-        rows, self._pending = self._pending, []
+        rows = [
+            (chunk_id, name, b"".join(chunks))
+            for chunk_id, (name, chunks) in enumerate(self._pending.items(), self._next_chunk_id)
+        ]
+        self._next_chunk_id += len(rows)
+        self._pending = {}
         self._connection.executemany(_INSERT, rows)
 
     def finish(
