@@ -1,0 +1,250 @@
+"""What the workbench finds, as data: for JSON, tables, figures and reports alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from rigctl.workbench.study import FloatArray, Observations, Term
+
+Verdict = Literal["adequate", "effect", "ambiguous", "unknown"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter's value with its standard uncertainty."""
+
+    value: float
+    sigma: float
+    unit: str
+
+    def as_json(self) -> dict[str, Any]:
+        """With the keys of every command."""
+        return {"value": self.value, "sigma": self.sigma, "unit": self.unit}
+
+
+@dataclass(frozen=True)
+class ChannelFit:
+    """One series: rms of its residuals beside the noise expected, in `unit`; chi-square over its data."""
+
+    channel: str
+    component: str
+    rms: float
+    noise: float
+    unit: str
+    data: int
+    chi2: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl compare --json`."""
+        return {**vars(self)}
+
+
+@dataclass(frozen=True)
+class Trend:
+    """How strongly a series' residuals follow a covariate: F test of a smooth dependence, corrected for the trials."""
+
+    channel: str
+    component: str
+    covariate: str
+    p_value: float
+    p_value_corrected: float
+    rms_explained: float
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A datum far from the model, in sigma."""
+
+    run_id: str
+    channel: str
+    component: str
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The current model beside the data; `residuals` whitened one by one, (n,), in the order of `observations`."""
+
+    version: int
+    terms: tuple[Term, ...]
+    chi2: float
+    dof: int
+    p_value: float
+    channels: tuple[ChannelFit, ...]
+    worst: tuple[Outlier, ...]
+    trends: tuple[Trend, ...]
+    lines: tuple[Mapping[str, Any], ...]
+    observations: Observations
+    residuals: FloatArray
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """NaN without degrees of freedom."""
+        return self.chi2 / self.dof if self.dof > 0 else float("nan")
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl compare --json`."""
+        return {
+            "model": {"version": self.version, "effects": [term.effect for term in self.terms]},
+            "chi2_per_dof": self.chi2_per_dof,
+            "dof": self.dof,
+            "p_value": self.p_value,
+            "channels": [each.as_json() for each in self.channels],
+            "worst": [vars(each) for each in self.worst],
+            "trends": [vars(each) for each in self.trends],
+            "lines": [dict(each) for each in self.lines],
+        }
+
+
+@dataclass(frozen=True)
+class Rank:
+    """One effect of the catalogue, as it stands beside the model the diagnosis ended with.
+
+    `statistic` is the fall of chi-square it would bring (for an effect that was suggested: brings), `keep` the share of it
+    that no fitted parameter imitates, `detectable` the size in sigma units of its typical one that these data would have
+    revealed with power 0.95, in the unit of its first parameter.
+    """
+
+    term: Term
+    p_value: float
+    p_value_corrected: float
+    parameters: Mapping[str, Estimate]
+    held_out_error_ratio: float
+    equivalent_to: tuple[str, ...]
+    statistic: float
+    keep: float
+    detectable: Mapping[str, float]
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl diagnose --json`."""
+        return {
+            "effect": self.term.effect,
+            "choice": dict(self.term.choice),
+            "p_value": self.p_value,
+            "p_value_corrected": self.p_value_corrected,
+            "parameters": {name: each.as_json() for name, each in self.parameters.items()},
+            "held_out_error_ratio": self.held_out_error_ratio,
+            "equivalent_to": list(self.equivalent_to),
+            "chi2_fall": self.statistic,
+            "keep": self.keep,
+            "smallest_detectable": dict(self.detectable),
+        }
+
+
+@dataclass(frozen=True)
+class Inseparable:
+    """`effect` cannot be told from `other` ("baseline:theta0" or an id); `shift` says what it does to the result."""
+
+    effect: str
+    other: str
+    shift: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl diagnose --json`."""
+        return {"effect": self.effect, "from": self.other, "shift": self.shift}
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """What no known effect describes: where it is, in words and numbers."""
+
+    channel: str
+    component: str
+    description: str
+    p_value: float
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl diagnose --json`."""
+        return {**vars(self), "details": dict(self.details)}
+
+
+@dataclass(frozen=True)
+class Step:
+    """A model on the way: after adding `added` (None: the start) or dropping `dropped`."""
+
+    terms: tuple[Term, ...]
+    added: str | None
+    dropped: tuple[str, ...]
+    chi2_per_dof: float
+    p_value: float
+    error_fit: float
+    error_held_out: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The answer to: which physical effect is missing?"""
+
+    verdict: Verdict
+    alpha: float
+    terms: tuple[Term, ...]
+    suggested: tuple[Term, ...]
+    ranking: tuple[Rank, ...]
+    inseparable: tuple[Inseparable, ...]
+    unexplained: Unexplained | None
+    not_testable: Mapping[str, str]
+    steps: tuple[Step, ...]
+    n_eff: float
+    next_measurement: Mapping[str, Any] | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl diagnose --json`."""
+        return {
+            "verdict": self.verdict,
+            "alpha": self.alpha,
+            "model": {"effects": [term.effect for term in self.terms]},
+            "suggested": [term.effect for term in self.suggested],
+            "ranking": [each.as_json() for each in self.ranking],
+            "inseparable": [each.as_json() for each in self.inseparable],
+            "unexplained": None if self.unexplained is None else self.unexplained.as_json(),
+            "not_testable": dict(self.not_testable),
+            "steps": [
+                {**vars(step), "terms": [term.effect for term in step.terms], "dropped": list(step.dropped)}
+                for step in self.steps
+            ],
+            "trials": self.n_eff,
+            "next_measurement": dict(self.next_measurement or {}),
+        }
+
+
+@dataclass(frozen=True)
+class ModelFit:
+    """A model fitted to its observations; whitened residuals (n,), errors with 1.00 = noise."""
+
+    terms: tuple[Term, ...]
+    parameters: Mapping[str, Estimate]
+    chi2: float
+    dof: int
+    p_value: float
+    error_fit: float
+    error_held_out: float
+    residuals: FloatArray
+    result: Mapping[str, Any]
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """NaN without degrees of freedom."""
+        return self.chi2 / self.dof if self.dof > 0 else float("nan")
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl fit --json`."""
+        return {
+            "effects": [term.effect for term in self.terms],
+            "chi2_per_dof": self.chi2_per_dof,
+            "dof": self.dof,
+            "p_value": self.p_value,
+            "error_fit": self.error_fit,
+            "error_held_out": self.error_held_out,
+            "parameters": {name: each.as_json() for name, each in self.parameters.items()},
+            "result": dict(self.result),
+        }
+
+
+def finite(value: float) -> float | None:
+    """For JSON, which has no NaN."""
+    return value if np.isfinite(value) else None

@@ -1,0 +1,198 @@
+"""What an experiment tells the workbench of itself: its reduced data, its models, its catalogue.
+
+Everything is stacked into vectors of n data, one per (run, series) that was measured; a series is one component of
+one channel. The workbench works on these vectors and on derivatives with respect to parameters, whatever they mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.fitting.least_squares import Parameter
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Series:
+    """One component of one channel, in its own unit: accel_v, "2 nu quadrature", V."""
+
+    channel: str
+    component: str
+    unit: str
+
+    @property
+    def name(self) -> str:
+        """Channel and component."""
+        return f"{self.channel} {self.component}"
+
+
+@dataclass(frozen=True)
+class NoisePool:
+    """Data that share one estimate of their noise.
+
+    `dof` degrees of freedom stand behind the sigmas of these data, 0 when they are no more than relative weights
+    whose scale must come from the scatter. `order` names the covariate (of runs) along which this noise may be
+    correlated from run to run, within one `Observations.group`; None where runs are independent.
+    """
+
+    name: str
+    dof: float
+    order: str | None = None
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What was measured, reduced: n data in runs and series.
+
+    Shapes: `value`, `sigma` (standard uncertainty, or relative weight; in the series' unit), `series_of`, `run_of`,
+    `pool_of`, `group_of` (which data's noise may be correlated at all: one sensor's) are all (n,), the latter four
+    indices. `covariates` are columns over the runs, (runs,), NaN where unknown: set-points, temperature, time, and the
+    recording's own extra columns. `block_of` (runs,) numbers the blocks that are held out together: mountings, else
+    stretches of time. `angle` and `frequency` name the covariates, in degrees and hertz, in which the experiment's
+    signals are periodic or go as powers; None when it has none.
+    """
+
+    run_ids: tuple[str, ...]
+    series: tuple[Series, ...]
+    pools: tuple[NoisePool, ...]
+    value: FloatArray
+    sigma: FloatArray
+    series_of: IntArray
+    run_of: IntArray
+    pool_of: IntArray
+    group_of: IntArray
+    block_of: IntArray
+    covariates: Mapping[str, FloatArray] = field(default_factory=dict)
+    angle: str | None = None
+    frequency: str | None = None
+
+    def of_runs(self, name: str) -> FloatArray:
+        """A covariate at every datum, shape (n,)."""
+        return self.covariates[name][self.run_of]
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect as part of a model: its id, and what of it was found by scanning (a head, a frequency, a period)."""
+
+    effect: str
+    choice: Mapping[str, Any] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """As a model version keeps it."""
+        return {"effect": self.effect, "choice": dict(self.choice)}
+
+
+class Model(Protocol):
+    """Baseline and terms, as a function of parameters; `observations` are the data it predicts."""
+
+    @property
+    def observations(self) -> Observations:
+        """The data, in the order of predictions."""
+        ...
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """What the baseline was extended with."""
+        ...
+
+    @property
+    def parameters(self) -> Sequence[Parameter]:
+        """Of the baseline and then of the terms: names as in `rigctl fit --json`, starts, priors."""
+        ...
+
+    @property
+    def units(self) -> Sequence[str]:
+        """Of each parameter."""
+        ...
+
+    @property
+    def owners(self) -> Sequence[str]:
+        """To which each parameter belongs: an effect's id, or "" for the baseline."""
+        ...
+
+    def predict(self, values: FloatArray) -> FloatArray:
+        """The data for parameter values of shape (m,); shape (n,)."""
+        ...
+
+    def jacobian(self, values: FloatArray) -> FloatArray:
+        """d predict / d values, shape (n, m)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A term that might be added: how the data would change with its parameters, starting from none of it.
+
+    `derivative` has shape (n, d) and is taken at the current fit with the term's parameters at zero, in their own
+    units; what the choice fixes (the frequency of a line) is no parameter here. `typical` (d,) are plausible sizes.
+    """
+
+    term: Term
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    derivative: FloatArray
+    typical: FloatArray
+
+
+@dataclass(frozen=True)
+class NotTestable:
+    """An effect that these data cannot be asked about, and why, in a sentence."""
+
+    effect: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Line:
+    """A steady line in the samples that belongs to no harmonic of the drive: the term that would describe it.
+
+    `p_value` is that of the power under noise, corrected for the frequencies tried; `held_out_error_ratio` after over
+    before on the spectrum of held-out runs. `parameters` as in `rigctl diagnose --json`.
+    """
+
+    term: Term
+    channel: str
+    frequency_hz: float
+    amplitude: float
+    sigma: float
+    unit: str
+    p_value: float
+    held_out_error_ratio: float
+    parameters: Mapping[str, Mapping[str, Any]]
+
+
+class Study(Protocol):
+    """An experiment's recording, as the workbench sees it."""
+
+    @property
+    def experiment(self) -> str:
+        """Its id, as in recording.toml."""
+        ...
+
+    def effects(self) -> Mapping[str, str]:
+        """Every effect that can be added, in the order of the catalogue: id and the physics in a sentence."""
+        ...
+
+    def model(self, terms: Sequence[Term]) -> Model:
+        """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it are missing."""
+        ...
+
+    def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
+        """Every effect that `model` lacks, at the fitted `values`; a scanned one appears once per choice."""
+        ...
+
+    def lines(self, model: Model) -> Sequence[Line]:
+        """Steady lines in what is left of the samples; empty where the recording has no samples to look at."""
+        ...
+
+    def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+        """What the experiment is for, as JSON, for the error ladder: numbers with `value`, `sigma` and `unit` by name."""
+        ...
