@@ -45,7 +45,7 @@ class ChannelFit:
 
 @dataclass(frozen=True)
 class Trend:
-    """How strongly a series' residuals follow a covariate: F test of a smooth dependence, corrected for the trials."""
+    """How strongly a series' residuals follow a covariate: an F test, corrected for its trials."""
 
     channel: str
     component: str
@@ -104,9 +104,8 @@ class Comparison:
 class Rank:
     """One effect of the catalogue, as it stands beside the model the diagnosis ended with.
 
-    `statistic` is the fall of chi-square it would bring (for an effect that was suggested: brings), `keep` the share of it
-    that no fitted parameter imitates, `detectable` the size in sigma units of its typical one that these data would have
-    revealed with power 0.95, in the unit of its first parameter.
+    `statistic` is the fall of chi-square it would bring (for one that was suggested: brings), `keep` the share of it that
+    no fitted parameter imitates, `detectable` by parameter the size that these data would have revealed with power 0.95.
     """
 
     term: Term

@@ -53,7 +53,7 @@ class Observations:
 
     Shapes: `value`, `sigma` (standard uncertainty, or relative weight; in the series' unit), `series_of`, `run_of`,
     `pool_of`, `group_of` (which data's noise may be correlated at all: one sensor's) are all (n,), the latter four
-    indices. `covariates` are columns over the runs, (runs,), NaN where unknown: set-points, temperature, time, and the
+    indices. `covariates` are columns over the runs, (runs,), NaN where unknown: set-points, temperature, time, the
     recording's own extra columns. `block_of` (runs,) numbers the blocks that are held out together: mountings, else
     stretches of time. `angle` and `frequency` name the covariates, in degrees and hertz, in which the experiment's
     signals are periodic or go as powers; None when it has none.
@@ -182,7 +182,7 @@ class Study(Protocol):
         ...
 
     def model(self, terms: Sequence[Term]) -> Model:
-        """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it are missing."""
+        """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
         ...
 
     def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
@@ -194,5 +194,5 @@ class Study(Protocol):
         ...
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
-        """What the experiment is for, as JSON, for the error ladder: numbers with `value`, `sigma` and `unit` by name."""
+        """What the experiment is for, for the error ladder: by name, JSON with `value`, `sigma` and `unit`."""
         ...
