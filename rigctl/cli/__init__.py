@@ -1,0 +1,64 @@
+"""The command line: thin, every command calls what Python users call.
+
+Exit status: 0 done; 1 the work failed; 2 wrong usage or bad input; 130 aborted by the operator.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import NoReturn
+
+import typer
+
+from rigctl.cli import campaigns, exchange, instruments, results
+from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
+
+app = typer.Typer(
+    help="Instrument control and model building for precision accelerometer calibration.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for part in (campaigns, results, exchange, instruments):
+    app.add_typer(part.app)
+
+# The matrices here are small: a second thread only waits, and the other core belongs to the console.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+TRACEBACK = "RIGCTL_TRACEBACK"
+"""Environment variable for whoever hunts a bug of ours: show it in full."""
+
+
+def main() -> None:
+    """Run a command; errors become one line on stderr and an exit status."""
+    try:
+        app(standalone_mode=True)
+    except RigError as error:
+        _fail("; ".join([_said(error), *getattr(error, "__notes__", [])]), _status(error))
+    except KeyboardInterrupt:
+        _fail("aborted: interrupted", 130)
+    except BrokenPipeError:
+        sys.stderr.close()
+    except OSError as error:
+        _fail(f"{error.filename or 'rigctl'}: {error.strerror or error}; check the path and its permissions", 1)
+    except Exception as error:
+        if TRACEBACK in os.environ:
+            raise
+        told = f"{type(error).__name__}: {error}"
+        _fail(f"internal error: {told}; please report it with what {TRACEBACK}=1 shows", 1)
+
+
+def _said(error: RigError) -> str:
+    return f"aborted: {error}" if isinstance(error, Aborted) else str(error)
+
+
+def _status(error: RigError) -> int:
+    if isinstance(error, Aborted):
+        return 130
+    return 2 if isinstance(error, ConfigError | DataError | LimitError) else 1
+
+
+def _fail(message: str, status: int) -> NoReturn:
+    print(" ".join(message.split()), file=sys.stderr)  # noqa: T201
+    sys.exit(status)

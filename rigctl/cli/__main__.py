@@ -1,0 +1,5 @@
+"""`python -m rigctl.cli`."""
+
+from rigctl.cli import main
+
+main()

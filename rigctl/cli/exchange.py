@@ -1,0 +1,70 @@
+"""Commands that take recordings in and out as plain files."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rigctl.cli.io import Json, StoreFile, print_json, say
+from rigctl.errors import ConfigError
+
+app = typer.Typer()
+
+
+@app.command("import")
+def import_(
+    bundle: Annotated[Path, typer.Argument(metavar="BUNDLE", help="A bundle: a directory or a .zip of one.")],
+    store: Annotated[Path, typer.Option(help="The store to make.")],
+    as_json: Json = False,
+) -> None:
+    """Read a recording, ours or another laboratory's, into a store."""
+    from rigctl.campaign.bundle import import_bundle, import_report
+    from rigctl.campaign.recording import ImportReport
+
+    with import_bundle(bundle, store) as imported:
+        report = import_report(imported) or ImportReport(len(imported.runs()))
+    if as_json:
+        print_json({"runs": report.runs, "invalid": dict(report.invalid), "warnings": list(report.warnings)})
+        return
+    say(f"{report.runs} runs read into {store}, {len(report.invalid)} of them invalid")
+    for run_id, why in report.invalid:
+        say(f"run {run_id} invalid: {why}")
+    for warning in report.warnings:
+        say(f"warning: {warning}")
+
+
+@app.command()
+def export(
+    store: StoreFile,
+    directory: Annotated[Path, typer.Argument(metavar="DIR")],
+    format_: Annotated[str, typer.Option("--format", help="bundle or hdf5")] = "bundle",
+    salvage: Annotated[bool, typer.Option("--salvage", help="Include runs that were cut off.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Write a store as a bundle of plain files, or as one HDF5 file in DIR."""
+    from rigctl.campaign.store import Store
+
+    if format_ not in {"bundle", "hdf5"}:
+        raise ConfigError(f"--format {format_} is unknown; bundle or hdf5")
+    written = directory
+    lost: tuple[str, ...] = ()
+    with Store.open(store, readonly=True, salvage=salvage) as opened:
+        if format_ == "hdf5":
+            from rigctl.campaign.hdf5 import write_hdf5
+
+            directory.mkdir(parents=True, exist_ok=True)
+            written = directory / f"{store.stem}.h5"
+            write_hdf5(opened, written)
+        else:
+            from rigctl.campaign.bundle import write_bundle
+
+            lost = write_bundle(opened, directory, salvage=salvage)
+    for line in lost:
+        print(line, file=sys.stderr)  # noqa: T201
+    if as_json:
+        print_json({"written": str(written), "lost": list(lost)})
+    else:
+        say(f"written: {written}")

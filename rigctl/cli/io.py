@@ -1,0 +1,39 @@
+"""What every command takes and how it answers."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
+StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="A campaign file, by convention *.rig.sqlite.")]
+RigToml = Annotated[Path, typer.Argument(metavar="RIG.toml", help="A rig file.")]
+CampaignToml = Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="A campaign file.")]
+Plugins = Annotated[
+    list[Path] | None, typer.Option("--plugin", metavar="FILE", help="A file with effects of your own.")
+]
+
+
+def print_json(document: object) -> None:
+    """One document on stdout; JSON has no NaN, so what is not finite is null."""
+    print(json.dumps(_plain(document), allow_nan=False, default=str))  # noqa: T201
+
+
+def say(text: str) -> None:
+    """A line on stdout."""
+    print(text)  # noqa: T201
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if hasattr(value, "tolist"):  # numpy's, which a command that needs none does not import
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
