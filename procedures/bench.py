@@ -54,7 +54,7 @@ class Readout(Voltmeter, PacingRecorder, Protocol):
 
 @dataclass(frozen=True)
 class SetPoint:
-    """What a run is asked to be."""
+    """What a run is asked to be; `approach` is the direction in which the angle is last reached."""
 
     axis: str
     configuration: str
@@ -64,6 +64,7 @@ class SetPoint:
     amplitude_mm: float
     duration_s: float
     sample_rate_hz: float
+    approach: int = 1
 
     @property
     def samples(self) -> int:
@@ -92,7 +93,7 @@ class Bench:
     clock: Clock
     approach_overshoot_deg: float = 0.05
     _oscillating: bool = field(default=False, init=False)
-    _approached: bool = field(default=False, init=False)
+    _approached: int = field(default=0, init=False)
 
     def prepare(self) -> None:
         """Home what is not homed."""
@@ -109,13 +110,7 @@ class Bench:
 
     def check(self, point: SetPoint, *, lasers: bool) -> None:
         """`LimitError` when the stages cannot do it, or the spots would leave the cube's faces."""
-        limits = self.rotation.limits
-        lowest = limits.angle_min_deg + self.approach_overshoot_deg
-        if not lowest <= point.theta_deg <= limits.angle_max_deg:
-            raise LimitError(
-                f"{self.rotation.name}: {point.theta_deg:g} deg is outside {lowest:g} .. "
-                f"{limits.angle_max_deg:g} deg (with the approach from below)"
-            )
+        self._check_angle(point)
         check_oscillation(self.linear, point.amplitude_mm, point.frequency_hz)
         longest_s = self.longest_run_s(point.sample_rate_hz, lasers=lasers)
         if point.samples > longest_s * point.sample_rate_hz:
@@ -128,6 +123,38 @@ class Bench:
             raise LimitError(
                 f"at {point.theta_deg:g} deg with {point.amplitude_mm:g} mm a laser's spot leaves the "
                 f"{self.package.cube_side_mm:g} mm cube by {-margin_mm:.2f} mm: less angle or amplitude"
+            )
+
+    def spots_stay(self, point: SetPoint) -> bool:
+        """True when every spot stays on its face of the cube."""
+        return self.package.spot_margin_mm(point.theta_deg, point.amplitude_mm) >= 0.0
+
+    def check_level(self, point: SetPoint) -> None:
+        """`LimitError` when the sensor's output would leave its range, as far as gain and level are known."""
+        full_scale_v = self.readout.channels()[0].full_scale
+        sensor = self.package.axes[point.axis].sensor[point.configuration]
+        w = 2.0 * math.pi * point.frequency_hz
+        response = 1.0 / abs(complex(1.0 - w**2 * sensor.inv_w0_squared, w * sensor.damping))
+        force_m_s2 = point.peak_acceleration_m_s2 * abs(math.sin(math.radians(point.theta_deg)))
+        peak_v = sensor.gain_v_per_m_s2 * response * force_m_s2 + self.package.level_limit_v
+        if full_scale_v is not None and peak_v >= full_scale_v:
+            raise LimitError(
+                f"at {point.theta_deg:g} deg, {point.frequency_hz:g} Hz and {point.amplitude_mm:g} mm {point.axis} "
+                f"in {point.configuration} would give up to {peak_v:.1f} V, past the {full_scale_v:g} V of "
+                f"{self.readout.name}: less amplitude, frequency or angle"
+            )
+
+    def _check_angle(self, point: SetPoint) -> None:
+        limits = self.rotation.limits
+        lowest, highest, side = limits.angle_min_deg, limits.angle_max_deg, "below"
+        if point.approach > 0:
+            lowest += self.approach_overshoot_deg
+        else:
+            highest, side = highest - self.approach_overshoot_deg, "above"
+        if not lowest <= point.theta_deg <= highest:
+            raise LimitError(
+                f"{self.rotation.name}: {point.theta_deg:g} deg is outside {lowest:g} .. {highest:g} deg "
+                f"(with the approach from {side})"
             )
 
     def longest_run_s(self, sample_rate_hz: float, *, lasers: bool) -> float:
@@ -158,6 +185,7 @@ class Bench:
             "theta_asked_deg": point.theta_deg,
             "frequency_hz": point.frequency_hz,
             "amplitude_mm": point.amplitude_mm,
+            "approach": point.approach,
         }
 
         def measure(writer: RunWriter) -> dict[str, Any]:
@@ -169,7 +197,7 @@ class Bench:
     def _measure(self, session: Session, writer: RunWriter, point: SetPoint, lasers: bool) -> dict[str, Any]:
         # Every run sets out from rest: what it records depends on nothing before it, a restart included.
         self.rest()
-        self._turn_to(point.theta_deg)
+        self._turn_to(point.theta_deg, point.approach)
         self._oscillate(point)
         session.wait_s(self._settling_s(point))
         angle = self.rotation.angle()
@@ -181,7 +209,6 @@ class Bench:
         temperature.append(self._temperature_c())
         found: dict[str, Any] = {
             "theta_deg": angle.value,
-            "approach": 1,
             "start_s": start_s,
             "temperature_c": float(np.mean(temperature)),
         }
@@ -251,15 +278,16 @@ class Bench:
         ring_down_s = self.package.axes[point.axis].sensor[point.configuration].ring_down_s
         return ring_down_s * max(math.log(excited_m_s2 / RESIDUAL_TRANSIENT_M_S2), 0.0)
 
-    def _turn_to(self, theta_deg: float) -> None:
-        """Arrive from below, so that every null is approached from the same side."""
+    def _turn_to(self, theta_deg: float, approach: int) -> None:
+        """Arrive in the direction asked for: a cable that pulls shifts a null with the side it is come from."""
         now_deg = self.rotation.angle().value
-        if self._approached and abs(now_deg - theta_deg) < ANGLE_RESOLUTION_DEG / 2:
+        if self._approached == approach and abs(now_deg - theta_deg) < ANGLE_RESOLUTION_DEG / 2:
             return
-        if now_deg > theta_deg - self.approach_overshoot_deg:
-            self.rotation.move_to(theta_deg - self.approach_overshoot_deg)
+        aside_deg = theta_deg - approach * self.approach_overshoot_deg
+        if approach * (now_deg - aside_deg) > 0.0:
+            self.rotation.move_to(aside_deg)
         self.rotation.move_to(theta_deg)
-        self._approached = True
+        self._approached = approach
 
     def _oscillate(self, point: SetPoint) -> None:
         lasting_s = 1.5 * point.duration_s + 2 * OSCILLATION_MARGIN_S

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from procedures.bench import Bench
 from rigctl.campaign.session import Session
+from rigctl.campaign.store import Store
 from rigctl.errors import ProcedureError
+
+_SEATED = re.compile(r"(\S+) (\S+) (\d+) mounted$")
+"""The key under which a mounting is kept as made."""
 
 MAX_LEVELLINGS = 5
 LEVEL_READINGS = 3
@@ -26,6 +31,20 @@ class Mounting:
     def key(self) -> str:
         """The mounting's name in keys of steps and runs."""
         return f"{self.axis} {self.configuration} {self.number}"
+
+
+@dataclass(frozen=True)
+class Seated:
+    """What earlier campaigns of the same store have left: the highest number used, and what is mounted."""
+
+    count: int = 0
+    last: Mounting | None = None
+
+
+def mounted_in(store: Store) -> list[Mounting]:
+    """Every mounting that a store's campaigns have made, in order."""
+    found = (_SEATED.search(event.data["key"]) for event in store.events("once"))
+    return [Mounting(each[1], each[2], int(each[3])) for each in found if each]
 
 
 class MountingLostError(ProcedureError):

@@ -1,82 +1,63 @@
 """The campaigns of the sensing-axis experiment: what a campaign file's `[procedure]` may name.
 
 `six-mountings`: every axis in pendulum (phase 1) and flag (phase 2), each repeated as a new mounting.
-`null-search`: one mounting. `angle-scan`: the plain grid, for comparison. `quick-check`: the evening before.
+`null-search`: one mounting. `scan`: every combination of set-points, or a list of runs. `angle-scan`: the plain grid,
+for comparison with the null search. `quick-check`: the evening before.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 
-from pydantic import Field, field_validator
-
+from procedures import scan
 from procedures.angle_scan import AngleScan
 from procedures.bench import Bench, SetPoint
-from procedures.mounting import Fixture, Mounting, MountingLostError
+from procedures.mounting import Fixture, Mounting, MountingLostError, Seated
 from procedures.noise_check import check_noise
 from procedures.null_search import ROLL, NullSearch, NullSearchSettings
 from procedures.quick_check import quick_check, reversal_points
+from procedures.tables import Procedure, Targets
 from rigctl.campaign.session import Session
 from rigctl.effects.catalogue import Effect
 from rigctl.errors import ConfigError
-from rigctl.experiments.sensing_axis.package import Table
 
 RUNS_PER_MOUNTING = 3
-
-Positive = Annotated[float, Field(gt=0)]
-
-
-class Procedure(Table):
-    """The `[procedure]` table."""
-
-    name: Literal["six-mountings", "null-search", "angle-scan", "quick-check"]
-    axes: tuple[str, ...] = Field(min_length=1)
-    configurations: tuple[str, ...] = Field(default=("pendulum", "flag"), min_length=1)
-    mountings: Annotated[int, Field(ge=1)] = 1
-    frequencies_hz: tuple[Positive, ...] = Field(default=(0.3, 0.5, 0.6), min_length=1)
-    amplitude_mm: Positive = 5.0
-    sample_rate_hz: Positive = 100.0
-    coarse_s: Positive = 6.0
-    start_deg: float = 0.0
-    angles_deg: tuple[float, ...] = ()
-    dwell_s: Positive = 20.0
-    noise_check_s: Annotated[float, Field(ge=0)] = 100.0
-
-    @field_validator("axes", "configurations", "frequencies_hz", "angles_deg")
-    @classmethod
-    def _no_repeats(cls, values: tuple[object, ...]) -> tuple[object, ...]:
-        if len(set(values)) < len(values):
-            raise ValueError("has the same entry twice")
-        return values
-
-
-class Targets(Table):
-    """The `[targets]` table: when it is good enough."""
-
-    theta0_sigma_arcsec: Positive = 2.0
-    noise_m_s2_rthz: Positive = 3e-6
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A campaign ready to run."""
+    """A campaign ready to run; `seated` is what earlier campaigns of its store have left."""
 
     procedure: Procedure
     targets: Targets
     effects: tuple[Effect, ...]
+    seated: Seated = field(default_factory=Seated)
 
     @property
     def mountings(self) -> list[Mounting]:
-        """All mountings in order; numbers count through the campaign and are never used twice."""
+        """All mountings in order; numbers count through the store and are never used twice."""
+        if self.procedure.name == "scan":
+            return [stretch.mounting for stretch in self.stretches]
         chosen = [
             (axis, configuration)
             for axis in self.procedure.axes
             for configuration in self.procedure.configurations
             for _ in range(self.procedure.mountings)
         ]
-        return [Mounting(axis, configuration, i) for i, (axis, configuration) in enumerate(chosen, start=1)]
+        return [
+            Mounting(axis, configuration, i) for i, (axis, configuration) in enumerate(chosen, self.seated.count + 1)
+        ]
+
+    @property
+    def stretches(self) -> list[scan.Stretch]:
+        """A scan's runs, by mounting; `ConfigError`."""
+        return scan.stretches(self.procedure, self.seated)
+
+    @property
+    def spare(self) -> int:
+        """The first mounting number that nothing is planned for."""
+        return max([self.seated.count, *(mounting.number for mounting in self.mountings)]) + 1
 
     def search(self, noise_m_s2_rthz: float) -> NullSearchSettings:
         """Settings of the null search in a room of this noise."""
@@ -93,34 +74,51 @@ class Plan:
     @property
     def runs(self) -> int:
         """How many runs are expected."""
+        if self.procedure.name == "scan":
+            return sum(len(stretch.wanted) for stretch in self.stretches)
         if self.procedure.name == "angle-scan":
             return len(self.mountings) * len(self.procedure.angles_deg) * len(self.procedure.frequencies_hz)
         return len(self.mountings) * RUNS_PER_MOUNTING
 
     def check(self, bench: Bench) -> None:
         """Whether the rig can do all of it, before anything moves: `ConfigError` or `LimitError`."""
-        for axis in self.procedure.axes:
-            if axis not in bench.package.axes:
-                known = ", ".join(bench.package.axes)
-                raise ConfigError(f"procedure.axes: the rig's package has no axis {axis}; it has {known}")
-        for configuration in self.procedure.configurations:
-            if configuration not in bench.package.configurations:
-                known = ", ".join(bench.package.configurations)
-                raise ConfigError(
-                    f"procedure.configurations: no {configuration} in the rig's package; it has {known}"
-                )
-        if any(effect.id == ROLL for effect in self.effects) and len(self.procedure.frequencies_hz) == 1:
+        procedure = self.procedure
+        self._require("procedure.axes", "axis", procedure.axes, bench.package.axes)
+        self._require(
+            "procedure.configurations", "configuration", procedure.configurations, bench.package.configurations
+        )
+        if procedure.name == "scan":
+            self._check_scan(bench)
+            return
+        if any(effect.id == ROLL for effect in self.effects) and len(procedure.frequencies_hz) == 1:
             raise ConfigError(
                 f"model.effects: at one frequency {ROLL} cannot be told from theta0; "
                 "give procedure.frequencies_hz another, or leave it out"
             )
-        if self.procedure.name == "angle-scan" and not self.procedure.angles_deg:
+        if procedure.name == "angle-scan" and not procedure.angles_deg:
             raise ConfigError("procedure.angles_deg is missing; an angle scan needs its angles")
         for point in self._extremes():
             bench.check(point, lasers=True)
-        if self.procedure.name == "quick-check":
+        if procedure.name == "quick-check":
             for point in reversal_points(self._extremes()[0]):
                 bench.check(point, lasers=False)
+
+    def _check_scan(self, bench: Bench) -> None:
+        for i, run in enumerate(self.procedure.runs):
+            self._require(f"procedure.runs.{i}.axis", "axis", [run.axis], bench.package.axes)
+            self._require(
+                f"procedure.runs.{i}.configuration",
+                "configuration",
+                [run.configuration],
+                bench.package.configurations,
+            )
+        scan.check(self.stretches, bench)
+
+    @staticmethod
+    def _require(key: str, kind: str, named: Iterable[str | None], known: Iterable[str]) -> None:
+        for name in named:
+            if name is not None and name not in known:
+                raise ConfigError(f"{key}: the rig's package has no {kind} {name}; it has {', '.join(known)}")
 
     def _extremes(self) -> list[SetPoint]:
         procedure = self.procedure
@@ -157,7 +155,7 @@ def run(session: Session, bench: Bench, plan: Plan) -> None:
 def _six_mountings(session: Session, bench: Bench, plan: Plan) -> None:
     fixture = Fixture(session, bench)
     pending = plan.mountings
-    spare = len(pending) + 1
+    spare = plan.spare
     noise_m_s2_rthz: float | None = None
     while pending:
         mounting = pending.pop(0)
@@ -192,6 +190,13 @@ def _angle_scan(session: Session, bench: Bench, plan: Plan) -> None:
             )
 
 
+def _scan(session: Session, bench: Bench, plan: Plan) -> None:
+    scanning = scan.Scan(session, bench, Fixture(session, bench), plan.spare)
+    for stretch in plan.stretches:
+        with session.step(f"scan {stretch.mounting.key}"):
+            scanning.measure(stretch, in_place=stretch.mounting == plan.seated.last)
+
+
 def _quick_check(session: Session, bench: Bench, plan: Plan) -> None:
     fixture = Fixture(session, bench)
     mounting = plan.mountings[0]
@@ -221,5 +226,6 @@ _PROCEDURES: dict[str, Callable[[Session, Bench, Plan], None]] = {
     "six-mountings": _six_mountings,
     "null-search": _six_mountings,
     "angle-scan": _angle_scan,
+    "scan": _scan,
     "quick-check": _quick_check,
 }

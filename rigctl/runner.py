@@ -14,10 +14,13 @@ from typing import Any
 
 from procedures import sensing_axes
 from procedures.bench import Bench
+from procedures.mounting import Mounting, Seated, mounted_in
+from procedures.tables import Procedure, Targets
 from rigctl import config
 from rigctl.campaign import locks
 from rigctl.campaign.control import Control, RequestWatcher, forget_requests
 from rigctl.campaign.operator import Operator, SimulatedOperator, TerminalOperator, TypedLines
+from rigctl.campaign.parts import Part, begin_part, next_part, parts_of
 from rigctl.campaign.progress import Display, Progress
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
 from rigctl.campaign.session import Session
@@ -57,7 +60,29 @@ def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: P
             with Store.create(store_path, _header(campaign, rig, options)) as store:
                 for name, identity in identities.items():
                     store.set_identity(name, identity)
-                _carry_out(store, rig, bench, plan, control, options)
+                _carry_out(store, rig, bench, plan, control, options, Part(1, str(campaign.path), campaign.text))
+
+
+def extend(store_path: Path, campaign: config.CampaignFile, options: Options) -> None:
+    """Run a further campaign into a finished store, on its rig: runs of both are analysed together.
+
+    The rig's clock and the numbers of mountings go on; with `procedure.mounting = "same"` so does the mounting.
+    `resume` finishes it when it is interrupted. `DataError` when the store's last campaign is not done.
+    """
+    with Store.open(store_path) as store, _store_to_oneself(store_path):
+        state = store.status().get("state")
+        if state != "done":
+            raise DataError(
+                f"{store_path} is {state or 'imported'}: only a campaign that is done can be gone on from"
+            )
+        if campaign.experiment != store.header.experiment:
+            raise ConfigError(f"{campaign.path}: experiment: the store holds {store.header.experiment}")
+        made = [(mounting.axis, mounting.configuration, mounting.number) for mounting in mounted_in(store)]
+        part = next_part(store, campaign.path, campaign.text, made)
+        plan = plan_of(campaign, _seated(part))
+        with _reopened(store, plan, campaign) as (rig, bench, control):
+            begin_part(store, part, rig.clock.now_s())
+            _carry_out(store, rig, bench, plan, control, options, part)
 
 
 def resume(store_path: Path, options: Options) -> None:
@@ -65,15 +90,29 @@ def resume(store_path: Path, options: Options) -> None:
     with Store.open(store_path) as store, _store_to_oneself(store_path):
         if store.status().get("state") == "done":
             raise DataError(f"{store_path} is done; there is nothing to resume")
-        campaign = campaign_of(store)
-        plan = plan_of(campaign)
-        start_s = max((event.rig_time_s or 0.0 for event in store.events()), default=0.0)
-        rig = Rig(rig_file_of(store, with_world=True), seed=store.header.seed, start_s=start_s)
-        bench = _checked_bench(rig, plan, campaign)
-        forget_requests(store)
-        with _in_charge(rig, bench, campaign) as control:
-            store.add_event("resumed", {"after": store.status().get("state", "")}, start_s)
-            _carry_out(store, rig, bench, plan, control, options)
+        part = parts_of(store)[-1]
+        campaign = config.parse_campaign(part.toml, store_path)
+        plan = plan_of(campaign, _seated(part))
+        with _reopened(store, plan, campaign) as (rig, bench, control):
+            store.add_event("resumed", {"after": store.status().get("state", "")}, rig.clock.now_s())
+            _carry_out(store, rig, bench, plan, control, options, part)
+
+
+@contextmanager
+def _reopened(
+    store: Store, plan: sensing_axes.Plan, campaign: config.CampaignFile
+) -> Iterator[tuple[Rig, Bench, Control]]:
+    """The rig a store was made with, where its clock was; a plan it cannot carry out is refused before that."""
+    start_s = max((event.rig_time_s or 0.0 for event in store.events()), default=0.0)
+    rig = Rig(rig_file_of(store, with_world=True), seed=store.header.seed, start_s=start_s)
+    bench = _checked_bench(rig, plan, campaign)
+    forget_requests(store)
+    with _in_charge(rig, bench, campaign) as control:
+        yield rig, bench, control
+
+
+def _seated(part: Part) -> Seated:
+    return Seated(part.mountings_before, None if part.mounted is None else Mounting(*part.mounted))
 
 
 def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile) -> dict[str, Any]:
@@ -90,17 +129,17 @@ def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile) -> dict[str
     }
 
 
-def plan_of(campaign: config.CampaignFile) -> sensing_axes.Plan:
-    """The procedure a campaign file asks for; `ConfigError`."""
+def plan_of(campaign: config.CampaignFile, seated: Seated | None = None) -> sensing_axes.Plan:
+    """The procedure a campaign file asks for, after what earlier campaigns have left; `ConfigError`."""
     if campaign.experiment != "sensing-axis":
         raise ConfigError(f"{campaign.path}: there is no procedure for '{campaign.experiment}' yet")
-    procedure = config.validated(sensing_axes.Procedure, campaign.procedure, campaign.path, "procedure")
-    targets = config.validated(sensing_axes.Targets, campaign.targets, campaign.path, "targets")
+    procedure = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
+    targets = config.validated(Targets, campaign.targets, campaign.path, "targets")
     try:
         effects = chosen(campaign.experiment, campaign.model.effects)
     except ConfigError as error:
         raise ConfigError(f"{campaign.path}: model.effects: {error}") from None
-    return sensing_axes.Plan(procedure, targets, effects)
+    return sensing_axes.Plan(procedure, targets, effects, seated or Seated())
 
 
 def bench_of(rig: Rig) -> Bench:
@@ -138,9 +177,7 @@ def _require_names(file: config.RigFile, heads: set[str], channel: str) -> None:
 
 def campaign_of(store: Store) -> config.CampaignFile:
     """The campaign file a store was made with; `DataError` for an imported recording."""
-    if store.header.campaign_toml is None:
-        raise DataError(f"{store.path}: an imported recording has no campaign to go on with")
-    return config.parse_campaign(store.header.campaign_toml, store.path)
+    return config.parse_campaign(parts_of(store)[0].toml, store.path)
 
 
 def rig_file_of(store: Store, *, with_world: bool = False) -> config.RigFile:
@@ -196,10 +233,10 @@ def _checked_bench(rig: Rig, plan: sensing_axes.Plan, campaign: config.CampaignF
 
 
 def _carry_out(
-    store: Store, rig: Rig, bench: Bench, plan: sensing_axes.Plan, control: Control, options: Options
+    store: Store, rig: Rig, bench: Bench, plan: sensing_axes.Plan, control: Control, options: Options, part: Part
 ) -> None:
-    progress = Progress(store, options.display)
-    session = Session(store, rig.clock, _operator(rig, control, options), control, progress)
+    progress = Progress(store, options.display, part.runs_before)
+    session = Session(store, rig.clock, _operator(rig, control, options), control, progress, part.number)
     progress.state("running")
     try:
         with RequestWatcher(store.path, control):

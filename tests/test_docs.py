@@ -23,7 +23,7 @@ from drivers.keysight_34465a import ThermometerSettings, VoltmeterSettings
 from drivers.newport_esp301 import Esp301Settings
 from drivers.newport_xps import XpsSettings
 from drivers.rotation_settings import RotationSettings
-from procedures.sensing_axes import Procedure, Targets
+from procedures.tables import ListedRun, Procedure, Targets
 from rigctl import config
 from rigctl.cli import app
 from rigctl.effects.catalogue import catalogue
@@ -76,6 +76,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "fault": (faults.Fault, set()),
     "campaign": (config.CampaignFile, FILE_FIELDS),
     "procedure": (Procedure, set()),
+    "procedure.runs": (ListedRun, set()),
     "targets": (Targets, set()),
     "model": (config.ModelTable, set()),
     "reference": (config.ReferenceTable, set()),

@@ -20,7 +20,7 @@ class OperatorLink(Protocol):
     """The hands of a simulated rig: what a person would do, done by the world. Nobody measures through it."""
 
     def request(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Do `{"remount": {...}}`, `{"level": true}` or `{"run": n}`; returns when it is done."""
+        """Do `{"remount": {...}}`, `{"level": true}`, `{"room": {...}}` or `{"run": n}`; returns when it is done."""
         ...
 
 
@@ -39,6 +39,10 @@ class Operator(Protocol):
 
     def still_mounted(self, axis: str, configuration: str, mounting: int) -> bool:
         """After a restart: is this mounting in place and untouched?"""
+        ...
+
+    def bring_room_to(self, temperature_c: float) -> None:
+        """Have the room, and all in it, at a temperature [degC]."""
         ...
 
     def accept(self, question: str) -> bool:
@@ -70,6 +74,10 @@ class SimulatedOperator:
         self.remount(axis, configuration, mounting)
         self._act({"level": True})
         return True
+
+    def bring_room_to(self, temperature_c: float) -> None:
+        """Set the air conditioning and wait until all has followed."""
+        self._act({"room": {"temperature_c": temperature_c}})
 
     def accept(self, question: str) -> bool:  # noqa: ARG002
         """Never accepts a bad start: an unattended campaign should stop rather than waste a night."""
@@ -136,6 +144,11 @@ class TerminalOperator:
         """Ask whether the mounting survived."""
         question = f"Is {axis} in {configuration}, mounting {mounting}, still in place and untouched?"
         return self.accept(question) and self._hands.still_mounted(axis, configuration, mounting)
+
+    def bring_room_to(self, temperature_c: float) -> None:
+        """Ask for another room temperature and wait for the confirmation."""
+        self._confirm(f"Bring the room to {temperature_c:g} degC and wait until the bench has followed")
+        self._hands.bring_room_to(temperature_c)
 
     def accept(self, question: str) -> bool:
         """Yes or no."""

@@ -20,15 +20,19 @@ class Display(Protocol):
 
 
 class Progress:
-    """Counts runs, guesses the time left, and writes it where others can read it."""
+    """Counts runs, guesses the time left, and writes it where others can read it.
 
-    def __init__(self, store: Store, display: Display | None = None) -> None:
+    `runs_before` were measured by earlier campaigns of the store.
+    """
+
+    def __init__(self, store: Store, display: Display | None = None, runs_before: int = 0) -> None:
         self._store = store
         self._display = display
         self._state = "running"
         self._step = ""
-        self._planned = 0
-        self._done = 0
+        self._before = runs_before
+        self._planned = runs_before
+        self._done = runs_before
         self._invalid = 0
         self._measured = 0
         self._began = time.monotonic()
@@ -40,8 +44,8 @@ class Progress:
         self._publish()
 
     def plan(self, runs: int) -> None:
-        """How many runs there will be in all."""
-        self._planned = runs
+        """How many runs the campaign will have."""
+        self._planned = self._before + runs
         self._publish()
 
     def replayed(self, *, valid: bool) -> None:

@@ -24,10 +24,19 @@ from rigctl.errors import DataError
 Measure = Callable[[RunWriter], Mapping[str, Any]]
 
 
-class Session:
-    """One campaign in progress."""
+SERIALS = 1_000_000
+"""Serial numbers set aside for each campaign of a store: what a world draws by them is drawn once."""
 
-    def __init__(self, store: Store, clock: Clock, operator: Operator, control: Control, progress: Progress) -> None:
+
+class Session:
+    """One campaign in progress: the first of its store, or `part` 2, 3, ... that was run into it later.
+
+    Keys of later parts are kept apart from earlier ones; a mounting they share is the same one, its noise is not.
+    """
+
+    def __init__(
+        self, store: Store, clock: Clock, operator: Operator, control: Control, progress: Progress, part: int = 1
+    ) -> None:
         self.store = store
         self.clock = clock
         self.operator = operator
@@ -35,7 +44,8 @@ class Session:
         self._progress = progress
         self._answers = {event.data["key"]: event.data["result"] for event in store.events("once")}
         self._steps: list[str] = []
-        self._serial = 0
+        self._serial = (part - 1) * SERIALS
+        self._prefix = f"part {part}: " if part > 1 else ""
 
     @contextmanager
     def step(self, name: str) -> Iterator[None]:
@@ -58,7 +68,7 @@ class Session:
         `valid` and `reason` among them when the run is not to be used. `DataError` when the store holds the key with
         other set-points: the campaign file and the record do not belong together.
         """
-        number = self._next()
+        number, key = self._next(), self._prefix + key
         recorded = self.store.run_by_key(key)
         if recorded is not None:
             self._must_match(key, recorded, conditions)
@@ -75,7 +85,7 @@ class Session:
 
     def once(self, key: str, action: Callable[[], Any]) -> Any:
         """The JSON-able result of `action`, done once per campaign and durable when this returns."""
-        number = self._next()
+        number, key = self._next(), self._prefix + key
         if key not in self._answers:
             self.checkpoint()
             self.operator.announce_run(number)
@@ -86,7 +96,11 @@ class Session:
 
     def done(self, key: str) -> bool:
         """True when `once(key)` has been done, now or before a restart."""
-        return key in self._answers
+        return self._prefix + key in self._answers
+
+    def recorded(self, key: str) -> bool:
+        """True when the store holds the run `key`."""
+        return self.store.run_by_key(self._prefix + key) is not None
 
     def event(self, kind: str, **data: Any) -> None:
         """Note something that happened."""
