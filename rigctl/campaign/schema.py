@@ -54,8 +54,22 @@ MIGRATIONS: tuple[Migration, ...] = (
         )""",
         "CREATE INDEX documents_by_kind ON documents (kind)",
     ),
+    (
+        # Worked out from samples, by `recipe`; may be deleted and worked out again.
+        """CREATE TABLE reductions (
+            id INTEGER PRIMARY KEY,
+            recipe TEXT NOT NULL,
+            name TEXT NOT NULL,
+            data BLOB NOT NULL,
+            UNIQUE (recipe, name)
+        )""",
+    ),
 )
 """Step i takes a file of schema i to schema i + 1; schema 0 is an empty file."""
+
+READABLE_FROM = 1
+"""Of this schema on, a file can be read without being brought up: later steps only add tables for what can be
+worked out again."""
 
 
 def first_chunk_id(number: int) -> int:
@@ -119,7 +133,7 @@ def schema_version(connection: sqlite3.Connection) -> int:
 
 
 def bring_up(connection: sqlite3.Connection, path: Path, *, readonly: bool) -> None:
-    """Migrate an older file in one transaction; `DataError` when it is newer, or older and `readonly`."""
+    """Migrate an older file in one transaction; `DataError` when it is newer, or too old to be read as it is."""
     if not readonly:
         prepare_for_writing(connection)
     version, newest = schema_version(connection), len(MIGRATIONS)
@@ -128,6 +142,8 @@ def bring_up(connection: sqlite3.Connection, path: Path, *, readonly: bool) -> N
     if version == newest:
         return
     if readonly:
+        if version >= READABLE_FROM:
+            return
         raise DataError(
             f"{path}: store schema {version} is older than {newest}; open it once for writing to bring it up"
         )

@@ -28,6 +28,7 @@ from rigctl.interfaces import FloatArray, Identity
 
 _RUN = "SELECT run_id, key, step, conditions, valid, reason, state FROM runs"
 _CUT_OFF = "UPDATE runs SET state = 'interrupted', reason = 'cut off' WHERE key = ? AND state = 'acquiring'"
+_WITH_REDUCTIONS = 2
 _ENDS = {"ASC": "first on", "DESC": "last back"}
 
 
@@ -93,6 +94,7 @@ class Store:
         connection = schema.connect(path, readonly=readonly)
         try:
             with schema.database_errors(path):
+                connection.execute(f"PRAGMA query_only = {int(readonly)}")
                 if salvage:
                     # Lets SQLite read a file that is shorter than its first page says.
                     connection.execute("PRAGMA writable_schema = ON")
@@ -295,6 +297,32 @@ class Store:
             Document(number, time, name, json.loads(data))
             for number, time, name, data in self._read(query, (kind, kind))
         ]
+
+    # Reductions
+
+    def keep_reductions(self, recipe: str, blobs: Mapping[str, bytes]) -> None:
+        """Keep what was worked out from samples by `recipe`, by run_id or another name; replaces what was there."""
+        with self._writing():
+            self._connection.executemany(
+                "INSERT OR REPLACE INTO reductions (recipe, name, data) VALUES (?, ?, ?)",
+                [(recipe, name, data) for name, data in blobs.items()],
+            )
+
+    def reduction(self, recipe: str, name: str) -> bytes | None:
+        """What is kept by `recipe` under one name; None for nothing."""
+        found = self._read("SELECT data FROM reductions WHERE recipe = ? AND name = ?", (recipe, name))
+        return bytes(found[0][0]) if found else None
+
+    def reduced_names(self, recipe: str) -> set[str]:
+        """The names of everything kept by `recipe`; none in a file from before there were any."""
+        if schema.schema_version(self._connection) < _WITH_REDUCTIONS:
+            return set()
+        return {name for (name,) in self._read("SELECT name FROM reductions WHERE recipe = ?", (recipe,))}
+
+    @property
+    def readonly(self) -> bool:
+        """Whether the file was opened for reading only."""
+        return bool(self._read("PRAGMA query_only")[0][0])
 
     def _read(self, query: str, values: Sequence[object] = ()) -> list[Any]:
         with schema.database_errors(self.path):

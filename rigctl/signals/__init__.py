@@ -1,10 +1,11 @@
 """From samples to amplitudes with honest noise: sine fits and spectra of what they leave."""
 
-from rigctl.signals.noise import DcNoise, NoiseLevel, Spectrum, pooled_psd, spectrum
+from rigctl.signals.noise import DcNoise, NoiseLevel, NoisePool, Spectrum, pooled_psd, spectrum
 from rigctl.signals.sine_fit import (
     FrequencyFit,
     HarmonicBasis,
     HarmonicFit,
+    find_frequency,
     referred_to,
     refine_frequency,
 )
@@ -15,7 +16,9 @@ __all__ = [
     "HarmonicBasis",
     "HarmonicFit",
     "NoiseLevel",
+    "NoisePool",
     "Spectrum",
+    "find_frequency",
     "pooled_psd",
     "referred_to",
     "refine_frequency",

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 _SLOPE_PRIOR, _SLOPE_PRIOR_SIGMA = -0.8, 2.0
 _MIN_KEPT = 0.2
 _SAME_FREQUENCY = 1e-6
+# Cells of a compact spectrum: narrow beside a microseism bump, a fixed fraction of the frequency above.
+_CELL_HZ, _CELLS_PER_E_FOLD = 2.0**-8, 128
+_MAX_POOL_BINS = 8192
 # The mean sees the band below 1/T: flat noise is believed on the evidence of the first bins only.
 _LOW_BINS, _WHITE_ENOUGH = 20, -0.5
 
@@ -74,6 +78,29 @@ class Spectrum:
     psd: FloatArray
     weight: FloatArray
 
+    def compact(self, duration_s: float = 0.0) -> Spectrum:
+        """Merge bins within cells of 4 mHz, above 0.5 Hz of f / 128; single precision.
+
+        Those that `dc_noise` of a run of `duration_s` asks for stay single.
+        """
+        linear = self.frequency_hz / _CELL_HZ
+        logarithmic = np.log(np.maximum(linear / _CELLS_PER_E_FOLD, 1e-300)) + 1.0
+        cell = np.floor(np.where(linear < _CELLS_PER_E_FOLD, linear, _CELLS_PER_E_FOLD * logarithmic))
+        lowest = self.frequency_hz * duration_s <= _LOW_BINS + 0.5
+        new = np.diff(cell, prepend=-1.0) > 0.0
+        new |= lowest
+        new[1:] |= lowest[:-1]
+        merged = self._merged(np.flatnonzero(new))
+        return Spectrum(*(_single(each) for each in (merged.frequency_hz, merged.psd, merged.weight)))
+
+    def _merged(self, first: NDArray[np.intp]) -> Spectrum:
+        """Join the bins from each of `first` to the next."""
+        if not first.size:
+            return self
+        weight = np.add.reduceat(self.weight, first)
+        psd = np.add.reduceat(self.weight * self.psd, first) / weight
+        return Spectrum(np.add.reduceat(self.weight * self.frequency_hz, first) / weight, psd, weight)
+
     def level(self, frequency_hz: float, *, target_dof: float = 12.0) -> NoiseLevel:
         """Give the noise at `frequency_hz` from the nearest bins that hold `target_dof` degrees of freedom.
 
@@ -109,24 +136,18 @@ class Spectrum:
 def spectrum(residuals: FloatArray, basis: HarmonicBasis) -> Spectrum:
     """Give the noise bins of one channel's residuals, shape (samples,), of a fit with `basis`.
 
-    Raises `DataError` when the times are no uniform grid (missing samples are fine) or the shape differs.
+    Missing samples are fine, and times on no uniform grid too: their bins end at the 1024th. Raises `DataError`
+    when the shape differs.
     """
     if residuals.shape != (basis.samples,):
         raise DataError(
             f"residuals have shape {residuals.shape}, the basis {basis.samples} samples: pass one channel"
         )
-    on_grid = np.zeros(basis.grid_length)
-    on_grid[basis.grid_index] = residuals
-    transform = np.fft.rfft(on_grid)
     kept = basis.kept_fraction
     use = kept > _MIN_KEPT
-    use[0] = False
-    if basis.grid_length % 2 == 0:
-        use[-1] = False
     scale = 2.0 * basis.sample_period_s / basis.samples
-    frequency_hz = np.fft.rfftfreq(basis.grid_length, basis.sample_period_s)
-    psd = scale * np.abs(transform[use]) ** 2 / kept[use]
-    return Spectrum(np.asarray(frequency_hz[use], dtype=np.float64), psd, kept[use])
+    psd = scale * basis.power(residuals)[use] / kept[use]
+    return Spectrum(basis.bin_frequency_hz[use], psd, kept[use])
 
 
 def pooled_psd(spectra: Iterable[Spectrum]) -> Spectrum:
@@ -147,6 +168,29 @@ def pooled_psd(spectra: Iterable[Spectrum]) -> Spectrum:
     together = np.add.reduceat(weight, first) if first.size else weight
     psd = np.add.reduceat(power, first) / together if first.size else power
     return Spectrum(frequency_hz[first], psd, together)
+
+
+class NoisePool:
+    """The joined spectra of runs that share their noise, taken in one after the other in bounded memory."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Spectrum] = []
+
+    def add(self, spectrum: Spectrum) -> None:
+        """Join the bins of one more run."""
+        self._waiting.append(spectrum)
+        if sum(each.weight.size for each in self._waiting) > 16 * _MAX_POOL_BINS:
+            self._waiting = [self.spectrum]
+
+    @property
+    def spectrum(self) -> Spectrum:
+        """All bins so far; those of runs of many lengths merged within cells. `DataError` for no runs."""
+        pool = pooled_psd(self._waiting)
+        return pool.compact() if pool.weight.size > _MAX_POOL_BINS else pool
+
+
+def _single(values: FloatArray) -> FloatArray:
+    return values.astype(np.float32).astype(np.float64)
 
 
 def _local_power_law(at_hz: float, frequency_hz: FloatArray, psd: FloatArray, weight: FloatArray) -> NoiseLevel:

@@ -6,6 +6,7 @@ A delay by tau multiplies c_h by exp(-i h w tau). Residual is data minus model.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -23,6 +24,12 @@ ComplexLike = TypeVar("ComplexLike", complex, ComplexArray)
 # Beyond this the columns are a mixture no amplitude can be read from.
 _MAX_CONDITION = 1e3
 _GRID_TOLERANCE = 0.05
+_MAX_LOMB_BINS = 1024
+_MAX_STEPS = 20
+# A fit at the right frequency leaves less than this fraction of a driven stage's motion.
+_MOSTLY = 0.3
+# Turns between a line and a harmonic over the record, below which a fit mixes the two.
+_CLEAR_OF_HARMONICS = 0.7
 # Turns over the record; a residual detuning this small hides under any noise.
 _FREQUENCY_SETTLED = 1e-7
 
@@ -94,9 +101,9 @@ class HarmonicBasis:
         self.sample_period_s, self.duration_s = _time_base(self.t_s)
         self.time_s = float(0.5 * (self.t_s[0] + self.t_s[-1]))
         self._check()
-        design = self._design()
-        self.orthonormal, self._triangle = np.linalg.qr(design)
-        self._inverse = _guarded_inverse(self._triangle, self)
+        self._columns = self._design()
+        self._inverse = _guarded_inverse(self._columns, self)
+        self.orthonormal = (self._inverse.T @ self._columns.T).T
 
     def fit(self, samples: FloatArray) -> HarmonicFit:
         """Fit the channels of `samples`, shape (samples,) or (samples, channels); no NaN: `DataError`."""
@@ -139,13 +146,21 @@ class HarmonicBasis:
         return rows @ rows.T
 
     @cached_property
+    def _grid_steps(self) -> FloatArray:
+        return np.asarray((self.t_s - self.t_s[0]) / self.sample_period_s)
+
+    @cached_property
+    def uniform(self) -> bool:
+        """Whether the samples lie on a uniform time grid, some perhaps missing."""
+        steps = self._grid_steps
+        return bool(np.abs(steps - np.rint(steps)).max() <= _GRID_TOLERANCE)
+
+    @cached_property
     def grid_index(self) -> NDArray[np.intp]:
         """Place of each sample on the uniform time grid; raises `DataError` when there is no such grid."""
-        steps = (self.t_s - self.t_s[0]) / self.sample_period_s
-        index = np.rint(steps)
-        if np.abs(steps - index).max() > _GRID_TOLERANCE:
-            raise DataError("times are no uniform grid: the noise spectrum needs equally spaced samples")
-        return np.asarray(index, dtype=np.intp)
+        if not self.uniform:
+            raise DataError("times are no uniform grid: this needs equally spaced samples")
+        return np.asarray(np.rint(self._grid_steps), dtype=np.intp)
 
     @property
     def grid_length(self) -> int:
@@ -153,12 +168,64 @@ class HarmonicBasis:
         return int(self.grid_index[-1]) + 1
 
     @cached_property
+    def bin_frequency_hz(self) -> FloatArray:
+        """Multiples of 1/T between zero and the Nyquist frequency (without a grid: up to the 1024th)."""
+        if not self.uniform:
+            count = min(_MAX_LOMB_BINS, (self.samples - 1) // 2)
+            return np.arange(1, count + 1) / self.duration_s
+        frequency_hz = np.fft.rfftfreq(self.grid_length, self.sample_period_s)
+        return np.asarray(frequency_hz[1 : (self.grid_length + 1) // 2], dtype=np.float64)
+
+    def power(self, columns: FloatArray | ComplexArray) -> FloatArray:
+        """|sum x exp(-i w t)|^2 of a column, shape (samples,), or of each row of several, at the bins.
+
+        Of complex columns the mean of the two signs of w.
+        """
+        if not self.uniform:
+            return self._direct_power(columns)
+        n = self.grid_length
+        on_grid = columns
+        if self.samples != n:
+            on_grid = np.zeros((*columns.shape[:-1], n), dtype=columns.dtype)
+            on_grid[..., self.grid_index] = columns
+        if not np.iscomplexobj(on_grid):
+            transform = np.fft.rfft(on_grid)[..., 1 : (n + 1) // 2]
+            return np.asarray(transform.real**2 + transform.imag**2)
+        transform = np.fft.fft(on_grid)
+        both = transform.real**2 + transform.imag**2
+        return np.asarray(both[..., 1 : (n + 1) // 2] + both[..., : n // 2 : -1]) / 2.0
+
+    def _direct_power(self, columns: FloatArray | ComplexArray) -> FloatArray:
+        """The same without a grid, frequency by frequency (Lomb's sums)."""
+        turn = np.exp(-2j * np.pi * (self.t_s - self.time_s) / self.duration_s)
+        phasor = np.ones_like(turn)
+        power = []
+        for _ in self.bin_frequency_hz:
+            phasor = phasor * turn
+            power.append((np.abs(columns @ phasor) ** 2 + np.abs(columns @ phasor.conj()) ** 2) / 2.0)
+        return np.stack(power, axis=-1)
+
+    @cached_property
     def kept_fraction(self) -> FloatArray:
-        """Fraction of each Fourier bin of the grid that the fit leaves in the residuals, shape (bins,)."""
-        columns = np.zeros((self.orthonormal.shape[1], self.grid_length))
-        columns[:, self.grid_index] = self.orthonormal.T
-        taken = (np.abs(np.fft.rfft(columns, axis=1)) ** 2).sum(axis=0) / self.samples
+        """Fraction of each spectral bin that the fit leaves in the residuals, shape (bins,)."""
+        rows = self.orthonormal.T
+        if len(rows) % 2:
+            rows = np.vstack([rows, np.zeros(self.samples)])
+        # Two columns in one transform: |A|^2 + |B|^2 at f is half the power of A + iB at f and at -f.
+        taken = self.power(rows[0::2] + 1j * rows[1::2]).sum(axis=0) / self.samples
         return np.asarray(np.clip(1.0 - taken, 0.0, 1.0))
+
+    def harmonic_sum(self, amplitudes: ComplexArray) -> FloatArray:
+        """Re sum_h c_h exp(i h w t), shape (samples,), for `amplitudes` c of shape (harmonics,)."""
+        first = 2 if self.drift else 1
+        parts = np.stack([amplitudes.real, -amplitudes.imag], axis=1).ravel()
+        return np.asarray(self._columns[:, first : first + parts.size] @ parts)
+
+    @cached_property
+    def variance_factors(self) -> FloatArray:
+        """By how much each harmonic's variance, the mean of its two parts, exceeds S / T; shape (harmonics,)."""
+        rows = (self._inverse**2).sum(axis=1)[2 if self.drift else 1 :][: 2 * self.harmonics]
+        return np.asarray(rows.reshape(-1, 2).mean(axis=1) * self.duration_s / (2.0 * self.sample_period_s))
 
     def _check(self) -> None:
         frequencies = np.array([self.harmonics * self.frequency_hz, *self.lines_hz])
@@ -177,18 +244,26 @@ class HarmonicBasis:
             )
 
     def _design(self) -> FloatArray:
-        columns = [np.ones(self.samples)]
+        """The columns, each contiguous in memory."""
+        first = 2 if self.drift else 1
+        rows = np.empty((first + 2 * (self.harmonics + len(self.lines_hz)), self.samples))
+        rows[0] = 1.0
         if self.drift:
-            columns.append((self.t_s - self.time_s) * 2.0 / self.duration_s)
-        turn = np.exp(2j * np.pi * self.frequency_hz * self.t_s)
-        phasor = np.ones(self.samples, dtype=np.complex128)
-        for _ in range(self.harmonics):
-            phasor = phasor * turn
-            columns += [phasor.real, phasor.imag]
-        for line_hz in self.lines_hz:
+            rows[1] = (self.t_s - self.time_s) * (2.0 / self.duration_s)
+        angle = 2.0 * np.pi * self.frequency_hz * self.t_s
+        turn = np.empty(self.samples, dtype=np.complex128)
+        np.cos(angle, out=turn.real)
+        np.sin(angle, out=turn.imag)
+        phasor = turn
+        for h in range(self.harmonics):
+            rows[first + 2 * h], rows[first + 2 * h + 1] = phasor.real, phasor.imag
+            if h + 1 < self.harmonics:
+                phasor = phasor * turn
+        for i, line_hz in enumerate(self.lines_hz, start=self.harmonics):
             angle = 2.0 * np.pi * line_hz * self.t_s
-            columns += [np.cos(angle), np.sin(angle)]
-        return np.stack(columns, axis=1)
+            np.cos(angle, out=rows[first + 2 * i])
+            np.sin(angle, out=rows[first + 2 * i + 1])
+        return rows.T
 
 
 @dataclass(frozen=True)
@@ -220,7 +295,7 @@ def refine_frequency(
     and the linear parameters projected out. Raises `DataError` when the search leaves the line's width 1/T.
     """
     estimate = float(frequency_hz)
-    for _ in range(20):
+    for _ in range(_MAX_STEPS):
         basis = HarmonicBasis(t_s, estimate, harmonics, drift, lines_hz=lines_hz)
         fit = basis.fit(x)
         gradient = _frequency_gradient(basis, fit)
@@ -239,13 +314,65 @@ def refine_frequency(
     return FrequencyFit(estimate, float(sigma_hz), level.dof, basis, fit)
 
 
+def find_frequency(
+    t_s: FloatArray,
+    x: FloatArray,
+    frequency_hz: float,
+    *,
+    harmonics: int = 3,
+    lines_hz: tuple[float, ...] = (),
+) -> FrequencyFit:
+    """As `refine_frequency`, for a frequency that may be off by a quarter; lines that this record cannot hold are
+    left out, those above its Nyquist frequency fitted where they are seen.
+
+    Raises `DataError` when the record does not oscillate, or elsewhere.
+    """
+    given = np.asarray(t_s, dtype=np.float64)
+    sample_period_s, duration_s = _time_base(given)
+    if not (np.isfinite(frequency_hz) and frequency_hz > 0.0):
+        raise DataError(f"frequency_hz is {frequency_hz:g}: a run without a drive has no amplitudes")
+    seen = _seen_lines(lines_hz, frequency_hz, harmonics, sample_period_s, duration_s)
+    start = frequency_hz
+    for attempt in range(2):
+        try:
+            found = refine_frequency(given, x, start, harmonics=harmonics, lines_hz=seen)
+        except DataError:
+            if attempt:
+                raise
+        else:
+            left = float(found.fit.residuals @ found.fit.residuals)
+            if left < _MOSTLY * float(((x - x.mean()) ** 2).sum()):
+                return found
+        start = _peak_hz(given, x, frequency_hz, duration_s)
+    raise DataError(
+        f"the encoder shows no motion at {frequency_hz:g} Hz, nor near it: correct frequency_hz, or leave the run out"
+    )
+
+
+def _seen_lines(
+    lines_hz: tuple[float, ...], frequency_hz: float, harmonics: int, sample_period_s: float, duration_s: float
+) -> tuple[float, ...]:
+    """Where a record shows lines; none when one of them cannot be told from the harmonics or the mean."""
+    folded = tuple(abs(line - round(line * sample_period_s) / sample_period_s) for line in lines_hz)
+    taken = frequency_hz * np.arange(harmonics + 1)
+    clear = all(np.abs(taken - line).min() * duration_s > _CLEAR_OF_HARMONICS for line in folded)
+    return folded if clear and all(2.0 * line * sample_period_s < 1.0 for line in folded) else ()
+
+
+def _peak_hz(t_s: FloatArray, x: FloatArray, near_hz: float, duration_s: float) -> float:
+    """Frequency of the greatest power within a quarter of `near_hz`, in steps of 1 / 4T."""
+    low, high = 0.75 * near_hz, 1.25 * near_hz
+    trial = np.linspace(low, high, min(4096, max(9, math.ceil(4.0 * (high - low) * duration_s))))
+    step = max(1, int(0.1 / near_hz / max(duration_s / t_s.size, 1e-300)))
+    sparse, centred = t_s[::step] - t_s[0], x[::step] - x.mean()
+    power = [abs(np.exp(-2j * np.pi * f * sparse) @ centred) for f in trial]
+    return float(trial[int(np.argmax(power))])
+
+
 def _frequency_gradient(basis: HarmonicBasis, fit: HarmonicFit) -> FloatArray:
     """Give d(model)/d(frequency) with the part that the linear columns can imitate taken out."""
-    turn = np.exp(2j * np.pi * basis.frequency_hz * basis.t_s)
-    slope = np.zeros(basis.samples, dtype=np.complex128)
-    for h in range(basis.harmonics, 0, -1):
-        slope = (slope + 1j * h * fit.amplitudes[h - 1]) * turn
-    gradient = 2.0 * np.pi * (basis.t_s - basis.time_s) * slope.real
+    order = np.arange(1, basis.harmonics + 1)
+    gradient = 2.0 * np.pi * (basis.t_s - basis.time_s) * basis.harmonic_sum(1j * order * fit.amplitudes)
     return gradient - basis.orthonormal @ (basis.orthonormal.T @ gradient)
 
 
@@ -263,12 +390,23 @@ def _time_base(t_s: FloatArray) -> tuple[float, float]:
     return period_s, float(t_s[-1] - t_s[0]) + period_s
 
 
-def _guarded_inverse(triangle: FloatArray, basis: HarmonicBasis) -> FloatArray:
-    norms = np.linalg.norm(triangle, axis=0)
-    condition = np.linalg.cond(triangle / np.where(norms > 0.0, norms, 1.0))
-    if basis.samples <= triangle.shape[1] or not condition < _MAX_CONDITION:
+def _guarded_inverse(design: FloatArray, basis: HarmonicBasis) -> FloatArray:
+    """The inverse of R in design = Q R, by Cholesky twice: much faster than Householder, as orthonormal."""
+    inverse = np.eye(design.shape[1])
+    condition = np.inf
+    if basis.samples > design.shape[1]:
+        try:
+            for _ in range(2):
+                part = (inverse.T @ design.T).T
+                triangle = np.linalg.cholesky(part.T @ part).T
+                if not np.isfinite(condition):
+                    condition = np.linalg.cond(triangle / np.linalg.norm(triangle, axis=0))
+                inverse = inverse @ np.linalg.inv(triangle)
+        except np.linalg.LinAlgError:
+            condition = np.inf
+    if not condition < _MAX_CONDITION:
         raise DataError(
             f"{basis.samples} samples over {basis.duration_s:g} s cannot tell the fit's columns apart "
             f"(condition {condition:.1g}): record longer or fit fewer harmonics and lines"
         )
-    return np.asarray(np.linalg.inv(triangle))
+    return np.asarray(inverse)

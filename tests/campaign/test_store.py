@@ -350,7 +350,7 @@ def test_reader_cannot_write(store, path):
 
 def test_newer_schema_is_refused_in_one_line(store, path):
     store._connection.execute("PRAGMA user_version = 99")
-    with pytest.raises(DataError, match=r"store schema 99 is newer than this program reads \(1\)") as caught:
+    with pytest.raises(DataError, match=r"store schema 99 is newer than this program reads \(2\)") as caught:
         Store.open(path)
     assert "\n" not in str(caught.value)
 
@@ -383,7 +383,29 @@ def older(path, monkeypatch):
     connection.commit()
     connection.close()
     monkeypatch.setattr(schema, "MIGRATIONS", (OLDER, TO_CURRENT))
+    monkeypatch.setattr(schema, "READABLE_FROM", 2)
     return path
+
+
+@pytest.fixture
+def without_reductions(path, store):
+    """A store as the program before reductions made it."""
+    record(store, "k")
+    store._connection.execute("DROP TABLE reductions")
+    store._connection.execute("PRAGMA user_version = 1")
+    store.close()
+    return path
+
+
+def test_store_from_before_reductions_is_read_as_it_is_and_gets_its_table_when_written(without_reductions):
+    with Store.open(without_reductions, readonly=True) as reader:
+        assert [run.key for run in reader.runs()] == ["k"]
+        assert reader.reduced_names("recipe") == set()
+    with Store.open(without_reductions) as store:
+        store.keep_reductions("recipe", {"1": b"amplitudes"})
+        store.keep_reductions("recipe", {"1": b"better", "2": b"others"})
+        assert store.reduced_names("recipe") == {"1", "2"}
+        assert (store.reduction("recipe", "1"), store.reduction("other", "1")) == (b"better", None)
 
 
 def test_older_store_is_brought_up_with_what_it_holds(older):

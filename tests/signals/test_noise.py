@@ -138,16 +138,23 @@ class TestOneRun:
         basis = HarmonicBasis(np.arange(400) * PERIOD_S, 0.5)
         assert spectrum(np.zeros(400), basis).level(0.5).psd == 0.0
 
-    def test_refuses_what_is_no_uniform_grid_or_too_short(self):
+    def test_refuses_what_does_not_fit_or_is_too_short(self):
         t_s = np.arange(400) * PERIOD_S
-        jittered = HarmonicBasis(t_s + 0.2 * PERIOD_S * np.sin(np.arange(400)), 0.5)
-        with pytest.raises(DataError, match="uniform grid"):
-            spectrum(np.zeros(400), jittered)
         with pytest.raises(DataError, match="one channel"):
             spectrum(np.zeros((400, 2)), HarmonicBasis(t_s, 0.5))
         exact = HarmonicBasis(np.arange(8) * 0.5, 0.25, drift=False)
         with pytest.raises(DataError, match="no spectral bins"):
             spectrum(np.zeros(8), exact).level(0.25)
+
+    def test_times_on_no_grid_have_a_level_all_the_same(self):
+        rng = np.random.default_rng(10)
+        t_s = (np.arange(400) + rng.uniform(-0.4, 0.4, 400)) * PERIOD_S
+        basis = HarmonicBasis(t_s, 0.5)
+        assert not basis.uniform
+        levels = [spectrum(basis.fit(rng.normal(size=400)).residuals, basis).level(0.5) for _ in range(100)]
+        expected = 2.0 * basis.sample_period_s
+        spread = np.sqrt(2.0 / levels[0].dof / 100)
+        assert np.mean([level.psd for level in levels]) / expected == pytest.approx(1.0, abs=4 * spread)
 
 
 class TestPool:

@@ -6,8 +6,8 @@ harmonic h goes as x^h, the imaginary part leads it by a quarter period; index 0
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,17 @@ HARMONICS = 3
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """One channel of one run: values and standard uncertainties, shape (HARMONICS + 1,), SI."""
+    """One channel of one run: values and standard uncertainties, shape (HARMONICS + 1,), SI.
+
+    `sigma` is that of the in-phase and of the quadrature part each; `dof` are the degrees of freedom behind it, 0 for
+    the mean, whose sigma is no more than a relative weight: its noise lies below 1/T. `lines` are the amplitudes of
+    the lines that were fitted with the harmonics (NaN: not in this run), referred to the record's first sample.
+    """
 
     value: ComplexArray
     sigma: FloatArray
+    dof: FloatArray = field(default_factory=lambda: np.zeros(HARMONICS + 1))
+    lines: ComplexArray = field(default_factory=lambda: np.zeros(0, dtype=np.complex128))
 
 
 @dataclass(frozen=True)
@@ -32,7 +39,7 @@ class RunObservables:
     """One run, reduced.
 
     `motion_m` are the encoder's harmonics 1..H with x = Re sum X_h exp(i h w t), X_1 = -iA; `faces` the cube's faces
-    the heads look at, where the recording says so.
+    the heads look at, where the recording says so; `extra` its further columns of numbers, NaN where empty.
     """
 
     run_id: str
@@ -49,6 +56,7 @@ class RunObservables:
     accel_v: Amplitudes
     lasers_m: dict[str, Amplitudes]
     faces: dict[str, str]
+    extra: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def amplitude_m(self) -> float:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.errors import DataError
 from rigctl.experiments.sensing_axis.chain import ComplexArray, FloatArray
 from rigctl.experiments.sensing_axis.observables import HARMONICS, Amplitudes, RunObservables
-from rigctl.signals.noise import Spectrum, pooled_psd, spectrum
-from rigctl.signals.sine_fit import HarmonicBasis, refine_frequency
+from rigctl.signals.noise import NoisePool, Spectrum, pooled_psd, spectrum
+from rigctl.signals.resolution import amplitude_floor
+from rigctl.signals.sine_fit import FrequencyFit, HarmonicBasis, find_frequency
 
 STAGE, ACCEL = "stage_x_mm", "accel_v"
 LASER_PREFIX = "laser_"
@@ -22,19 +24,39 @@ NOISE_DOF = 40.0
 """Degrees of freedom sought for the noise at a line: known to 22 %, from a band of 0.1 Hz in a minute's record."""
 
 _MIN_KEPT_SAMPLES = 0.5
+_NO_NOISE = Spectrum(np.zeros(0), np.zeros(0), np.zeros(0))
+_GIVEN = {
+    *("axis", "configuration", "mounting", "theta_deg", "approach", "frequency_hz", "amplitude_mm"),
+    *("temperature_c", "start_s", "valid", "reason"),
+}
 
 
 @dataclass(frozen=True)
 class ReducedChannel:
-    """Referred amplitudes of one channel (index 0 the mean) and the spectrum of what the sine fit left."""
+    """Referred amplitudes of one channel (index 0 the mean) and the spectrum of what the sine fit left.
+
+    `variance_factor` are their variances in units of S / T (of the mean: S / 2T), `floor` the variances that the
+    channel's resolution leaves at least, both of shape (HARMONICS + 1,); `lines` the amplitudes of fitted lines.
+    """
 
     value: ComplexArray
     noise: Spectrum
+    variance_factor: FloatArray
+    floor: FloatArray
+    lines: ComplexArray
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What the fit left of one channel's samples, at the times of its basis."""
+
+    basis: HarmonicBasis
+    values: FloatArray
 
 
 @dataclass(frozen=True)
 class ReducedRun:
-    """One run after its sine fit; sigmas need the other runs too."""
+    """One run after its sine fit; sigmas need the other runs too. `residuals` by channel, while they are wanted."""
 
     run_id: str
     conditions: Mapping[str, Any]
@@ -42,33 +64,52 @@ class ReducedRun:
     duration_s: float
     motion_m: ComplexArray
     channels: Mapping[str, ReducedChannel]
+    residuals: Mapping[str, Residuals] = field(default_factory=dict)
+
+    def without_spectra(self) -> ReducedRun:
+        """The same, small: enough to be observed once its spectra are in the pool."""
+        small = {name: replace(channel, noise=_NO_NOISE) for name, channel in self.channels.items()}
+        return replace(self, channels=small, residuals={})
 
 
-def reduce_run(run_id: str, conditions: Mapping[str, Any], samples: Mapping[str, FloatArray]) -> ReducedRun:
-    """Fit the drive's harmonics to every channel of one run.
+def reduce_run(
+    run_id: str,
+    conditions: Mapping[str, Any],
+    samples: Mapping[str, FloatArray],
+    lines_hz: Sequence[float] = (),
+    *,
+    keep_residuals: bool = False,
+) -> ReducedRun:
+    """Fit the drive's harmonics, and lines of known frequency, to every channel of one run.
 
-    Raises `DataError`, naming the run, when the record cannot be fitted.
+    Times are taken as given; samples without a value are left out. Raises `DataError`, naming the run, when the
+    record cannot be fitted.
     """
     try:
-        stage = refine_frequency(samples["t_s"], MM * samples[STAGE], float(conditions["frequency_hz"]))
+        seen = _seen(samples)
+        stage = _stage(samples["t_s"][seen], MM * samples[STAGE][seen], conditions, tuple(lines_hz))
         reference = complex(stage.fit.amplitudes[0])
-        channels = {ACCEL: _channel(stage.basis, samples[ACCEL], reference)}
-    except DataError as error:
-        raise DataError(f"run {run_id}: {error}") from error
+        accel = _channel(stage.basis, samples[ACCEL][seen], reference, len(lines_hz))
+        if accel is None:
+            raise DataError(f"{ACCEL}: more than half of the samples are missing")  # noqa: TRY301
+    except (DataError, KeyError, ValueError) as error:
+        said = f"column {error} is missing" if isinstance(error, KeyError) else error
+        raise DataError(f"run {run_id}: {said}") from error
+    found = {ACCEL: accel}
     for name, column in samples.items():
         if name.startswith(LASER_PREFIX):
-            laser = _laser(stage.basis, MM * column, reference)
+            laser = _channel(stage.basis, MM * column[seen], reference, len(lines_hz))
             if laser is not None:
-                channels[name] = laser
+                found[name] = laser
     order = np.arange(1, HARMONICS + 1)
-    referred = stage.fit.amplitudes_referred_to(reference)
     return ReducedRun(
         run_id,
         dict(conditions),
         stage.frequency_hz,
         stage.basis.duration_s,
-        referred * (-1j) ** order,
-        channels,
+        stage.fit.amplitudes_referred_to(reference) * (-1j) ** order,
+        {name: channel for name, (channel, _) in found.items()},
+        {name: residuals for name, (_, residuals) in found.items()} if keep_residuals else {},
     )
 
 
@@ -76,23 +117,13 @@ def observables(runs: Sequence[ReducedRun], *, harmonics: int = HARMONICS) -> li
     """Observables of all runs, in their order, with the noise of each axis and configuration pooled:
     beside a bump of the ground's noise the runs driven at other frequencies tell it best.
 
-    Sigmas are worked out up to `harmonics` and NaN beyond: a null search needs the first only.
+    Sigmas are worked out up to `harmonics` and NaN beyond: a null search needs the first only. Raises `DataError`,
+    naming the run, where there is nothing to take the noise from.
     """
-    pools: dict[tuple[Any, ...], dict[str, list[Spectrum]]] = {}
+    noise = PooledNoise()
     for run in runs:
-        pool = pools.setdefault(_pool(run), {})
-        for name, channel in run.channels.items():
-            pool.setdefault(name, []).append(channel.noise)
-    spectra = {key: {name: pooled_psd(parts) for name, parts in pool.items()} for key, pool in pools.items()}
-    levels: dict[tuple[Any, ...], float] = {}
-
-    def density(run: ReducedRun, name: str, frequency_hz: float) -> float:
-        key = (*_pool(run), name, round(frequency_hz, 4))
-        if key not in levels:
-            levels[key] = spectra[_pool(run)][name].level(frequency_hz, target_dof=NOISE_DOF).psd
-        return levels[key]
-
-    return [_observed(run, density, harmonics) for run in runs]
+        noise.add(run)
+    return [noise.observed(run, harmonics) for run in runs]
 
 
 def noise_density(runs: Iterable[ReducedRun], frequency_hz: float) -> float:
@@ -100,32 +131,78 @@ def noise_density(runs: Iterable[ReducedRun], frequency_hz: float) -> float:
     return pooled_psd(run.channels[ACCEL].noise for run in runs).level(frequency_hz, target_dof=NOISE_DOF).psd
 
 
-def _observed(run: ReducedRun, density: Callable[[ReducedRun, str, float], float], harmonics: int) -> RunObservables:
-    def amplitudes(name: str) -> Amplitudes:
-        channel = run.channels[name]
-        mean = channel.noise.dc_noise(run.duration_s).variance
-        lines = np.full(HARMONICS, np.nan)
-        for h in range(1, harmonics + 1):
-            lines[h - 1] = density(run, name, h * run.frequency_hz) / run.duration_s
-        return Amplitudes(channel.value, np.sqrt([mean, *lines]))
+class PooledNoise:
+    """The noise of each channel of each axis in a configuration; runs are added first, then observed."""
 
-    given = run.conditions
-    return RunObservables(
-        run_id=run.run_id,
-        axis=str(given["axis"]),
-        configuration=str(given["configuration"]),
-        mounting=int(given["mounting"]),
-        theta_rad=math.radians(float(given["theta_deg"])),
-        approach=float(given.get("approach") or 0.0),
-        frequency_hz=run.frequency_hz,
-        temperature_c=_number(given.get("temperature_c")),
-        start_s=_number(given.get("start_s")),
-        duration_s=run.duration_s,
-        motion_m=run.motion_m,
-        accel_v=amplitudes(ACCEL),
-        lasers_m={name: amplitudes(name) for name in run.channels if name != ACCEL},
-        faces={head: str(given[key]) for head in run.channels if given.get(key := face_column(head))},
-    )
+    def __init__(self) -> None:
+        self._pools: dict[tuple[Any, ...], NoisePool] = {}
+        self._spectra: dict[tuple[Any, ...], Spectrum] = {}
+        self._levels: dict[tuple[Any, ...], tuple[float, float]] = {}
+
+    def add(self, run: ReducedRun) -> None:
+        """Take in what a run says of the noise."""
+        for name, channel in run.channels.items():
+            self._pools.setdefault((*pool_of(run), name), NoisePool()).add(channel.noise)
+
+    def observed(self, run: ReducedRun, harmonics: int = HARMONICS) -> RunObservables:
+        """A run's observables; its channels' spectra are not looked at, they are in the pool."""
+        try:
+            channels = {name: self._amplitudes(run, name, harmonics) for name in run.channels}
+        except DataError as error:
+            raise DataError(f"run {run.run_id}: {error}") from error
+        given = run.conditions
+        return RunObservables(
+            run_id=run.run_id,
+            axis=str(given["axis"]),
+            configuration=str(given["configuration"]),
+            mounting=int(given["mounting"]),
+            theta_rad=math.radians(float(given["theta_deg"])),
+            approach=_number(given.get("approach"), missing=0.0),
+            frequency_hz=run.frequency_hz,
+            temperature_c=_number(given.get("temperature_c")),
+            start_s=_number(given.get("start_s")),
+            duration_s=run.duration_s,
+            motion_m=run.motion_m,
+            accel_v=channels[ACCEL],
+            lasers_m={name: each for name, each in channels.items() if name != ACCEL},
+            faces={head: str(given[key]) for head in run.channels if given.get(key := face_column(head))},
+            extra={name: float(value) for name, value in given.items() if _is_extra(name, value)},
+        )
+
+    def _amplitudes(self, run: ReducedRun, name: str, harmonics: int) -> Amplitudes:
+        channel = run.channels[name]
+        variance, dof = np.full(HARMONICS + 1, np.nan), np.zeros(HARMONICS + 1)
+        variance[0] = self._mean(run, name)
+        for h in range(1, harmonics + 1):
+            psd, dof[h] = self._level(run, name, h * run.frequency_hz)
+            variance[h] = psd / run.duration_s
+        variance *= channel.variance_factor
+        return Amplitudes(channel.value, np.sqrt(np.maximum(variance, channel.floor)), dof, channel.lines)
+
+    def _level(self, run: ReducedRun, name: str, frequency_hz: float) -> tuple[float, float]:
+        key = (*pool_of(run), name, round(frequency_hz, 4))
+        if key not in self._levels:
+            level = self._spectrum(run, name).level(frequency_hz, target_dof=NOISE_DOF)
+            self._levels[key] = level.psd, level.dof
+        return self._levels[key]
+
+    def _mean(self, run: ReducedRun, name: str) -> float:
+        key = (*pool_of(run), name, "mean", round(run.duration_s, 3))
+        if key not in self._levels:
+            dc = self._spectrum(run, name).dc_noise(run.duration_s)
+            self._levels[key] = dc.variance, dc.dof
+        return self._levels[key][0]
+
+    def _spectrum(self, run: ReducedRun, name: str) -> Spectrum:
+        key = (*pool_of(run), name)
+        if key not in self._spectra:
+            self._spectra[key] = self._pools[key].spectrum
+        return self._spectra[key]
+
+
+def pool_of(run: ReducedRun) -> tuple[str, str]:
+    """Which runs share their noise: those of an axis in a configuration."""
+    return str(run.conditions["axis"]), str(run.conditions["configuration"])
 
 
 def face_column(head: str) -> str:
@@ -133,29 +210,48 @@ def face_column(head: str) -> str:
     return f"{head.removesuffix('_mm')}_face"
 
 
-def _channel(basis: HarmonicBasis, column: FloatArray, reference: complex) -> ReducedChannel:
+def _seen(samples: Mapping[str, FloatArray]) -> slice | NDArray[np.bool_]:
+    """The samples that have a time and a place."""
+    whole = np.isfinite(samples[STAGE]) & np.isfinite(samples["t_s"])
+    if whole.all():
+        return slice(None)
+    if whole.mean() < _MIN_KEPT_SAMPLES:
+        raise DataError(f"{STAGE}: more than half of the samples are missing")
+    return np.asarray(whole)
+
+
+def _stage(
+    t_s: FloatArray, x_m: FloatArray, conditions: Mapping[str, Any], lines_hz: tuple[float, ...]
+) -> FrequencyFit:
+    return find_frequency(t_s, x_m, float(conditions["frequency_hz"]), harmonics=HARMONICS, lines_hz=lines_hz)
+
+
+def _channel(
+    basis: HarmonicBasis, column: FloatArray, reference: complex, lines: int
+) -> tuple[ReducedChannel, Residuals] | None:
+    """A channel, without the samples that have no value; None when too few are left."""
+    seen = np.isfinite(column)
+    if not seen.all():
+        if seen.mean() < _MIN_KEPT_SAMPLES:
+            return None
+        try:
+            basis = HarmonicBasis(basis.t_s[seen], basis.frequency_hz, basis.harmonics, lines_hz=basis.lines_hz)
+        except DataError:
+            return None
+        column = column[seen]
     fit = basis.fit(column)
     value = np.concatenate([[complex(fit.dc)], fit.amplitudes_referred_to(reference)])
-    return ReducedChannel(value, spectrum(fit.residuals, basis))
+    factor = np.concatenate([[1.0], basis.variance_factors])
+    found = fit.line_amplitudes if len(basis.lines_hz) == lines else np.full(lines, np.nan + 0j)
+    noise = spectrum(fit.residuals, basis).compact(basis.duration_s)
+    floor = amplitude_floor(column, fit.residuals, basis)
+    return ReducedChannel(value, noise, factor, floor, found), Residuals(basis, fit.residuals)
 
 
-def _laser(basis: HarmonicBasis, column: FloatArray, reference: complex) -> ReducedChannel | None:
-    """A head's channel, without the samples that lost their target; None when too few are left."""
-    seen = np.isfinite(column)
-    if seen.all():
-        return _channel(basis, column, reference)
-    if seen.mean() < _MIN_KEPT_SAMPLES:
-        return None
-    try:
-        kept = HarmonicBasis(basis.t_s[seen], basis.frequency_hz, basis.harmonics)
-    except DataError:
-        return None
-    return _channel(kept, column[seen], reference)
+def _is_extra(name: str, value: Any) -> bool:
+    return name not in _GIVEN and isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _pool(run: ReducedRun) -> tuple[Any, ...]:
-    return tuple(run.conditions[name] for name in ("axis", "configuration"))
-
-
-def _number(value: Any) -> float:
-    return math.nan if value in (None, "") else float(value)
+def _number(value: Any, missing: float = math.nan) -> float:
+    number = math.nan if value in (None, "") else float(value)
+    return missing if math.isnan(number) else number
