@@ -104,8 +104,9 @@ class Comparison:
 class Rank:
     """One effect of the catalogue, as it stands beside the model the diagnosis ended with.
 
-    `statistic` is the fall of chi-square it would bring (for one that was suggested: brings), `keep` the share of it that
-    no fitted parameter imitates, `detectable` by parameter the size that these data would have revealed with power 0.95.
+    `statistic` is the fall of chi-square it would bring (for one that was suggested: brings), `keep` the share of it
+    that no fitted parameter imitates, `detectable` by parameter the size that these data would have revealed with power
+    0.95.
     """
 
     term: Term

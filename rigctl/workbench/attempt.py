@@ -1,0 +1,205 @@
+"""A model tried on the data: fitted, its noise estimated, everything that might be added scored."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from rigctl.errors import DataError, ProcedureError
+from rigctl.fitting.least_squares import FitResult, least_squares
+from rigctl.workbench.bootstrap import Bootstrap, bootstrap
+from rigctl.workbench.findings import Estimate
+from rigctl.workbench.generic import Best, Generic, main_columns
+from rigctl.workbench.held_out import HeldOut
+from rigctl.workbench.noise import Noise, NoiseEstimator, stacked
+from rigctl.workbench.score import Projector, Score, corrected, trials
+from rigctl.workbench.study import Candidate, FloatArray, Model, NotTestable, Study, Term
+
+ROUNDS = 2
+"""Fit, noise from what is left, fit again with that noise."""
+
+MAX_ITERATIONS = 200
+_SCANNED = 3
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A candidate and how it does against what is left."""
+
+    candidate: Candidate
+    score: Score
+
+
+class Attempt:
+    """One set of terms: see the module's first line. `seed` fixes the draws behind corrected p-values."""
+
+    def __init__(self, study: Study, terms: Sequence[Term], seed: int = 0) -> None:
+        self.study = study
+        self.terms = tuple(terms)
+        self.model: Model = study.model(self.terms)
+        self._seed = seed
+        given = self.model.observations
+        if not len(given.value):
+            raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
+        self.noise = Noise(given.sigma, np.full(len(given.value), np.inf), (), ())
+        self.result = self._fit()
+        self.candidates, self.not_testable = self._candidates()
+        self.estimator = self._estimator()
+        if self.estimator.from_scatter or np.isfinite(self.estimator.estimate(self.unexplained()).dof).any():
+            for _ in range(ROUNDS if self.estimator.from_scatter else 1):
+                self.noise = self.estimator.estimate(self.unexplained())
+                self.result = self._fit()
+
+    def unexplained(self) -> FloatArray:
+        """Data - model at the fit, in the data's units, shape (n,)."""
+        return np.asarray(self.model.observations.value - self.model.predict(self.result.values))
+
+    def whitened(self) -> FloatArray:
+        """W (data - model), shape (n,): unit variance where the model is right."""
+        return self.result.residuals
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return self.result.names
+
+    @cached_property
+    def jacobian(self) -> FloatArray:
+        """d (whitened model) / d parameters with the priors' rows below the data, shape (n + priors, m)."""
+        priors = [
+            (column, each.prior.sigma)
+            for column, each in enumerate(self.model.parameters)
+            if each.prior is not None and not each.fixed
+        ]
+        below = np.zeros((len(priors), len(self.model.parameters)))
+        for row, (column, sigma) in enumerate(priors):
+            below[row, column] = 1.0 / sigma
+        return np.vstack([-self.result.jacobian, below])
+
+    @cached_property
+    def left(self) -> FloatArray:
+        """Whitened residuals with the priors' below, shape (n + priors,)."""
+        pulls = [
+            (each.prior.mean - value) / each.prior.sigma
+            for each, value in zip(self.model.parameters, self.result.values, strict=True)
+            if each.prior is not None and not each.fixed
+        ]
+        return np.concatenate([self.result.residuals, np.array(pulls, dtype=np.float64)])
+
+    @cached_property
+    def projector(self) -> Projector:
+        """What the fitted parameters leave free."""
+        return Projector(self.jacobian, self.left, self.noise.dof, len(self.result.residuals))
+
+    def columns(self, candidate: Candidate) -> FloatArray:
+        """A candidate's whitened derivative with rows for the priors, shape (n + priors, d)."""
+        return self.padded(self.noise.whiten(candidate.derivative))
+
+    def jacobian_with(self, noise: Noise) -> FloatArray:
+        """`jacobian` whitened by another noise."""
+        return np.vstack(
+            [noise.whiten(self.model.jacobian(self.result.values)), self.jacobian[len(self.noise.sigma) :]]
+        )
+
+    def padded(self, columns: FloatArray) -> FloatArray:
+        """Zero rows for the priors below."""
+        return np.vstack([columns, np.zeros((len(self.left) - len(columns), columns.shape[1]))])
+
+    @cached_property
+    def scored(self) -> list[Scored]:
+        """Every candidate with its score, of a scanned effect the choice with the largest statistic only."""
+        best: dict[str, Scored] = {}
+        for candidate, score in zip(self.candidates, self.scores, strict=True):
+            held = best.get(candidate.term.effect)
+            if held is None or score.statistic > held.score.statistic:
+                best[candidate.term.effect] = Scored(candidate, score)
+        return list(best.values())
+
+    @cached_property
+    def n_eff(self) -> float:
+        """How many independent trials the catalogue amounts to."""
+        return trials([score.basis for score in self.scores], np.random.default_rng([self._seed, 1]))
+
+    @cached_property
+    def scores(self) -> list[Score]:
+        """Of every candidate, in their order."""
+        return [self.projector.score(self.columns(candidate)) for candidate in self.candidates]
+
+    @cached_property
+    def bootstrap(self) -> Bootstrap:
+        """What the smallest p-values would be with nothing hidden, the noise estimated each time."""
+        return bootstrap(self, self._seed)
+
+    @cached_property
+    def generic(self) -> Generic:
+        """The shapes without physics."""
+        return Generic(self.model.observations)
+
+    @cached_property
+    def best_shape(self) -> Best | None:
+        """The strongest of them in what is left."""
+        return self.generic.best(self.noise, self.projector, np.random.default_rng([self._seed, 2]))
+
+    def corrected(self, p_value: float) -> float:
+        """A p-value of the catalogue, for the trials."""
+        return corrected(p_value, self.n_eff)
+
+    def evidence(self, scored: Scored) -> float:
+        """Log evidence: T/2 less what dimensions and choices cost; ranks candidates of different kinds."""
+        grid = sum(candidate.term.effect == scored.candidate.term.effect for candidate in self.candidates)
+        return (
+            0.5 * scored.score.statistic
+            - 0.5 * scored.score.dimension * np.log(len(self.result.residuals))
+            - float(np.log(grid))
+        )
+
+    @cached_property
+    def held_out(self) -> HeldOut:
+        """The blocks, each predicted from the others."""
+        return HeldOut(self.model.observations, self.noise, self.jacobian, self.left)
+
+    def estimates(self) -> dict[str, Estimate]:
+        """Parameters by name."""
+        sigmas = np.sqrt(np.maximum(np.diag(self.result.covariance), 0.0))
+        return {
+            name: Estimate(float(value), float(sigma), unit)
+            for name, value, sigma, unit in zip(self.names, self.result.values, sigmas, self.model.units, strict=True)
+        }
+
+    def chi2_without(self, effect: str) -> float:
+        """Chi-square to first order when one term's parameters go back to zero and the rest is fitted again."""
+        own = [i for i, owner in enumerate(self.model.owners) if owner == effect]
+        values = self.result.values[own]
+        covariance = self.result.covariance[np.ix_(own, own)]
+        return float(self.result.chi2 + values @ np.linalg.pinv(covariance) @ values)
+
+    def _fit(self) -> FitResult:
+        model, noise, value = self.model, self.noise, self.model.observations.value
+        result = least_squares(
+            lambda p: noise.whiten(value - model.predict(p)),
+            model.parameters,
+            jacobian=lambda p: -noise.whiten(model.jacobian(p)),
+            max_iterations=MAX_ITERATIONS,
+        )
+        if result.verdict == "ill-conditioned":
+            raise ProcedureError(f"the fit is singular: {result.reason}")
+        if not np.isfinite(result.values).all():
+            raise ProcedureError(f"the runs do not determine the model: {result.reason}")
+        return result
+
+    def _candidates(self) -> tuple[list[Candidate], list[NotTestable]]:
+        found, refused = self.study.candidates(self.model, self.result.values)
+        return found, refused
+
+    def _estimator(self) -> NoiseEstimator:
+        """What is hidden may be in the catalogue, or of any plain shape; scans are too many to project out."""
+        given = self.model.observations
+        required = self.model.jacobian(self.result.values)
+        counts: dict[str, int] = {}
+        for candidate in self.candidates:
+            counts[candidate.term.effect] = counts.get(candidate.term.effect, 0) + 1
+        few = [c.derivative for c in self.candidates if counts[c.term.effect] <= _SCANNED]
+        return NoiseEstimator(given, required, stacked([*few, main_columns(given)], len(given.value)))

@@ -1,0 +1,248 @@
+"""The noise of the observables: never assumed white, never assumed known.
+
+Sigmas that come from a run's own spectrum are taken as they are, with their degrees of freedom. Where a pool of data
+has none (a mean, a table's readings), its scale and its correlation from run to run come from the scatter: restricted
+maximum likelihood after everything that could be a signal has been projected out, so that a hidden effect neither
+inflates the noise nor poses as red noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from rigctl.workbench.study import FloatArray, IntArray, Observations
+
+RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
+"""Variance of the correlated part over the white part."""
+
+EXPONENTS = (1.0, 1.64, 2.4)
+"""Of power laws 1/f^a: flicker; what precision accelerometers show; near a random walk."""
+
+TIME_CONSTANTS = 6
+SATURATED_SHARE = 1.0 / 3.0
+"""At least this share of a pool's data is left to tell its noise."""
+
+LARGEST_POOL = 400
+"""Beyond, the correlation is looked for in a stretch of so many data; its scale is everybody's."""
+
+_INDEPENDENT = 1e-3
+_FLOOR_DOF = 1.0
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """A pool's noise from run to run: R = 1 + ratio * kernel; `kernel` "" for white."""
+
+    kernel: str
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Covariance of n data: `sigma` (n,) of the white part, correlated groups as Cholesky factors of R.
+
+    `dof` (n,) degrees of freedom behind each sigma.
+    """
+
+    sigma: FloatArray
+    dof: FloatArray
+    factors: tuple[tuple[IntArray, FloatArray], ...]
+    correlations: tuple[Correlation, ...]
+
+    def whiten(self, columns: FloatArray) -> FloatArray:
+        """W columns, shape (n,) or (n, k): independent, of unit variance where `columns` are this noise."""
+        scaled = columns / (self.sigma if columns.ndim == 1 else self.sigma[:, None])
+        for where, factor in self.factors:
+            scaled[where] = solve_triangular(factor, scaled[where], lower=True, check_finite=False)
+        return np.asarray(scaled, dtype=np.float64)
+
+    def colour(self, white: FloatArray) -> FloatArray:
+        """The inverse of `whiten`: noise of this kind from independent numbers of unit variance."""
+        coloured = white.copy()
+        for where, factor in self.factors:
+            coloured[where] = factor @ coloured[where]
+        return np.asarray(coloured * (self.sigma if white.ndim == 1 else self.sigma[:, None]), dtype=np.float64)
+
+    def plain(self) -> FloatArray:
+        """Standard deviation of each datum, correlations included, shape (n,)."""
+        total = self.sigma.copy()
+        for where, factor in self.factors:
+            total[where] *= np.sqrt(np.sum(factor**2, axis=1))
+        return total
+
+
+class NoiseEstimator:
+    """Estimates the noise of one set of observations from residuals, again and again.
+
+    `required` (n, m) are the derivatives of what is fitted, `possible` (n, k) of what might be hidden; both are
+    projected out of each pool that needs its scatter, the latter as far as the data allow.
+    """
+
+    def __init__(self, observations: Observations, required: FloatArray, possible: FloatArray) -> None:
+        self._given = observations
+        self._pools = [
+            _Pool(observations, np.flatnonzero(observations.pool_of == number), required, possible, pool.order)
+            for number, pool in enumerate(observations.pools)
+            if pool.dof <= 0.0 and np.any(observations.pool_of == number)
+        ]
+        dof = np.array([pool.dof for pool in observations.pools])[observations.pool_of]
+        self._dof = np.where(dof > 0.0, dof, np.inf)
+
+    @property
+    def from_scatter(self) -> bool:
+        """True when some sigma is not known beforehand."""
+        return bool(self._pools)
+
+    @property
+    def rows(self) -> IntArray:
+        """Data whose noise comes from the scatter."""
+        return np.concatenate([np.zeros(0, dtype=np.intp), *(pool.where for pool in self._pools)])
+
+    def estimate(self, residuals: FloatArray) -> Noise:
+        """The noise behind residuals (n,) of a fit."""
+        sigma, dof = self._given.sigma.copy(), self._dof.copy()
+        known = np.isfinite(dof) & (dof > 4.0)
+        # A sigma from few degrees of freedom understates: Student's t has the variance nu / (nu - 2).
+        sigma[known] *= np.sqrt(dof[known] / (dof[known] - 2.0))
+        factors: list[tuple[IntArray, FloatArray]] = []
+        correlations = []
+        for pool in self._pools:
+            found = pool.estimate(residuals[pool.where] / self._given.sigma[pool.where])
+            sigma[pool.where] *= found.scale
+            dof[pool.where] = pool.dof
+            correlations.append(found.correlation)
+            factors += pool.factors(found.correlation)
+        return Noise(sigma, dof, tuple(factors), tuple(correlations))
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    scale: float
+    correlation: Correlation
+
+
+class _Pool:
+    """One pool whose noise comes from the scatter."""
+
+    def __init__(
+        self, given: Observations, where: IntArray, required: FloatArray, possible: FloatArray, order: str | None
+    ) -> None:
+        self.where = where
+        self._group = given.group_of[where]
+        self._at = given.of_runs(order)[where] if order is not None else None
+        weights = given.sigma[where][:, None]
+        self._basis = saturated(required[where] / weights, possible[where] / weights)
+        self.dof = max(len(where) - self._basis.shape[1], _FLOOR_DOF)
+        self._looked_at = _stretch(len(where), self._basis.shape[1])
+        self._trials = [self._trial(correlation) for correlation in self._correlations()]
+
+    def estimate(self, residuals: FloatArray) -> _Estimate:
+        """Scale and correlation by restricted maximum likelihood, `residuals` in units of the given sigma."""
+        if len(self.where) <= self._basis.shape[1]:
+            return _Estimate(1.0, Correlation("", 0.0))
+        near = residuals[self._looked_at]
+        rss = np.array([near @ (projector @ near) for projector, _, _ in self._trials])
+        floor = np.finfo(float).tiny
+        free = self._trials[0][2]
+        likelihoods = [
+            free * np.log(max(each, floor)) + penalty for each, (_, penalty, _) in zip(rss, self._trials, strict=True)
+        ]
+        best = int(np.argmin(likelihoods))
+        scale = float(np.sqrt(max(rss[best], floor) / free))
+        return _Estimate(scale, self._correlations()[best])
+
+    def factors(self, correlation: Correlation) -> list[tuple[IntArray, FloatArray]]:
+        """Cholesky factors of R, group by group; none for white noise."""
+        if not correlation.kernel:
+            return []
+        found: list[tuple[IntArray, FloatArray]] = []
+        for group in np.unique(self._group):
+            members = np.flatnonzero(self._group == group)
+            factor: FloatArray = np.linalg.cholesky(self._matrix(correlation, members))
+            found.append((self.where[members], factor))
+        return found
+
+    def _trial(self, correlation: Correlation) -> tuple[FloatArray, float, int]:
+        """(P, the part of -2 log likelihood that no residual changes, degrees of freedom) of one correlation."""
+        members = self._looked_at
+        basis = orthonormal(self._basis[members], 1e-9)
+        free = len(members) - basis.shape[1]
+        if not correlation.kernel:
+            return np.eye(len(members)) - basis @ basis.T, 0.0, free
+        same = self._group[members][:, None] == self._group[members][None, :]
+        covariance = np.where(same, self._matrix(correlation, members), 0.0)
+        factor = np.linalg.cholesky(covariance)
+        inverse = solve_triangular(factor, np.eye(len(members)), lower=True)
+        whitened = inverse @ basis
+        gram = whitened.T @ whitened
+        projector = inverse.T @ inverse - inverse.T @ whitened @ np.linalg.solve(gram, whitened.T @ inverse)
+        penalty = 2.0 * float(np.sum(np.log(np.diag(factor)))) + float(np.linalg.slogdet(gram)[1])
+        return projector, penalty, free
+
+    def _correlations(self) -> list[Correlation]:
+        if self._at is None or not np.isfinite(self._at).all() or len(np.unique(self._at)) < 4:
+            return [Correlation("", 0.0)]
+        kernels = [f"exp {i}" for i in range(TIME_CONSTANTS)] + [f"power {a:g}" for a in EXPONENTS]
+        return [Correlation("", 0.0)] + [Correlation(kernel, q) for kernel in kernels for q in RATIOS]
+
+    def _matrix(self, correlation: Correlation, members: IntArray) -> FloatArray:
+        assert self._at is not None
+        apart = np.abs(self._at[members][:, None] - self._at[members][None, :])
+        shortest, longest = self._time_scales()
+        kind, _, value = correlation.kernel.partition(" ")
+        if kind == "exp":
+            kernel = np.exp(-apart / np.geomspace(shortest, longest, TIME_CONSTANTS)[int(value)])
+        else:
+            # A power law as a sum of relaxations, two an octave: positive definite whatever the spacing.
+            constants = np.geomspace(shortest / 4.0, 8.0 * longest, 2 * int(np.log2(32.0 * longest / shortest)) + 2)
+            weights = constants ** (float(value) - 1.0)
+            kernel = np.zeros_like(apart)
+            for weight, constant in zip(weights / weights.sum(), constants, strict=True):
+                kernel += weight * np.exp(-apart / constant)
+        return np.asarray(np.eye(len(members)) + correlation.ratio * kernel)
+
+    def _time_scales(self) -> tuple[float, float]:
+        assert self._at is not None
+        ordered = np.unique(self._at)
+        return float(np.median(np.diff(ordered))), float(ordered[-1] - ordered[0])
+
+
+def saturated(required: FloatArray, possible: FloatArray) -> FloatArray:
+    """Orthonormal basis of all that is fitted and, as far as enough data remain, of all that might be hidden."""
+    data = len(required)
+    basis = orthonormal(required, 1e-9)
+    room = int(min(data * (1.0 - SATURATED_SHARE), data - 8)) - basis.shape[1]
+    norms = np.linalg.norm(possible, axis=0)
+    seen = possible[:, norms > 0.0] / norms[norms > 0.0]
+    if room <= 0 or not seen.shape[1]:
+        return basis
+    left = seen - basis @ (basis.T @ seen)
+    further, triangle, _ = qr(left, mode="economic", pivoting=True)
+    size = np.abs(np.diag(triangle))
+    return np.hstack([basis, further[:, : min(room, int(np.sum(size > _INDEPENDENT)))]])
+
+
+def orthonormal(columns: FloatArray, tolerance: float) -> FloatArray:
+    """Orthonormal basis of the span of columns, those scaled to unit length first; shape (n, rank)."""
+    norms = np.linalg.norm(columns, axis=0)
+    used = columns[:, norms > 0.0] / norms[norms > 0.0]
+    if not used.shape[1]:
+        return np.zeros((len(columns), 0))
+    left, s, _ = np.linalg.svd(used, full_matrices=False)
+    return np.asarray(left[:, s > tolerance * s[0]])
+
+
+def stacked(columns: Sequence[FloatArray], rows: int) -> FloatArray:
+    """Matrices of (rows, k) side by side, (rows, 0) for none."""
+    return np.hstack([np.zeros((rows, 0)), *columns])
+
+
+def _stretch(data: int, fitted: int) -> IntArray:
+    """Which data the correlation is looked for in: all, or a stretch from the middle."""
+    count = min(data, max(LARGEST_POOL, 3 * fitted))
+    first = (data - count) // 2
+    return np.arange(first, first + count)

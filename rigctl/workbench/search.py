@@ -1,0 +1,282 @@
+"""Which set of effects is missing: the best is added, everything fitted again, what is no longer needed dropped."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.errors import RigError
+from rigctl.workbench.attempt import Attempt, Scored
+from rigctl.workbench.generic import Best
+from rigctl.workbench.held_out import HeldOut
+from rigctl.workbench.score import Projector, contained, corrected, p_of
+from rigctl.workbench.study import IntArray, Line, Study, Term
+
+CATALOGUE_SHARE, SHAPES_SHARE, LINES_SHARE = 0.6, 0.3, 0.1
+"""How the level over all trials is shared between the catalogue, the shapes without physics and the lines."""
+
+CONFIRM_FROM, CERTAIN = 0.05, 1e-6
+"""Corrected p-values between these are confirmed by bootstrap where noise comes from the scatter."""
+
+MOST_TERMS = 8
+REFITTED = 4
+"""So many of the best are fitted in full before one is chosen: T is first order."""
+
+LINEAR = 30.0**2
+"""Statistics beyond may mislead about the order of candidates."""
+
+RIVAL_LEVEL = 0.5
+"""Share of the level at which a rival is rejected as a substitute: one question, not many."""
+
+_CONTAINED = 0.99
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Move:
+    """A step of the search."""
+
+    terms: tuple[Term, ...]
+    added: str | None
+    dropped: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """`term` explains the data as well as the suggested `instead_of`; `same_class` where no data could tell."""
+
+    instead_of: str
+    term: Term
+
+
+class Search:
+    """A search from the given terms, which are never dropped; ends in `terms`."""
+
+    def __init__(self, study: Study, terms: Sequence[Term], alpha: float, seed: int, progress: Progress) -> None:
+        self.study = study
+        self.alpha = alpha
+        self._seed = seed
+        self._progress = progress
+        self._attempts: dict[str, Attempt] = {}
+        self.given = tuple(terms)
+        self.terms = self.given
+        self.moves = [Move(self.given, None, ())]
+        self.unexplained: Best | None = None
+        self.lines: list[Line] = []
+
+    def attempt(self, terms: Sequence[Term]) -> Attempt:
+        """The model with these terms, fitted and scored once."""
+        key = json.dumps(sorted(json.dumps(term.as_json(), sort_keys=True) for term in terms))
+        if key not in self._attempts:
+            self._attempts[key] = Attempt(self.study, terms, self._seed)
+        return self._attempts[key]
+
+    @property
+    def suggested(self) -> tuple[Term, ...]:
+        """What was added to the given terms."""
+        return tuple(term for term in self.terms if term not in self.given)
+
+    def run(self) -> None:
+        """Add and drop until nothing that is left can be explained."""
+        while len(self.suggested) < MOST_TERMS:
+            attempt = self.attempt(self.terms)
+            self._progress(f"{len(self.suggested)} effects added, {len(attempt.candidates)} candidates")
+            chosen = self._choose(attempt)
+            if chosen is None:
+                break
+            terms, dropped = self._floated((*self.terms, chosen))
+            if any(move.terms == terms for move in self.moves):
+                break
+            self.terms = terms
+            self.moves.append(Move(terms, chosen.effect, dropped))
+        final = self.attempt(self.terms)
+        self._add_lines(final)
+        self.unexplained = self._unexplained(self.attempt(self.terms))
+
+    def _choose(self, attempt: Attempt) -> Term | None:
+        """The term to add; None when nothing in the catalogue is significant, or a plain shape explains it better."""
+        significant = [each for each in attempt.scored if self._significant(attempt, each)]
+        if not significant:
+            return None
+        if self._foreign(attempt, max(significant, key=attempt.evidence)):
+            beside = self._beside_shape(attempt)
+            significant = [each for each in significant if each.candidate.term.effect in beside]
+        significant.sort(key=attempt.evidence, reverse=True)
+        first = significant[0].score.statistic if significant else 0.0
+        near = first - 30.0 if first < LINEAR else 0.25 * first
+        options = [each for each in significant if each.score.statistic >= near][:REFITTED]
+        tried = [(self._refitted_cost(attempt, each), each) for each in options]
+        for cost, each in sorted(tried, key=lambda pair: pair[0]):
+            if np.isfinite(cost) and self._falls(attempt, each):
+                return each.candidate.term
+        return None
+
+    def _significant(self, attempt: Attempt, scored: Scored) -> bool:
+        """At the catalogue's share of the level, confirmed where the noise is not known beforehand."""
+        level = CATALOGUE_SHARE * self.alpha
+        p_value = attempt.corrected(scored.score.p_value)
+        if p_value < CONFIRM_FROM and p_value > CERTAIN and attempt.estimator.from_scatter:
+            p_value = max(p_value, attempt.bootstrap.p_catalogue(scored.score.p_value))
+        return p_value < level
+
+    def _refitted_cost(self, attempt: Attempt, scored: Scored) -> float:
+        """Chi-square after the full fit, with the price of dimensions and choices; infinite when it is singular."""
+        try:
+            trial = self.attempt((*attempt.terms, scored.candidate.term))
+        except RigError:
+            return float("inf")
+        # One noise for all: the sigma of each trial is its own guess.
+        white = attempt.noise.whiten(trial.unexplained())
+        pulls = trial.left[len(white) :]
+        price = 2.0 * (0.5 * scored.score.statistic - attempt.evidence(scored))
+        return float(white @ white + pulls @ pulls) + price
+
+    def _falls(self, attempt: Attempt, scored: Scored) -> bool:
+        """Whether held-out data come out better with the candidate in; undecided counts as yes."""
+        ratio = self.held_out_ratio(self.attempt((*attempt.terms, scored.candidate.term)), attempt)
+        return not ratio >= 1.0
+
+    def held_out_ratio(self, after: Attempt, before: Attempt) -> float:
+        """Held-out error after over before, in the series that changed, with one noise for both; NaN if unknown."""
+        if len(after.left) < len(after.result.residuals) or len(after.result.residuals) != len(
+            before.result.residuals
+        ):
+            return float("nan")
+        touched = self._touched(after, before)
+        jacobian = before.jacobian_with(after.noise)
+        left = np.concatenate([after.noise.whiten(before.unexplained()), before.left[len(before.result.residuals) :]])
+        earlier = HeldOut(before.model.observations, after.noise, jacobian, left)
+        return after.held_out.error(series=touched) / earlier.error(series=touched)
+
+    def _touched(self, after: Attempt, before: Attempt) -> IntArray:
+        """Series in which the two models differ at all."""
+        change = np.abs(after.noise.whiten(after.unexplained() - before.unexplained()))
+        series_of = after.model.observations.series_of
+        largest = np.zeros(len(after.model.observations.series))
+        np.maximum.at(largest, series_of, change)
+        return np.flatnonzero(largest > 1e-3 * largest.max())
+
+    def _foreign(self, attempt: Attempt, best: Scored) -> bool:
+        """Does the strongest plain shape make the best effect needless, and not the other way round?"""
+        shape = attempt.best_shape
+        if shape is None or shape.p_value_corrected >= SHAPES_SHARE * self.alpha:
+            return False
+        own = attempt.padded(attempt.noise.whiten(shape.columns))
+        return not self._needed(attempt, attempt.columns(best.candidate), own) and self._needed(
+            attempt, own, attempt.columns(best.candidate)
+        )
+
+    def _needed(self, attempt: Attempt, columns: np.ndarray, beside: np.ndarray) -> bool:
+        """Whether columns are significant with others in the model."""
+        score = _extended(attempt, beside).score(columns)
+        return attempt.corrected(score.p_value) < CATALOGUE_SHARE * self.alpha
+
+    def _beside_shape(self, attempt: Attempt) -> set[str]:
+        """Effects that are significant with the strongest plain shape in the model."""
+        assert attempt.best_shape is not None
+        own = attempt.padded(attempt.noise.whiten(attempt.best_shape.columns))
+        projector = _extended(attempt, own)
+        level = CATALOGUE_SHARE * self.alpha
+        return {
+            each.candidate.term.effect
+            for each in attempt.scored
+            if attempt.corrected(projector.score(attempt.columns(each.candidate)).p_value) < level
+        }
+
+    def _floated(self, terms: tuple[Term, ...]) -> tuple[tuple[Term, ...], tuple[str, ...]]:
+        """The terms without those that are no longer needed beside the others, and what was dropped."""
+        dropped: list[str] = []
+        while True:
+            added = [term for term in terms if term not in self.given]
+            if len(added) < 2:
+                return terms, tuple(dropped)
+            p_values = {term.effect: self.p_of_term(terms, term) for term in added[:-1]}
+            worst = max(p_values, key=lambda effect: p_values[effect])
+            if self.attempt(terms).corrected(p_values[worst]) < CATALOGUE_SHARE * self.alpha:
+                return terms, tuple(dropped)
+            dropped.append(worst)
+            terms = tuple(term for term in terms if term.effect != worst or term in self.given)
+
+    def p_of_term(self, terms: Sequence[Term], term: Term) -> float:
+        """P-value of one of the terms given the others, from the fits with and without it."""
+        with_it = self.attempt(terms)
+        without = self.attempt([each for each in terms if each != term])
+        white = with_it.noise.whiten(without.unexplained())
+        pulls = without.left[len(without.result.residuals) :]
+        fall = float(white @ white + pulls @ pulls) - with_it.result.chi2
+        dimension = sum(owner == term.effect for owner in with_it.model.owners)
+        same = [each.score.dof for each in without.scored if each.candidate.term.effect == term.effect]
+        return float(p_of(max(fall, 0.0), max(dimension, 1), min(same, default=np.inf)))
+
+    def _add_lines(self, attempt: Attempt) -> None:
+        found = [line for line in self.study.lines(attempt.model) if line.p_value < LINES_SHARE * self.alpha]
+        self.lines = sorted(found, key=lambda line: line.p_value)
+        for line in self.lines:
+            if line.term not in self.terms and len(self.suggested) < MOST_TERMS:
+                self.terms = (*self.terms, line.term)
+                self.moves.append(Move(self.terms, line.term.effect, ()))
+
+    def _unexplained(self, attempt: Attempt) -> Best | None:
+        shape = attempt.best_shape
+        if shape is None:
+            return None
+        p_value = shape.p_value_corrected
+        if p_value < CONFIRM_FROM and p_value > CERTAIN and attempt.estimator.from_scatter:
+            p_value = max(p_value, attempt.bootstrap.p_shapes(shape.p_value, shape.n_eff))
+        return shape if p_value < SHAPES_SHARE * self.alpha else None
+
+    def adequate(self, terms: Sequence[Term]) -> bool:
+        """Nothing in the catalogue or of a plain shape is significant beside these terms."""
+        attempt = self.attempt(terms)
+        return not any(self._significant(attempt, each) for each in attempt.scored) and (
+            self._unexplained(attempt) is None
+        )
+
+    def rivals(self, term: Term) -> list[Rival]:
+        """Other effects that would do instead of a suggested one: with them in, neither it nor more is needed."""
+        others = tuple(each for each in self.terms if each != term)
+        without = self.attempt(others)
+        own = next((each for each in without.scored if each.candidate.term.effect == term.effect), None)
+        if own is None:
+            return []
+        found = []
+        for each in without.scored:
+            effect = each.candidate.term.effect
+            if effect == term.effect or not each.score.dimension:
+                continue
+            if (
+                contained(own.score.basis, each.score.basis) > _CONTAINED
+                and each.score.dimension > own.score.dimension
+            ):
+                continue
+            if each.score.statistic < 0.25 * own.score.statistic:
+                continue
+            if self._substitutes(others, each, term):
+                found.append(Rival(term.effect, each.candidate.term))
+        return found
+
+    def _substitutes(self, others: tuple[Term, ...], rival: Scored, term: Term) -> bool:
+        try:
+            instead = self.attempt((*others, rival.candidate.term))
+            own = next((each for each in instead.scored if each.candidate.term.effect == term.effect), None)
+        except RigError:
+            return False
+        if own is not None and own.score.dimension and own.score.p_value < RIVAL_LEVEL * self.alpha:
+            return False
+        return self.adequate((*others, rival.candidate.term))
+
+
+def _extended(attempt: Attempt, columns: np.ndarray) -> Projector:
+    """The projector with columns among what is fitted."""
+    return Projector(
+        np.hstack([attempt.jacobian, columns]), attempt.left, attempt.noise.dof, len(attempt.result.residuals)
+    )
+
+
+def corrected_for(attempt: Attempt, p_value: float) -> float:
+    """A catalogue p-value at the level over all trials together, shares included."""
+    return min(corrected(p_value, attempt.n_eff) / CATALOGUE_SHARE, 1.0)
