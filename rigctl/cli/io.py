@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from rigctl.workbench.bench import Workbench
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="A campaign file, by convention *.rig.sqlite.")]
@@ -27,6 +32,24 @@ def print_json(document: object) -> None:
 def say(text: str) -> None:
     """A line on stdout."""
     print(text)  # noqa: T201
+
+
+@contextmanager
+def workbench(store: Path, plugins: Sequence[Path] | None) -> Iterator[Workbench]:
+    """A store on the workbench, closed at the end."""
+    from rigctl.campaign.store import Store
+    from rigctl.workbench.bench import Workbench
+
+    with Store.open(store) as opened:
+        yield Workbench(opened, plugins or ())
+
+
+def tell(text: str) -> None:
+    """Progress, for whoever watches; a terminal that went away is no reason to stop."""
+    try:
+        print(text, file=sys.stderr, flush=True)  # noqa: T201
+    except OSError:
+        return
 
 
 def _plain(value: Any) -> Any:

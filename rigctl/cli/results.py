@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.cli.io import Json, StoreFile, print_json, say
+from rigctl.cli.io import Json, Plugins, StoreFile, print_json, say, tell, workbench
 from rigctl.errors import ConfigError
 
 app = typer.Typer()
@@ -32,15 +32,18 @@ def _show_result(store: Path, *, as_json: bool) -> None:
 @app.command()
 def report(
     store: StoreFile,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Everything in one file.")] = None,
     figures: Annotated[Path | None, typer.Option(metavar="DIR", help="One SVG and one CSV per figure.")] = None,
+    plugin: Plugins = None,
     as_json: Json = False,
 ) -> None:
-    """Write the figures of a campaign."""
-    if figures is None:
-        raise ConfigError("nothing to write: pass --figures DIR")
-    from rigctl import results
+    """Write what is known of a store: one HTML file, the figures, or both."""
+    if out is None and figures is None:
+        raise ConfigError("nothing to write: pass --out FILE.html, --figures DIR, or both")
+    from rigctl.report.document import write_report
 
-    written = [str(path) for path in results.figures(store, figures)]
+    with workbench(store, plugin) as bench:
+        written = [str(path) for path in write_report(bench, out, figures, tell)]
     if as_json:
         print_json({"written": written})
     else:

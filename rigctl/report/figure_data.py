@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from matplotlib.figure import Figure
 
@@ -31,6 +32,14 @@ class Plate(Generic[Row]):
             save_svg(self.draw(self.rows), svg, self.name)
         _write_csv(table, self.rows)
         return [svg, table]
+
+
+def svg_text(plate: Plate[Any]) -> str:
+    """The figure as one SVG element, to stand in a page."""
+    text = io.StringIO()
+    with figure_style():
+        save_svg(plate.draw(plate.rows), text, plate.name)
+    return text.getvalue()[text.getvalue().index("<svg") :]
 
 
 def _write_csv(path: Path, rows: Sequence[object]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +28,25 @@ def write_figures(
     The last path is `figures.md`: captions, and what was left out for which reason. `uncertainties` are the rig
     file's certificates, for the budget. Raises `DataError` when the directory cannot be written to.
     """
+    plates, left_out = plates_of(result, uncertainties)
+    return write_plates(plates, left_out, directory)
+
+
+def plates_of(
+    result: SensingAxisResult, uncertainties: Uncertainties | None = None
+) -> tuple[list[Plate[Any]], dict[str, str]]:
+    """Every figure the result allows, and why what is left out is."""
     plates = [*_response_plates(result), *_plane_plates(result), nulls_plate(result.fit.nulls())]
     left_out = {f"plane of axis {name}": reason for name, reason in result.missing.items()}
     try:
         plates += _budget_plates(result, uncertainties or {})
     except ProcedureError as error:
         left_out["budget"] = str(error)
+    return plates, left_out
+
+
+def write_plates(plates: Sequence[Plate[Any]], left_out: Mapping[str, str], directory: Path) -> list[Path]:
+    """Write figures and their captions; returns all paths, the captions last; `DataError` when it cannot be done."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
         written = [path for plate in plates for path in plate.write(directory)]
@@ -72,7 +85,7 @@ def _budget_plates(result: SensingAxisResult, uncertainties: Uncertainties) -> l
     return [budget_plate(axis_budgets(result, uncertainties))]
 
 
-def _captions(plates: list[Plate[Any]], left_out: Mapping[str, str]) -> str:
+def _captions(plates: Sequence[Plate[Any]], left_out: Mapping[str, str]) -> str:
     lines = ["# Figures", ""]
     lines += [f"- **{plate.name}**: {plate.caption}" for plate in plates]
     lines += [f"- *left out:* {what}: {reason}" for what, reason in left_out.items()]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import matplotlib.style
 from matplotlib.axes import Axes
@@ -84,6 +84,6 @@ def panel_letter(axes: Axes, letter: str) -> None:
     axes.set_title(f"({letter})", loc="left", fontweight="bold")
 
 
-def save_svg(figure: Figure, path: Path, title: str) -> None:
+def save_svg(figure: Figure, path: Path | TextIO, title: str) -> None:
     """Write a figure as SVG without date or version."""
     figure.savefig(path, format="svg", metadata={"Date": None, "Creator": "rigctl", "Title": title})

@@ -1,0 +1,248 @@
+"""The report on a store: what is known of its model, gathered once and written as a page, as figures, or both."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rigctl import results
+from rigctl.errors import ConfigError, DataError, ProcedureError
+from rigctl.report import html
+from rigctl.report.figure_data import Plate
+from rigctl.report.figure_ladder import change_of, ladder_plate
+from rigctl.report.figure_ranking import ranking_plate
+from rigctl.report.figure_residuals import residual_plates
+from rigctl.report.figure_spectrum import spectrum_plates
+from rigctl.report.figures import plates_of, write_plates
+from rigctl.report.quantities import number, probability, quantity
+from rigctl.report.terminal_workbench import fails, line_sentence, short_result
+from rigctl.report.verdicts import (
+    advice,
+    comparison_sentence,
+    inseparable_sentence,
+    model_name,
+    named,
+    sizes,
+    verdict_sentence,
+)
+from rigctl.workbench import versions
+from rigctl.workbench.bench import ALPHA, Workbench
+from rigctl.workbench.findings import Comparison
+
+SIDE_BY_SIDE = 3
+"""Versions whose residuals stand side by side: the first, the last, and what lies between."""
+
+SHOWN_COVARIATES = 8
+"""Covariates shown in the page, those that residuals follow most clearly; --figures writes all."""
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Everything a report shows. `result` is as `rigctl result --json`, `left_out` says why a figure is not there."""
+
+    store: Path
+    title: str
+    experiment: str
+    runs: tuple[int, int]
+    rungs: Sequence[Mapping[str, Any]]
+    comparisons: Sequence[Comparison]
+    diagnosis: Mapping[str, Any]
+    fit: Mapping[str, Any]
+    ladder: Plate[Any]
+    ranking: Plate[Any] | None
+    residuals: Sequence[Plate[Any]]
+    spectra: Sequence[Plate[Any]]
+    own: Sequence[Plate[Any]]
+    left_out: Mapping[str, str]
+
+    @property
+    def plates(self) -> list[Plate[Any]]:
+        """All figures."""
+        ranking = [] if self.ranking is None else [self.ranking]
+        return [self.ladder, *self.residuals, *self.spectra, *ranking, *self.own]
+
+
+def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell: Tell) -> list[Path]:
+    """Write the page to `out` and the figures into `figures`, where given; returns what was written.
+
+    The page is there whole or not at all. Raises `DataError` when it cannot be written.
+    """
+    evidence = gather(bench, tell)
+    written = write_plates(evidence.plates, evidence.left_out, figures) if figures else []
+    if out is not None:
+        partial = out.with_name(f".{out.name}.{os.getpid()}")
+        try:
+            partial.write_text(page(evidence), encoding="utf-8")
+            partial.replace(out)
+        except OSError as error:
+            raise DataError(f"{out}: cannot be written: {error.strerror or error}; check the directory") from error
+        finally:
+            partial.unlink(missing_ok=True)
+        written = [out, *written]
+    return written
+
+
+def gather(bench: Workbench, tell: Tell) -> Evidence:
+    """Fit, compare and diagnose what has not been; everything is kept in the store."""
+    store, current = bench.store, bench.current
+    rungs = bench.history(tell)
+    comparisons = [bench.compare(version) for version in _side_by_side(bench, tell)]
+    tell("diagnosing")
+    diagnosis = versions.kept_diagnosis(store, current, ALPHA) or bench.diagnose(ALPHA, tell).as_json()
+    tell("drawing")
+    own, left_out = _own_figures(bench)
+    last = comparisons[-1]
+    spectra: list[Plate[Any]] = []
+    if store.header.experiment == "sensing-axis":
+        lines = [float(term.choice["frequency_hz"]) for term in current.terms if "frequency_hz" in term.choice]
+        spectra = list(spectrum_plates(store, lines, last.lines))
+    return Evidence(
+        store=store.path,
+        title=store.header.title,
+        experiment=store.header.experiment,
+        runs=(len(store.runs(valid_only=True)), len(store.runs())),
+        rungs=rungs,
+        comparisons=comparisons,
+        diagnosis=diagnosis,
+        fit=versions.kept_fit(store, current) or bench.fit(current).as_json(),
+        ladder=ladder_plate(rungs),
+        ranking=ranking_plate(diagnosis) if diagnosis["ranking"] else None,
+        residuals=list(residual_plates(comparisons)),
+        spectra=spectra,
+        own=own,
+        left_out=left_out,
+    )
+
+
+def _side_by_side(bench: Workbench, tell: Tell) -> Iterator[versions.ModelVersion]:
+    """The first version, the current one and the latest between, as far as their plugins are there."""
+    usable = []
+    for version in versions.versions(bench.store):
+        try:
+            usable.append(bench.version(version.version))
+        except ConfigError as error:
+            tell(str(error))
+    chosen = usable if len(usable) <= SIDE_BY_SIDE else [usable[0], *usable[1 - SIDE_BY_SIDE :]]
+    for version in chosen:
+        tell(f"comparing version {version.version}")
+        yield version
+
+
+def _own_figures(bench: Workbench) -> tuple[list[Plate[Any]], dict[str, str]]:
+    """The figures of the experiment itself."""
+    store = bench.store
+    if store.header.experiment != "sensing-axis":
+        return [], {}
+    try:
+        return plates_of(results.analyse(store), results.uncertainties_of(store))
+    except (ProcedureError, DataError) as error:
+        return [], {"figures of the sensing axes": str(error)}
+
+
+def page(evidence: Evidence) -> str:
+    """The report as one HTML document."""
+    title = evidence.title or evidence.store.name
+    valid, all_runs = evidence.runs
+    diagnosis = evidence.diagnosis
+    current = evidence.rungs[-1]
+    body = [
+        html.heading(title, 1),
+        html.paragraph(
+            f"{evidence.experiment}, {valid} of {all_runs} runs valid; model version {current['version']}: "
+            f"{model_name(current['effects'])}; {evidence.store.name}",
+            "soft",
+        ),
+        html.paragraph(verdict_sentence(diagnosis), f"verdict {diagnosis['verdict']}"),
+        html.paragraph("What to do next:", "soft"),
+        html.command(advice(diagnosis, evidence.store.name)),
+        html.heading("Error ladder"),
+        html.figure(evidence.ladder),
+        _ladder(evidence.rungs),
+        html.heading("Residuals"),
+        *_residuals(evidence),
+    ]
+    if evidence.spectra:
+        body += [html.heading("What is left in the samples"), *map(html.figure, evidence.spectra)]
+    body += [html.heading("Candidates"), *_candidates(evidence)]
+    body += [html.heading("Result"), *_result(evidence)]
+    return html.page(title, body)
+
+
+def _ladder(rungs: Sequence[Mapping[str, Any]]) -> str:
+    rows = [
+        [
+            str(rung["version"]),
+            change_of(rung),
+            number(rung["chi2_per_dof"]),
+            number(rung["error_fit"]),
+            number(rung["error_held_out"]),
+            "\n".join(f"{name} = {short_result(each)}" for name, each in (rung.get("result") or {}).items()),
+        ]
+        for rung in rungs
+    ]
+    return html.table(["#version", "change", "#χ²/dof", "#error", "#held out", "result"], rows)
+
+
+def _residuals(evidence: Evidence) -> Iterator[str]:
+    last = evidence.comparisons[-1].as_json()
+    yield html.paragraph(comparison_sentence(last))
+    rows = [
+        [c["channel"], c["component"], number(c["rms"]), number(c["noise"]), c["unit"], number(c["chi2"] / c["data"])]
+        for c in last["channels"]
+    ]
+    columns = ["channel", "component", "#rms", "#noise", "unit", "#χ²/n"]
+    yield html.table(columns, rows, [fails(c) for c in last["channels"]])
+    shown = evidence.residuals[:SHOWN_COVARIATES]
+    yield from map(html.figure, shown)
+    if len(shown) < len(evidence.residuals):
+        more = ", ".join(plate.name.removeprefix("residuals_") for plate in evidence.residuals[len(shown) :])
+        yield html.paragraph(f"Not shown, as the residuals follow them less: {more}.", "soft")
+    yield html.listing(line_sentence(line) for line in last["lines"])
+
+
+def _candidates(evidence: Evidence) -> Iterator[str]:
+    found = evidence.diagnosis
+    if evidence.ranking is not None:
+        yield html.figure(evidence.ranking)
+        yield html.table(
+            ["effect", "size", "#p, corrected", "#held-out error ratio", "cannot be told from"],
+            [
+                [
+                    named(rank["effect"], rank["choice"]),
+                    "\n".join(sizes(rank)),
+                    probability(rank["p_value_corrected"]),
+                    number(rank["held_out_error_ratio"]),
+                    ", ".join(rank["equivalent_to"]),
+                ]
+                for rank in found["ranking"]
+            ],
+            [rank["effect"] in found["suggested"] for rank in found["ranking"]],
+        )
+    if found["unexplained"]:
+        left = found["unexplained"]
+        yield html.heading("Unexplained", 3)
+        where = f"{left['channel']} {left['component']}"
+        yield html.paragraph(f"{where}: {left['description']} (p = {probability(left['p_value'])})")
+    if found["inseparable"]:
+        yield html.heading("Cannot be told apart with these data", 3)
+        yield html.listing(map(inseparable_sentence, found["inseparable"]))
+    if found["not_testable"]:
+        yield html.heading("Cannot be tested with these data", 3)
+        yield html.listing(f"{effect}: {reason}" for effect, reason in found["not_testable"].items())
+
+
+def _result(evidence: Evidence) -> Iterator[str]:
+    yield from map(html.figure, evidence.own)
+    yield html.listing(f"{what}: {reason}" for what, reason in evidence.left_out.items())
+    yield html.table(
+        ["parameter", "#value"],
+        [
+            [name, quantity(each["value"], each["sigma"], each["unit"])]
+            for name, each in evidence.fit["parameters"].items()
+        ],
+    )

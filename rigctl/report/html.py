@@ -1,0 +1,88 @@
+"""One HTML file that needs nothing else: no script, no network, in light, in the dark and on paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+from rigctl.report.figure_data import Plate, svg_text
+
+_STYLE = """
+:root { color-scheme: light dark;
+        --paper: #ffffff; --ink: #1a1a1a; --soft: #6b6b6b; --rule: #d0d0d0; --mark: #fff3d6; }
+@media (prefers-color-scheme: dark) {
+  :root { --paper: #16181c; --ink: #e4e4e4; --soft: #9a9a9a; --rule: #3b3f46; --mark: #3d3315; }
+}
+body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper); max-width: 58rem;
+       margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.5rem; margin-bottom: 0.2rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
+p.verdict { font-size: 1.15rem; padding: 0.7rem 1rem; border-left: 4px solid #D55E00; background: var(--mark); }
+p.verdict.adequate { border-color: #009E73; }
+.soft, figcaption { color: var(--soft); font-size: 0.87rem; }
+figure { margin: 1.2rem 0; break-inside: avoid; } svg { width: 100%; height: auto; color: var(--ink); }
+table { border-collapse: collapse; font-size: 0.87rem; margin: 0.8rem 0; }
+.wide { overflow-x: auto; }
+th, td { padding: 0.2rem 0.7rem 0.2rem 0; text-align: left; vertical-align: top;
+         border-bottom: 1px solid var(--rule); }
+td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+tr.mark td { background: var(--mark); } code { font-size: 0.95em; }
+svg text { fill: currentColor; }
+@media print {
+  :root { color-scheme: light; --paper: #ffffff; --ink: #000000; --soft: #444444; --rule: #bbbbbb; --mark: #f4f4f4; }
+  body { margin: 0; max-width: none; font-size: 10pt; } h2 { break-after: avoid; } tr { break-inside: avoid; }
+}
+"""
+
+
+def page(title: str, body: Iterable[str]) -> str:
+    """A whole document around pieces of HTML."""
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        + "\n".join(body)
+        + "\n</body>\n</html>\n"
+    )
+
+
+def heading(text: str, level: int = 2) -> str:
+    """A heading."""
+    return f"<h{level}>{escape(text)}</h{level}>"
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """A paragraph of plain text."""
+    return f'<p class="{escape(kind)}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+
+
+def command(text: str) -> str:
+    """A command line."""
+    return f"<p><code>{escape(text)}</code></p>"
+
+
+def listing(items: Iterable[str]) -> str:
+    """A list of plain texts; "" when it is empty."""
+    inside = "".join(f"<li>{escape(item)}</li>" for item in items)
+    return f"<ul>{inside}</ul>" if inside else ""
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]], marked: Sequence[bool] = ()) -> str:
+    """A table of plain texts; columns whose name begins with # hold numbers, `marked` rows stand out."""
+    kinds = [' class="n"' if name.startswith("#") else "" for name in columns]
+    head = "".join(f"<th{kind}>{escape(name.lstrip('#'))}</th>" for kind, name in zip(kinds, columns, strict=True))
+    body = ""
+    for place, row in enumerate(rows):
+        cells = "".join(f"<td{kind}>{_lines(cell)}</td>" for kind, cell in zip(kinds, row, strict=True))
+        body += f'<tr class="mark">{cells}</tr>' if place < len(marked) and marked[place] else f"<tr>{cells}</tr>"
+    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def figure(plate: Plate[Any]) -> str:
+    """A figure with its caption, in the page's own ink on its own paper."""
+    svg = svg_text(plate).replace("#000000", "currentColor").replace("#ffffff", "var(--paper)")
+    return f"<figure>{svg}<figcaption>{escape(plate.caption)}</figcaption></figure>"
+
+
+def _lines(text: str) -> str:
+    return "<br>".join(map(escape, text.split("\n")))

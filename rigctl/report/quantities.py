@@ -1,0 +1,55 @@
+"""Numbers as people read them: no more digits than the uncertainty allows."""
+
+from __future__ import annotations
+
+import math
+
+_FIXED = range(-3, 6)
+"""Powers of ten that are written out."""
+
+
+def quantity(value: float | None, sigma: float | None, unit: str = "") -> str:
+    """A value with its standard uncertainty to two digits: (9.71 +- 0.12)e-05 rad/m."""
+    if value is None or not math.isfinite(value):
+        return "not determined"
+    if sigma is None or not math.isfinite(sigma) or sigma < 0.0:
+        return _spaced(f"{number(value)} +- ?", unit)
+    if sigma == 0.0:
+        return _spaced(number(value, 6), unit)
+    exponent = _exponent(max(abs(value), sigma))
+    scale = 0 if exponent in _FIXED else exponent
+    decimals = max(0, 1 + scale - _exponent(sigma))
+    pair = f"{value / 10.0**scale:.{decimals}f} +- {sigma / 10.0**scale:.{decimals}f}"
+    return _spaced(f"({pair})e{scale:+03d}" if scale else pair, unit)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number to so many digits; "-" where there is none."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def probability(p: float | None) -> str:
+    """A p value: what is too small to matter by its power of ten."""
+    if p is None or not math.isfinite(p):
+        return "-"
+    if p <= 0.0:
+        return "<1e-300"
+    return f"{p:.1e}" if p < 1e-3 else f"{p:.2g}"
+
+
+def share(p: float) -> str:
+    """A level as people say it: 1 %."""
+    return f"{100.0 * p:g} %"
+
+
+def counted(count: int, noun: str) -> str:
+    """3 effects, 1 effect."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def _exponent(value: float) -> int:
+    return math.floor(math.log10(abs(value))) if value else 0
+
+
+def _spaced(text: str, unit: str) -> str:
+    return f"{text} {unit}" if unit and unit != "1" else text

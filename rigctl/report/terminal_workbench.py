@@ -1,0 +1,233 @@
+"""What the workbench found, as tables for a terminal of 80 columns; findings come as their JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from rigctl.report.quantities import counted, number, probability, quantity
+from rigctl.report.verdicts import (
+    ADEQUATE_P,
+    Findings,
+    advice,
+    comparison_sentence,
+    inseparable_sentence,
+    model_name,
+    named,
+    sizes,
+    verdict_sentence,
+)
+
+RANKS = 6
+"""Ranks that are shown beside the significant ones."""
+
+_LEFT = {"channel", "component", "unit", "run", "covariate", "effect", "parameter", "added", "", "result"}
+
+
+def print_comparison(found: Findings) -> None:
+    """The model beside the data: sentence, channels, worst data, trends, lines."""
+    model = found["model"]
+    _say(f"Model version {model['version']}: {model_name(model['effects'])}")
+    _say(comparison_sentence(found))
+    channels = _table("Residuals by channel", "channel", "component", "rms", "noise", "unit", "chi2/n", "")
+    for row in found["channels"]:
+        _add(
+            channels,
+            row["channel"],
+            row["component"],
+            number(row["rms"]),
+            number(row["noise"]),
+            row["unit"],
+            number(row["chi2"] / row["data"]) if row["data"] else "-",
+            "FAILS" if fails(row) else "",
+        )
+    _show(channels)
+    if found["worst"]:
+        worst = _table("Farthest from the model", "run", "channel", "component", "sigma")
+        for row in found["worst"]:
+            _add(worst, row["run_id"], row["channel"], row.get("component", ""), f"{row['sigma']:+.1f}")
+        _show(worst)
+    _print_trends(found["trends"])
+    for line in found["lines"]:
+        _say(line_sentence(line))
+
+
+def fails(channel: Findings) -> bool:
+    """True when a channel's chi-square is too large for its data."""
+    from scipy.special import chdtrc
+
+    return bool(channel["data"]) and float(chdtrc(channel["data"], channel["chi2"])) < ADEQUATE_P
+
+
+def line_sentence(line: Findings) -> str:
+    """A line in the samples."""
+    size = quantity(line.get("amplitude"), line.get("sigma"), line.get("unit", ""))
+    return f"A line in the samples of {line['channel']}: {size} at {number(line['frequency_hz'], 5)} Hz."
+
+
+def _print_trends(trends: Sequence[Findings]) -> None:
+    significant = [row for row in trends if (row["p_value_corrected"] or 0.0) < ADEQUATE_P]
+    if not significant:
+        _say("The residuals follow no covariate.")
+        return
+    table = _table("Residuals follow", "covariate", "channel", "component", "p corr.", "explains")
+    for row in significant[:8]:
+        _add(
+            table,
+            row["covariate"],
+            row["channel"],
+            row["component"],
+            probability(row["p_value_corrected"]),
+            number(row["rms_explained"]),
+        )
+    _show(table)
+    if len(significant) > 8:
+        _say(f"and {len(significant) - 8} more: --json has all")
+
+
+def print_diagnosis(found: Findings, store: str) -> None:
+    """The verdict first, what to do next, then what it rests on."""
+    _say(verdict_sentence(found))
+    _say(f"Next: {advice(found, store)}")
+    print_ranking(found)
+    _list("Cannot be told apart with these data", _inseparable(found))
+    if found["unexplained"]:
+        left = found["unexplained"]
+        _list(
+            "Unexplained",
+            [f"{left['channel']} {left['component']}: {left['description']} (p = {probability(left['p_value'])})"],
+        )
+    _list("Cannot be tested with these data", (f"{e}: {why}" for e, why in found["not_testable"].items()))
+
+
+def _inseparable(found: Findings) -> list[str]:
+    """What concerns the result or the suggested effects, and how much else there is."""
+    concerns = [
+        pair
+        for pair in found["inseparable"]
+        if pair["from"].startswith("baseline:") or {pair["effect"], pair["from"]} & set(found["suggested"])
+    ]
+    others = len(found["inseparable"]) - len(concerns)
+    more = [f"and {counted(others, 'pair')} of other effects: --json has them"] if others else []
+    return [*map(inseparable_sentence, concerns), *more]
+
+
+def print_ranking(found: Findings) -> None:
+    """Effects from the most to the least significant, with sizes."""
+    ranking = found["ranking"]
+    if not ranking:
+        return
+    shown = [
+        rank
+        for place, rank in enumerate(ranking)
+        if place < RANKS
+        or (rank["p_value_corrected"] or 0.0) < found["alpha"]
+        or rank["effect"] in found["suggested"]
+    ]
+    table = Table(title="Candidates", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    table.add_column("effect (*: suggested)", min_width=44, overflow="fold")
+    for column in ("p corr.", "chi2 fall", "held out"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for rank in shown:
+        star = "*" if rank["effect"] in found["suggested"] else " "
+        told = [f"{star} {named(rank['effect'], rank['choice'])}", *(f"    {size}" for size in sizes(rank))]
+        if rank["equivalent_to"]:
+            told.append(f"    like {', '.join(rank['equivalent_to'])}")
+        _add(
+            table,
+            "\n".join(told),
+            probability(rank["p_value_corrected"]),
+            number(rank["chi2_fall"]),
+            number(rank["held_out_error_ratio"]),
+        )
+    _show(table)
+    _dim("held out: error after / before, on runs not used in the fit")
+    if len(shown) < len(ranking):
+        _dim(f"{len(ranking) - len(shown)} more with --json")
+
+
+def print_versions(versions: Sequence[Findings]) -> None:
+    """The versions of a model."""
+    for version in versions:
+        terms = [named(term["effect"], term["choice"]) for term in version["terms"]]
+        _say(f"version {version['version']}{_change(version)}: {model_name(terms)}")
+        for effect, plugin in version["plugins"].items():
+            _say(f"  {effect} from {plugin['path']}, SHA-256 {plugin['sha256'][:12]}")
+
+
+def print_history(rungs: Sequence[Findings]) -> None:
+    """The error ladder."""
+    table = _table("Error ladder", "version", "change", "chi2/dof", "error", "held out", "result")
+    for rung in rungs:
+        _add(
+            table,
+            str(rung["version"]),
+            _change(rung).strip(" ,") or model_name(rung["effects"]),
+            number(rung["chi2_per_dof"]),
+            number(rung["error_fit"]),
+            number(rung["error_held_out"]),
+            "\n".join(f"{name} = {short_result(each)}" for name, each in (rung.get("result") or {}).items()),
+        )
+    _show(table)
+    _dim("error: rms of the whitened residuals, 1.00 = noise; held out: on blocks not used in that fit")
+    for rung in rungs:
+        if "note" in rung:
+            _say(f"version {rung['version']}: not fitted: {rung['note']}")
+
+
+def _change(version: Findings) -> str:
+    if version["added"]:
+        return f", + {version['added']}"
+    return f", - {version['removed']}" if version["removed"] else ""
+
+
+def short_result(entry: Any) -> str:
+    """One entry of a result: value, sigma and unit where it has them."""
+    if isinstance(entry, Mapping) and isinstance(entry.get("value"), int | float):
+        return quantity(entry["value"], entry.get("sigma"), entry.get("unit", ""))
+    return str(entry)
+
+
+def print_fit(found: Findings) -> None:
+    """Parameters and how well they describe the data."""
+    table = _table(f"Fit of {model_name(found['effects'])}", "parameter", "value", "unit")
+    for name, each in found["parameters"].items():
+        _add(table, name, quantity(each["value"], each["sigma"]), each["unit"])
+    _show(table)
+    _say(comparison_sentence(found))
+    _say(f"error {number(found['error_fit'])}, on held-out runs {number(found['error_held_out'])} (1.00 = noise)")
+
+
+def _table(title: str, *columns: str) -> Table:
+    table = Table(title=title, title_justify="left", padding=(0, 1))
+    for column in columns:
+        table.add_column(column, justify="left" if column in _LEFT else "right", overflow="fold")
+    return table
+
+
+def _add(table: Table, *cells: str) -> None:
+    """Names hold brackets, which are no markup here."""
+    table.add_row(*map(Text, cells))
+
+
+def _show(table: Table) -> None:
+    Console().print(table)
+
+
+def _say(text: str) -> None:
+    Console().print(text, highlight=False, markup=False)
+
+
+def _dim(text: str) -> None:
+    Console().print(text, style="dim", highlight=False, markup=False)
+
+
+def _list(title: str, lines: Any) -> None:
+    told = list(lines)
+    if told:
+        _say("\n".join([f"{title}:", *(f"  {line}" for line in told)]))

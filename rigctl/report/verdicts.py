@@ -1,0 +1,98 @@
+"""What was found, in sentences: the same in the terminal and in the report. Findings come as their JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rigctl.report.quantities import counted, number, probability, quantity, share
+
+Findings = Mapping[str, Any]
+
+ADEQUATE_P = 0.01
+"""A chi-square with a smaller p speaks against the model."""
+
+
+def model_name(effects: Sequence[str]) -> str:
+    """The model by its effects."""
+    return f"baseline + {' + '.join(effects)}" if effects else "the baseline alone"
+
+
+def comparison_sentence(found: Findings) -> str:
+    """Does the model describe the data?"""
+    p, reduced, dof = found["p_value"], found["chi2_per_dof"], found["dof"]
+    if dof <= 0:
+        return "There are no more data than parameters: nothing can be said of the model."
+    figures = f"chi2/dof = {number(reduced)} with {dof} degrees of freedom, p = {probability(p)}"
+    if p is not None and p < ADEQUATE_P:
+        return f"The model does not describe the data: {figures}."
+    return f"The model describes the data within their noise: {figures}."
+
+
+def verdict_sentence(found: Findings) -> str:
+    """Which physical effect is missing, in a sentence or two."""
+    suggested = found["suggested"]
+    if found["verdict"] == "adequate":
+        return (
+            f"The model is adequate: nothing more is significant at {share(found['alpha'])}, "
+            "over all trials together."
+        )
+    if found["verdict"] == "unknown":
+        left = found["unexplained"]["description"] if found["unexplained"] else "see what is unexplained"
+        also = f" {_missing(suggested)}, and it does not suffice." if suggested else ""
+        return f"Something remains that none of the known effects explains: {left.rstrip('.')}.{also}"
+    if found["verdict"] == "ambiguous":
+        return f"The data are explained, but by more than one effect equally: {_alternatives(found)}."
+    return f"{_missing(suggested)}."
+
+
+def _missing(suggested: Sequence[str]) -> str:
+    if len(suggested) == 1:
+        return f"An effect is missing: {suggested[0]}"
+    return f"{counted(len(suggested), 'effect')} are missing: {', '.join(suggested)}"
+
+
+def _alternatives(found: Findings) -> str:
+    """The suggested effects, each with what these data cannot tell from it."""
+    same = {rank["effect"]: rank["equivalent_to"] for rank in found["ranking"]}
+    told: list[str] = []
+    for effect in found["suggested"]:
+        others = [name for name in same.get(effect, []) if name not in found["suggested"]]
+        told.append(f"{effect} (or {', '.join(others)})" if others else str(effect))
+    return " or ".join(told)
+
+
+def advice(found: Findings, store: str) -> str:
+    """What to do next, as a command line."""
+    if found["verdict"] == "ambiguous":
+        return f"rigctl model add {store} {found['suggested'][0]}"
+    if found["suggested"]:
+        return f"rigctl model add {store} {' '.join(found['suggested'])}"
+    return f"rigctl {'compare' if found['verdict'] == 'unknown' else 'result'} {store}"
+
+
+def named(effect: str, choice: Mapping[str, Any]) -> str:
+    """An effect with what was chosen of it: laser-cosine (head laser_2_mm)."""
+    if not choice:
+        return effect
+    told = ", ".join(
+        f"{key} {number(value, 5) if isinstance(value, float) else value}" for key, value in choice.items()
+    )
+    return f"{effect} ({told})"
+
+
+def sizes(rank: Findings) -> list[str]:
+    """Each parameter of a candidate with its value; one that is named like its effect needs no name."""
+    told = []
+    for name, size in rank["parameters"].items():
+        own = name.removeprefix(rank["effect"]).lstrip(".")
+        told.append(f"{own} = {quantity(size['value'], size['sigma'], size['unit'])}".lstrip())
+    return told
+
+
+def inseparable_sentence(pair: Findings) -> str:
+    """Which effect cannot be told from what, and what that does."""
+    other = str(pair["from"])
+    whom = f"the baseline's {other.removeprefix('baseline:')}" if other.startswith("baseline:") else other
+    shift = f": {pair['shift']}" if pair["shift"] else ""
+    return f"{pair['effect']} cannot be told from {whom}{shift}"

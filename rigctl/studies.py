@@ -1,0 +1,27 @@
+"""Which study a recording gets: its experiment decides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rigctl.campaign.store import Store
+from rigctl.effects.catalogue import Effect
+from rigctl.errors import DataError
+from rigctl.workbench.study import Study
+
+
+def study_of(store: Store, plugins: Sequence[Effect] = ()) -> Study:
+    """A store's runs as the workbench sees them, with what `plugins` add to the catalogue.
+
+    `DataError` for an experiment whose recordings are kept but not analysed.
+    """
+    experiment = store.header.experiment
+    if experiment == "sensing-axis":
+        from rigctl.experiments.sensing_axis.study import SensingAxisStudy
+
+        return SensingAxisStudy(store, plugins)
+    if experiment == "table":
+        from rigctl.experiments.table.study import TableStudy
+
+        return TableStudy(store, plugins)
+    raise DataError(f"{store.path}: there is no model for '{experiment}' recordings yet")

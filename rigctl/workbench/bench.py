@@ -1,0 +1,150 @@
+"""A store on the workbench: compare, diagnose, add, fit, and the ladder of what each version brought."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rigctl.campaign.store import Store
+from rigctl.effects.catalogue import Effect
+from rigctl.errors import ConfigError
+from rigctl.studies import study_of
+from rigctl.workbench import versions
+from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
+from rigctl.workbench.study import Study, Term
+from rigctl.workbench.versions import ModelVersion, PluginFile
+
+if TYPE_CHECKING:
+    from rigctl.workbench.transfer import Transfer
+
+ALPHA = 0.01
+
+
+class Workbench:
+    """A store, its study, and the versions of its model; `plugins` are files with effects of one's own.
+
+    `ConfigError` when a plugin cannot be loaded.
+    """
+
+    def __init__(self, store: Store, plugins: Sequence[Path] = ()) -> None:
+        self.store = store
+        self._loaded = {PluginFile.of(path): _effects_in(path) for path in plugins}
+
+    @cached_property
+    def study(self) -> Study:
+        """The store's valid runs, reduced once."""
+        return study_of(self.store, [effect for effects in self._loaded.values() for effect in effects])
+
+    @property
+    def current(self) -> ModelVersion:
+        """The store's model; `ConfigError` without the plugin files it was made with."""
+        return self._usable(versions.current(self.store))
+
+    def version(self, number: int) -> ModelVersion:
+        """One version; `ConfigError` without its plugin files."""
+        return self._usable(versions.versions(self.store)[number - 1])
+
+    def _usable(self, version: ModelVersion) -> ModelVersion:
+        version.require(list(self._loaded))
+        return version
+
+    def compare(self, version: ModelVersion | None = None) -> Comparison:
+        """A version's model, by default the current one, beside the data."""
+        from rigctl.workbench.compare import compare
+
+        chosen = version or self.current
+        return compare(self.study, chosen.terms, chosen.version)
+
+    def compare_with(self, other: Workbench) -> Transfer:
+        """The current model on another store: does what was fitted here hold there?"""
+        from rigctl.workbench.transfer import transfer
+
+        return transfer(self.study, other.study, self.current.terms)
+
+    def fit(self, version: ModelVersion | None = None) -> ModelFit:
+        """Fit a version, by default the current one, and keep the outcome."""
+        from rigctl.workbench.fit import fit
+
+        chosen = version or self.current
+        found = fit(self.study, chosen.terms)
+        versions.keep_fit(self.store, chosen, found.as_json())
+        return found
+
+    def diagnose(self, alpha: float = ALPHA, progress: Callable[[str], None] | None = None) -> Diagnosis:
+        """Ask what the current model lacks, and keep the answer; adds nothing."""
+        from rigctl.workbench.diagnose import diagnose
+
+        if not 0.0 < alpha < 1.0:
+            raise ConfigError(f"alpha {alpha:g} is no level; give one between 0 and 1, such as {ALPHA:g}")
+        version = self.current
+        found = diagnose(self.study, version.terms, alpha=alpha, progress=progress)
+        versions.keep_diagnosis(self.store, version, alpha, found.as_json())
+        return found
+
+    def history(self, progress: Callable[[str], None] | None = None) -> list[dict[str, Any]]:
+        """The error ladder, keys of `rigctl model history --json`; fits what has not been fitted to these runs.
+
+        An older version whose plugin file is not there has no numbers, and a `note` says why.
+        """
+        versions.current(self.store).require(list(self._loaded))
+        return [self._rung(version, progress) for version in versions.versions(self.store)]
+
+    def _rung(self, version: ModelVersion, progress: Callable[[str], None] | None) -> dict[str, Any]:
+        rung = {
+            "version": version.version,
+            "effects": list(version.effects),
+            "added": version.added,
+            "removed": version.removed,
+        }
+        found = versions.kept_fit(self.store, version)
+        if found is None:
+            try:
+                version.require(list(self._loaded))
+            except ConfigError as error:
+                return {**rung, "chi2_per_dof": None, "error_fit": None, "error_held_out": None, "note": str(error)}
+            if progress is not None:
+                progress(f"fitting version {version.version}")
+            found = self.fit(version).as_json()
+        return {**rung, **{key: found[key] for key in ("chi2_per_dof", "error_fit", "error_held_out", "result")}}
+
+    def add(self, effects: Sequence[str]) -> list[ModelVersion]:
+        """One new version per effect, all of them or none; `ConfigError` for one that is unknown or there already."""
+        now = self.current
+        self._require_known(effects)
+        versions.require_absent(now, effects)
+        terms: list[Term] = []
+        for effect in effects:
+            terms.append(self._term(effect, (*now.terms, *terms)))
+        return [versions.extend(self.store, term, self._source_of(term.effect)) for term in terms]
+
+    def remove(self, effects: Sequence[str]) -> list[ModelVersion]:
+        """One new version per effect, without it; `ConfigError` for one that is not in the model."""
+        return versions.remove_all(self.store, effects)
+
+    def _require_known(self, effects: Sequence[str]) -> None:
+        known = self.study.effects()
+        for effect in effects:
+            if effect.split("#")[0] not in known:
+                near = difflib.get_close_matches(effect, known, n=3, cutoff=0.0)
+                raise ConfigError(
+                    f"unknown effect '{effect}'; the nearest are {', '.join(near)}; `rigctl effects` lists all"
+                )
+
+    def _term(self, effect: str, terms: Sequence[Term]) -> Term:
+        """With the choice of the last diagnosis, else the one that fits best beside `terms`."""
+        from rigctl.workbench.choices import best, diagnosed
+
+        return diagnosed(versions.last_diagnosis(self.store), effect) or best(self.study, terms, effect)
+
+    def _source_of(self, effect: str) -> PluginFile | None:
+        own = (file for file, effects in self._loaded.items() if effect in {each.id for each in effects})
+        return next(own, None)
+
+
+def _effects_in(path: Path) -> Sequence[Effect]:
+    from rigctl.effects import plugins
+
+    return plugins.load(path)
