@@ -1,0 +1,64 @@
+"""The generic catalogue: what the columns of a table could be doing."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from rigctl.errors import ConfigError
+from rigctl.experiments.table.forms import Form, Interaction, Power
+from rigctl.experiments.table.readings import Column, Readings
+from rigctl.experiments.table.scanned import Exponential, Periodic, Scanned, Step
+
+
+def generic(readings: Readings) -> dict[str, Form]:
+    """Every form by its id, simple ones first, whether or not it can be tested."""
+    columns = list(readings.columns.values())
+    forms: list[Form] = [Power("drift", readings.drift, 1)]
+    for name, exponent in (("linear", 1), ("power2", 2), ("power3", 3), ("inverse", -1)):
+        forms += [Power(f"{name}[{column.name}]", column, exponent) for column in columns]
+    forms += [Interaction(one, other) for one, other in combinations(columns, 2)]
+    forms += [kind(column) for kind in (Step, Exponential, Periodic) for column in columns]
+    return {form.id: form for form in forms}
+
+
+def columns_of(form: Form) -> tuple[Column, ...]:
+    """The columns a form looks at."""
+    if isinstance(form, Interaction):
+        return (form.one, form.other)
+    assert isinstance(form, Power | Scanned)
+    return (form.column,)
+
+
+def why_not(form: Form, readings: Readings) -> str:
+    """Why these readings cannot be asked about a form; "" when they can."""
+    for column in columns_of(form):
+        missing = np.flatnonzero(~np.isfinite(column.values))
+        if missing.size:
+            shown = ", ".join(readings.labels[i] for i in missing[:3])
+            more = f" and {missing.size - 3} more" if missing.size > 3 else ""
+            return f"{column.name} has no value in {shown}{more}"
+        if column.distinct.size == 1:
+            return f"{column.name} is constant"
+    return form.untestable()
+
+
+def base_of(effect: str, known: dict[str, Form]) -> str:
+    """The catalogue's id behind `effect`, of which there may be several: periodic[t_s] for periodic[t_s]#2."""
+    if effect in known:
+        return effect
+    base, mark, number = effect.rpartition("#")
+    if mark and base in known and number.isdecimal() and int(number) >= 2:
+        if isinstance(known[base], Scanned):
+            return base
+        raise ConfigError(f"effect '{effect}': there can be one {base} only; leave out #{number}")
+    raise ConfigError(f"unknown effect '{effect}'; known for this table: {', '.join(known)}")
+
+
+def next_id(base: str, taken: set[str]) -> str:
+    """The id of one more of a kind."""
+    number = 1
+    while (name := base if number == 1 else f"{base}#{number}") in taken:
+        number += 1
+    return name

@@ -1,0 +1,159 @@
+"""The readings of a `table` recording: columns over the rows that can be used, and what is asked of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from rigctl.campaign.recording import READINGS, Header, RunSource, TableSpec
+from rigctl.campaign.units import unit_of_column
+from rigctl.errors import DataError
+from rigctl.experiments.table.expression import Expression
+from rigctl.experiments.table.syntax import CONSTANTS, flaw
+from rigctl.interfaces import FloatArray
+from rigctl.workbench.study import IntArray
+
+ROW = "row"
+"""The covariate that counts the rows of readings.csv from 1, unless a column has taken its name."""
+
+BLOCKS_MAX = 7
+STRETCHES_MAX = 6
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of numbers, shape (n,); NaN where a value is missing."""
+
+    name: str
+    values: FloatArray
+    unit: str
+
+    @cached_property
+    def distinct(self) -> FloatArray:
+        """Its different values, rising."""
+        return np.unique(self.values)
+
+    @property
+    def span(self) -> float:
+        """From its smallest to its largest value."""
+        return float(self.distinct[-1] - self.distinct[0])
+
+    @property
+    def middle(self) -> float:
+        """Its mean."""
+        return float(self.values.mean())
+
+    @property
+    def spacing(self) -> float:
+        """Median distance of neighbours among its different values."""
+        return float(np.median(np.diff(self.distinct)))
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Rows with a response and all that the baseline needs; n of them, `labels` say which ("row 7")."""
+
+    spec: TableSpec
+    response: Column
+    columns: dict[str, Column]
+    expression: Expression
+    labels: tuple[str, ...]
+    number: FloatArray
+    sigma: FloatArray
+    block_of: IntArray
+
+    @property
+    def numbers(self) -> dict[str, FloatArray]:
+        """Every numeric column but the response, by name."""
+        return {name: column.values for name, column in self.columns.items()}
+
+    @property
+    def drift(self) -> Column:
+        """The column that orders the readings; else their number."""
+        order = self.spec.order
+        return self.columns[order] if order else Column(ROW, self.number, "")
+
+
+def read(source: RunSource) -> Readings:
+    """The readings of a recording; `DataError` for a question they cannot be asked."""
+    header, spec = source.header, source.header.table
+    if spec is None:
+        raise DataError(f"the recording is of {header.experiment}, not a table: it has no [table] to fit")
+    samples = source.samples(READINGS)
+    texts = next(record for record in source.runs() if record.run_id == READINGS).conditions
+    if spec.response not in samples:
+        raise DataError(f"readings.csv has no column {spec.response} of numbers, which [table] response names")
+    expression = _expression(spec, set(samples), set(texts))
+    kept = _usable(samples, expression, spec)
+    rows = np.flatnonzero(kept)
+    if rows.size == 0:
+        raise DataError("readings.csv: no row has a response and all that the baseline needs; fill in the gaps")
+    columns = {
+        name: Column(name, values[rows].astype(np.float64), _unit(header, name)) for name, values in samples.items()
+    }
+    response = columns.pop(spec.response)
+    return Readings(
+        spec,
+        response,
+        columns,
+        expression,
+        tuple(f"row {i + 1}" for i in rows),
+        (rows + 1).astype(np.float64),
+        np.full(rows.size, _weight(header, spec.response)),
+        _blocks(spec, columns, {name: np.array(text)[rows] for name, text in texts.items()}, rows.size),
+    )
+
+
+def _expression(spec: TableSpec, numeric: set[str], texts: set[str]) -> Expression:
+    expression = Expression.read(spec.baseline, numeric)
+    for name in CONSTANTS:
+        if name in numeric:
+            raise DataError(f"readings.csv: column {name} has the name of a constant; rename the column")
+    for name in expression.columns + expression.parameters:
+        if name == spec.response:
+            raise flaw(expression.position(name), f"{name} is the response; it cannot stand on the right side too")
+        if name in texts:
+            raise flaw(expression.position(name), f"column {name} holds text; use a column of numbers")
+    if not expression.parameters:
+        raise flaw(0, "no parameter to fit; write one, such as b0, a name that is no column")
+    for name in spec.start:
+        if name not in expression.parameters:
+            raise DataError(
+                f"recording.toml, [table] start: {name} is no parameter of the baseline;"
+                f" its parameters are {', '.join(expression.parameters)}"
+            )
+    return expression
+
+
+def _usable(samples: dict[str, FloatArray], expression: Expression, spec: TableSpec) -> IntArray:
+    needed = [spec.response, *expression.columns, *([spec.order] if spec.order else [])]
+    return np.asarray(np.isfinite([samples[name] for name in needed]).all(axis=0))
+
+
+def _unit(header: Header, name: str) -> str:
+    declared = header.channels.get(name)
+    return declared.unit if declared and declared.unit else unit_of_column(name)
+
+
+def _weight(header: Header, response: str) -> float:
+    """A sigma all rows share: what the recorder believed, else 1. Its size is found from the scatter."""
+    declared = header.channels.get(response)
+    return (declared.noise_rms if declared else None) or 1.0
+
+
+def _blocks(spec: TableSpec, columns: dict[str, Column], texts: dict[str, FloatArray], rows: int) -> IntArray:
+    if spec.block is not None:
+        values = texts[spec.block] if spec.block in texts else columns[spec.block].values
+        blocks = np.unique(values, return_inverse=True)[1]
+        if blocks.max() == 0:
+            raise DataError(
+                f"readings.csv: column {spec.block} holds one value only, but [table] block needs two blocks or more;"
+                " name another column, or leave block out"
+            )
+        return np.asarray(blocks, dtype=np.intp)
+    if spec.order is not None:
+        place = np.argsort(np.argsort(columns[spec.order].values, kind="stable"), kind="stable")
+        return np.asarray(place * min(STRETCHES_MAX, max(rows // 2, 1)) // rows, dtype=np.intp)
+    return np.asarray(np.arange(rows) % min(BLOCKS_MAX, max(rows // 2, 1)), dtype=np.intp)

@@ -1,0 +1,185 @@
+"""Anybody's calibration, as the workbench sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rigctl.campaign.recording import RunSource
+from rigctl.effects.catalogue import Effect
+from rigctl.errors import ConfigError, DataError
+from rigctl.experiments.table.candidates import candidate_of, plugin_candidate
+from rigctl.experiments.table.catalogue import base_of, generic, next_id, why_not
+from rigctl.experiments.table.model import TableModel
+from rigctl.experiments.table.pieces import ColumnPiece, Piece, PluginPiece
+from rigctl.experiments.table.readings import ROW, Readings, read
+from rigctl.experiments.table.scanned import Scanned
+from rigctl.experiments.table.start import POINTS_MAX, baseline_start, place, solve, span_of
+from rigctl.interfaces import FloatArray
+from rigctl.workbench.study import Candidate, Line, Model, NoisePool, NotTestable, Observations, Series, Term
+
+_GRID_POINTS, _GRID_LEAST = 3000, 200
+
+
+class TableStudy:
+    """A `rigctl.workbench.study.Study` of a `table` recording: each row of readings.csv is a run.
+
+    `plugins` are further effects; those that act on "response" join the catalogue. `DataError` or `ConfigError`,
+    one line, for a question that the readings cannot be asked.
+    """
+
+    experiment = "table"
+
+    def __init__(self, source: RunSource, plugins: Sequence[Effect] = ()) -> None:
+        self.readings = read(source)
+        self.observations = _observations(self.readings)
+        self._forms = generic(self.readings)
+        self._plugins = {effect.id: effect for effect in plugins if effect.on == "response"}
+        self._start = baseline_start(self.readings)
+        self._require_enough(len(self._start))
+
+    def effects(self) -> Mapping[str, str]:
+        """The catalogue made from the columns, then the plug-ins; of the scanned ones there may be `#2`, `#3`, ..."""
+        return {name: form.sentence for name, form in self._forms.items()} | {
+            name: effect.summary for name, effect in self._plugins.items()
+        }
+
+    def model(self, terms: Sequence[Term]) -> TableModel:
+        """The baseline with these terms; what a term's choice leaves open is scanned for."""
+        pieces: list[Piece] = []
+        for term in terms:
+            if term.effect in {piece.term.effect for piece in pieces}:
+                raise ConfigError(f"effect '{term.effect}' is in the model already; another needs another number")
+            pieces.append(self._piece(term, pieces))
+        for i, piece in enumerate(pieces):
+            if isinstance(piece, ColumnPiece) and isinstance(piece.form, Scanned):
+                pieces[i] = self._placed(piece, pieces[:i] + pieces[i + 1 :])
+        starts = self._starts(pieces)
+        self._require_enough(len(starts))
+        return TableModel(self.observations, self.readings, tuple(pieces), starts)
+
+    def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
+        """Every effect that `model` lacks; a scanned one once per point of its grid."""
+        assert isinstance(model, TableModel)
+        taken = {term.effect for term in model.terms}
+        held = span_of(model.jacobian(values))
+        left = self.observations.value - model.predict(values)
+        found: list[Candidate] = []
+        untestable: list[NotTestable] = []
+        for base, form in self._forms.items():
+            if base in taken and not isinstance(form, Scanned):
+                continue
+            if reason := why_not(form, self.readings):
+                untestable.append(NotTestable(base, reason))
+                continue
+            effect = next_id(base, taken)
+            choices = self._grid(form) if isinstance(form, Scanned) else [{}]
+            unit = self.readings.response.unit
+            found += [candidate_of(form, Term(effect, choice), unit, held, left) for choice in choices]
+        for name, effect_ in self._plugins.items():
+            if name not in taken:
+                piece = PluginPiece(Term(name), effect_, self.readings)
+                entry = plugin_candidate(piece, model.signal(values))
+                (found if isinstance(entry, Candidate) else untestable).append(entry)  # type: ignore[arg-type]
+        return found, untestable
+
+    def lines(self, model: Model) -> Sequence[Line]:
+        """None: a table has no samples."""
+        del model
+        return ()
+
+    def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+        """The parameters: they are what a calibration is for."""
+        sigmas = np.sqrt(np.diag(covariance))
+        rows = zip(model.parameters, values, sigmas, model.units, strict=True)
+        return {
+            each.name: {"value": float(value), "sigma": float(sigma), "unit": unit}
+            for each, value, sigma, unit in rows
+        }
+
+    def _grid(self, form: Scanned) -> list[dict[str, float]]:
+        points = max(_GRID_POINTS // max(len(self.readings.columns), 1), _GRID_LEAST)
+        return [form.full_choice(float(value)) for value in form.grid(min(points, POINTS_MAX))]
+
+    def _piece(self, term: Term, before: Sequence[Piece]) -> Piece:
+        if term.effect in self._plugins:
+            return PluginPiece(Term(term.effect), self._plugins[term.effect], self.readings)
+        try:
+            form = self._forms[base_of(term.effect, self._forms)]
+        except ConfigError as error:
+            own = f", {', '.join(self._plugins)}" if self._plugins else ""
+            raise ConfigError(f"{error}{own}") from None
+        if reason := why_not(form, self.readings):
+            raise DataError(f"effect '{term.effect}' cannot be fitted: {reason}; remove it from the model")
+        piece = ColumnPiece(term, form, self.readings.response.unit)
+        if not isinstance(form, Scanned):
+            return ColumnPiece(Term(term.effect), form, self.readings.response.unit)
+        return piece if form.scanned in term.choice else self._placed(piece, before)
+
+    def _placed(self, piece: ColumnPiece, others: Sequence[Piece]) -> ColumnPiece:
+        """The piece with its scanned parameter where it fits best beside the others."""
+        form = piece.form
+        assert isinstance(form, Scanned)
+        beside = [each for each in others if isinstance(each, ColumnPiece) and _is_placed(each)]
+        weight = self.readings.sigma[:, None]
+        signal, slopes = self._baseline()
+        held = np.concatenate([slopes, *(each.form.basis(each.choice) for each in beside)], axis=1)
+        near = piece.choice.get(form.scanned)
+        value = place(form, held / weight, (self.observations.value - signal) / weight[:, 0], near)
+        choice = {**form.full_choice(value), **{k: v for k, v in piece.choice.items() if k != form.scanned}}
+        return ColumnPiece(Term(piece.term.effect, choice), form, piece.response_unit)
+
+    def _starts(self, pieces: Sequence[Piece]) -> FloatArray:
+        """The baseline's curved parameters as it alone is fitted; everything linear solved for beside them."""
+        expression = self.readings.expression
+        linear = [expression.parameters.index(name) for name in expression.linear_in()]
+        columns = [piece for piece in pieces if isinstance(piece, ColumnPiece)]
+        bases = [piece.form.basis(piece.choice) for piece in columns]
+        signal, slopes = self._baseline()
+        design = np.concatenate([slopes[:, linear], *bases], axis=1) / self.readings.sigma[:, None]
+        change = solve(design, (self.observations.value - signal) / self.readings.sigma) if design.shape[1] else None
+        own = self._start.copy()
+        if change is None:
+            return own
+        own[linear] += change[: len(linear)]
+        found = iter(np.split(change[len(linear) :], np.cumsum([basis.shape[1] for basis in bases])[:-1]))
+        parts = [
+            piece.joined(next(found)) if isinstance(piece, ColumnPiece) else np.zeros(len(piece.units))
+            for piece in pieces
+        ]
+        return np.concatenate([own, *parts])
+
+    def _baseline(self) -> tuple[FloatArray, FloatArray]:
+        given = dict(zip(self.readings.expression.parameters, self._start, strict=True))
+        return self.readings.expression.evaluate(self.readings.numbers, given)
+
+    def _require_enough(self, parameters: int) -> None:
+        rows = self.observations.value.size
+        if rows <= parameters:
+            raise DataError(
+                f"readings.csv: {rows} usable readings for {parameters} parameters; add readings, or leave terms out"
+            )
+
+
+def _is_placed(piece: ColumnPiece) -> bool:
+    return not isinstance(piece.form, Scanned) or piece.form.scanned in piece.choice
+
+
+def _observations(readings: Readings) -> Observations:
+    n = readings.response.values.size
+    none = np.zeros(n, dtype=np.intp)
+    return Observations(
+        run_ids=readings.labels,
+        series=(Series(readings.response.name, "", readings.response.unit),),
+        pools=(NoisePool(readings.response.name, 0.0, readings.spec.order),),
+        value=readings.response.values,
+        sigma=readings.sigma,
+        series_of=none,
+        run_of=np.arange(n, dtype=np.intp),
+        pool_of=none,
+        group_of=none,
+        block_of=readings.block_of,
+        covariates={ROW: readings.number} | readings.numbers,
+    )
