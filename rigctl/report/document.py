@@ -12,17 +12,18 @@ from rigctl import results
 from rigctl.errors import ConfigError, DataError, ProcedureError
 from rigctl.report import html
 from rigctl.report.figure_data import Plate
-from rigctl.report.figure_ladder import change_of, ladder_plate
+from rigctl.report.figure_ladder import ladder_plate
 from rigctl.report.figure_ranking import ranking_plate
 from rigctl.report.figure_residuals import residual_plates
 from rigctl.report.figure_spectrum import spectrum_plates
 from rigctl.report.figures import plates_of, write_plates
-from rigctl.report.quantities import number, probability, quantity
+from rigctl.report.quantities import counted, number, probability, quantity
 from rigctl.report.terminal_workbench import fails, line_sentence, short_result
 from rigctl.report.verdicts import (
     advice,
+    change_of,
     comparison_sentence,
-    inseparable_sentence,
+    inseparable_sentences,
     model_name,
     named,
     sizes,
@@ -38,6 +39,9 @@ SIDE_BY_SIDE = 3
 SHOWN_COVARIATES = 8
 """Covariates shown in the page, those that residuals follow most clearly; --figures writes all."""
 
+MAX_RANKS = 16
+"""Candidates in the table, beside the significant ones."""
+
 Tell = Callable[[str], None]
 
 
@@ -48,7 +52,8 @@ class Evidence:
     store: Path
     title: str
     experiment: str
-    runs: tuple[int, int]
+    runs: int
+    data: int
     rungs: Sequence[Mapping[str, Any]]
     comparisons: Sequence[Comparison]
     diagnosis: Mapping[str, Any]
@@ -105,7 +110,8 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
         store=store.path,
         title=store.header.title,
         experiment=store.header.experiment,
-        runs=(len(store.runs(valid_only=True)), len(store.runs())),
+        runs=len(last.observations.run_ids),
+        data=len(last.observations.value),
         rungs=rungs,
         comparisons=comparisons,
         diagnosis=diagnosis,
@@ -147,13 +153,13 @@ def _own_figures(bench: Workbench) -> tuple[list[Plate[Any]], dict[str, str]]:
 def page(evidence: Evidence) -> str:
     """The report as one HTML document."""
     title = evidence.title or evidence.store.name
-    valid, all_runs = evidence.runs
     diagnosis = evidence.diagnosis
     current = evidence.rungs[-1]
     body = [
         html.heading(title, 1),
         html.paragraph(
-            f"{evidence.experiment}, {valid} of {all_runs} runs valid; model version {current['version']}: "
+            f"{evidence.experiment}, {counted(evidence.data, 'datum', 'data')} of {counted(evidence.runs, 'run')}; "
+            f"model version {current['version']}: "
             f"{model_name(current['effects'])}; {evidence.store.name}",
             "soft",
         ),
@@ -185,7 +191,7 @@ def _ladder(rungs: Sequence[Mapping[str, Any]]) -> str:
         ]
         for rung in rungs
     ]
-    return html.table(["#version", "change", "#χ²/dof", "#error", "#held out", "result"], rows)
+    return html.table(["#version", "change", "#χ²/dof", "#error", "#held out", "~result"], rows)
 
 
 def _residuals(evidence: Evidence) -> Iterator[str]:
@@ -209,20 +215,7 @@ def _candidates(evidence: Evidence) -> Iterator[str]:
     found = evidence.diagnosis
     if evidence.ranking is not None:
         yield html.figure(evidence.ranking)
-        yield html.table(
-            ["effect", "size", "#p, corrected", "#held-out error ratio", "cannot be told from"],
-            [
-                [
-                    named(rank["effect"], rank["choice"]),
-                    "\n".join(sizes(rank)),
-                    probability(rank["p_value_corrected"]),
-                    number(rank["held_out_error_ratio"]),
-                    ", ".join(rank["equivalent_to"]),
-                ]
-                for rank in found["ranking"]
-            ],
-            [rank["effect"] in found["suggested"] for rank in found["ranking"]],
-        )
+        yield _ranking(found)
     if found["unexplained"]:
         left = found["unexplained"]
         yield html.heading("Unexplained", 3)
@@ -230,10 +223,31 @@ def _candidates(evidence: Evidence) -> Iterator[str]:
         yield html.paragraph(f"{where}: {left['description']} (p = {probability(left['p_value'])})")
     if found["inseparable"]:
         yield html.heading("Cannot be told apart with these data", 3)
-        yield html.listing(map(inseparable_sentence, found["inseparable"]))
+        yield html.listing(inseparable_sentences(found["inseparable"]))
     if found["not_testable"]:
         yield html.heading("Cannot be tested with these data", 3)
         yield html.listing(f"{effect}: {reason}" for effect, reason in found["not_testable"].items())
+
+
+def _ranking(found: Mapping[str, Any]) -> str:
+    ranking = found["ranking"]
+    significant = sum((rank["p_value_corrected"] or 0.0) < found["alpha"] for rank in ranking)
+    shown = ranking[: max(MAX_RANKS, significant)]
+    rows = [
+        [
+            named(rank["effect"], rank["choice"]),
+            "\n".join(sizes(rank)),
+            probability(rank["p_value_corrected"]),
+            number(rank["held_out_error_ratio"]),
+            ", ".join(rank["equivalent_to"]),
+        ]
+        for rank in shown
+    ]
+    columns = ["effect", "~size", "#p, corrected", "#held-out error ratio", "cannot be told from"]
+    text = html.table(columns, rows, [rank["effect"] in found["suggested"] for rank in shown])
+    if len(shown) < len(ranking):
+        text += html.paragraph(f"{len(ranking) - len(shown)} more, none of them significant.", "soft")
+    return text
 
 
 def _result(evidence: Evidence) -> Iterator[str]:

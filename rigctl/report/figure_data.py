@@ -34,12 +34,18 @@ class Plate(Generic[Row]):
         return [svg, table]
 
 
-def svg_text(plate: Plate[Any]) -> str:
-    """The figure as one SVG element, to stand in a page."""
+def svg_document(plate: Plate[Any]) -> str:
+    """The figure as the text of an SVG file."""
     text = io.StringIO()
     with figure_style():
         save_svg(plate.draw(plate.rows), text, plate.name)
-    return text.getvalue()[text.getvalue().index("<svg") :]
+    return text.getvalue()
+
+
+def svg_element(plate: Plate[Any]) -> str:
+    """The figure as one SVG element, to stand in a page."""
+    text = svg_document(plate)
+    return text[text.index("<svg") :]
 
 
 def _write_csv(path: Path, rows: Sequence[object]) -> None:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from rigctl.report.figure_data import Plate
 from rigctl.report.style import INK, SOFT, new_figure, series_style
+from rigctl.report.verdicts import change_of
 
 
 @dataclass(frozen=True)
@@ -30,15 +31,6 @@ def ladder_plate(rungs: Sequence[Mapping[str, Any]]) -> Plate[LadderRow]:
         "fitted to and on runs that were held out of the fit. 1.00 is noise."
     )
     return Plate("ladder", caption, rows, draw_ladder)
-
-
-def change_of(version: Mapping[str, Any]) -> str:
-    """What a version differs in from the one before."""
-    if version["added"]:
-        return f"+ {version['added']}"
-    if version["removed"]:
-        return f"− {version['removed']}"
-    return " + ".join(version["effects"]) or "baseline"
 
 
 def draw_ladder(rows: Sequence[LadderRow]) -> Figure:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
-from rigctl.report.figure_data import Plate, svg_text
+from rigctl.report.figure_data import Plate, svg_element
 
 _STYLE = """
 :root { color-scheme: light dark;
@@ -26,6 +26,7 @@ table { border-collapse: collapse; font-size: 0.87rem; margin: 0.8rem 0; }
 th, td { padding: 0.2rem 0.7rem 0.2rem 0; text-align: left; vertical-align: top;
          border-bottom: 1px solid var(--rule); }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+td.l { white-space: nowrap; }
 tr.mark td { background: var(--mark); } code { font-size: 0.95em; }
 svg text { fill: currentColor; }
 @media print {
@@ -33,6 +34,9 @@ svg text { fill: currentColor; }
   body { margin: 0; max-width: none; font-size: 10pt; } h2 { break-after: avoid; } tr { break-inside: avoid; }
 }
 """
+
+
+_KINDS = {"#": ' class="n"', "~": ' class="l"'}
 
 
 def page(title: str, body: Iterable[str]) -> str:
@@ -68,9 +72,9 @@ def listing(items: Iterable[str]) -> str:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], marked: Sequence[bool] = ()) -> str:
-    """A table of plain texts; columns whose name begins with # hold numbers, `marked` rows stand out."""
-    kinds = [' class="n"' if name.startswith("#") else "" for name in columns]
-    head = "".join(f"<th{kind}>{escape(name.lstrip('#'))}</th>" for kind, name in zip(kinds, columns, strict=True))
+    """A table of plain texts; a # before a column's name: numbers, ~: in one line; `marked` rows stand out."""
+    kinds = [_KINDS.get(name[:1], "") for name in columns]
+    head = "".join(f"<th{kind}>{escape(name.lstrip('#~'))}</th>" for kind, name in zip(kinds, columns, strict=True))
     body = ""
     for place, row in enumerate(rows):
         cells = "".join(f"<td{kind}>{_lines(cell)}</td>" for kind, cell in zip(kinds, row, strict=True))
@@ -80,9 +84,9 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], marked: Sequenc
 
 def figure(plate: Plate[Any]) -> str:
     """A figure with its caption, in the page's own ink on its own paper."""
-    svg = svg_text(plate).replace("#000000", "currentColor").replace("#ffffff", "var(--paper)")
+    svg = svg_element(plate).replace("#000000", "currentColor").replace("#ffffff", "var(--paper)")
     return f"<figure>{svg}<figcaption>{escape(plate.caption)}</figcaption></figure>"
 
 
 def _lines(text: str) -> str:
-    return "<br>".join(map(escape, text.split("\n")))
+    return "<br>".join(map(escape, text.replace("+-", "±").split("\n")))

@@ -42,9 +42,9 @@ def share(p: float) -> str:
     return f"{100.0 * p:g} %"
 
 
-def counted(count: int, noun: str) -> str:
-    """3 effects, 1 effect."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
+def counted(count: int, noun: str, many: str = "") -> str:
+    """3 effects, 1 effect; `many` where that is not the noun with an s."""
+    return f"{count} {noun if count == 1 else many or noun + 's'}"
 
 
 def _exponent(value: float) -> int:

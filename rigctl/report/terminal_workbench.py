@@ -15,8 +15,9 @@ from rigctl.report.verdicts import (
     ADEQUATE_P,
     Findings,
     advice,
+    change_of,
     comparison_sentence,
-    inseparable_sentence,
+    inseparable_sentences,
     model_name,
     named,
     sizes,
@@ -114,7 +115,7 @@ def _inseparable(found: Findings) -> list[str]:
     ]
     others = len(found["inseparable"]) - len(concerns)
     more = [f"and {counted(others, 'pair')} of other effects: --json has them"] if others else []
-    return [*map(inseparable_sentence, concerns), *more]
+    return [*inseparable_sentences(concerns), *more]
 
 
 def print_ranking(found: Findings) -> None:
@@ -155,35 +156,32 @@ def print_versions(versions: Sequence[Findings]) -> None:
     """The versions of a model."""
     for version in versions:
         terms = [named(term["effect"], term["choice"]) for term in version["terms"]]
-        _say(f"version {version['version']}{_change(version)}: {model_name(terms)}")
+        _say(f"Model version {version['version']}: {model_name(terms)}")
         for effect, plugin in version["plugins"].items():
             _say(f"  {effect} from {plugin['path']}, SHA-256 {plugin['sha256'][:12]}")
 
 
 def print_history(rungs: Sequence[Findings]) -> None:
     """The error ladder."""
-    table = _table("Error ladder", "version", "change", "chi2/dof", "error", "held out", "result")
+    table = Table(title="Error ladder", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    table.add_column("version", min_width=44, overflow="fold")
+    for column in ("chi2/dof", "error", "held out"):
+        table.add_column(column, justify="right", no_wrap=True)
     for rung in rungs:
+        entries = rung.get("result") or {}
+        told = [f"    {name} = {short_result(each)}" for name, each in entries.items()]
         _add(
             table,
-            str(rung["version"]),
-            _change(rung).strip(" ,") or model_name(rung["effects"]),
+            "\n".join([f"{rung['version']}: {change_of(rung)}", *told]),
             number(rung["chi2_per_dof"]),
             number(rung["error_fit"]),
             number(rung["error_held_out"]),
-            "\n".join(f"{name} = {short_result(each)}" for name, each in (rung.get("result") or {}).items()),
         )
     _show(table)
-    _dim("error: rms of the whitened residuals, 1.00 = noise; held out: on blocks not used in that fit")
+    _dim("error: rms of the whitened residuals, 1.00 = noise; held out: on blocks not used in the fit")
     for rung in rungs:
         if "note" in rung:
             _say(f"version {rung['version']}: not fitted: {rung['note']}")
-
-
-def _change(version: Findings) -> str:
-    if version["added"]:
-        return f", + {version['added']}"
-    return f", - {version['removed']}" if version["removed"] else ""
 
 
 def short_result(entry: Any) -> str:

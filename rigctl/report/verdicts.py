@@ -18,6 +18,15 @@ def model_name(effects: Sequence[str]) -> str:
     return f"baseline + {' + '.join(effects)}" if effects else "the baseline alone"
 
 
+def change_of(version: Findings) -> str:
+    """What a version differs in from the one before."""
+    if version["added"]:
+        return f"+ {version['added']}"
+    if version["removed"]:
+        return f"- {version['removed']}"
+    return " + ".join(version["effects"]) or "baseline"
+
+
 def comparison_sentence(found: Findings) -> str:
     """Does the model describe the data?"""
     p, reduced, dof = found["p_value"], found["chi2_per_dof"], found["dof"]
@@ -90,9 +99,11 @@ def sizes(rank: Findings) -> list[str]:
     return told
 
 
-def inseparable_sentence(pair: Findings) -> str:
-    """Which effect cannot be told from what, and what that does."""
-    other = str(pair["from"])
-    whom = f"the baseline's {other.removeprefix('baseline:')}" if other.startswith("baseline:") else other
-    shift = f": {pair['shift']}" if pair["shift"] else ""
-    return f"{pair['effect']} cannot be told from {whom}{shift}"
+def inseparable_sentences(pairs: Sequence[Findings]) -> list[str]:
+    """Which effects cannot be told from what, one sentence for each, and what that does."""
+    others: dict[str, list[str]] = {}
+    for pair in pairs:
+        other = str(pair["from"])
+        whom = f"the baseline's {other.removeprefix('baseline:')}" if other.startswith("baseline:") else other
+        others.setdefault(pair["effect"], []).append(f"{whom} ({pair['shift']})" if pair["shift"] else whom)
+    return [f"{effect} cannot be told from {', '.join(whom)}" for effect, whom in others.items()]

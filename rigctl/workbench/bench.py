@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.campaign.store import Store
-from rigctl.effects.catalogue import Effect
 from rigctl.errors import ConfigError
 from rigctl.studies import study_of
 from rigctl.workbench import versions
@@ -18,6 +17,7 @@ from rigctl.workbench.study import Study, Term
 from rigctl.workbench.versions import ModelVersion, PluginFile
 
 if TYPE_CHECKING:
+    from rigctl.effects.plugins import Plugin
     from rigctl.workbench.transfer import Transfer
 
 ALPHA = 0.01
@@ -31,12 +31,12 @@ class Workbench:
 
     def __init__(self, store: Store, plugins: Sequence[Path] = ()) -> None:
         self.store = store
-        self._loaded = {PluginFile.of(path): _effects_in(path) for path in plugins}
+        self._plugins = {PluginFile.of(path): _loaded(path) for path in plugins}
 
     @cached_property
     def study(self) -> Study:
         """The store's valid runs, reduced once."""
-        return study_of(self.store, [effect for effects in self._loaded.values() for effect in effects])
+        return study_of(self.store, list(self._plugins.values()))
 
     @property
     def current(self) -> ModelVersion:
@@ -48,7 +48,7 @@ class Workbench:
         return self._usable(versions.versions(self.store)[number - 1])
 
     def _usable(self, version: ModelVersion) -> ModelVersion:
-        version.require(list(self._loaded))
+        version.require(list(self._plugins))
         return version
 
     def compare(self, version: ModelVersion | None = None) -> Comparison:
@@ -89,7 +89,7 @@ class Workbench:
 
         An older version whose plugin file is not there has no numbers, and a `note` says why.
         """
-        versions.current(self.store).require(list(self._loaded))
+        versions.current(self.store).require(list(self._plugins))
         return [self._rung(version, progress) for version in versions.versions(self.store)]
 
     def _rung(self, version: ModelVersion, progress: Callable[[str], None] | None) -> dict[str, Any]:
@@ -102,7 +102,7 @@ class Workbench:
         found = versions.kept_fit(self.store, version)
         if found is None:
             try:
-                version.require(list(self._loaded))
+                version.require(list(self._plugins))
             except ConfigError as error:
                 return {**rung, "chi2_per_dof": None, "error_fit": None, "error_held_out": None, "note": str(error)}
             if progress is not None:
@@ -140,11 +140,10 @@ class Workbench:
         return diagnosed(versions.last_diagnosis(self.store), effect) or best(self.study, terms, effect)
 
     def _source_of(self, effect: str) -> PluginFile | None:
-        own = (file for file, effects in self._loaded.items() if effect in {each.id for each in effects})
-        return next(own, None)
+        return next((file for file, plugin in self._plugins.items() if effect in plugin.effects), None)
 
 
-def _effects_in(path: Path) -> Sequence[Effect]:
+def _loaded(path: Path) -> Plugin:
     from rigctl.effects import plugins
 
     return plugins.load(path)

@@ -1,0 +1,106 @@
+"""The catalogue of physical effects."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rigctl.cli.io import Json, Plugins, print_json, say
+from rigctl.errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from rigctl.effects.catalogue import Effect
+
+app = typer.Typer()
+
+
+@app.command()
+def effects(
+    effect: Annotated[str | None, typer.Argument(metavar="ID", help="Tell all about this one.")] = None,
+    figure: Annotated[Path | None, typer.Option(metavar="FILE.svg", help="Draw its signature.")] = None,
+    plugin: Plugins = None,
+    as_json: Json = False,
+) -> None:
+    """The catalogue of physical effects, or one of them: equation, parameters, source."""
+    known = _known(plugin or ())
+    if effect is None:
+        if figure is not None:
+            raise ConfigError("--figure draws one effect: name it, as in `rigctl effects roll-gravity --figure FILE`")
+        if as_json:
+            print_json([_told(each) for each in known.values()])
+        else:
+            _print_catalogue(list(known.values()))
+        return
+    if effect not in known:
+        near = difflib.get_close_matches(effect, known, n=3, cutoff=0.0)
+        raise ConfigError(f"unknown effect '{effect}'; the nearest are {', '.join(near)}; `rigctl effects` lists all")
+    if figure is not None:
+        _draw(known[effect], figure)
+    if as_json:
+        print_json(_told(known[effect]))
+    else:
+        _print_effect(known[effect])
+
+
+def _known(plugins: Sequence[Path]) -> dict[str, Effect]:
+    from rigctl.effects.catalogue import POINTS, catalogue
+
+    found: list[Effect] = []
+    if plugins:
+        from rigctl.effects.plugins import load
+
+        found = [each for path in plugins for each in load(path).effects.values()]
+    return {name: each for experiment in POINTS for name, each in catalogue(experiment, found).items()}
+
+
+def _experiment(effect: Effect) -> str:
+    from rigctl.effects.catalogue import POINTS
+
+    return next(name for name, points in POINTS.items() if effect.on in points)
+
+
+def _told(effect: Effect) -> dict[str, Any]:
+    return {
+        "id": effect.id,
+        "experiment": _experiment(effect),
+        "on": effect.on,
+        "summary": effect.summary,
+        "parameters": effect.parameters,
+        "typical": effect.typical,
+        "scope": effect.scope,
+        "needs": effect.needs,
+        "source": effect.source,
+    }
+
+
+def _print_catalogue(found: Sequence[Effect]) -> None:
+    width = max(len(each.id) for each in found)
+    for each in found:
+        say(f"{each.id:{width}}  {each.summary}")
+    say("A `table` recording has a catalogue made from its columns: linear[C], power2[C], power3[C], inverse[C],")
+    say("exponential[C], periodic[C], step[C], interaction[A,B], drift.")
+
+
+def _print_effect(effect: Effect) -> None:
+    each = effect.scope.replace("-", " and ")
+    say(f"{effect.id} ({_experiment(effect)}), acts on {effect.on}, one value per {each}")
+    say(inspect.cleandoc(effect.function.__doc__ or ""))
+    for name, unit in effect.parameters.items():
+        say(f"  {name} / {unit or '1'}, typically {effect.typical[name]:g}")
+    if effect.needs:
+        say(f"  needs to be recorded: {', '.join(effect.needs)}")
+    say(f"source: {effect.source}")
+
+
+def _draw(effect: Effect, path: Path) -> None:
+    if _experiment(effect) != "sensing-axis":
+        raise DataError(f"'{effect.id}' has no signature of its own: it depends on the table it is added to")
+    from rigctl.report.figure_data import svg_document
+    from rigctl.report.figure_signature import signature_plate
+
+    path.write_text(svg_document(signature_plate(effect)), encoding="utf-8")
