@@ -1,11 +1,11 @@
-"""What an effect is, and the list of those that are known."""
+"""What an effect is, and the list of those that are known: a value, made for an experiment and its plug-ins."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,39 @@ FloatArray = NDArray[np.float64]
 Scope = Literal["recording", "axis", "axis-configuration", "head"]
 """How many values a parameter has: one for the recording, one per axis, per axis in a configuration, per head."""
 
+SCOPES: tuple[str, ...] = get_args(Scope)
+
+Need = Literal["temperature", "approach", "time"]
+"""A condition without which an effect cannot be asked about."""
+
 _MODULES = {"sensing-axis": "rigctl.effects.sensing_axis"}
 
+POINTS: Mapping[str, tuple[str, ...]] = {
+    "sensing-axis": (
+        "motion_m",
+        "angle_rad",
+        "null_rad",
+        "specific_force_m_s2",
+        "sensor_output_v",
+        "laser_m",
+    ),
+    "table": ("response",),
+}
+"""Where an effect may act, by experiment, in the order in which a signal passes.
 
-@dataclass(frozen=True)
+Sensing axis: `motion_m` and `angle_rad` are those of sensor and cube alike; `null_rad` is theta0, which only the
+sensor has; `specific_force_m_s2` is what varies along the sensing axis, `laser_m` what one head reads of the motion.
+"""
+
+
+@dataclass(frozen=True, eq=False)
 class Effect:
     """One piece of physics: what it adds, at which point of the chain, with which parameters.
 
     `function(run, **parameters)` returns what is added at `on`, in SI, shaped like `run.signal`, and zero when all
-    parameters are zero. `parameters` gives the units, `typical` plausible sizes.
+    parameters are zero. `parameters` gives the units, `typical` plausible sizes. An effect of scope "head" acts on
+    `heads`, on all that it can act on when there are none named. A `scanned` effect is found in the samples: it
+    changes none of the reduced data and has no parameters in a fit.
     """
 
     id: str
@@ -35,14 +59,18 @@ class Effect:
     source: str
     scope: Scope
     function: Callable[..., FloatArray]
+    needs: tuple[Need, ...] = ()
+    scanned: bool = False
+    heads: tuple[str, ...] = ()
 
     @property
     def summary(self) -> str:
         """The physics in a sentence: the function's own docstring."""
-        return (self.function.__doc__ or "").strip().splitlines()[0]
+        return (self.function.__doc__ or "").strip().partition("\n")[0]
 
-
-_registered: dict[str, Effect] = {}
+    def __call__(self, run: Any, **parameters: Any) -> FloatArray:
+        """What the effect adds to `run.signal`."""
+        return self.function(run, **parameters)
 
 
 def effect(
@@ -51,28 +79,48 @@ def effect(
     on: str,
     parameters: Mapping[str, str],
     typical: Mapping[str, float],
-    source: str,
+    source: str = "",
     scope: Scope = "recording",
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Enter a function in the catalogue as the effect `id` acting at the point `on` of the chain."""
+    needs: Sequence[Need] = (),
+    scanned: bool = False,
+) -> Callable[[Callable[..., Any]], Effect]:
+    """Make a function the effect `id`, acting at the point `on` of the chain."""
 
-    def enter(function: Callable[..., Any]) -> Callable[..., Any]:
-        _registered[id] = Effect(id, on, dict(parameters), dict(typical), source, scope, function)
-        return function
+    def made(function: Callable[..., Any]) -> Effect:
+        return Effect(id, on, dict(parameters), dict(typical), source, scope, function, tuple(needs), scanned)
 
-    return enter
-
-
-def catalogue(experiment: str) -> dict[str, Effect]:
-    """All effects known for an experiment, by id."""
-    importlib.import_module(_MODULES[experiment])
-    return dict(_registered)
+    return made
 
 
-def chosen(experiment: str, ids: list[str] | tuple[str, ...]) -> tuple[Effect, ...]:
-    """The named effects in the order given; `ConfigError` for an unknown id."""
-    known = catalogue(experiment)
+def catalogue(experiment: str, plugins: Sequence[Effect] = ()) -> dict[str, Effect]:
+    """All effects known for an experiment, by id, in the order in which they act at one point; plug-ins' come last.
+
+    Raises `ConfigError` when two share an id.
+    """
+    points = POINTS.get(experiment, ())
+    known = {each.id: each for each in _own(experiment)}
+    for each in plugins:
+        if each.on not in points:
+            continue
+        if each.id in known:
+            raise ConfigError(f"two effects are called '{each.id}': give the plug-in's another id")
+        known[each.id] = each
+    return known
+
+
+def chosen(experiment: str, ids: Sequence[str], plugins: Sequence[Effect] = ()) -> tuple[Effect, ...]:
+    """The named effects in the order in which they act; `ConfigError` for an unknown id."""
+    known = catalogue(experiment, plugins)
     for name in ids:
         if name not in known:
             raise ConfigError(f"unknown effect '{name}'; known for {experiment}: {', '.join(sorted(known))}")
-    return tuple(known[name] for name in ids)
+    return tuple(each for name, each in known.items() if name in ids)
+
+
+def effects_in(module: Any) -> tuple[Effect, ...]:
+    """The effects a module defines, in the order of its text."""
+    return tuple(each for each in vars(module).values() if isinstance(each, Effect))
+
+
+def _own(experiment: str) -> tuple[Effect, ...]:
+    return effects_in(importlib.import_module(_MODULES[experiment])) if experiment in _MODULES else ()

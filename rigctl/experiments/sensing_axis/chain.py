@@ -6,11 +6,14 @@ All runs of a recording are predicted at once on a grid over one period of the d
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rigctl.errors import ConfigError
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -19,9 +22,24 @@ GRID_POINTS = 32
 """Points per period: harmonics up to the 15th are free of aliasing, far beyond what the physics makes."""
 
 
+@dataclass(frozen=True)
+class Origins:
+    """Where drifts count from: the recording's means, whatever part of it is looked at later."""
+
+    temperature_c: float
+    middle_s: float
+
+
 @dataclass
 class Runs:
-    """What an effect may ask of the runs it acts on, in SI; `signal` is the value at its point of the chain."""
+    """What an effect may ask of the runs it acts on, in SI; `signal` is the value at its point of the chain so far.
+
+    t, x, v, a have the shape (runs, grid points), conditions (runs, 1), NaN where unknown. `start` and `middle` are
+    times of the recording at the beginning and in the middle of a run; `warmer` and `later` are temperature and
+    `middle` counted from the recording's means. `along` and `across` are the components of the normal of the face
+    that `head` looks at on the head's own direction and on the one its beam is tilted towards by `tilt`; `side` is 1
+    where the head stands across the motion.
+    """
 
     t: FloatArray
     x: FloatArray
@@ -35,14 +53,56 @@ class Runs:
     temperature: FloatArray
     approach: FloatArray
     start: FloatArray
+    middle: FloatArray
+    axis: NDArray[np.str_]
+    configuration: NDArray[np.str_]
+    origins: Origins
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
     signal: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     head: str = ""
+    along: FloatArray = field(default_factory=lambda: np.ones((1, 1)))
+    across: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
+    tilt: float = 0.0
+    side: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
+
+    @property
+    def warmer(self) -> FloatArray:
+        """Temperature above the recording's mean [K]."""
+        return self.temperature - self.origins.temperature_c
+
+    @property
+    def later(self) -> FloatArray:
+        """Time since the recording's mean time [s]."""
+        return self.middle - self.origins.middle_s
+
+    def column(self, name: str) -> FloatArray:
+        """A laboratory's own column of runs.csv, (runs, 1); `ConfigError` when the recording has none."""
+        if name not in self.columns:
+            known = ", ".join(sorted(self.columns)) or "none"
+            raise ConfigError(f"no column '{name}' of numbers in runs.csv; columns beyond the format's own: {known}")
+        return self.columns[name]
 
     def filtered(self, transfer: Callable[[ComplexArray], ComplexArray]) -> FloatArray:
         """`signal` after a linear filter in its steady state; `transfer` takes s = i w [rad/s]."""
-        spectrum = np.fft.rfft(self.signal, axis=-1)
-        s = np.asarray(1j * self.omega * np.arange(spectrum.shape[-1]), dtype=np.complex128)
-        return np.fft.irfft(spectrum * transfer(s), n=self.signal.shape[-1], axis=-1)
+        return _filtered(self.signal, self.omega, transfer)
+
+    def moved(self, added: FloatArray) -> Runs:
+        """The same runs with the motion changed by `added` [m], velocity and acceleration with it."""
+        if not np.any(added):
+            return self
+        v = _filtered(added, self.omega, lambda s: s)
+        a = _filtered(added, self.omega, lambda s: s**2)
+        return replace(self, x=self.x + added, v=self.v + v, a=self.a + a)
+
+    def at(self, **changes: Any) -> Runs:
+        """The same runs at another point of the chain."""
+        return replace(self, **changes)
+
+
+def _filtered(signal: FloatArray, omega: FloatArray, transfer: Callable[[ComplexArray], ComplexArray]) -> FloatArray:
+    spectrum = np.fft.rfft(signal, axis=-1)
+    s = np.asarray(1j * omega * np.arange(spectrum.shape[-1]), dtype=np.complex128)
+    return np.fft.irfft(spectrum * transfer(s), n=signal.shape[-1], axis=-1)
 
 
 def periodic_motion(

@@ -43,20 +43,7 @@ class RecordingFit:
 
     def null(self, axis: str, configuration: str, mounting: int) -> NullPoint:
         """The null of one mounting."""
-        label = f"{axis},{configuration},{mounting}"
-        names = [f"theta0[{label}]"]
-        if self.model.heads:
-            names += [f"delta_{c}[{label}]" for c in "xyz"]
-        where = [self.model.index(name) for name in names]
-        values = np.array(self.result.values)[where]
-        covariance = np.array(self.result.covariance)[np.ix_(where, where)]
-        sigma = float(np.sqrt(covariance[0, 0]))
-        if not self.model.heads:
-            return NullPoint(axis, configuration, mounting, values[0], sigma, None, None)
-        nominal = self.model.package.turntable_from_cube(axis, configuration)
-        slopes = _slopes(values, nominal)
-        vector = motion_in_cube(values[0], values[1:], nominal)
-        return NullPoint(axis, configuration, mounting, values[0], sigma, vector, slopes @ covariance @ slopes.T)
+        return null_point(self.model, self.result.values, self.result.covariance, (axis, configuration, mounting))
 
     def vector_slopes(self, axis: str, configuration: str, mounting: int) -> FloatArray:
         """d(vector) / d(parameters of the fit) of one mounting, shape (3, parameters)."""
@@ -69,8 +56,32 @@ class RecordingFit:
 
     def nulls(self) -> list[NullPoint]:
         """The nulls of all mountings, in the order of their runs."""
-        mountings = dict.fromkeys((run.axis, run.configuration, run.mounting) for run in self.model.runs)
-        return [self.null(*mounting) for mounting in mountings]
+        return [self.null(*mounting) for mounting in mountings_of(self.model)]
+
+
+def mountings_of(model: RecordingModel) -> list[tuple[str, str, int]]:
+    """Axis, configuration and number of every mounting, in the order of their runs."""
+    return list(dict.fromkeys((run.axis, run.configuration, run.mounting) for run in model.runs))
+
+
+def null_point(
+    model: RecordingModel, values: FloatArray, covariance: FloatArray, mounting: tuple[str, str, int]
+) -> NullPoint:
+    """The null of one mounting, for all parameters of a model with their covariance."""
+    axis, configuration, number = mounting
+    label = f"{axis},{configuration},{number}"
+    names = [f"theta0[{label}]"]
+    if model.heads:
+        names += [f"delta_{c}[{label}]" for c in "xyz"]
+    where = [model.index(name) for name in names]
+    own, spread = values[where], covariance[np.ix_(where, where)]
+    sigma = float(np.sqrt(spread[0, 0]))
+    if not model.heads:
+        return NullPoint(axis, configuration, number, own[0], sigma, None, None)
+    nominal = model.package.turntable_from_cube(axis, configuration)
+    slopes = _slopes(own, nominal)
+    vector = motion_in_cube(own[0], own[1:], nominal)
+    return NullPoint(axis, configuration, number, own[0], sigma, vector, slopes @ spread @ slopes.T)
 
 
 def fit_recording(model: RecordingModel) -> RecordingFit:

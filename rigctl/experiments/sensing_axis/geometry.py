@@ -43,14 +43,9 @@ def motion_in_cube(theta_rad: FloatArray, delta_rad: FloatArray, nominal: FloatA
     return motion
 
 
-def beam(position: FloatArray, tilt_rad: float) -> FloatArray:
-    """Beam direction c in the lab of a head that stands at `position` (unit vector), shape (3,).
-
-    Side heads are tilted upwards, the head above is tilted along x.
-    """
-    towards = np.array([1.0, 0.0, 0.0]) if abs(position[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
-    direction: FloatArray = np.cos(tilt_rad) * position + np.sin(tilt_rad) * towards
-    return direction
+def leaning(position: FloatArray) -> FloatArray:
+    """The direction in the lab towards which the beam of a head at `position` is tilted, shape (3,)."""
+    return np.array([1.0, 0.0, 0.0]) if abs(position[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
 
 
 def lab_from_cube_mount(theta_rad: FloatArray, delta_rad: FloatArray) -> FloatArray:
@@ -59,12 +54,7 @@ def lab_from_cube_mount(theta_rad: FloatArray, delta_rad: FloatArray) -> FloatAr
     return rotation
 
 
-def head_scale(rotation: FloatArray, face_turntable: FloatArray, beam_lab: FloatArray) -> FloatArray:
-    """What a head reads per metre of stage motion, n_x / (c . n), n the face's normal in the lab.
-
-    `rotation` (..., 3, 3) is `lab_from_cube_mount`, `face_turntable` (..., 3) the nominal outward normal M n_C,
-    `beam_lab` (..., 3) the beam's direction c; returns the leading shape.
-    """
-    normal = (rotation @ face_turntable[..., None])[..., 0]
-    scale: FloatArray = normal[..., 0] / np.sum(normal * beam_lab, axis=-1)
-    return scale
+def components(rotation: FloatArray, directions: FloatArray, *onto: FloatArray) -> tuple[FloatArray, ...]:
+    """Turned `directions` (..., 3) projected on each of the vectors `onto` (..., 3); each of the leading shape."""
+    turned = (rotation @ directions[..., None])[..., 0]
+    return tuple(np.sum(turned * each, axis=-1) for each in onto)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 from rigctl.campaign.recording import Header
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package
 
-UNKNOWN = 1.0
-"""Relative uncertainty of a data sheet nobody has given: as good as none."""
+UNKNOWN = math.inf
+"""Relative uncertainty of a data sheet nobody has given."""
+
+ROUGHLY = 1.0
+"""Relative uncertainty of a gain that a recording mentions: as good as none."""
 
 _NOMINAL = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 
@@ -14,10 +19,11 @@ _NOMINAL = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 def recorded_package(header: Header) -> Package:
     """A three-axis package in the nominal mountings of the experiment; gains from the recording's constants.
 
-    Sensors carry the resonance of the paper's (Lucente et al. 2022) as a start, without the weight of a data sheet.
+    The sensors' resonance is that of the paper (Lucente et al. 2022), without the weight of a data sheet.
     """
-    gain = float(header.constants.get("gain_v_per_m_s2", 100.0))
-    free = {"u_gain": UNKNOWN, "u_frequency": UNKNOWN, "u_q": UNKNOWN}
+    given = "gain_v_per_m_s2" in header.constants
+    gain = float(header.constants["gain_v_per_m_s2"]) if given else 100.0
+    free = {"u_gain": ROUGHLY if given else UNKNOWN, "u_frequency": UNKNOWN, "u_q": UNKNOWN}
     sensor = {
         # The hanging mass is stiffer: with one transducer gain and 1/w0^2 fall by the same ratio.
         "pendulum": {"gain_v_per_m_s2": gain * (3.5 / 4.53) ** 2, "frequency_hz": 4.53, "q": 10.0, **free},

@@ -1,0 +1,91 @@
+"""What a plug-in says of its effect: point, scope, parameters, units, sizes."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import math
+import re
+from collections.abc import Collection
+
+from rigctl.effects.catalogue import POINTS, SCOPES, Effect
+
+_BASE = {
+    *("m", "g", "s", "A", "K", "mol", "cd", "rad", "sr", "Hz", "N", "Pa", "J", "W", "C", "V", "F", "ohm", "Ohm", "Ω"),
+    *("S", "Wb", "T", "H", "lm", "lx", "Bq", "L", "l", "bar", "eV", "gal", "Gal"),
+}
+_PREFIXES = {"", *"fpnuµmckMGTdh"}
+_OTHER = {
+    *("1", "%", "ppm", "ppb", "deg", "arcsec", "arcmin", "degC", "°C", "degF", "min", "h", "d", "day", "in", "inch"),
+    *("ft", "mil", "lb", "lbf", "klbf", "kip", "psi", "oz", "mmHg", "torr", "Torr", "atm", "rpm", "div", "count"),
+    *("counts", "LSB", "dB", "g0", "kgf", "hPa", "°"),
+}
+
+_WORD = re.compile(r"(?P<symbol>1|%|°|[^\W\d_]+0?|°C)(?:\^|\*\*)?(?P<power>-?\d+)?")
+
+
+def flaw_of_declaration(effect: Effect) -> str | None:
+    """What is wrong with it, with the mend; None when nothing is."""
+    points = [point for of_one in POINTS.values() for point in of_one]
+    if effect.on not in points:
+        return f"on = {effect.on!r} is no point of the chain; use one of: {', '.join(points)}"
+    if effect.scope not in SCOPES:
+        return f"scope = {effect.scope!r} is none; use one of: {', '.join(SCOPES)}"
+    if effect.scope == "head" and effect.on != "laser_m":
+        return f"scope 'head' goes with on = 'laser_m', not '{effect.on}'"
+    if effect.on == "response" and effect.scope != "recording":
+        return "an effect on 'response' has the scope 'recording': a table has no axes and no heads"
+    if effect.scanned or effect.needs:
+        return "scanned and needs are for the catalogue's own effects; leave them out"
+    return _flaw_of_parameters(effect)
+
+
+def _flaw_of_parameters(effect: Effect) -> str | None:
+    if not effect.parameters:
+        return 'it has no parameters; name each with its unit, such as parameters={"size": "V"}'
+    for name, unit in effect.parameters.items():
+        if not name.isidentifier():
+            return f"parameter {name!r} cannot be a name in Python"
+        size = effect.typical.get(name)
+        if size is None:
+            return f'typical has no size for {name}; give one, such as typical={{"{name}": 1e-3}}'
+        if not isinstance(size, int | float) or not math.isfinite(size) or size == 0.0:
+            return f"typical size {size!r} of {name} is no finite number other than zero"
+        if not known_unit(unit):
+            return f"unit {unit!r} of {name} is not known; write it like V/K, 1/s, rad s2/m, or 1 for a plain number"
+    unknown = sorted(set(effect.typical) - set(effect.parameters))
+    if unknown:
+        return f"typical names {unknown[0]}, which is no parameter{_near(unknown[0], effect.parameters)}"
+    return _flaw_of_signature(effect)
+
+
+def _flaw_of_signature(effect: Effect) -> str | None:
+    example = f"def {effect.function.__name__}(run, {', '.join(effect.parameters)})"
+    try:
+        inspect.signature(effect.function).bind(None, **dict.fromkeys(effect.parameters))
+    except TypeError as error:
+        return f"its function does not take run and its parameters ({error}); write {example}"
+    if not effect.summary:
+        return "its function has no docstring; say the physics in a sentence"
+    return None
+
+
+def _near(name: str, names: Collection[str]) -> str:
+    found = difflib.get_close_matches(name, names, n=1)
+    return f"; is it {found[0]}?" if found else ""
+
+
+def known_unit(text: object) -> bool:
+    """Whether a text is a unit: symbols with powers, a space or * between factors, / before divisors, brackets."""
+    if not isinstance(text, str):
+        return False
+    words = [word for word in re.split(r"[\s*·/()]+", text.replace("**", "^")) if word]
+    return bool(words) and all(_known_word(word) for word in words)
+
+
+def _known_word(word: str) -> bool:
+    found = _WORD.fullmatch(word)
+    if found is None:
+        return False
+    symbol = found["symbol"]
+    return symbol in _OTHER or any(symbol.startswith(p) and symbol[len(p) :] in _BASE for p in _PREFIXES)

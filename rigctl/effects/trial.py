@@ -1,0 +1,156 @@
+"""Trying an effect out on made-up runs: shape, numbers, nothing at zero, something at its typical size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any, Protocol
+
+import numpy as np
+
+from rigctl.effects.catalogue import Effect, FloatArray
+
+_READINGS = 24
+_NOTHING = 1e-12
+_DIFFERENT = 1e-12
+
+
+class _Signalled(Protocol):
+    signal: FloatArray
+
+
+class AnyColumns(dict[str, FloatArray]):
+    """Every column there might be, filled with numbers between 1 and 2 that depend on its name."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._shape = shape
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str)
+
+    def __getitem__(self, name: str) -> FloatArray:
+        rng = np.random.default_rng(list(name.encode()))
+        return rng.uniform(1.0, 2.0, self._shape)
+
+
+@dataclass
+class MadeUpReadings:
+    """What an effect on `response` may ask of a table: columns of numbers and the response so far, shape (n,)."""
+
+    signal: FloatArray = field(default_factory=lambda: np.linspace(0.5, 2.0, _READINGS))
+
+    def column(self, name: str) -> FloatArray:
+        """A column of readings.csv, shape (n,)."""
+        return AnyColumns(self.signal.shape)[name]
+
+
+def flaw_of_function(effect: Effect) -> str | None:
+    """What is wrong with what the function returns; None when nothing is. Lets the function's own errors through."""
+    run = made_up(effect)
+    shape = np.shape(run.t) if hasattr(run, "t") else run.signal.shape
+    sizes = {name: np.asarray(size, dtype=np.float64) for name, size in effect.typical.items()}
+    absent = {name: np.asarray(0.0) for name in sizes}
+    before = run.signal.copy()
+    for parameters, how in ((absent, "with its parameters at zero"), (sizes, "at its typical size")):
+        flaw = flaw_of_values(_returned(effect, run, parameters), shape)
+        if flaw:
+            return f"{how} {flaw}"
+    if not np.array_equal(before, run.signal):
+        return "it changes run.signal in place; return what is added instead"
+    if np.any(np.abs(_returned(effect, run, absent)) > _NOTHING * np.abs(run.signal).max()):
+        return "it adds something with its parameters at zero; choose parameters so that zero means absent"
+    for name in sizes:
+        if not _depends(effect, run, sizes, name):
+            return f"what it adds does not depend on {name}; use it, or leave it out"
+    return None
+
+
+def flaw_of_values(values: Any, shape: tuple[int, ...]) -> str | None:
+    """Why values cannot be added to a signal of `shape`; None when they can."""
+    try:
+        numbers = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return f"it returns {type(values).__name__}, not an array of numbers"
+    try:
+        fits = np.broadcast_shapes(numbers.shape, shape) == shape
+    except ValueError:
+        fits = False
+    if not fits:
+        return f"it returns an array of shape {numbers.shape}, which does not fit run.signal's {shape}"
+    if not np.isfinite(numbers).all():
+        return "it returns nan or inf"
+    return None
+
+
+def made_up(effect: Effect) -> Any:
+    """Runs that differ in every condition, or readings, at the point where the effect acts."""
+    return MadeUpReadings() if effect.on == "response" else _made_up_runs(effect.on)
+
+
+def _made_up_runs(point: str) -> Any:
+    from rigctl.experiments.sensing_axis.chain import Origins, Runs, periodic_motion
+
+    rows = list(product("XYZ", ("pendulum", "flag"), (0.3, 0.6), (-1.0, 1.0)))
+    rng = np.random.default_rng(1)
+
+    def column(values: Any) -> FloatArray:
+        return np.asarray(values, dtype=np.float64)[:, None]
+
+    def scattered(low: float, high: float) -> FloatArray:
+        return column(rng.uniform(low, high, len(rows)))
+
+    omega = column([2.0 * np.pi * frequency for _, _, frequency, _ in rows])
+    amplitude = scattered(3e-3, 6e-3)
+    t, x, v, a = periodic_motion(np.asarray(-1j * amplitude, dtype=np.complex128), omega)
+    theta, theta0 = scattered(-0.02, 0.02), scattered(-0.01, 0.01)
+    force = -np.sin(theta - theta0) * a
+    signals = {
+        "motion_m": x,
+        "angle_rad": theta,
+        "null_rad": theta0,
+        "specific_force_m_s2": force,
+        "sensor_output_v": 80.0 * force + scattered(-1.0, 1.0),
+        "laser_m": 0.9 * x,
+    }
+    start = column(120.0 * np.arange(len(rows)))
+    temperature = scattered(19.0, 21.0)
+    return Runs(
+        t=t,
+        x=x,
+        v=v,
+        a=a,
+        theta=theta,
+        theta0=theta0,
+        omega=omega,
+        amplitude=amplitude,
+        g=9.8,
+        temperature=temperature,
+        approach=column([approach for *_, approach in rows]),
+        start=start,
+        middle=start + 30.0,
+        axis=np.array([[axis] for axis, *_ in rows]),
+        configuration=np.array([[configuration] for _, configuration, *_ in rows]),
+        origins=Origins(float(temperature.mean()), float(start.mean()) + 30.0),
+        columns=AnyColumns((len(rows), 1)),
+        signal=signals[point],
+        head="laser_2_mm" if point == "laser_m" else "",
+        along=np.full((len(rows), 1), 0.999),
+        across=scattered(-0.01, 0.01),
+        tilt=0.09,
+        side=np.ones((len(rows), 1)),
+    )
+
+
+def _returned(effect: Effect, run: _Signalled, parameters: dict[str, FloatArray]) -> Any:
+    with np.errstate(all="ignore"):
+        return effect(run, **parameters)
+
+
+def _depends(effect: Effect, run: _Signalled, sizes: dict[str, FloatArray], name: str) -> bool:
+    """Whether doubling or dropping one parameter makes a difference."""
+    here = np.asarray(_returned(effect, run, sizes), dtype=np.float64)
+    for factor in (0.0, 2.0):
+        there = np.asarray(_returned(effect, run, {**sizes, name: factor * sizes[name]}), dtype=np.float64)
+        if np.any(np.abs(there - here) > _DIFFERENT * np.abs(here).max()):
+            return True
+    return False
