@@ -23,6 +23,7 @@ ROUNDS = 2
 
 MAX_ITERATIONS = 200
 _SCANNED = 3
+_PART = 1e-3
 
 
 @dataclass(frozen=True)
@@ -128,6 +129,11 @@ class Attempt:
         """Of every candidate, in their order."""
         return [self.projector.score(self.columns(candidate)) for candidate in self.candidates]
 
+    def from_scatter(self, columns: FloatArray) -> bool:
+        """Whether data whose noise comes from the scatter between runs have a part in these columns."""
+        rows = self.estimator.rows
+        return bool(len(rows)) and bool(np.sum(columns[rows] ** 2) > _PART * np.sum(columns**2))
+
     @cached_property
     def bootstrap(self) -> Bootstrap:
         """What the smallest p-values would be with nothing hidden, the noise estimated each time."""
@@ -174,7 +180,8 @@ class Attempt:
         own = [i for i, owner in enumerate(self.model.owners) if owner == effect]
         values = self.result.values[own]
         covariance = self.result.covariance[np.ix_(own, own)]
-        return float(self.result.chi2 + values @ np.linalg.pinv(covariance) @ values)
+        fall = float(np.dot(values, np.linalg.pinv(covariance) @ values))
+        return self.result.chi2 + fall
 
     def _fit(self) -> FitResult:
         model, noise, value = self.model, self.noise, self.model.observations.value

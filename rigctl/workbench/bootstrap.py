@@ -6,36 +6,47 @@ what they say of the columns only: a draw costs some products of small matrices.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import stats
 
 from rigctl.workbench.generic import main_columns
 from rigctl.workbench.noise import orthonormal
-from rigctl.workbench.score import ABSORBED, corrected, p_of
+from rigctl.workbench.score import ABSORBED, p_of
 from rigctl.workbench.study import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from rigctl.workbench.attempt import Attempt
 
-DRAWS = 500
+DRAWS = 300
+DEGREES = (40.0, 25.0, 16.0, 11.0, 8.0, 6.0, 5.0, 4.0, 3.0)
+SCALES = np.geomspace(1.0, 8.0, 13)
+_FEW = 50
+_HIGH = 20.0
+"""Where tails are compared: some four sigma."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """How a statistic comes out with nothing hidden: T / (scale d) follows F(d, dof)."""
+
+    scale: float
+    dof: float
+
+    def p_value(self, statistic: float, dimension: int) -> float:
+        """Probability of a larger one."""
+        return float(p_of(statistic / self.scale, dimension, self.dof))
 
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Smallest p-values of draws in which nothing is hidden, (draws,): of the catalogue, of the plain shapes."""
+    """Laws of the statistics that noise from the scatter has a part in; by effect, one for the plain shapes."""
 
-    catalogue: FloatArray
-    shapes: FloatArray
-
-    def p_catalogue(self, p_value: float) -> float:
-        """How often the catalogue's smallest p is as small as that."""
-        return _share(self.catalogue, p_value)
-
-    def p_shapes(self, p_value: float, n_eff: float) -> float:
-        """How often the plain shapes' smallest p is: of those drawn, and of all others as if independent."""
-        return 1.0 - (1.0 - _share(self.shapes, p_value)) * (1.0 - corrected(p_value, n_eff))
+    effects: Mapping[str, Law]
+    shapes: Law
 
 
 def bootstrap(attempt: Attempt, seed: int) -> Bootstrap:
@@ -47,28 +58,46 @@ def bootstrap(attempt: Attempt, seed: int) -> Bootstrap:
     plain = plain[:, np.any(plain[scatter] != 0.0, axis=0)]
     tried = [*(candidate.derivative for candidate in attempt.candidates), *plain.T[:, :, None]]
     widths = np.array([columns.shape[1] for columns in tried], dtype=np.intp)
-    of_plain = np.full(plain.shape[1], float(np.min(noise.dof[scatter])))
-    dofs = np.concatenate([[score.dof for score in attempt.scores], of_plain])
     fitted, columns = attempt.model.jacobian(attempt.result.values), np.hstack([np.zeros((data, 0)), *tried])
     known = np.setdiff1d(np.arange(len(attempt.left)), scatter)
     white = attempt.jacobian[known], attempt.padded(noise.whiten(columns))[known]
     frame = orthonormal(np.hstack(white), 1e-9)
     above = frame.T @ white[0], frame.T @ white[1]
-    smallest = np.ones((DRAWS, 2))
+    drawn = np.zeros((DRAWS, len(tried)))
+    dimensions = np.ones(len(tried), dtype=np.intp)
     for draw in range(DRAWS):
         noisy = np.zeros(data)
         noisy[scatter] = noise.colour(rng.standard_normal(data))[scatter]
         found = attempt.estimator.estimate(noisy)
         left = np.concatenate([rng.standard_normal(frame.shape[1]), found.whiten(noisy)[scatter]])
-        statistics = _statistics(
+        drawn[draw], dimensions = _statistics(
             np.vstack([above[0], found.whiten(fitted)[scatter]]),
             np.vstack([above[1], found.whiten(columns)[scatter]]),
             widths,
             left,
         )
-        p_values = p_of(*statistics, dofs)
-        smallest[draw] = [np.min(part, initial=1.0) for part in np.split(p_values, [len(tried) - plain.shape[1]])]
-    return Bootstrap(smallest[:, 0], smallest[:, 1])
+    effects: dict[str, Law] = {}
+    for number, candidate in enumerate(attempt.candidates):
+        law = _law(drawn[:, number], int(dimensions[number]), attempt.scores[number].dof)
+        held = effects.get(candidate.term.effect)
+        if held is None or law.p_value(_HIGH, 1) > held.p_value(_HIGH, 1):
+            effects[candidate.term.effect] = law
+    own = drawn[:, len(attempt.candidates) :]
+    return Bootstrap(effects, _law(own.ravel(), 1, float(np.min(noise.dof[scatter]))))
+
+
+def _law(drawn: FloatArray, dimension: int, dof: float) -> Law:
+    """Scaled F fitted to draws by likelihood; never narrower than F(d, dof) itself."""
+    mean = drawn[drawn > 0.0] / dimension
+    if len(mean) < _FEW:
+        return Law(1.0, dof)
+    best, law = -np.inf, Law(1.0, dof)
+    for nu in (dof, *(each for each in DEGREES if each < dof)):
+        for scale in SCALES:
+            likelihood = float(np.sum(stats.f.logpdf(mean / scale, dimension, min(nu, 1e6)) - np.log(scale)))
+            if likelihood > best:
+                best, law = likelihood, Law(float(scale), nu)
+    return law
 
 
 def _statistics(
@@ -91,7 +120,3 @@ def _statistics(
             statistics[number] = np.sum((root.T @ left) ** 2)
             dimensions[number] = root.shape[1]
     return statistics, dimensions
-
-
-def _share(smallest: FloatArray, p_value: float) -> float:
-    return float((1 + np.sum(smallest <= p_value)) / (1 + len(smallest)))

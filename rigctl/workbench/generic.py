@@ -40,6 +40,7 @@ class Best:
     p_value: float
     p_value_corrected: float
     n_eff: float
+    dimension: int
     columns: FloatArray
 
 
@@ -101,7 +102,7 @@ class Generic:
         statistic = float(scored[part].statistic[top])
         p_value = float(p_of(statistic, int(scored[part].dimension[top]), float(scored[part].dof[top])))
         p_corrected = float(-np.expm1(n_eff * np.log1p(-min(p_value, 1.0 - 1e-16))))
-        return Best(shape, statistic, p_value, p_corrected, n_eff, columns)
+        return Best(shape, statistic, p_value, p_corrected, n_eff, int(scored[part].dimension[top]), columns)
 
     def _scored(
         self, part: tuple[IntArray, list[Shape], FloatArray, IntArray], noise: Noise, projector: Projector

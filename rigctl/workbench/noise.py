@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
@@ -30,6 +31,7 @@ LARGEST_POOL = 400
 """Beyond, the correlation is looked for in a stretch of so many data; its scale is everybody's."""
 
 _INDEPENDENT = 1e-3
+_NEGLIGIBLE = 1e-3
 _FLOOR_DOF = 1.0
 
 
@@ -39,6 +41,9 @@ class Correlation:
 
     kernel: str
     ratio: float
+
+
+_WHITE = Correlation("", 0.0)
 
 
 @dataclass(frozen=True)
@@ -111,18 +116,12 @@ class NoiseEstimator:
         factors: list[tuple[IntArray, FloatArray]] = []
         correlations = []
         for pool in self._pools:
-            found = pool.estimate(residuals[pool.where] / self._given.sigma[pool.where])
-            sigma[pool.where] *= found.scale
+            scale, found = pool.estimate(residuals[pool.where] / self._given.sigma[pool.where])
+            sigma[pool.where] *= scale
             dof[pool.where] = pool.dof
-            correlations.append(found.correlation)
-            factors += pool.factors(found.correlation)
+            correlations.append(max(found, key=lambda pair: pair[0])[1])
+            factors += pool.factors(found)
         return Noise(sigma, dof, tuple(factors), tuple(correlations))
-
-
-@dataclass(frozen=True)
-class _Estimate:
-    scale: float
-    correlation: Correlation
 
 
 class _Pool:
@@ -133,67 +132,76 @@ class _Pool:
     ) -> None:
         self.where = where
         self._group = given.group_of[where]
-        self._at = given.of_runs(order)[where] if order is not None else None
+        self._at = _usable(given.of_runs(order)[where]) if order is not None else None
         weights = given.sigma[where][:, None]
         self._basis = saturated(required[where] / weights, possible[where] / weights)
         self.dof = max(len(where) - self._basis.shape[1], _FLOOR_DOF)
         self._looked_at = _stretch(len(where), self._basis.shape[1])
-        self._trials = [self._trial(correlation) for correlation in self._correlations()]
+        basis = orthonormal(self._basis[self._looked_at], 1e-9)
+        self._free = len(self._looked_at) - basis.shape[1]
+        self._trials = [_Trial(_WHITE, np.zeros(len(self._looked_at)), np.eye(len(self._looked_at)), basis)]
+        for kernel in self._kernels():
+            strength, vectors = np.linalg.eigh(self._kernel(kernel, self._looked_at))
+            self._trials += [_Trial(Correlation(kernel, q), q * strength, vectors, basis) for q in RATIOS]
 
-    def estimate(self, residuals: FloatArray) -> _Estimate:
-        """Scale and correlation by restricted maximum likelihood, `residuals` in units of the given sigma."""
-        if len(self.where) <= self._basis.shape[1]:
-            return _Estimate(1.0, Correlation("", 0.0))
+    def estimate(self, residuals: FloatArray) -> tuple[float, list[tuple[float, Correlation]]]:
+        """Scale, and correlations with their weights, `residuals` in units of the given sigma.
+
+        Weights are restricted likelihoods; white noise counts as much beforehand as all others together.
+        """
+        if self._free <= 0:
+            return 1.0, [(1.0, _WHITE)]
         near = residuals[self._looked_at]
-        rss = np.array([near @ (projector @ near) for projector, _, _ in self._trials])
-        floor = np.finfo(float).tiny
-        free = self._trials[0][2]
-        likelihoods = [
-            free * np.log(max(each, floor)) + penalty for each, (_, penalty, _) in zip(rss, self._trials, strict=True)
-        ]
-        best = int(np.argmin(likelihoods))
-        scale = float(np.sqrt(max(rss[best], floor) / free))
-        return _Estimate(scale, self._correlations()[best])
+        rss = np.array([max(trial.rss(near), np.finfo(float).tiny) for trial in self._trials])
+        cost = self._free * np.log(rss) + np.array([trial.penalty for trial in self._trials])
+        weight = np.exp(-0.5 * (cost - cost.min()))
+        weight[1:] /= max(len(self._trials) - 1, 1)
+        weight = np.where(weight > _NEGLIGIBLE * weight.max(), weight, 0.0)
+        weight *= rss / weight.sum()
+        scale = float(np.sqrt(weight.sum() / self._free))
+        shares = weight / weight.sum()
+        return scale, [(float(w), t.correlation) for w, t in zip(shares, self._trials, strict=True) if w > 0.0]
 
-    def factors(self, correlation: Correlation) -> list[tuple[IntArray, FloatArray]]:
-        """Cholesky factors of R, group by group; none for white noise."""
-        if not correlation.kernel:
+    def factors(self, correlations: list[tuple[float, Correlation]]) -> list[tuple[IntArray, FloatArray]]:
+        """Cholesky factors of the weighted mean of R, group by group; none for white noise."""
+        if all(not correlation.kernel for _, correlation in correlations):
             return []
         found: list[tuple[IntArray, FloatArray]] = []
         for group in np.unique(self._group):
             members = np.flatnonzero(self._group == group)
-            factor: FloatArray = np.linalg.cholesky(self._matrix(correlation, members))
+            mean = np.eye(len(members))
+            strengths: dict[str, float] = {}
+            for weight, each in correlations:
+                strengths[each.kernel] = strengths.get(each.kernel, 0.0) + weight * each.ratio
+            for kernel, strength in strengths.items():
+                if kernel:
+                    mean += strength * self._kernel(kernel, members)
+            factor: FloatArray = np.linalg.cholesky(mean)
             found.append((self.where[members], factor))
         return found
 
-    def _trial(self, correlation: Correlation) -> tuple[FloatArray, float, int]:
-        """(P, the part of -2 log likelihood that no residual changes, degrees of freedom) of one correlation."""
-        members = self._looked_at
-        basis = orthonormal(self._basis[members], 1e-9)
-        free = len(members) - basis.shape[1]
-        if not correlation.kernel:
-            return np.eye(len(members)) - basis @ basis.T, 0.0, free
-        same = self._group[members][:, None] == self._group[members][None, :]
-        covariance = np.where(same, self._matrix(correlation, members), 0.0)
-        factor = np.linalg.cholesky(covariance)
-        inverse = solve_triangular(factor, np.eye(len(members)), lower=True)
-        whitened = inverse @ basis
-        gram = whitened.T @ whitened
-        projector = inverse.T @ inverse - inverse.T @ whitened @ np.linalg.solve(gram, whitened.T @ inverse)
-        penalty = 2.0 * float(np.sum(np.log(np.diag(factor)))) + float(np.linalg.slogdet(gram)[1])
-        return projector, penalty, free
+    def _kernels(self) -> list[str]:
+        if self._at is None or len(np.unique(self._at)) < 4:
+            return []
+        return [f"exp {i}" for i in range(TIME_CONSTANTS)] + [f"power {a:g}" for a in EXPONENTS]
 
-    def _correlations(self) -> list[Correlation]:
-        if self._at is None or not np.isfinite(self._at).all() or len(np.unique(self._at)) < 4:
-            return [Correlation("", 0.0)]
-        kernels = [f"exp {i}" for i in range(TIME_CONSTANTS)] + [f"power {a:g}" for a in EXPONENTS]
-        return [Correlation("", 0.0)] + [Correlation(kernel, q) for kernel in kernels for q in RATIOS]
+    def _kernel(self, name: str, members: IntArray) -> FloatArray:
+        """Correlation of unit variance between data of one group, 0 between groups."""
+        key = (name, members.tobytes())
+        if key not in self._made:
+            self._made[key] = self._make(name, members)
+        return self._made[key]
 
-    def _matrix(self, correlation: Correlation, members: IntArray) -> FloatArray:
+    @cached_property
+    def _made(self) -> dict[tuple[str, bytes], FloatArray]:
+        return {}
+
+    def _make(self, name: str, members: IntArray) -> FloatArray:
         assert self._at is not None
         apart = np.abs(self._at[members][:, None] - self._at[members][None, :])
-        shortest, longest = self._time_scales()
-        kind, _, value = correlation.kernel.partition(" ")
+        same = self._group[members][:, None] == self._group[members][None, :]
+        shortest, longest = self._time_scales
+        kind, _, value = name.partition(" ")
         if kind == "exp":
             kernel = np.exp(-apart / np.geomspace(shortest, longest, TIME_CONSTANTS)[int(value)])
         else:
@@ -203,12 +211,34 @@ class _Pool:
             kernel = np.zeros_like(apart)
             for weight, constant in zip(weights / weights.sum(), constants, strict=True):
                 kernel += weight * np.exp(-apart / constant)
-        return np.asarray(np.eye(len(members)) + correlation.ratio * kernel)
+        return np.where(same, kernel, 0.0)
 
+    @cached_property
     def _time_scales(self) -> tuple[float, float]:
         assert self._at is not None
         ordered = np.unique(self._at)
         return float(np.median(np.diff(ordered))), float(ordered[-1] - ordered[0])
+
+
+class _Trial:
+    """One correlation R = U (1 + strength) U' of a pool, and what restricted likelihood needs of it."""
+
+    def __init__(
+        self, correlation: Correlation, strength: FloatArray, vectors: FloatArray, basis: FloatArray
+    ) -> None:
+        self.correlation = correlation
+        self._vectors = vectors
+        self._precision = 1.0 / (1.0 + np.maximum(strength, 0.0))
+        self._basis = vectors.T @ basis
+        gram = self._basis.T @ (self._precision[:, None] * self._basis)
+        self._inverse = np.linalg.inv(gram)
+        self.penalty = -float(np.sum(np.log(self._precision))) + float(np.linalg.slogdet(gram)[1])
+
+    def rss(self, residuals: FloatArray) -> float:
+        """Weighted square sum of what the saturated design leaves."""
+        turned = self._vectors.T @ residuals
+        along = self._basis.T @ (self._precision * turned)
+        return float(turned @ (self._precision * turned) - along @ self._inverse @ along)
 
 
 def saturated(required: FloatArray, possible: FloatArray) -> FloatArray:
@@ -239,6 +269,11 @@ def orthonormal(columns: FloatArray, tolerance: float) -> FloatArray:
 def stacked(columns: Sequence[FloatArray], rows: int) -> FloatArray:
     """Matrices of (rows, k) side by side, (rows, 0) for none."""
     return np.hstack([np.zeros((rows, 0)), *columns])
+
+
+def _usable(order: FloatArray) -> FloatArray | None:
+    """Times to correlate by; None when some are unknown."""
+    return order if np.isfinite(order).all() else None
 
 
 def _stretch(data: int, fitted: int) -> IntArray:

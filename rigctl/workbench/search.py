@@ -18,8 +18,8 @@ from rigctl.workbench.study import IntArray, Line, Study, Term
 CATALOGUE_SHARE, SHAPES_SHARE, LINES_SHARE = 0.6, 0.3, 0.1
 """How the level over all trials is shared between the catalogue, the shapes without physics and the lines."""
 
-CONFIRM_FROM, CERTAIN = 0.05, 1e-6
-"""Corrected p-values between these are confirmed by bootstrap where noise comes from the scatter."""
+CONFIRM_FROM = 0.05
+"""Corrected p-values below are confirmed by bootstrap where noise comes from the scatter."""
 
 MOST_TERMS = 8
 REFITTED = 4
@@ -118,10 +118,16 @@ class Search:
     def _significant(self, attempt: Attempt, scored: Scored) -> bool:
         """At the catalogue's share of the level, confirmed where the noise is not known beforehand."""
         level = CATALOGUE_SHARE * self.alpha
-        p_value = attempt.corrected(scored.score.p_value)
-        if p_value < CONFIRM_FROM and p_value > CERTAIN and attempt.estimator.from_scatter:
-            p_value = max(p_value, attempt.bootstrap.p_catalogue(scored.score.p_value))
-        return p_value < level
+        return attempt.corrected(self.p_of_scored(attempt, scored)) < level
+
+    @staticmethod
+    def p_of_scored(attempt: Attempt, scored: Scored) -> float:
+        """P-value of a candidate, by bootstrap where it matters and its noise comes from the scatter."""
+        p_value, score = scored.score.p_value, scored.score
+        if attempt.corrected(p_value) >= CONFIRM_FROM or not attempt.from_scatter(score.basis):
+            return p_value
+        law = attempt.bootstrap.effects[scored.candidate.term.effect]
+        return max(p_value, law.p_value(score.statistic, score.dimension))
 
     def _refitted_cost(self, attempt: Attempt, scored: Scored) -> float:
         """Chi-square after the full fit, with the price of dimensions and choices; infinite when it is singular."""
@@ -225,8 +231,9 @@ class Search:
         if shape is None:
             return None
         p_value = shape.p_value_corrected
-        if p_value < CONFIRM_FROM and p_value > CERTAIN and attempt.estimator.from_scatter:
-            p_value = max(p_value, attempt.bootstrap.p_shapes(shape.p_value, shape.n_eff))
+        if p_value < CONFIRM_FROM and attempt.from_scatter(attempt.padded(shape.columns)):
+            law = attempt.bootstrap.shapes
+            p_value = max(p_value, corrected(law.p_value(shape.statistic, shape.dimension), shape.n_eff))
         return shape if p_value < SHAPES_SHARE * self.alpha else None
 
     def adequate(self, terms: Sequence[Term]) -> bool:
