@@ -14,9 +14,12 @@ from rigctl.campaign.units import unit_of_column
 from rigctl.report.figure_data import Plate
 from rigctl.report.style import SOFT, new_figure, series_style
 from rigctl.workbench.findings import Comparison
+from rigctl.workbench.study import FloatArray
 
 MAX_SERIES = 4
 """Series shown, the worst ones: a report is read, not searched; the CSV has them all."""
+
+_SAME = 1e-6
 
 LINEAR_SIGMA = 3.0
 """Up to here the scale is linear, beyond logarithmic: one picture for 1 sigma and for 1000."""
@@ -37,14 +40,20 @@ class ResidualRow:
 
 
 def residual_plates(comparisons: Sequence[Comparison]) -> Iterator[Plate[ResidualRow]]:
-    """A figure per covariate that varies, those that the first version's residuals follow most clearly first."""
+    """A figure per covariate that varies, those that the first version's residuals follow most clearly first.
+
+    A covariate that goes with another one, such as an angle asked for with the angle reached, has none of its own.
+    """
     first = comparisons[0]
     clearest: dict[str, float] = {}
     for trend in first.trends:
         clearest[trend.covariate] = min(trend.p_value_corrected, clearest.get(trend.covariate, 1.0))
-    varying = [name for name, values in first.observations.covariates.items() if _varies(values)]
-    for name in sorted(varying, key=lambda name: clearest.get(name, 1.0)):
-        yield residual_plate(name, comparisons)
+    shown: list[FloatArray] = []
+    covariates = first.observations.covariates
+    for name in sorted(covariates, key=lambda name: clearest.get(name, 1.0)):
+        if _varies(covariates[name]) and not any(_alike(covariates[name], other) for other in shown):
+            shown.append(covariates[name])
+            yield residual_plate(name, comparisons)
 
 
 def residual_plate(covariate: str, comparisons: Sequence[Comparison]) -> Plate[ResidualRow]:
@@ -82,7 +91,7 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
     """A row of panels per series, a column per version."""
     series = list(dict.fromkeys((row.channel, row.component) for row in rows))[:MAX_SERIES]
     versions = sorted({row.version: row.effects for row in rows}.items())
-    figure = new_figure(0.75 + 1.0 * len(series))
+    figure = new_figure(0.8 + 1.1 * len(series))
     panels = figure.subplots(len(series), len(versions), sharex=True, sharey="row", squeeze=False)
     for (channel, component), line in zip(series, panels, strict=True):
         for index, ((version, _), panel) in enumerate(zip(versions, line, strict=True)):
@@ -92,13 +101,14 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
             panel.axhline(0.0, color=SOFT, linewidth=0.6)
             panel.plot([r.value for r in own], [r.residual_sigma for r in own], look.marker, color=look.color, ms=2.4)
         _scale(line[0], [r.residual_sigma for r in rows if (r.channel, r.component) == (channel, component)])
-        line[0].set_ylabel(f"{channel}\n{component} / σ")
+        line[0].set_ylabel(f"{channel}\n{component}".strip(), fontsize=7)
     for (version, effects), panel in zip(versions, panels[0], strict=True):
         panel.set_title(_heading(version, effects), loc="left")
     for panel in panels[-1]:
         panel.xaxis.set_major_locator(MaxNLocator(5))
         panel.set_xlabel(axis_label(rows[0].covariate))
     figure.align_ylabels(panels[:, 0])
+    figure.supylabel("residual / σ", fontsize=8)
     return figure
 
 
@@ -108,7 +118,7 @@ def _heading(version: int, effects: str) -> str:
 
 
 def _scale(axes: Axes, residuals: Sequence[float]) -> None:
-    largest = max(2.0 * LINEAR_SIGMA, 1.3 * max(map(abs, residuals), default=0.0))
+    largest = max(2.0 * LINEAR_SIGMA, 2.0 * max(map(abs, residuals), default=0.0))
     axes.set_yscale("symlog", linthresh=LINEAR_SIGMA)
     axes.set_ylim(-largest, largest)
     decades = [10.0**k for k in range(1, int(np.log10(largest)) + 1)]
@@ -129,9 +139,16 @@ def axis_label(covariate: str) -> str:
     return covariate
 
 
-def _varies(values: np.ndarray) -> bool:
+def _varies(values: FloatArray) -> bool:
     known = values[np.isfinite(values)]
-    return bool(len(known) > 1 and np.ptp(known) > 0.0)
+    return bool(len(known) > 1 and np.ptp(known) > _SAME * np.abs(known).max())
+
+
+def _alike(one: FloatArray, other: FloatArray) -> bool:
+    """True for two columns of which one is the other, scaled and shifted."""
+    if not np.isfinite(one).all() or not np.isfinite(other).all():
+        return False
+    return bool(abs(np.corrcoef(one, other)[0, 1]) > 1.0 - _SAME)
 
 
 def _file_name(covariate: str) -> str:

@@ -10,11 +10,9 @@ _FIXED = range(-3, 6)
 
 def quantity(value: float | None, sigma: float | None, unit: str = "") -> str:
     """A value with its standard uncertainty to two digits: (9.71 +- 0.12)e-05 rad/m."""
-    if value is None or not math.isfinite(value):
+    if value is None or not math.isfinite(value) or (sigma is not None and not math.isfinite(sigma)):
         return "not determined"
-    if sigma is None or not math.isfinite(sigma) or sigma < 0.0:
-        return _spaced(f"{number(value)} +- ?", unit)
-    if sigma == 0.0:
+    if not sigma:
         return _spaced(number(value, 6), unit)
     exponent = _exponent(max(abs(value), sigma))
     scale = 0 if exponent in _FIXED else exponent

@@ -18,6 +18,7 @@ from rigctl.workbench.versions import ModelVersion, PluginFile
 
 if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
+    from rigctl.workbench.attempt import Attempt
     from rigctl.workbench.transfer import Transfer
 
 ALPHA = 0.01
@@ -31,6 +32,7 @@ class Workbench:
 
     def __init__(self, store: Store, plugins: Sequence[Path] = ()) -> None:
         self.store = store
+        self._attempts: dict[int, Attempt] = {}
         self._plugins = {PluginFile.of(path): _loaded(path) for path in plugins}
 
     @cached_property
@@ -53,10 +55,10 @@ class Workbench:
 
     def compare(self, version: ModelVersion | None = None) -> Comparison:
         """A version's model, by default the current one, beside the data."""
-        from rigctl.workbench.compare import compare
+        from rigctl.workbench.compare import compared
 
         chosen = version or self.current
-        return compare(self.study, chosen.terms, chosen.version)
+        return compared(self._attempt(chosen), chosen.version)
 
     def compare_with(self, other: Workbench) -> Transfer:
         """The current model on another store: does what was fitted here hold there?"""
@@ -66,12 +68,20 @@ class Workbench:
 
     def fit(self, version: ModelVersion | None = None) -> ModelFit:
         """Fit a version, by default the current one, and keep the outcome."""
-        from rigctl.workbench.fit import fit
+        from rigctl.workbench.fit import fitted
 
         chosen = version or self.current
-        found = fit(self.study, chosen.terms)
+        found = fitted(self._attempt(chosen))
         versions.keep_fit(self.store, chosen, found.as_json())
         return found
+
+    def _attempt(self, version: ModelVersion) -> Attempt:
+        """A version fitted, once: the runs of a workbench are those it found."""
+        from rigctl.workbench.attempt import Attempt
+
+        if version.version not in self._attempts:
+            self._attempts[version.version] = Attempt(self.study, version.terms)
+        return self._attempts[version.version]
 
     def diagnose(self, alpha: float = ALPHA, progress: Callable[[str], None] | None = None) -> Diagnosis:
         """Ask what the current model lacks, and keep the answer; adds nothing."""
