@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from rigctl.errors import ConfigError
-from rigctl.experiments.table.forms import Form, Interaction, Power
+from rigctl.experiments.table.forms import Drift, Form, Interaction, Power
 from rigctl.experiments.table.readings import Column, Readings
 from rigctl.experiments.table.scanned import Exponential, Periodic, Scanned, Step
 
@@ -15,7 +15,7 @@ from rigctl.experiments.table.scanned import Exponential, Periodic, Scanned, Ste
 def generic(readings: Readings) -> dict[str, Form]:
     """Every form by its id, simple ones first, whether or not it can be tested."""
     columns = list(readings.columns.values())
-    forms: list[Form] = [Power("drift", readings.drift, 1)]
+    forms: list[Form] = [Drift(readings.order)]
     for name, exponent in (("linear", 1), ("power2", 2), ("power3", 3), ("inverse", -1)):
         forms += [Power(f"{name}[{column.name}]", column, exponent) for column in columns]
     forms += [Interaction(one, other) for one, other in combinations(columns, 2)]
@@ -27,6 +27,8 @@ def columns_of(form: Form) -> tuple[Column, ...]:
     """The columns a form looks at."""
     if isinstance(form, Interaction):
         return (form.one, form.other)
+    if isinstance(form, Drift):
+        return (form.column,) if form.column else ()
     assert isinstance(form, Power | Scanned)
     return (form.column,)
 

@@ -55,7 +55,7 @@ class Form(Protocol):
 
 @dataclass(frozen=True)
 class Power:
-    """p C**k; for k = 1 `linear[C]`, or `drift`, for k = -1 `inverse[C]`."""
+    """p C**k; for k = 1 `linear[C]`, for k = -1 `inverse[C]`."""
 
     id: str
     column: Column
@@ -64,16 +64,8 @@ class Power:
     @property
     def sentence(self) -> str:
         """The physics in a sentence."""
-        name = self.column.name
-        if self.id == "drift":
-            return f"The response drifts with {name}."
-        kind = {
-            1: "is proportional to",
-            2: "goes as the square of",
-            3: "goes as the cube of",
-            -1: "goes inversely as",
-        }
-        return f"Something {kind[self.exponent]} {name}."
+        kind = {1: "is proportional to", 2: "goes as the square of", 3: "goes as the cube of"}
+        return f"Something {kind.get(self.exponent, 'goes inversely as')} {self.column.name}."
 
     def untestable(self) -> str:
         """Why not, or ""."""
@@ -110,6 +102,50 @@ class Power:
         """Lower powers."""
         away = self.column.values - self.column.middle
         return [away**j for j in range(max(self.exponent, 1))]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """p C, with C the column that orders the readings: `drift`."""
+
+    column: Column | None
+    id: str = "drift"
+
+    @property
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+        return f"The response drifts{f' with {self.column.name}' if self.column else ''}."
+
+    def untestable(self) -> str:
+        """Why not, or ""."""
+        if self.column is None:
+            return "the readings are in no order; name the column that tells when in [table] order"
+        return ""
+
+    def names(self) -> tuple[str, ...]:
+        """One, named like the effect."""
+        return ("",)
+
+    def units(self, response: str) -> tuple[str, ...]:
+        """Response over the column's."""
+        return self._line.units(response)
+
+    def basis(self, choice: Choice) -> FloatArray:
+        """C as in the column."""
+        return self._line.basis(choice)
+
+    def parts(self, choice: Choice) -> list[FloatArray]:
+        """By the distance from the column's mean."""
+        return self._line.parts(choice)
+
+    def trivial(self) -> list[FloatArray]:
+        """A constant."""
+        return self._line.trivial()
+
+    @property
+    def _line(self) -> Power:
+        assert self.column is not None
+        return Power(self.id, self.column, 1)
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.errors import ProcedureError
 from rigctl.experiments.table.pieces import Piece
 from rigctl.experiments.table.readings import Readings
-from rigctl.fitting.least_squares import Parameter
+from rigctl.fitting.least_squares import FitResult, Parameter, least_squares
 from rigctl.interfaces import FloatArray
 from rigctl.workbench.study import Observations, Term
+
+
+_ITERATIONS = 200
 
 
 @dataclass(frozen=True)
@@ -82,3 +86,18 @@ class TableModel:
         sizes = [len(self.readings.expression.parameters), *(len(piece.units) for piece in self.pieces)]
         own, *parts = np.split(np.asarray(values, dtype=np.float64), np.cumsum(sizes)[:-1])
         return own, parts
+
+
+def fitted(model: TableModel) -> FitResult | None:
+    """The model fitted with the readings' own weights; None when its start is undefined or the fit is singular."""
+    given = model.observations
+    try:
+        found = least_squares(
+            lambda values: (given.value - model.predict(values)) / given.sigma,
+            model.parameters,
+            jacobian=lambda values: -model.jacobian(values) / given.sigma[:, None],
+            max_iterations=_ITERATIONS,
+        )
+    except (ProcedureError, np.linalg.LinAlgError):
+        return None
+    return found if found.verdict in {"converged", "not-converged"} else None

@@ -15,9 +15,10 @@ from rigctl.experiments.table.syntax import CONSTANTS, flaw
 from rigctl.interfaces import FloatArray
 from rigctl.workbench.study import IntArray
 
-ROW = "row"
-"""The covariate that counts the rows of readings.csv from 1, unless a column has taken its name."""
-
+_WINDOW_POINTS = 10_000_000
+_DARK, _BRIGHT = 0.25, 0.5
+_ENOUGH_IN_A_CLUSTER = 8
+_FINE = 1e-4
 BLOCKS_MAX = 7
 STRETCHES_MAX = 6
 
@@ -50,6 +51,32 @@ class Column:
         """Median distance of neighbours among its different values."""
         return float(np.median(np.diff(self.distinct)))
 
+    @cached_property
+    def spread(self) -> float:
+        """Its standard deviation."""
+        return float(self.values.std())
+
+    @cached_property
+    def fastest(self) -> float:
+        """The highest frequency that these values can tell from a slow one.
+
+        Half of one over the spacing; where the values stand in few and small clusters, half of one over the distance
+        of the clusters, which the spectral window shows.
+        """
+        limit = 0.5 / self.spacing
+        step = 0.25 / self.span
+        count = min(int(2.0 * limit / step), _WINDOW_POINTS // self.values.size)
+        frequencies = step * np.arange(1, count + 1)
+        window = np.abs(np.exp(2j * np.pi * np.outer(frequencies, self.values - self.middle)).mean(axis=1)) ** 2
+        past = np.flatnonzero(window < _DARK)
+        bright = np.flatnonzero(window > _BRIGHT)
+        alias = bright[bright > past[0]] if past.size else bright
+        if not alias.size:
+            return limit
+        sampling = float(frequencies[alias[0]])
+        crowded = self.distinct.size > _ENOUGH_IN_A_CLUSTER * (self.span * sampling + 1.0)
+        return limit if crowded else min(limit, 0.5 * sampling)
+
 
 @dataclass(frozen=True)
 class Readings:
@@ -60,8 +87,8 @@ class Readings:
     columns: dict[str, Column]
     expression: Expression
     labels: tuple[str, ...]
-    number: FloatArray
     sigma: FloatArray
+    """One for all: what the recorder believed, else a guess. Its size is found from the scatter."""
     block_of: IntArray
 
     @property
@@ -70,10 +97,9 @@ class Readings:
         return {name: column.values for name, column in self.columns.items()}
 
     @property
-    def drift(self) -> Column:
-        """The column that orders the readings; else their number."""
-        order = self.spec.order
-        return self.columns[order] if order else Column(ROW, self.number, "")
+    def order(self) -> Column | None:
+        """The column that orders the readings; None when they are in no order that means anything."""
+        return self.columns[self.spec.order] if self.spec.order else None
 
 
 def read(source: RunSource) -> Readings:
@@ -100,8 +126,7 @@ def read(source: RunSource) -> Readings:
         columns,
         expression,
         tuple(f"row {i + 1}" for i in rows),
-        (rows + 1).astype(np.float64),
-        np.full(rows.size, _weight(header, spec.response)),
+        np.full(rows.size, _weight(header, response)),
         _blocks(spec, columns, {name: np.array(text)[rows] for name, text in texts.items()}, rows.size),
     )
 
@@ -137,10 +162,16 @@ def _unit(header: Header, name: str) -> str:
     return declared.unit if declared and declared.unit else unit_of_column(name)
 
 
-def _weight(header: Header, response: str) -> float:
-    """A sigma all rows share: what the recorder believed, else 1. Its size is found from the scatter."""
+def declares_noise(header: Header, response: str) -> bool:
+    """Whether the recorder believed something of the response's noise."""
     declared = header.channels.get(response)
-    return (declared.noise_rms if declared else None) or 1.0
+    return bool(declared and declared.noise_rms)
+
+
+def _weight(header: Header, response: Column) -> float:
+    declared = header.channels.get(response.name)
+    believed = declared.noise_rms if declared else None
+    return believed or _FINE * response.spread or 1.0
 
 
 def _blocks(spec: TableSpec, columns: dict[str, Column], texts: dict[str, FloatArray], rows: int) -> IntArray:

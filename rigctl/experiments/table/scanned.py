@@ -80,9 +80,8 @@ class Periodic(_OfColumn):
         """Periods from twice the spacing to twice the span, equally spaced in frequency (as Lomb and Scargle)."""
         column = self.column
         low = 0.5 / column.span
-        high = max(0.5 / column.spacing - 0.25 / column.span, 2.0 * low)
-        spread = float(np.sqrt(np.mean((column.values - column.middle) ** 2)))
-        step = 2.0 * _PHASE_STEP_RAD / (2.0 * np.pi * spread)
+        high = max(column.fastest - 0.25 / column.span, 2.0 * low)
+        step = 2.0 * _PHASE_STEP_RAD / (2.0 * np.pi * column.spread)
         points = min(int(np.ceil((high - low) / step)) + 1, points_max)
         return np.asarray(1.0 / (low + step * np.arange(points)[::-1]))
 

@@ -127,7 +127,7 @@ def _linear_part(readings: Readings, curved: Mapping[str, float]) -> FloatArray:
 
 
 def _fitted(readings: Readings, start: FloatArray) -> FitResult | None:
-    """The baseline fitted from `start`; None when that goes nowhere."""
+    """The baseline fitted from `start`, as far as that gets; None when it goes nowhere."""
     expression = readings.expression
 
     def jacobian(values: FloatArray) -> FloatArray:
@@ -144,7 +144,7 @@ def _fitted(readings: Readings, start: FloatArray) -> FitResult | None:
         )
     except (ProcedureError, np.linalg.LinAlgError):
         return None
-    return found if found.verdict == "converged" else None
+    return found if found.verdict in {"converged", "not-converged"} else None
 
 
 def _searched(readings: Readings, missing: list[str]) -> FloatArray:
@@ -162,7 +162,7 @@ def _searched(readings: Readings, missing: list[str]) -> FloatArray:
         start = _linear_part(readings, {name: values[name] for name in curved})
         drawn.append((_misfit(readings, start), start))
     drawn = sorted((each for each in drawn if np.isfinite(each[0])), key=lambda each: each[0])
-    fits = [fit for _, start in drawn[:_TRIED] if (fit := _fitted(readings, start))]
+    fits = [fit for _, start in drawn[:_TRIED] if (fit := _fitted(readings, start)) and fit.verdict == "converged"]
     if not fits:
         raise DataError(
             "recording.toml, [table] start: the baseline is not linear in "

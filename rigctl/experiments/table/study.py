@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,15 +13,17 @@ from rigctl.effects.catalogue import Effect
 from rigctl.errors import ConfigError, DataError
 from rigctl.experiments.table.candidates import candidate_of, plugin_candidate
 from rigctl.experiments.table.catalogue import base_of, generic, next_id, why_not
-from rigctl.experiments.table.model import TableModel
+from rigctl.experiments.table.model import TableModel, fitted
 from rigctl.experiments.table.pieces import ColumnPiece, Piece, PluginPiece
-from rigctl.experiments.table.readings import ROW, Readings, read
+from rigctl.experiments.table.readings import Readings, declares_noise, read
 from rigctl.experiments.table.scanned import Scanned
 from rigctl.experiments.table.start import POINTS_MAX, baseline_start, place, solve, span_of
 from rigctl.interfaces import FloatArray
 from rigctl.workbench.study import Candidate, Line, Model, NoisePool, NotTestable, Observations, Series, Term
 
-_GRID_POINTS, _GRID_LEAST = 3000, 200
+_ROUNDING = 1e-13
+_RESTARTS = 16
+_GRID_POINTS, _GRID_LEAST = 1500, 100
 
 
 class TableStudy:
@@ -34,10 +37,12 @@ class TableStudy:
 
     def __init__(self, source: RunSource, plugins: Sequence[Effect] = ()) -> None:
         self.readings = read(source)
-        self.observations = _observations(self.readings)
         self._forms = generic(self.readings)
         self._plugins = {effect.id: effect for effect in plugins if effect.on == "response"}
         self._start = baseline_start(self.readings)
+        if not declares_noise(source.header, self.readings.response.name):
+            self.readings = replace(self.readings, sigma=self._scatter())
+        self.observations = _observations(self.readings)
         self._require_enough(len(self._start))
 
     def effects(self) -> Mapping[str, str]:
@@ -56,9 +61,27 @@ class TableStudy:
         for i, piece in enumerate(pieces):
             if isinstance(piece, ColumnPiece) and isinstance(piece.form, Scanned):
                 pieces[i] = self._placed(piece, pieces[:i] + pieces[i + 1 :])
-        starts = self._starts(pieces)
-        self._require_enough(len(starts))
-        return TableModel(self.observations, self.readings, tuple(pieces), starts)
+        model = TableModel(self.observations, self.readings, tuple(pieces), self._starts(pieces))
+        self._require_enough(len(model.starts))
+        curved = len(self.readings.expression.linear_in()) < len(self._start)
+        return self._settled(model) if curved and pieces else model
+
+    def _settled(self, model: TableModel) -> TableModel:
+        """The model starting where its fit ends: beside a curved baseline a scan is only a first guess."""
+        first = fitted(model)
+        if first is not None and first.verdict == "converged":
+            return replace(model, starts=first.values)
+        found = [first] if first is not None else []
+        for number, piece in enumerate(model.pieces):
+            if not isinstance(piece, ColumnPiece) or not isinstance(piece.form, Scanned):
+                continue
+            grid = piece.form.grid(POINTS_MAX)
+            for value in grid[:: max(len(grid) // _RESTARTS, 1)]:
+                moved = replace(piece, term=Term(piece.term.effect, piece.form.full_choice(float(value))))
+                pieces = (*model.pieces[:number], moved, *model.pieces[number + 1 :])
+                fit = fitted(replace(model, pieces=pieces, starts=self._starts(pieces)))
+                found += [fit] if fit is not None and fit.verdict == "converged" else []
+        return replace(model, starts=min(found, key=lambda fit: fit.chi2).values) if found else model
 
     def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         """Every effect that `model` lacks; a scanned one once per point of its grid."""
@@ -151,6 +174,12 @@ class TableStudy:
         ]
         return np.concatenate([own, *parts])
 
+    def _scatter(self) -> FloatArray:
+        """What the baseline alone leaves, rms, but never less than rounding."""
+        left = self.readings.response.values - self._baseline()[0]
+        floor = _ROUNDING * float(np.abs(self.readings.response.values).max())
+        return np.full(left.size, max(float(np.sqrt(np.mean(left**2))), floor) or 1.0)
+
     def _baseline(self) -> tuple[FloatArray, FloatArray]:
         given = dict(zip(self.readings.expression.parameters, self._start, strict=True))
         return self.readings.expression.evaluate(self.readings.numbers, given)
@@ -181,5 +210,5 @@ def _observations(readings: Readings) -> Observations:
         pool_of=none,
         group_of=none,
         block_of=readings.block_of,
-        covariates={ROW: readings.number} | readings.numbers,
+        covariates=readings.numbers,
     )
