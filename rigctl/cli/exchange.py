@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rigctl.cli.io import Json, StoreFile, print_json, say
 from rigctl.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rigctl.campaign.store import Store
+
+SAY_EVERY_S = 2.0
 
 app = typer.Typer()
 
@@ -26,14 +32,40 @@ def import_(
 
     with import_bundle(bundle, store) as imported:
         report = import_report(imported) or ImportReport(len(imported.runs()))
+        left_out = _reduced(imported) if imported.header.experiment == "sensing-axis" else {}
     if as_json:
-        print_json({"runs": report.runs, "invalid": dict(report.invalid), "warnings": list(report.warnings)})
+        print_json(
+            {
+                "runs": report.runs,
+                "invalid": dict(report.invalid),
+                "warnings": list(report.warnings),
+                "not_reduced": left_out,
+            }
+        )
         return
     say(f"{report.runs} runs read into {store}, {len(report.invalid)} of them invalid")
     for run_id, why in report.invalid:
         say(f"run {run_id} invalid: {why}")
+    for why in left_out.values():
+        say(f"not reduced: {why}")
     for warning in report.warnings:
         say(f"warning: {warning}")
+
+
+def _reduced(store: Store) -> dict[str, str]:
+    """Reduce the valid runs once and for all, saying how fast; which were left out, and why."""
+    from rigctl.experiments.sensing_axis.store_reduction import reduction
+
+    began_s = said_s = time.monotonic()
+
+    def progress(done: int, runs: int) -> None:
+        nonlocal said_s
+        now_s = time.monotonic()
+        if done == runs or now_s - said_s >= SAY_EVERY_S:
+            said_s = now_s
+            say(f"{done} of {runs} runs reduced to amplitudes, {done / max(now_s - began_s, 1e-9):.0f} runs/s")
+
+    return dict(reduction(store, progress=progress).left_out)
 
 
 @app.command()

@@ -294,6 +294,16 @@ def refine_frequency(
     Gauss-Newton on the four-parameter sine fit (IEEE Std 1057), the harmonics following the fundamental
     and the linear parameters projected out. Raises `DataError` when the search leaves the line's width 1/T.
     """
+    basis, fit, stiffness = _search(t_s, x, frequency_hz, harmonics, drift, lines_hz)
+    level = spectrum(fit.residuals, basis).level(basis.frequency_hz)
+    sigma_hz = np.sqrt(level.psd / (2.0 * basis.sample_period_s) / stiffness)
+    return FrequencyFit(basis.frequency_hz, float(sigma_hz), level.dof, basis, fit)
+
+
+def _search(
+    t_s: FloatArray, x: FloatArray, frequency_hz: float, harmonics: int, drift: bool, lines_hz: tuple[float, ...]
+) -> tuple[HarmonicBasis, HarmonicFit, float]:
+    """The basis and the fit at the refined frequency, and the squared norm of d(model) / d(frequency) there."""
     estimate = float(frequency_hz)
     for _ in range(_MAX_STEPS):
         basis = HarmonicBasis(t_s, estimate, harmonics, drift, lines_hz=lines_hz)
@@ -309,9 +319,7 @@ def refine_frequency(
         if abs(step) * basis.duration_s <= _FREQUENCY_SETTLED:
             break
         estimate += step
-    level = spectrum(fit.residuals, basis).level(estimate)
-    sigma_hz = np.sqrt(level.psd / (2.0 * basis.sample_period_s) / stiffness)
-    return FrequencyFit(estimate, float(sigma_hz), level.dof, basis, fit)
+    return basis, fit, stiffness
 
 
 def find_frequency(
@@ -321,11 +329,10 @@ def find_frequency(
     *,
     harmonics: int = 3,
     lines_hz: tuple[float, ...] = (),
-) -> FrequencyFit:
-    """As `refine_frequency`, for a frequency that may be off by a quarter; lines that this record cannot hold are
-    left out, those above its Nyquist frequency fitted where they are seen.
+) -> tuple[HarmonicBasis, HarmonicFit]:
+    """The fit at the frequency of the record `x`, which may be off `frequency_hz` by a quarter.
 
-    Raises `DataError` when the record does not oscillate, or elsewhere.
+    Lines that this record cannot hold are left out, those above its Nyquist frequency fitted where they are seen. Raises `DataError` when the record does not oscillate, or elsewhere.
     """
     given = np.asarray(t_s, dtype=np.float64)
     sample_period_s, duration_s = _time_base(given)
@@ -335,14 +342,13 @@ def find_frequency(
     start = frequency_hz
     for attempt in range(2):
         try:
-            found = refine_frequency(given, x, start, harmonics=harmonics, lines_hz=seen)
+            basis, fit, _ = _search(given, x, start, harmonics, True, seen)
         except DataError:
             if attempt:
                 raise
         else:
-            left = float(found.fit.residuals @ found.fit.residuals)
-            if left < _MOSTLY * float(((x - x.mean()) ** 2).sum()):
-                return found
+            if float(fit.residuals @ fit.residuals) < _MOSTLY * float(((x - x.mean()) ** 2).sum()):
+                return basis, fit
         start = _peak_hz(given, x, frequency_hz, duration_s)
     raise DataError(
         f"the encoder shows no motion at {frequency_hz:g} Hz, nor near it: correct frequency_hz, or leave the run out"

@@ -1,7 +1,6 @@
 """Any recording becomes observables: once, kept, and never with a traceback."""
 
 import numpy as np
-import pytest
 
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
 from rigctl.campaign.store import Store
@@ -121,7 +120,7 @@ class TestKept:
         stored(path, night()).close()
         with Store.open(path, readonly=True) as store:
             assert len(reduced(store)) == 6
-            assert store.reduced_names(recipe(())) == set()
+            assert store.reduced_names("runs " + recipe(())) == set()
 
     def test_lines_are_kept_apart(self, tmp_path, monkeypatch):
         with stored(tmp_path / "a.rig.sqlite", night()) as store:

@@ -15,7 +15,7 @@ from rigctl.experiments.sensing_axis.chain import ComplexArray, FloatArray
 from rigctl.experiments.sensing_axis.observables import HARMONICS, Amplitudes, RunObservables
 from rigctl.signals.noise import NoisePool, Spectrum, pooled_psd, spectrum
 from rigctl.signals.resolution import amplitude_floor
-from rigctl.signals.sine_fit import FrequencyFit, HarmonicBasis, find_frequency
+from rigctl.signals.sine_fit import HarmonicBasis, find_frequency
 
 STAGE, ACCEL = "stage_x_mm", "accel_v"
 LASER_PREFIX = "laser_"
@@ -87,9 +87,15 @@ def reduce_run(
     """
     try:
         seen = _seen(samples)
-        stage = _stage(samples["t_s"][seen], MM * samples[STAGE][seen], conditions, tuple(lines_hz))
-        reference = complex(stage.fit.amplitudes[0])
-        accel = _channel(stage.basis, samples[ACCEL][seen], reference, len(lines_hz))
+        basis, stage = find_frequency(
+            samples["t_s"][seen],
+            MM * samples[STAGE][seen],
+            float(conditions["frequency_hz"]),
+            harmonics=HARMONICS,
+            lines_hz=tuple(lines_hz),
+        )
+        reference = complex(stage.amplitudes[0])
+        accel = _channel(basis, samples[ACCEL][seen], reference, len(lines_hz))
         if accel is None:
             raise DataError(f"{ACCEL}: more than half of the samples are missing")  # noqa: TRY301
     except (DataError, KeyError, ValueError) as error:
@@ -98,16 +104,16 @@ def reduce_run(
     found = {ACCEL: accel}
     for name, column in samples.items():
         if name.startswith(LASER_PREFIX):
-            laser = _channel(stage.basis, MM * column[seen], reference, len(lines_hz))
+            laser = _channel(basis, MM * column[seen], reference, len(lines_hz))
             if laser is not None:
                 found[name] = laser
     order = np.arange(1, HARMONICS + 1)
     return ReducedRun(
         run_id,
         dict(conditions),
-        stage.frequency_hz,
-        stage.basis.duration_s,
-        stage.fit.amplitudes_referred_to(reference) * (-1j) ** order,
+        basis.frequency_hz,
+        basis.duration_s,
+        stage.amplitudes_referred_to(reference) * (-1j) ** order,
         {name: channel for name, (channel, _) in found.items()},
         {name: residuals for name, (_, residuals) in found.items()} if keep_residuals else {},
     )
@@ -218,12 +224,6 @@ def _seen(samples: Mapping[str, FloatArray]) -> slice | NDArray[np.bool_]:
     if whole.mean() < _MIN_KEPT_SAMPLES:
         raise DataError(f"{STAGE}: more than half of the samples are missing")
     return np.asarray(whole)
-
-
-def _stage(
-    t_s: FloatArray, x_m: FloatArray, conditions: Mapping[str, Any], lines_hz: tuple[float, ...]
-) -> FrequencyFit:
-    return find_frequency(t_s, x_m, float(conditions["frequency_hz"]), harmonics=HARMONICS, lines_hz=lines_hz)
 
 
 def _channel(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,13 +12,15 @@ from rigctl.errors import DataError
 from rigctl.experiments.sensing_axis.kept_reduction import from_bytes, to_bytes
 from rigctl.experiments.sensing_axis.observables import RunObservables
 from rigctl.experiments.sensing_axis.recorded import recorded_faces
-from rigctl.experiments.sensing_axis.reduction import PooledNoise, ReducedRun, face_column, reduce_run
+from rigctl.experiments.sensing_axis.reduction import ACCEL, PooledNoise, ReducedRun, face_column, reduce_run
+from rigctl.signals.lines import LineScan, ScannedRun, scanned
 
 VERSION = 1
 """Of what is kept: counted up whenever reduction.py would give other numbers."""
 
 _REFUSED = b"!"
 _KEEP_EVERY = 64
+_RUNS, _SCANS, _SCAN = "runs ", "scan ", "accel_v"
 
 Progress = Callable[[int, int], None]
 """Told how many runs are reduced, of how many."""
@@ -64,28 +67,67 @@ def recipe(lines_hz: Sequence[float]) -> str:
     return " ".join(["sensing-axis", str(VERSION), *(repr(float(line)) for line in lines_hz)])
 
 
+def line_scan(source: RunSource, lines_hz: Sequence[float] = (), progress: Progress | None = None) -> LineScan:
+    """The scan for steady lines in the accelerometer's samples of the valid runs; see `rigctl.signals.lines`.
+
+    A store keeps it: runs marked since are taken out or put in by their samples alone.
+    """
+    kept = _Kept(source, recipe(lines_hz))
+    records = {record.run_id: record for record in source.runs()}
+    valid = {run_id for run_id, record in records.items() if record.valid}
+    scan = kept.scan()
+    missing = [run_id for run_id in records if run_id in valid and run_id not in scan.runs]
+    gone = [run_id for run_id in scan.runs if run_id not in valid]
+    for done, run_id in enumerate([*gone, *missing], start=1):
+        _, part = _reduce(source, records[run_id], lines_hz)
+        if run_id in valid:
+            scan.add(run_id, _group(records[run_id]), part)
+        else:
+            scan.remove(run_id, part)
+        if progress is not None:
+            progress(done, len(gone) + len(missing))
+    if gone or missing:
+        kept.put_scan(scan)
+    return scan
+
+
 def _each(
     source: RunSource, records: Sequence[RunRecord], lines_hz: Sequence[float], progress: Progress | None
 ) -> Iterator[tuple[RunRecord, ReducedRun | str]]:
-    """Every run reduced, or the sentence that says why it cannot be, in order."""
+    """Every run reduced, or the sentence that says why it cannot be, in order; the scan grows with what is new."""
     kept = _Kept(source, recipe(lines_hz))
+    scan: LineScan | None = None
     for done, record in enumerate(records, start=1):
         data = kept.get(record.run_id)
         if data is None:
-            data = _reduce(source, record, lines_hz)
-            kept.put(record.run_id, data)
+            data, part = _reduce(source, record, lines_hz)
+            if kept.keeps:
+                scan = scan or kept.scan()
+                if record.run_id not in scan.runs:
+                    scan.add(record.run_id, _group(record), part)
+                kept.put(record.run_id, data)
             if progress is not None:
                 progress(done, len(records))
         yield record, _opened(data, record)
     kept.flush()
+    if scan is not None:
+        kept.put_scan(scan)
 
 
-def _reduce(source: RunSource, record: RunRecord, lines_hz: Sequence[float]) -> bytes:
+def _reduce(source: RunSource, record: RunRecord, lines_hz: Sequence[float]) -> tuple[bytes, ScannedRun | None]:
     try:
         samples = source.samples(record.run_id)
-        return to_bytes(reduce_run(record.run_id, record.conditions, samples, lines_hz))
+        run = reduce_run(record.run_id, record.conditions, samples, lines_hz, keep_residuals=True)
     except DataError as error:
-        return _REFUSED + str(error).encode()
+        return _REFUSED + str(error).encode(), None
+    left = run.residuals[ACCEL]
+    return to_bytes(run), scanned(left.basis, left.values, run.channels[ACCEL].noise)
+
+
+def _group(record: RunRecord) -> tuple[str, int]:
+    """Whose noise a run shares, and in which half of them it is held out."""
+    given = record.conditions
+    return f"{given['axis']} {given['configuration']}", zlib.crc32(record.run_id.encode()) & 1
 
 
 def _opened(data: bytes, record: RunRecord) -> ReducedRun | str:
@@ -95,25 +137,37 @@ def _opened(data: bytes, record: RunRecord) -> ReducedRun | str:
 
 
 class _Kept:
-    """What a store keeps by a recipe; nothing for a recording in memory."""
+    """What a store keeps by a recipe; nothing for a recording in memory, nothing new when open for reading."""
 
     def __init__(self, source: RunSource, recipe: str) -> None:
         self._store = source if isinstance(source, Store) else None
         self._recipe = recipe
-        self._names = self._store.reduced_names(recipe) if self._store else set()
+        self._names = self._store.reduced_names(_RUNS + recipe) if self._store else set()
         self._new: dict[str, bytes] = {}
 
-    def get(self, name: str) -> bytes | None:
-        return self._store.reduction(self._recipe, name) if self._store and name in self._names else None
+    @property
+    def keeps(self) -> bool:
+        return self._store is not None and not self._store.readonly
 
-    def put(self, name: str, data: bytes) -> None:
-        if self._store is None or self._store.readonly:
-            return
-        self._new[name] = data
+    def get(self, run_id: str) -> bytes | None:
+        return self._store.reduction(_RUNS + self._recipe, run_id) if self._store and run_id in self._names else None
+
+    def put(self, run_id: str, data: bytes) -> None:
+        self._new[run_id] = data
         if len(self._new) >= _KEEP_EVERY:
             self.flush()
 
     def flush(self) -> None:
         if self._store is not None and self._new:
-            self._store.keep_reductions(self._recipe, self._new)
+            self._store.keep_reductions(_RUNS + self._recipe, self._new)
             self._new = {}
+
+    def scan(self) -> LineScan:
+        """The scan as kept; an empty one when there is none."""
+        if self._store is None or _SCAN not in self._store.reduced_names(_SCANS + self._recipe):
+            return LineScan()
+        return LineScan.from_bytes(self._store.reduction(_SCANS + self._recipe, _SCAN) or b"")
+
+    def put_scan(self, scan: LineScan) -> None:
+        if self._store is not None and self.keeps:
+            self._store.keep_reductions(_SCANS + self._recipe, {_SCAN: scan.to_bytes()})
