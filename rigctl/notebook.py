@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,9 @@ from rigctl import config, results, runner
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store import Store
 from rigctl.experiments.sensing_axis.result import SensingAxisResult
+from rigctl.workbench.bench import ALPHA, Workbench
+from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
+from rigctl.workbench.versions import ModelVersion
 
 
 class Campaign:
@@ -42,7 +47,50 @@ class Campaign:
         return status_of(Path(store))
 
     @staticmethod
-    def result(store: Path | str) -> SensingAxisResult:
+    def result(store: Path | str, plugins: Sequence[Path | str] = ()) -> SensingAxisResult:
         """The sensing axes found in a store, with everything they were made from."""
-        with Store.open(Path(store), readonly=True) as opened:
-            return results.analyse(opened)
+        with on_the_bench(store, plugins) as bench:
+            return results.analyse(bench)
+
+    @staticmethod
+    def compare(store: Path | str, plugins: Sequence[Path | str] = ()) -> Comparison:
+        """A store's current model beside its data: where does it fail?"""
+        with on_the_bench(store, plugins) as bench:
+            return bench.compare()
+
+    @staticmethod
+    def diagnose(store: Path | str, *, alpha: float = ALPHA, plugins: Sequence[Path | str] = ()) -> Diagnosis:
+        """Which physical effect is missing? Adds nothing."""
+        with on_the_bench(store, plugins) as bench:
+            return bench.diagnose(alpha)
+
+    @staticmethod
+    def add(store: Path | str, *effects: str, plugins: Sequence[Path | str] = ()) -> list[ModelVersion]:
+        """Add effects to a store's model, one new version each."""
+        with on_the_bench(store, plugins) as bench:
+            return bench.add(effects)
+
+    @staticmethod
+    def remove(store: Path | str, *effects: str) -> list[ModelVersion]:
+        """Take effects out of a store's model, one new version each."""
+        with on_the_bench(store) as bench:
+            return bench.remove(effects)
+
+    @staticmethod
+    def fit(store: Path | str, plugins: Sequence[Path | str] = ()) -> ModelFit:
+        """A store's current model, fitted."""
+        with on_the_bench(store, plugins) as bench:
+            return bench.fit()
+
+    @staticmethod
+    def history(store: Path | str, plugins: Sequence[Path | str] = ()) -> list[dict[str, Any]]:
+        """The error ladder, as `rigctl model history --json` gives it."""
+        with on_the_bench(store, plugins) as bench:
+            return bench.history()
+
+
+@contextmanager
+def on_the_bench(store: Path | str, plugins: Sequence[Path | str] = ()) -> Iterator[Workbench]:
+    """A store with its study and its model's versions, to ask more than one thing of; closed at the end."""
+    with Store.open(Path(store)) as opened:
+        yield Workbench(opened, [Path(plugin) for plugin in plugins])

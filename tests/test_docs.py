@@ -192,8 +192,18 @@ def test_toml_examples_parse(path: Path) -> None:
 
 
 def _commands() -> dict[str, Any]:
-    """The command tree, click's or the one that typer brings along."""
-    return dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+    """The command tree, click's or the one that typer brings along, by full names: "run", "model add"."""
+    found: dict[str, Any] = {}
+    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+        below = getattr(command, "commands", {})
+        found |= {f"{name} {part}": each for part, each in below.items()} if below else {name: command}
+    return found
+
+
+def _parsed(words: list[str]) -> tuple[str, list[str]]:
+    """The command's full name, and the rest."""
+    count = 2 if " ".join(words[:2]) in _commands() else 1
+    return " ".join(words[:count]), words[count:]
 
 
 def _options(command: Any) -> set[str]:
@@ -222,7 +232,7 @@ def test_commands_in_examples_can_be_parsed(path: Path) -> None:
         _, *arguments = shlex.split(line)
         if not arguments or arguments == ["--help"]:
             continue
-        name, *rest = arguments
+        name, rest = _parsed(arguments)
         assert name in _commands(), line
         command = _commands()[name]
         used = {word for word in rest if word.startswith("--")}
@@ -233,7 +243,7 @@ def test_commands_in_examples_can_be_parsed(path: Path) -> None:
 
 
 def test_every_command_and_option_is_documented() -> None:
-    sections = dict(re.findall(r"^### (\w+)\n(.*?)(?=^##|\Z)", _doc("commands.md"), re.DOTALL | re.MULTILINE))
+    sections = dict(re.findall(r"^### ([\w ]+)\n(.*?)(?=^##|\Z)", _doc("commands.md"), re.DOTALL | re.MULTILINE))
     commands = _commands()
     assert set(sections) == set(commands)
     for name, command in commands.items():
@@ -243,7 +253,7 @@ def test_every_command_and_option_is_documented() -> None:
         assert synopsis is not None
         assert set(re.findall(r"--[\w-]+", synopsis[1])) == options, name
         places = [p.metavar for p in command.params if p.param_type_name == "argument"]
-        words = re.sub(r"\[--[^\]]*\]|--\S+( [A-Z]+)?", "", synopsis[1]).split()[2:]
+        words = re.sub(r"\[--[^\]]*\]|--\S+( [A-Z]+)?", "", synopsis[1]).split()[1 + len(name.split()) :]
         assert [word.strip("[]") for word in words] == places, name
 
 

@@ -14,15 +14,11 @@ app = typer.Typer()
 
 
 @app.command()
-def result(store: StoreFile, as_json: Json = False) -> None:
-    """The sensing axes, the angles between them and their uncertainty."""
-    _show_result(store, as_json=as_json)
-
-
-def _show_result(store: Path, *, as_json: bool) -> None:
+def result(store: StoreFile, plugin: Plugins = None, as_json: Json = False) -> None:
+    """What a store amounts to: the sensing axes with their uncertainty, or the fit of a table."""
     from rigctl import results
 
-    found = results.of(store)
+    found = results.of(store, plugin or ())
     if as_json:
         print_json(found)
     else:

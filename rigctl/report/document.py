@@ -145,7 +145,7 @@ def _own_figures(bench: Workbench) -> tuple[list[Plate[Any]], dict[str, str]]:
     if store.header.experiment != "sensing-axis":
         return [], {}
     try:
-        return plates_of(results.analyse(store), results.uncertainties_of(store))
+        return plates_of(results.analyse(bench), results.uncertainties_of(store))
     except (ProcedureError, DataError) as error:
         return [], {"figures of the sensing axes": str(error)}
 

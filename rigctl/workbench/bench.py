@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.campaign.store import Store
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, DataError
 from rigctl.studies import study_of
 from rigctl.workbench import versions
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
@@ -122,13 +122,11 @@ class Workbench:
 
     def add(self, effects: Sequence[str]) -> list[ModelVersion]:
         """One new version per effect, all of them or none; `ConfigError` for one that is unknown or there already."""
-        now = self.current
         self._require_known(effects)
-        versions.require_absent(now, effects)
-        terms: list[Term] = []
+        now, added = self.current, list[Term]()
         for effect in effects:
-            terms.append(self._term(effect, (*now.terms, *terms)))
-        return [versions.extend(self.store, term, self._source_of(term.effect)) for term in terms]
+            added.append(self._term(effect, (*now.terms, *added)))
+        return [versions.extend(self.store, term, self._source_of(term.effect)) for term in added]
 
     def remove(self, effects: Sequence[str]) -> list[ModelVersion]:
         """One new version per effect, without it; `ConfigError` for one that is not in the model."""
@@ -144,10 +142,24 @@ class Workbench:
                 )
 
     def _term(self, effect: str, terms: Sequence[Term]) -> Term:
-        """With the choice of the last diagnosis, else the one that fits best beside `terms`."""
+        """With the choice of the last diagnosis, else the one that fits best beside `terms`.
+
+        What is chosen may be there more than once: one head's error, then another's.
+        """
         from rigctl.workbench.choices import best, diagnosed
 
-        return diagnosed(versions.last_diagnosis(self.store), effect) or best(self.study, terms, effect)
+        there = [term for term in terms if term.effect == effect]
+        found = diagnosed(versions.last_diagnosis(self.store), effect)
+        if not all(term.choice for term in there):
+            raise versions.there_already(effect)
+        if found is not None and found not in there:
+            return found
+        try:
+            return best(self.study, terms, effect)
+        except DataError:
+            if there:
+                raise versions.there_already(effect) from None
+            raise
 
     def _source_of(self, effect: str) -> PluginFile | None:
         return next((file for file, plugin in self._plugins.items() if effect in plugin.effects), None)

@@ -127,7 +127,8 @@ def _version(number: int, document: Document) -> ModelVersion:
 def extend(store: Store, term: Term, plugin: PluginFile | None = None) -> ModelVersion:
     """A new version with one more term, which `plugin` brought; `ConfigError` when it is there already."""
     last = current(store)
-    require_absent(last, [term.effect])
+    if term in last.terms:
+        raise there_already(term.effect)
     plugins = {**last.plugins, term.effect: plugin} if plugin else last.plugins
     return _keep(store, last, (*last.terms, term), plugins, added=term.effect)
 
@@ -168,11 +169,9 @@ def _keep(
     return current(store)
 
 
-def require_absent(version: ModelVersion, effects: Sequence[str]) -> None:
-    """`ConfigError` when one of `effects` is in the model, or named twice."""
-    for number, effect in enumerate(effects):
-        if effect in version.effects or effect in effects[:number]:
-            raise ConfigError(f"'{effect}' is in the model already; `rigctl model show` tells what is")
+def there_already(effect: str) -> ConfigError:
+    """What is in the model is not added again."""
+    return ConfigError(f"'{effect}' is in the model already; `rigctl model show` tells what is")
 
 
 def require_present(version: ModelVersion, effects: Sequence[str]) -> None:

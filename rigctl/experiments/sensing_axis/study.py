@@ -106,7 +106,7 @@ class SensingAxisStudy:
 
     def model(self, terms: Sequence[Term]) -> SensingAxisModel:
         """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
-        effects = self._chosen(terms)
+        effects = self.chosen(terms)
         runs = self._reduced(_lines_of(terms)).runs
         if not runs:
             raise DataError("no valid run could be reduced: there is nothing to fit")
@@ -179,7 +179,7 @@ class SensingAxisStudy:
         faceless = {head for run in runs for head in run.lasers_m if head not in run.faces}
         return {name: head for name, head in self._heads.items() if name not in faceless}
 
-    def _chosen(self, terms: Sequence[Term]) -> list[Effect]:
+    def chosen(self, terms: Sequence[Term]) -> list[Effect]:
         """The effects of terms in the order in which they act; several heads of one effect become one."""
         heads: dict[str, list[str]] = {}
         for term in terms:
