@@ -7,7 +7,7 @@ it. `Perturbation` adds what no catalogue has.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -124,18 +124,36 @@ def sample_world(
     Not `noisy` leaves out ground, meter and heads. `tweak` alters each mounting after it was levelled.
     """
     added = perturbation or Perturbation()
-    quiet = nature if noisy else without_noise(nature)
+    world = nature if noisy else without_noise(nature)
     found: list[SampledRun] = []
+    for seated, points in _mountings(world, design):
+        mounting = tweak(seated) if tweak else seated
+        for point, at_s in points:
+            run = _sample(world, mounting, point, len(found) + 1, at_s, added)
+            found.append(_read_out(run, world) if noisy else run)
+    return found
+
+
+def nulls_deg(nature: BenchSettings, design: Design) -> dict[tuple[str, str, int], float]:
+    """Nature's theta0 of each mounting: the turntable's true angle at which the sensor is square to the motion."""
+    found = {}
+    for mounting, _ in _mountings(nature, design):
+        x, y, _ = mounting.sensing_axis_table
+        found[mounting.key] = math.degrees(math.atan2(x, y))
+    return found
+
+
+def _mountings(nature: BenchSettings, design: Design) -> Iterator[tuple[Mounting, list[tuple[SetPoint, float]]]]:
+    """Each mounting, levelled, and its set-points with the time at which they are turned to."""
     at_s = design.start_s
     for (axis, configuration, number), points in design.points:
         at_s += REMOUNT_S
-        mounting = _mounted(quiet, axis, configuration, number, at_s)
-        mounting = tweak(mounting) if tweak else mounting
+        mounting = _mounted(nature, axis, configuration, number, at_s)
+        timed = []
         for point in points:
-            run = _sample(quiet, mounting, point, len(found) + 1, at_s, added)
-            found.append(run if not noisy else _read_out(run, quiet))
-            at_s = float(run.conditions["start_s"]) + point.duration_s + AFTER_S
-    return found
+            timed.append((point, at_s))
+            at_s += SETTLE_S + point.duration_s + AFTER_S
+        yield mounting, timed
 
 
 def without_noise(nature: BenchSettings) -> BenchSettings:

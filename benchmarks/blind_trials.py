@@ -1,14 +1,13 @@
 """Does the workbench find what is hidden? Blind trials by seed, scored against the targets.
 
-Each trial draws a nature with hidden effects, records a bundle, imports it, asks `diagnose`, and compares the answer with
-the truth. Scores are kept in a file of JSON lines, so that an interrupted study goes on where it was.
+Each trial draws a nature with hidden effects, records a bundle, imports it, asks `diagnose`, and compares the answer
+with the truth. Scores are kept in a file of JSON lines, so that an interrupted study goes on where it was.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import sys
 import tempfile
@@ -26,7 +25,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.blind_noise import SHAPES
-from benchmarks.blind_sampler import Design
+from benchmarks.blind_sampler import Design, nulls_deg
 from benchmarks.blind_world import KINDS, Foreign, Trial, Truth, draw, record, unit_sizes
 from rigctl.campaign.bundle import import_bundle
 from rigctl.errors import RigError
@@ -101,7 +100,7 @@ def _answered(found: Diagnosis) -> set[str]:
 
 
 def pulls(found: Diagnosis, drawn: Trial, fitted: Any) -> dict[str, Any]:
-    """(estimate - truth) / sigma of the parameters that were hidden and found, and of the gains."""
+    """(estimate - truth) / sigma of the parameters that were hidden and found, of the nulls and of the gains."""
     truth = drawn.truth
     named = {term.effect for term in found.suggested} & set(truth.effects)
     hidden = [
@@ -115,7 +114,13 @@ def pulls(found: Diagnosis, drawn: Trial, fitted: Any) -> dict[str, Any]:
         for name, each in fitted.parameters.items()
         if name.startswith("gain[") and each.sigma > 0.0
     ]
-    return {"pulls": [each for parts in hidden for each in parts], "gain_pulls": gains}
+    nulls = nulls_deg(drawn.nature, drawn.design)
+    theta0 = [
+        (fitted.parameters[name].value - value) / fitted.parameters[name].sigma
+        for (axis, configuration, number), value in nulls.items()
+        if (name := f"theta0[{axis},{configuration},{number}]") in fitted.parameters
+    ]
+    return {"pulls": [each for parts in hidden for each in parts], "theta0_pulls": theta0, "gain_pulls": gains}
 
 
 def _pull(parameters: Any, parameter: str, value: float) -> list[float]:
@@ -166,7 +171,7 @@ def report(rows: Sequence[dict[str, Any]], alpha: float) -> list[str]:
             f"  {question:13s} {sum(answers)}/{len(answers)} = {np.mean(answers):.3f} [{low:.3f}, {high:.3f}], "
             f"{bound} {target.rate:g}{'  MISSED' if beyond else ''}"
         )
-    for name in ("pulls", "gain_pulls"):
+    for name in ("pulls", "theta0_pulls", "gain_pulls"):
         values = np.array([value for row in rows for value in row.get(name, [])])
         if len(values) > 1:
             print(f"  {name:13s} mean {values.mean():+.2f}, rms {np.sqrt(np.mean(values**2)):.2f} of {len(values)}")

@@ -57,6 +57,10 @@ ABSORBED = ("bench-recoil", "yaw-lever", "laser-crosstalk", "time-skew")
 """Never drawn unless asked for: null, gain, mounting and (time-skew) the sensor's damping imitate them."""
 
 LINE = "mains-pickup"
+LINE_UNIT_V = 1e-6
+LINE_HZ = (20.0, 45.0)
+LINE_NOISE_V_RTHZ = 4e-6
+"""The meter's noise, and what far above its resonance the sensor lets through of the ground's."""
 
 
 def _friction(run: SampledRun) -> Any:
@@ -201,8 +205,7 @@ def unit_sizes(design: Design, cache: Path = Path("out/blind-sizes")) -> dict[st
     found = {name: measure.sigmas({name: unit}) for name, unit in UNITS.items()}
     found |= {name: measure.sigmas({}, unit) for name, unit in UNKNOWN.items()}
     runs = sum(len(points) for _, points in design.points)
-    ground_v_rthz = _nominal().ground.asd_m_s2_rthz * 60.0
-    found[LINE] = (1e-5 * math.sqrt(runs * design.dwell_s) / ground_v_rthz, 1.0)
+    found[LINE] = (LINE_UNIT_V * math.sqrt(runs * design.dwell_s) / LINE_NOISE_V_RTHZ, 1.0)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(found))
     return found
@@ -248,7 +251,7 @@ def _size(rng: np.random.Generator, sigma: float | tuple[float, float]) -> float
 
 def _scaled(name: str, scale: float, rng: np.random.Generator) -> dict[str, float]:
     if name == LINE:
-        return {"amplitude": 1e-5 * abs(scale), "frequency": float(rng.uniform(4.0, 45.0))}
+        return {"amplitude": LINE_UNIT_V * abs(scale), "frequency": float(rng.uniform(*LINE_HZ))}
     return {parameter: scale * unit for parameter, unit in UNITS[name].items()}
 
 
