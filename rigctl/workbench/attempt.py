@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from rigctl.errors import DataError, ProcedureError
 from rigctl.fitting.least_squares import FitResult, least_squares
 from rigctl.workbench.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.findings import Estimate
-from rigctl.workbench.generic import Best, Generic, main_columns
+from rigctl.workbench.generic import Best, Generic
 from rigctl.workbench.held_out import HeldOut
 from rigctl.workbench.noise import Noise, NoiseEstimator, stacked
 from rigctl.workbench.score import Projector, Score, corrected, trials
@@ -35,13 +35,23 @@ class Scored:
 
 
 class Attempt:
-    """One set of terms: see the module's first line. `seed` fixes the draws behind corrected p-values."""
+    """One set of terms: see the module's first line. `seed` fixes the draws behind corrected p-values,
+    `shapes` holds what attempts at the same observations share, `start` where to start from by parameter."""
 
-    def __init__(self, study: Study, terms: Sequence[Term], seed: int = 0) -> None:
+    def __init__(
+        self,
+        study: Study,
+        terms: Sequence[Term],
+        seed: int = 0,
+        shapes: dict[int, Generic] | None = None,
+        start: Mapping[str, float] | None = None,
+    ) -> None:
         self.study = study
         self.terms = tuple(terms)
         self.model: Model = study.model(self.terms)
         self._seed = seed
+        self._shapes = {} if shapes is None else shapes
+        self._start = dict(start or {})
         given = self.model.observations
         if not len(given.value):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
@@ -141,8 +151,11 @@ class Attempt:
 
     @cached_property
     def generic(self) -> Generic:
-        """The shapes without physics."""
-        return Generic(self.model.observations)
+        """The shapes without physics; the same for all attempts at the same observations."""
+        given = self.model.observations
+        if id(given) not in self._shapes:
+            self._shapes[id(given)] = Generic(given)
+        return self._shapes[id(given)]
 
     @cached_property
     def best_shape(self) -> Best | None:
@@ -180,14 +193,15 @@ class Attempt:
         own = [i for i, owner in enumerate(self.model.owners) if owner == effect]
         values = self.result.values[own]
         covariance = self.result.covariance[np.ix_(own, own)]
-        fall = float(np.dot(values, np.linalg.pinv(covariance) @ values))
-        return self.result.chi2 + fall
+        weighted = np.linalg.pinv(covariance) @ values
+        return self.result.chi2 + float(np.sum(values * weighted))
 
     def _fit(self) -> FitResult:
         model, noise, value = self.model, self.noise, self.model.observations.value
+        parameters = [replace(each, start=self._start.get(each.name, each.start)) for each in model.parameters]
         result = least_squares(
             lambda p: noise.whiten(value - model.predict(p)),
-            model.parameters,
+            parameters,
             jacobian=lambda p: -noise.whiten(model.jacobian(p)),
             max_iterations=MAX_ITERATIONS,
         )
@@ -195,7 +209,13 @@ class Attempt:
             raise ProcedureError(f"the fit is singular: {result.reason}")
         if not np.isfinite(result.values).all():
             raise ProcedureError(f"the runs do not determine the model: {result.reason}")
+        self._start = dict(zip(result.names, map(float, result.values), strict=True))
         return result
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Of the parameters by name."""
+        return dict(self._start)
 
     def _candidates(self) -> tuple[list[Candidate], list[NotTestable]]:
         found, refused = self.study.candidates(self.model, self.result.values)
@@ -209,4 +229,4 @@ class Attempt:
         for candidate in self.candidates:
             counts[candidate.term.effect] = counts.get(candidate.term.effect, 0) + 1
         few = [c.derivative for c in self.candidates if counts[c.term.effect] <= _SCANNED]
-        return NoiseEstimator(given, required, stacked([*few, main_columns(given)], len(given.value)))
+        return NoiseEstimator(given, required, stacked([*few, self.generic.main_columns()], len(given.value)))

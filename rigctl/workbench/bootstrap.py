@@ -6,14 +6,14 @@ what they say of the columns only: a draw costs some products of small matrices.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
-from rigctl.workbench.generic import main_columns
 from rigctl.workbench.noise import orthonormal
 from rigctl.workbench.score import ABSORBED, p_of
 from rigctl.workbench.study import FloatArray, IntArray
@@ -25,6 +25,7 @@ DRAWS = 300
 DEGREES = (40.0, 25.0, 16.0, 11.0, 8.0, 6.0, 5.0, 4.0, 3.0)
 SCALES = np.geomspace(1.0, 8.0, 13)
 _FEW = 50
+_CHOICES = 20
 _HIGH = 20.0
 """Where tails are compared: some four sigma."""
 
@@ -41,12 +42,32 @@ class Law:
         return float(p_of(statistic / self.scale, dimension, self.dof))
 
 
-@dataclass(frozen=True)
 class Bootstrap:
-    """Laws of the statistics that noise from the scatter has a part in; by effect, one for the plain shapes."""
+    """Laws of the statistics that noise from the scatter has a part in, from draws with nothing hidden.
 
-    effects: Mapping[str, Law]
-    shapes: Law
+    `effects` are statistics (draws, k) of each effect's candidates with their dimensions and degrees of freedom,
+    `shapes` (draws, k) those of plain shapes.
+    """
+
+    def __init__(
+        self, effects: Mapping[str, Sequence[tuple[FloatArray, int, float]]], shapes: FloatArray, dof: float
+    ) -> None:
+        self._effects = effects
+        self._shapes = shapes
+        self._dof = dof
+        self._laws: dict[str, Law] = {}
+
+    def law(self, effect: str) -> Law:
+        """Of an effect; of a scanned one the widest of its choices."""
+        if effect not in self._laws:
+            laws = [_law(drawn, dimension, dof) for drawn, dimension, dof in self._effects[effect]]
+            self._laws[effect] = max(laws, key=lambda law: law.p_value(_HIGH, 1))
+        return self._laws[effect]
+
+    @cached_property
+    def shapes(self) -> Law:
+        """Of all plain shapes together."""
+        return _law(self._shapes.ravel(), 1, self._dof)
 
 
 def bootstrap(attempt: Attempt, seed: int) -> Bootstrap:
@@ -54,7 +75,7 @@ def bootstrap(attempt: Attempt, seed: int) -> Bootstrap:
     rng = np.random.default_rng([seed, 3])
     given, noise, scatter = attempt.model.observations, attempt.noise, attempt.estimator.rows
     data = given.value.size
-    plain = main_columns(given)
+    plain = attempt.generic.main_columns()
     plain = plain[:, np.any(plain[scatter] != 0.0, axis=0)]
     tried = [*(candidate.derivative for candidate in attempt.candidates), *plain.T[:, :, None]]
     widths = np.array([columns.shape[1] for columns in tried], dtype=np.intp)
@@ -76,14 +97,12 @@ def bootstrap(attempt: Attempt, seed: int) -> Bootstrap:
             widths,
             left,
         )
-    effects: dict[str, Law] = {}
-    for number, candidate in enumerate(attempt.candidates):
-        law = _law(drawn[:, number], int(dimensions[number]), attempt.scores[number].dof)
-        held = effects.get(candidate.term.effect)
-        if held is None or law.p_value(_HIGH, 1) > held.p_value(_HIGH, 1):
-            effects[candidate.term.effect] = law
-    own = drawn[:, len(attempt.candidates) :]
-    return Bootstrap(effects, _law(own.ravel(), 1, float(np.min(noise.dof[scatter]))))
+    effects: dict[str, list[tuple[FloatArray, int, float]]] = {}
+    for number, (candidate, score) in enumerate(zip(attempt.candidates, attempt.scores, strict=True)):
+        own = effects.setdefault(candidate.term.effect, [])
+        if len(own) < _CHOICES:
+            own.append((drawn[:, number], int(dimensions[number]), score.dof))
+    return Bootstrap(effects, drawn[:, len(attempt.candidates) :], float(np.min(noise.dof[scatter])))
 
 
 def _law(drawn: FloatArray, dimension: int, dof: float) -> Law:
@@ -94,10 +113,16 @@ def _law(drawn: FloatArray, dimension: int, dof: float) -> Law:
     best, law = -np.inf, Law(1.0, dof)
     for nu in (dof, *(each for each in DEGREES if each < dof)):
         for scale in SCALES:
-            likelihood = float(np.sum(stats.f.logpdf(mean / scale, dimension, min(nu, 1e6)) - np.log(scale)))
+            likelihood = _log_f(mean / scale, dimension, min(nu, 1e6)) - len(mean) * float(np.log(scale))
             if likelihood > best:
                 best, law = likelihood, Law(float(scale), nu)
     return law
+
+
+def _log_f(x: FloatArray, d: int, nu: float) -> float:
+    """Log likelihood of the F distribution, but for what depends on d alone."""
+    constant = 0.5 * d * np.log(1.0 / nu) - special.betaln(0.5 * d, 0.5 * nu)
+    return float(len(x) * constant + np.sum((0.5 * d - 1.0) * np.log(x) - 0.5 * (d + nu) * np.log1p(d * x / nu)))
 
 
 def _statistics(

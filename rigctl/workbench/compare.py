@@ -11,6 +11,7 @@ from rigctl.workbench.findings import ChannelFit, Comparison, Outlier, Trend
 from rigctl.workbench.fit import chi2_p_value
 from rigctl.workbench.noise import orthonormal
 from rigctl.workbench.study import FloatArray, IntArray, Study, Term
+from rigctl.workbench.threads import one_thread
 
 WORST = 10
 BINS = 5
@@ -18,6 +19,7 @@ TRENDS = 20
 _FEW = 3
 
 
+@one_thread
 def compare(study: Study, terms: Sequence[Term], version: int = 1) -> Comparison:
     """Residuals of the fitted model against the noise, per series, run and covariate."""
     return compared(Attempt(study, terms), version)

@@ -13,6 +13,7 @@ from rigctl.workbench.fit import chi2_p_value
 from rigctl.workbench.score import ABSORBED, contained, likeness
 from rigctl.workbench.search import CATALOGUE_SHARE, Rival, Search, corrected_for
 from rigctl.workbench.study import Line, Study, Term
+from rigctl.workbench.threads import one_thread
 
 SAME = 0.99
 """Canonical correlation above which two effects are one class: these data cannot tell them apart."""
@@ -21,6 +22,7 @@ POWER = 0.95
 _SHARE = 0.3
 
 
+@one_thread
 def diagnose(
     study: Study,
     terms: Sequence[Term],

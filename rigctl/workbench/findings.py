@@ -105,7 +105,7 @@ class Rank:
     """One effect of the catalogue, as it stands beside the model the diagnosis ended with.
 
     `statistic` is the fall of chi-square it would bring (for one that was suggested: brings), `keep` the share of it
-    that no fitted parameter imitates, `detectable` by parameter the size these data would have revealed with power .95.
+    that no fitted parameter imitates, `detectable` by parameter the size these data would have revealed (power .95).
     """
 
     term: Term

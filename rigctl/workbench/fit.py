@@ -10,8 +10,10 @@ from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.findings import ModelFit
 from rigctl.workbench.score import p_of
 from rigctl.workbench.study import Study, Term
+from rigctl.workbench.threads import one_thread
 
 
+@one_thread
 def fit(study: Study, terms: Sequence[Term]) -> ModelFit:
     """Fit baseline and terms to all valid runs; `ProcedureError` when the runs do not determine them."""
     return fitted(Attempt(study, terms))

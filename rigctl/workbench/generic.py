@@ -6,19 +6,23 @@ catalogue explains what is left, the strongest shape describes it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rigctl.workbench.findings import Unexplained
 from rigctl.workbench.noise import Noise
-from rigctl.workbench.score import ABSORBED, DRAWS, Projector, p_of, smallest_p, trials_of
+from rigctl.workbench.score import ABSORBED, Projector, corrected, p_of, smallest_p, trials_of
 from rigctl.workbench.study import FloatArray, IntArray, Observations
 
 ANGLE_HARMONICS = 4
 POWERS = (-1, 0, 1, 2)
-_SIDEWAYS = 1e-3
+SHAPE_DRAWS = 1000
+_SIDEWAYS, _COPY = 1e-3, 0.999
 _MANY = 1 << 22
+_NO_SMALLER = 1e-12
+"""P-values below are no longer compared: evidence is."""
 
 
 @dataclass(frozen=True)
@@ -44,110 +48,86 @@ class Best:
     columns: FloatArray
 
 
-def main_columns(given: Observations) -> FloatArray:
-    """The shapes one at a time, products left out, for every series: what saturates a small pool; (n, k)."""
-    found = []
-    for number in range(len(given.series)):
-        rows = np.flatnonzero(given.series_of == number)
-        for shape in _shapes(given, number):
-            if (shape.harmonic > 0) + (shape.power != 0) + (shape.covariate != "") <= 1:
-                columns = np.zeros((len(given.value), 2 if shape.harmonic else 1))
-                columns[rows] = _columns(given, rows, shape)
-                found.append(columns)
-    return np.hstack(found) if found else np.zeros((len(given.value), 0))
-
-
 class Generic:
     """All shapes of a set of observations."""
 
     def __init__(self, given: Observations) -> None:
         self._given = given
-        self._rows = [np.flatnonzero(given.series_of == number) for number in range(len(given.series))]
-        self._parts = [
-            self._distinct(rows, _shapes(given, number)) for number, rows in enumerate(self._rows) if len(rows)
-        ]
+        self._parts = _series_shapes(given)
 
-    def _distinct(self, rows: IntArray, shapes: list[Shape]) -> tuple[IntArray, list[Shape], FloatArray, IntArray]:
-        """Rows, shapes, their columns (rows, k) at unit length, and how many columns each has."""
-        kept, columns, widths = [], [], []
-        for shape in shapes:
-            made = _orthogonal(_columns(self._given, rows, shape))
-            if made.shape[1]:
-                kept.append(shape)
-                columns.append(made)
-                widths.append(made.shape[1])
-        stack = np.hstack(columns) if columns else np.zeros((len(rows), 0))
-        return rows, kept, stack, np.array(widths, dtype=np.intp)
+    def main_columns(self) -> FloatArray:
+        """The shapes one at a time, products left out, for every series: what saturates a small pool; (n, k)."""
+        found = [np.zeros((len(self._given.value), 0))]
+        for rows, shapes, stack, second in self._parts:
+            for number, shape in enumerate(shapes):
+                if (shape.harmonic > 0) + (shape.power != 0) + (shape.covariate != "") <= 1:
+                    own = [number, *([second[number]] if second[number] >= 0 else [])]
+                    columns = np.zeros((len(self._given.value), len(own)))
+                    columns[rows] = stack[:, own]
+                    found.append(columns)
+        return np.hstack(found)
 
     def best(self, noise: Noise, projector: Projector, rng: np.random.Generator) -> Best | None:
         """The strongest shape in what is left; None without any that could be seen."""
-        parts = [self._scored(part, noise, projector) for part in self._parts]
-        scored = [each for each in parts if each is not None]
+        scored = [self._scored(part, noise, projector) for part in self._parts]
         if not scored:
             return None
         statistics = np.concatenate([each.statistic for each in scored])
-        widths = np.concatenate([each.dimension for each in scored])
-        dofs = np.concatenate([each.dof for each in scored])
-        p_values = p_of(statistics, widths, dofs)
-        n_eff = self._trials(scored, rng, projector)
-        order = np.argsort(0.5 * statistics - 0.5 * widths * np.log(projector.data))
-        top = int(order[-1]) if p_values.min() < 1e-12 else int(np.argmin(p_values))
-        part = 0
-        while top >= len(scored[part].shapes):
-            top -= len(scored[part].shapes)
-            part += 1
-        shape = scored[part].shapes[top]
+        dimensions = np.concatenate([each.dimension for each in scored])
+        p_values = p_of(statistics, dimensions, np.concatenate([each.dof for each in scored]))
+        n_eff = _trials(scored, rng, len(projector.left), projector.basis)
+        evidence = 0.5 * statistics - 0.5 * dimensions * np.log(projector.data)
+        top = int(np.argmax(np.where(p_values <= max(float(p_values.min()), _NO_SMALLER), evidence, -np.inf)))
+        p_value = float(p_values[top])
+        shape = [shape for _, shapes, _, _ in self._parts for shape in shapes][top]
+        return Best(
+            shape,
+            float(statistics[top]),
+            p_value,
+            corrected(p_value, n_eff),
+            n_eff,
+            int(dimensions[top]),
+            self._columns(shape),
+        )
+
+    def _columns(self, shape: Shape) -> FloatArray:
+        """Columns (n, 1 or 2) of one shape, the angle's cosine and sine as they are."""
+        rows = np.flatnonzero(self._given.series_of == shape.series)
         columns = np.zeros((len(self._given.value), 2 if shape.harmonic else 1))
-        columns[self._rows[shape.series]] = _columns(self._given, self._rows[shape.series], shape)
-        statistic = float(scored[part].statistic[top])
-        p_value = float(p_of(statistic, int(scored[part].dimension[top]), float(scored[part].dof[top])))
-        p_corrected = float(-np.expm1(n_eff * np.log1p(-min(p_value, 1.0 - 1e-16))))
-        return Best(shape, statistic, p_value, p_corrected, n_eff, int(scored[part].dimension[top]), columns)
+        columns[rows] = _plain(self._given, rows, shape)
+        return columns
 
-    def _scored(
-        self, part: tuple[IntArray, list[Shape], FloatArray, IntArray], noise: Noise, projector: Projector
-    ) -> _Scored | None:
-        rows, shapes, columns, widths = part
-        where, white = _whitened(noise, rows, columns)
-        size = np.linalg.norm(white, axis=0)
-        white = white / np.where(size > 0.0, size, 1.0)
+    def _scored(self, part: _Part, noise: Noise, projector: Projector) -> _Scored:
+        rows, _, stack, second = part
+        where, white = _whitened(noise, rows, stack)
         basis = projector.basis[where]
-        # |M g|^2 = |g|^2 - |B' g|^2: the projected columns themselves are never made.
-        shadow = basis.T @ white
-        along = white.T @ projector.left[where]
-        inverse, kept, dimension = [], [], []
-        first = 0
-        for number, width in enumerate(widths):
-            own = slice(first, first + width)
-            gram = white[:, own].T @ white[:, own] - shadow[:, own].T @ shadow[:, own]
-            values, vectors = np.linalg.eigh(gram)
-            seen = values > ABSORBED**2
-            if seen.any():
-                root = np.zeros((len(size), int(seen.sum())))
-                root[own] = vectors[:, seen] / np.sqrt(values[seen])
-                inverse.append(root)
-                kept.append(shapes[number])
-                dimension.append(int(seen.sum()))
-            first += width
-        if not kept:
-            return None
-        mixing = np.hstack(inverse)
-        dimensions = np.array(dimension, dtype=np.intp)
-        squares = (along @ mixing) ** 2
-        statistic = np.add.reduceat(squares, np.concatenate([[0], np.cumsum(dimensions)[:-1]]))
-        dof = float(np.median(noise.dof[rows])) if np.isfinite(noise.dof[rows]).any() else np.inf
-        return _Scored(kept, statistic, dimensions, np.full(len(kept), dof), where, white @ mixing, shadow @ mixing)
-
-    def _trials(self, scored: list[_Scored], rng: np.random.Generator, projector: Projector) -> float:
-        rows = len(projector.left)
-        draws = min(DRAWS, max(_MANY // rows, 200))
-        smallest = np.ones(draws)
-        noise = rng.standard_normal((draws, rows))
-        fitted = noise @ projector.basis
-        for each in scored:
-            projected = noise[:, each.where] @ each.columns - fitted @ each.shadow
-            smallest = np.minimum(smallest, smallest_p(projected**2, each.dimension))
-        return trials_of(smallest)
+        # Q is never made: on the rows of the series it is columns less B shadow, elsewhere B shadow alone.
+        first = np.arange(len(second))
+        columns, shadow = white[:, first], basis.T @ white[:, first]
+        columns, shadow, size = _unit(columns, shadow, np.linalg.norm(columns, axis=0))
+        along = projector.left[where] @ columns
+        statistic, dimension = along**2, (size > 0.0).astype(np.intp)
+        pairs = np.flatnonzero(second >= 0)
+        beside = white[:, second[pairs]]
+        beside_shadow = basis.T @ beside
+        length = np.linalg.norm(beside, axis=0)
+        overlap = np.sum(columns[:, pairs] * beside, axis=0) - np.sum(shadow[:, pairs] * beside_shadow, axis=0)
+        beside, beside_shadow, beside_size = _unit(
+            beside - columns[:, pairs] * overlap, beside_shadow - shadow[:, pairs] * overlap, length
+        )
+        statistic[pairs] += (projector.left[where] @ beside) ** 2
+        dimension[pairs] += beside_size > 0.0
+        known = noise.dof[rows][np.isfinite(noise.dof[rows])]
+        dof = float(np.median(known)) if known.size else np.inf
+        return _Scored(
+            statistic,
+            np.maximum(dimension, 1),
+            np.full(len(second), dof),
+            where,
+            np.hstack([columns, beside]),
+            np.hstack([shadow, beside_shadow]),
+            pairs,
+        )
 
     def describe(self, best: Best, noise: Noise, projector: Projector) -> Unexplained:
         """In words and numbers."""
@@ -185,34 +165,106 @@ class Generic:
 
 @dataclass(frozen=True)
 class _Scored:
-    """Shapes of one series: Q = columns on the rows `where`, less B shadow."""
+    """Shapes of one series: Q = columns less B shadow, the second columns of `pairs` after the first of all."""
 
-    shapes: list[Shape]
     statistic: FloatArray
     dimension: IntArray
     dof: FloatArray
     where: IntArray
     columns: FloatArray
     shadow: FloatArray
+    pairs: IntArray
 
 
-def _shapes(given: Observations, series: int) -> list[Shape]:
-    harmonics = range(ANGLE_HARMONICS + 1) if given.angle is not None else (0,)
-    powers = POWERS if given.frequency is not None else (0,)
-    fixed = {given.angle, given.frequency}
-    rows = np.unique(given.run_of[given.series_of == series])
-    covariates = [""]
-    for name, column in given.covariates.items():
-        own = column[rows]
-        if name in fixed or not np.isfinite(own).all() or np.ptp(own) <= 0.0:
+def _unit(columns: FloatArray, shadow: FloatArray, size: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Columns whose part outside B has unit length, their shadows, and that length; zero where B imitates them."""
+    free = np.sum(columns**2, axis=0) - np.sum(shadow**2, axis=0)
+    kept = free > (ABSORBED * size) ** 2
+    scale = np.where(kept, 1.0 / np.sqrt(np.where(kept, free, 1.0)), 0.0)
+    return columns * scale, shadow * scale, np.where(kept, np.sqrt(np.abs(free)), 0.0)
+
+
+def _trials(scored: Sequence[_Scored], rng: np.random.Generator, rows: int, basis: FloatArray) -> float:
+    """How many independent trials the shapes amount to."""
+    draws = min(SHAPE_DRAWS, max(_MANY // rows, 200))
+    smallest = np.ones(draws)
+    noise = rng.standard_normal((draws, rows))
+    fitted = noise @ basis
+    for each in scored:
+        squares = (noise[:, each.where] @ each.columns - fitted @ each.shadow) ** 2
+        count = len(each.statistic)
+        statistic = squares[:, :count]
+        statistic[:, each.pairs] += squares[:, count:]
+        smallest = np.minimum(smallest, smallest_p(statistic, each.dimension))
+    return trials_of(smallest)
+
+
+_Part = tuple[IntArray, list[Shape], FloatArray, IntArray]
+"""Rows of a series, its shapes, their columns at unit length, and where the second column of each is, or -1."""
+
+
+def _series_shapes(given: Observations) -> list[_Part]:
+    found = []
+    for number in range(len(given.series)):
+        rows = np.flatnonzero(given.series_of == number)
+        if len(rows):
+            found.append(_distinct(given, number, rows))
+    return found
+
+
+def _distinct(given: Observations, number: int, rows: IntArray) -> _Part:
+    shapes, columns, seconds = [], [], []
+    names, common = _common(given, rows)
+    for harmonic in range(ANGLE_HARMONICS + 1) if given.angle is not None else (0,):
+        first, second = common, np.zeros_like(common)
+        if harmonic and given.angle is not None:
+            angle = np.radians(harmonic * given.of_runs(given.angle)[rows])[:, None]
+            first, second = common * np.cos(angle), common * np.sin(angle)
+        columns.append(first)
+        seconds.append(second)
+        shapes += [Shape(number, harmonic, power, covariate) for power, covariate in names]
+    one, other = _normalised(np.hstack(columns)), _normalised(np.hstack(seconds))
+    other = other - one * np.sum(one * other, axis=0)
+    length = np.linalg.norm(other, axis=0)
+    paired = length > _SIDEWAYS
+    seen = np.any(one != 0.0, axis=0) | paired
+    one = np.where(np.any(one != 0.0, axis=0), one, other / np.where(paired, length, 1.0))
+    paired &= np.any(np.hstack(columns) != 0.0, axis=0)
+    where = np.full(len(shapes), -1, dtype=np.intp)
+    where[np.flatnonzero(paired & seen)] = int(seen.sum()) + np.arange(int((paired & seen).sum()))
+    stack = np.hstack([one[:, seen], (other / np.where(paired, length, 1.0))[:, paired & seen]])
+    return rows, [shape for shape, used in zip(shapes, seen, strict=True) if used], stack, where[seen]
+
+
+def _common(given: Observations, rows: IntArray) -> tuple[list[tuple[int, str]], FloatArray]:
+    """Powers of the frequency times covariates: what they are, and their columns (rows, k)."""
+    names, columns = [], []
+    covariates = _covariates(given, rows)
+    for power in POWERS if given.frequency is not None else (0,):
+        for covariate in covariates:
+            names.append((power, covariate))
+            columns.append(_plain(given, rows, Shape(0, 0, power, covariate))[:, 0])
+    return names, np.stack(columns, axis=1)
+
+
+def _covariates(given: Observations, rows: IntArray) -> list[str]:
+    """Those that vary and say something of their own, "" for none, and their squares."""
+    found = [""]
+    used = [given.of_runs(name)[rows] for name in (given.angle, given.frequency) if name is not None]
+    for name in given.covariates:
+        own = given.of_runs(name)[rows]
+        if name in (given.angle, given.frequency) or not np.isfinite(own).all() or np.ptp(own) <= 0.0:
             continue
-        covariates.append(name)
+        if any(np.ptp(each) > 0.0 and abs(np.corrcoef(own, each)[0, 1]) > _COPY for each in used):
+            continue
+        used.append(own)
+        found.append(name)
         if len(np.unique(own)) > 4:
-            covariates.append(f"{name}^2")
-    return [Shape(series, h, k, c) for h in harmonics for k in powers for c in covariates]
+            found.append(f"{name}^2")
+    return found
 
 
-def _columns(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
+def _plain(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
     """Columns of one shape over the rows of its series, shape (rows, 1 or 2)."""
     common = np.ones(len(rows))
     if shape.covariate:
@@ -229,19 +281,9 @@ def _columns(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
     return np.stack([common * np.cos(angle), common * np.sin(angle)], axis=1)
 
 
-def _orthogonal(columns: FloatArray) -> FloatArray:
-    """The columns without what is zero or a copy of the first."""
+def _normalised(columns: FloatArray) -> FloatArray:
     size = np.linalg.norm(columns, axis=0)
-    if not size[0] > 0.0:
-        columns, size = columns[:, 1:], size[1:]
-    if not len(size) or not size[0] > 0.0:
-        return columns[:, :0]
-    unit = columns / np.where(size > 0.0, size, 1.0)
-    if unit.shape[1] == 2:
-        second = unit[:, 1] - unit[:, 0] * (unit[:, 0] @ unit[:, 1])
-        length = np.linalg.norm(second)
-        return unit[:, :1] if length < _SIDEWAYS else np.stack([unit[:, 0], second / length], axis=1)
-    return np.asarray(unit)
+    return np.asarray(columns / np.where(size > 0.0, size, 1.0))
 
 
 def _whitened(noise: Noise, rows: IntArray, columns: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -169,14 +169,14 @@ class _Pool:
         found: list[tuple[IntArray, FloatArray]] = []
         for group in np.unique(self._group):
             members = np.flatnonzero(self._group == group)
-            mean = np.eye(len(members))
+            mean: FloatArray = np.eye(len(members), dtype=np.float64)
             strengths: dict[str, float] = {}
             for weight, each in correlations:
                 strengths[each.kernel] = strengths.get(each.kernel, 0.0) + weight * each.ratio
             for kernel, strength in strengths.items():
                 if kernel:
-                    mean += strength * self._kernel(kernel, members)
-            factor: FloatArray = np.linalg.cholesky(mean)
+                    mean = np.asarray(mean + strength * self._kernel(kernel, members), dtype=np.float64)
+            factor = np.asarray(np.linalg.cholesky(mean), dtype=np.float64)
             found.append((self.where[members], factor))
         return found
 

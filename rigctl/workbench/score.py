@@ -75,14 +75,6 @@ class Projector:
         dof = self.dof_of(basis)
         return Score(statistic, dimension, dof, float(p_of(statistic, dimension, dof)), keep, estimate, sigma, basis)
 
-    def score_lines(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(T, Q) of many one-column candidates at once: shapes (k,) and (n, k); zeros where absorbed."""
-        size = np.linalg.norm(columns, axis=0)
-        free = self.free(columns)
-        kept = np.linalg.norm(free, axis=0)
-        basis = np.where(kept > ABSORBED * size, free / np.where(kept > 0.0, kept, 1.0), 0.0)
-        return np.asarray((basis.T @ self.left) ** 2), np.asarray(basis)
-
     def dof_of(self, basis: FloatArray) -> float:
         """Degrees of freedom of the noise that a statistic on `basis` meets (Satterthwaite)."""
         share = np.sum(basis[: self.data] ** 2, axis=1)
@@ -113,14 +105,13 @@ def trials(bases: Sequence[FloatArray], rng: np.random.Generator) -> float:
     span = np.hstack(wide)
     frame = orthonormal(span, 1e-6) if span.shape[1] > 1 else span
     draws = rng.standard_normal((DRAWS, frame.shape[1])) @ (frame.T @ span)
-    return trials_of(smallest_p(draws**2, dimensions))
-
-
-def smallest_p(squares: FloatArray, dimensions: IntArray) -> FloatArray:
-    """Smallest p of each draw, from squared projections (draws, sum of dimensions) in the order of the trials."""
     first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
-    statistics = np.add.reduceat(squares, first, axis=1)
-    smallest = np.ones(len(squares))
+    return trials_of(smallest_p(np.add.reduceat(draws**2, first, axis=1), dimensions))
+
+
+def smallest_p(statistics: FloatArray, dimensions: IntArray) -> FloatArray:
+    """Smallest p of each draw, from statistics (draws, trials)."""
+    smallest = np.ones(len(statistics))
     for d in np.unique(dimensions):
         largest = statistics[:, dimensions == d].max(axis=1)
         smallest = np.minimum(smallest, stats.chi2.sf(largest, d))

@@ -10,7 +10,7 @@ import numpy as np
 
 from rigctl.errors import RigError
 from rigctl.workbench.attempt import Attempt, Scored
-from rigctl.workbench.generic import Best
+from rigctl.workbench.generic import Best, Generic
 from rigctl.workbench.held_out import HeldOut
 from rigctl.workbench.score import Projector, contained, corrected, p_of
 from rigctl.workbench.study import IntArray, Line, Study, Term
@@ -62,6 +62,8 @@ class Search:
         self._seed = seed
         self._progress = progress
         self._attempts: dict[str, Attempt] = {}
+        self._shapes: dict[int, Generic] = {}
+        self._values: dict[str, float] = {}
         self.given = tuple(terms)
         self.terms = self.given
         self.moves = [Move(self.given, None, ())]
@@ -72,7 +74,9 @@ class Search:
         """The model with these terms, fitted and scored once."""
         key = json.dumps(sorted(json.dumps(term.as_json(), sort_keys=True) for term in terms))
         if key not in self._attempts:
-            self._attempts[key] = Attempt(self.study, terms, self._seed)
+            made = Attempt(self.study, terms, self._seed, self._shapes, self._values)
+            self._attempts[key] = made
+            self._values |= made.values
         return self._attempts[key]
 
     @property
@@ -126,7 +130,7 @@ class Search:
         p_value, score = scored.score.p_value, scored.score
         if attempt.corrected(p_value) >= CONFIRM_FROM or not attempt.from_scatter(score.basis):
             return p_value
-        law = attempt.bootstrap.effects[scored.candidate.term.effect]
+        law = attempt.bootstrap.law(scored.candidate.term.effect)
         return max(p_value, law.p_value(score.statistic, score.dimension))
 
     def _refitted_cost(self, attempt: Attempt, scored: Scored) -> float:
