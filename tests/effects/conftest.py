@@ -41,13 +41,15 @@ class Setting:
 
 @dataclass(frozen=True)
 class Made:
-    """A recording, and the null of each mounting as nature has it."""
+    """A recording, and of each mounting null [deg] and rotation [rad] as nature has them, by parameter name."""
 
     recording: Recording
-    nulls_deg: dict[str, float]
+    truth: dict[str, float]
 
 
-def grid(angles: Sequence[float] = (-1.2, -0.4, 0.5, 1.3), frequencies: Sequence[float] = (0.3, 0.5, 0.6)) -> list[Setting]:
+def grid(
+    angles: Sequence[float] = (-1.2, -0.4, 0.5, 1.3), frequencies: Sequence[float] = (0.3, 0.5, 0.6)
+) -> list[Setting]:
     """Angles by frequencies in a scrambled order, reached from both sides."""
     settings = [
         Setting(theta, f, approach=1 - 2 * ((i + j) % 2))
@@ -58,7 +60,7 @@ def grid(angles: Sequence[float] = (-1.2, -0.4, 0.5, 1.3), frequencies: Sequence
     return [settings[i] for i in order]
 
 
-def world(quiet: float = 0.01, **changes: Any) -> BenchSettings:
+def world(quiet: float = 0.01, laser_noise_um: float = 5e-4, **changes: Any) -> BenchSettings:
     """The twin without its roll and resonance, and a hundredth of its noise."""
     twin = isa_twin(seed=3)
     sensors = {
@@ -67,7 +69,7 @@ def world(quiet: float = 0.01, **changes: Any) -> BenchSettings:
         )
         for name, sensor in twin.sensors.items()
     }
-    lasers = {name: head.model_copy(update={"noise_um": quiet * head.noise_um}) for name, head in twin.lasers.items()}
+    lasers = {name: head.model_copy(update={"noise_um": laser_noise_um}) for name, head in twin.lasers.items()}
     given = {
         **twin.model_dump(),
         "sensors": {name: sensor.model_dump() for name, sensor in sensors.items()},
@@ -93,7 +95,8 @@ def measured(
     def wait_until(at_s: float) -> None:
         clock.sleep_s(at_s - clock.now_s())
 
-    records, columns = [], {}
+    records: list[RunRecord] = []
+    columns: dict[str, dict[str, Any]] = {}
     for axis, configuration, mounting in mountings:
         wait_until(rotation.move_to(clock.now_s(), 0.0, 20.0, 80.0))
         wait_until(bench.remount(axis, configuration, mounting))
@@ -106,8 +109,9 @@ def measured(
             run_id = str(len(records) + 1)
             bench.announce_run(len(records) + 1)
             count = round(cycles / run.frequency_hz / period_s)
-            trigger.begin(clock.now_s() + 20.0, period_s, count)
-            wait_until(trigger.train.first_s + count * period_s)
+            first_s = clock.now_s() + 20.0
+            trigger.begin(first_s, period_s, count)
+            wait_until(first_s + count * period_s)
             edges = trigger.edges(-math.inf, math.inf)[-count:]
             middle = np.array([0.5 * (edges[0] + edges[-1])])
             faces = FACES[axis, configuration]
@@ -132,21 +136,35 @@ def measured(
             }
     lasers = {head: LaserInfo(tilt_deg=laser.tilt_deg) for head, laser in settings.lasers.items()}
     header = Header("sensing-axis", constants={"g_m_s2": G, "gain_v_per_m_s2": 100.0}, lasers=lasers)
-    nulls = {f"{m['axis']},{m['configuration']},{m['mounting']}": m["theta0_deg"] for m in bench.truth()["mountings"]}  # type: ignore[index, attr-defined]
-    return Made(Recording(header, records, columns, ImportReport(len(records))), nulls)
+    return Made(Recording(header, records, columns, ImportReport(len(records))), _truth(bench))
+
+
+def _truth(bench: AccelerometerBench) -> dict[str, float]:
+    found = {}
+    mountings: Any = bench.truth()["mountings"]
+    for each in mountings:
+        label = f"[{each['axis']},{each['configuration']},{each['mounting']}]"
+        found[f"theta0{label}"] = each["theta0_deg"]
+        found.update({f"delta_{c}{label}": value for c, value in zip("xyz", each["delta_rad"], strict=True)})
+    return found
+
+
+WIDE_DEG = (-140.0, -75.0, -20.0, -1.0, 1.2, 35.0, 90.0, 160.0)
 
 
 @pytest.fixture
 def measure() -> Callable[..., Made]:
-    """`measure(effects={...}, runs=..., mountings=..., **settings)`: a recording of a world with these effects."""
+    """`measure(effects, wide=False, runs=, mountings=, **settings)`: a recording of a world with these effects."""
 
     def made(
         effects: dict[str, dict[str, float]],
+        wide: bool = False,
         runs: Sequence[Setting] | None = None,
         mountings: Sequence[tuple[str, str, int]] = (("X", "flag", 1),),
         cycles: int = 6,
         **changes: Any,
     ) -> Made:
-        return measured(world(effects=effects, **changes), runs or grid(), mountings, cycles)
+        chosen = runs or (grid(WIDE_DEG, (0.3, 0.6)) if wide else grid())
+        return measured(world(effects=effects, **changes), chosen, mountings, cycles)
 
     return made

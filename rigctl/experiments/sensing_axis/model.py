@@ -102,12 +102,10 @@ class RecordingModel:
         )
 
     def at_head(self, head: str) -> Runs:
-        """The runs as an effect on a head's reading finds them with the package mounted perfectly."""
-        place = self._places[head]
+        """The runs as an effect on a head's reading finds them, as if the head read the motion itself: a perfectly
+        mounted package would hide from the side heads what they see of any other."""
         run = self.conditions
-        return self._seen(head, lab_from_cube_mount(run.theta, np.zeros(3)), run).at(
-            signal=run.x * place.outward[..., 0] / np.cos(place.tilt)
-        )
+        return self._seen(head, lab_from_cube_mount(run.theta, np.zeros(3)), run).at(signal=run.x)
 
     def predict(self, values: FloatArray, *, accel: bool = True, lasers: bool = True) -> Prediction:
         """Amplitudes of every channel of every run for parameter values of shape (parameters,).
