@@ -169,11 +169,8 @@ class Attempt:
     def evidence(self, scored: Scored) -> float:
         """Log evidence: T/2 less what dimensions and choices cost; ranks candidates of different kinds."""
         grid = sum(candidate.term.effect == scored.candidate.term.effect for candidate in self.candidates)
-        return (
-            0.5 * scored.score.statistic
-            - 0.5 * scored.score.dimension * np.log(len(self.result.residuals))
-            - float(np.log(grid))
-        )
+        price = 0.5 * scored.score.dimension * float(np.log(len(self.result.residuals)))
+        return 0.5 * scored.score.statistic - price - float(np.log(grid))
 
     @cached_property
     def held_out(self) -> HeldOut:
@@ -187,14 +184,6 @@ class Attempt:
             name: Estimate(float(value), float(sigma), unit)
             for name, value, sigma, unit in zip(self.names, self.result.values, sigmas, self.model.units, strict=True)
         }
-
-    def chi2_without(self, effect: str) -> float:
-        """Chi-square to first order when one term's parameters go back to zero and the rest is fitted again."""
-        own = [i for i, owner in enumerate(self.model.owners) if owner == effect]
-        values = self.result.values[own]
-        covariance = self.result.covariance[np.ix_(own, own)]
-        weighted = np.linalg.pinv(covariance) @ values
-        return self.result.chi2 + float(np.sum(values * weighted))
 
     def _fit(self) -> FitResult:
         model, noise, value = self.model, self.noise, self.model.observations.value
