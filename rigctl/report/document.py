@@ -77,6 +77,8 @@ def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell:
 
     The page is there whole or not at all. Raises `DataError` when it cannot be written.
     """
+    if out is not None and not out.parent.is_dir():
+        raise DataError(f"{out}: cannot be written: there is no directory {out.parent}; make it first")
     evidence = gather(bench, tell)
     written = write_plates(evidence.plates, evidence.left_out, figures) if figures else []
     if out is not None:

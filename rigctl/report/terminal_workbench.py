@@ -21,11 +21,15 @@ from rigctl.report.verdicts import (
     model_name,
     named,
     sizes,
+    transfer_sentence,
     verdict_sentence,
 )
 
 RANKS = 6
 """Ranks that are shown beside the significant ones."""
+
+APART_SIGMA = 3.0
+"""Parameters of two stores that are farther apart are shown."""
 
 _LEFT = {"channel", "component", "unit", "run", "covariate", "effect", "parameter", "added", "", "result"}
 
@@ -56,6 +60,20 @@ def print_comparison(found: Findings) -> None:
     _print_trends(found["trends"])
     for line in found["lines"]:
         _say(line_sentence(line))
+    if "with" in found:
+        print_transfer(found["with"])
+
+
+def print_transfer(found: Findings) -> None:
+    """Does what was fitted here hold there?"""
+    _say(transfer_sentence(found))
+    table = _table("Parameters that differ", "parameter", "here", "there", "sigma")
+    differing = {n: p for n, p in found["parameters"].items() if abs(p["sigmas_apart"] or 0.0) > APART_SIGMA}
+    for name, pair in differing.items():
+        here, there = (quantity(each["value"], each["sigma"], each["unit"]) for each in (pair["here"], pair["there"]))
+        _add(table, name, here, there, f"{pair['sigmas_apart']:+.1f}")
+    if differing:
+        _show(table)
 
 
 def fails(channel: Findings) -> bool:

@@ -9,6 +9,9 @@ from rigctl.report.quantities import counted, number, probability, quantity, sha
 
 Findings = Mapping[str, Any]
 
+HOLDS_WITHIN = 1.2
+"""A model that holds is hardly worse elsewhere than a fit made there."""
+
 ADEQUATE_P = 0.01
 """A chi-square with a smaller p speaks against the model."""
 
@@ -36,6 +39,16 @@ def comparison_sentence(found: Findings) -> str:
     if p is not None and p < ADEQUATE_P:
         return f"The model does not describe the data: {figures}."
     return f"The model describes the data within their noise: {figures}."
+
+
+def transfer_sentence(found: Findings) -> str:
+    """Does a model fitted to one store hold for another?"""
+    own, transferred = found["error_own"], found["error_transferred"]
+    holds = "holds" if transferred <= HOLDS_WITHIN * max(own, 1.0) else "does not hold"
+    return (
+        f"What was fitted here {holds} for {found['store']}: error {number(transferred)} there, "
+        f"{number(own)} with a fit of its own (1.00 = noise)."
+    )
 
 
 def verdict_sentence(found: Findings) -> str:

@@ -1,0 +1,139 @@
+"""What was found, in sentences and numbers."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from rigctl.report.quantities import probability, quantity
+from rigctl.report.terminal_workbench import print_comparison, print_diagnosis, print_history
+from rigctl.report.verdicts import advice, comparison_sentence, inseparable_sentences, named, verdict_sentence
+
+
+def rank(effect: str, *, p: float = 1e-9, same: tuple[str, ...] = (), **choice: Any) -> dict[str, Any]:
+    return {
+        "effect": effect,
+        "choice": choice,
+        "p_value": p,
+        "p_value_corrected": p,
+        "parameters": {"rho1": {"value": 9.7123e-5, "sigma": 1.2e-6, "unit": "rad/m"}},
+        "held_out_error_ratio": 0.25,
+        "equivalent_to": list(same),
+        "chi2_fall": 81.0,
+    }
+
+
+def diagnosis(verdict: str, *ranks: dict[str, Any], suggested: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:
+    return {
+        "verdict": verdict,
+        "alpha": 0.01,
+        "suggested": list(suggested),
+        "ranking": list(ranks),
+        "inseparable": [],
+        "unexplained": None,
+        "not_testable": {},
+        **more,
+    }
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "unit", "text"),
+    [
+        (9.7123e-5, 1.2e-6, "rad/m", "(9.71 +- 0.12)e-05 rad/m"),
+        (12.3456, 0.0123, "V", "12.346 +- 0.012 V"),
+        (-123456.0, 1200.0, "", "-123456 +- 1200"),
+        (0.0, 0.5, "K", "0.00 +- 0.50 K"),
+        (1e-9, 3e-8, "m", "(0.1 +- 3.0)e-08 m"),
+        (0.99999, 0.0, "1", "0.99999"),
+        (1.0, None, "s", "1 s"),
+        (math.nan, 1.0, "s", "not determined"),
+        (0.0, math.inf, "s", "not determined"),
+        (None, None, "s", "not determined"),
+    ],
+)
+def test_a_quantity_has_as_many_digits_as_it_deserves(value: Any, sigma: Any, unit: str, text: str) -> None:
+    assert quantity(value, sigma, unit) == text
+
+
+def test_probabilities_too_small_to_matter_are_powers_of_ten() -> None:
+    assert [probability(p) for p in (0.5, 0.012, 3e-9, 0.0, None)] == ["0.5", "0.012", "3.0e-09", "<1e-300", "-"]
+
+
+def test_each_verdict_is_a_sentence_and_a_command() -> None:
+    adequate = diagnosis("adequate")
+    assert "adequate" in verdict_sentence(adequate)
+    assert "1 %" in verdict_sentence(adequate)
+    assert advice(adequate, "x") == "rigctl result x"
+    one = diagnosis("effect", rank("roll-gravity"), suggested=("roll-gravity",))
+    assert verdict_sentence(one) == "An effect is missing: roll-gravity."
+    both = diagnosis("effect", rank("a"), rank("b"), suggested=("a", "b"))
+    assert verdict_sentence(both) == "2 effects are missing: a, b."
+    assert advice(both, "x") == "rigctl model add x a b"
+    either = diagnosis("ambiguous", rank("a", same=("c", "b")), rank("b"), suggested=("a", "b"))
+    assert "equally: a (or c) or b." in verdict_sentence(either)
+    assert advice(either, "x") == "rigctl model add x a"
+    left = {"channel": "accel_v", "component": "DC", "description": "a step with humidity.", "p_value": 1e-6}
+    unknown = diagnosis("unknown", rank("a"), suggested=("a",), unexplained=left)
+    assert verdict_sentence(unknown).startswith("Something remains that none of the known effects explains: a step")
+    assert "a, and it does not suffice" in verdict_sentence(unknown)
+    assert advice(diagnosis("unknown", unexplained=left), "x") == "rigctl compare x"
+
+
+def test_a_choice_is_told_with_its_effect() -> None:
+    assert named("laser-cosine", {"head": "laser_2_mm"}) == "laser-cosine (head laser_2_mm)"
+    assert named("mains-pickup", {"frequency_hz": 49.987654}) == "mains-pickup (frequency_hz 49.988)"
+
+
+def test_what_cannot_be_told_apart_is_told_once_for_each_effect() -> None:
+    pairs = [
+        {"effect": "bench-recoil", "from": "baseline:theta0", "shift": "moves theta0 by 2 arcsec"},
+        {"effect": "bench-recoil", "from": "yaw", "shift": ""},
+    ]
+    (told,) = inseparable_sentences(pairs)
+    assert told == "bench-recoil cannot be told from the baseline's theta0 (moves theta0 by 2 arcsec), yaw"
+
+
+def test_a_comparison_without_degrees_of_freedom_says_nothing_of_the_model() -> None:
+    assert "nothing can be said" in comparison_sentence({"p_value": math.nan, "chi2_per_dof": math.nan, "dof": 0})
+
+
+def test_names_with_brackets_survive_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    left = {"channel": "accel_v", "component": "DC", "description": "a step [red]", "p_value": 1e-6}
+    ranks = [rank("power2[bold]"), *(rank(f"linear[c{i}]", p=1.0) for i in range(12))]
+    found = diagnosis(
+        "unknown", *ranks, suggested=("power2[bold]",), unexplained=left, not_testable={"inverse[x]": "x is zero"}
+    )
+    print_diagnosis(found, "store[1]")
+    told = capsys.readouterr().out
+    for text in ("power2[bold]", "(9.71 +- 0.12)e-05 rad/m", "a step [red]", "inverse[x]: x is zero", "store[1]"):
+        assert text in told
+    assert "7 more" in told
+    assert max(map(len, told.splitlines())) <= 80
+
+
+def test_a_channel_that_fits_is_not_marked(capsys: pytest.CaptureFixture[str]) -> None:
+    channel = {"channel": "accel_v", "rms": 1.0, "noise": 1.0, "unit": "V", "data": 40}
+    found = {
+        "model": {"version": 3, "effects": ["roll-gravity"]},
+        "chi2_per_dof": 2.0,
+        "dof": 70,
+        "p_value": 1e-5,
+        "channels": [{**channel, "component": "DC", "chi2": 41.0}, {**channel, "component": "nu", "chi2": 120.0}],
+        "worst": [{"run_id": "7", "channel": "accel_v", "component": "nu", "sigma": -6.2}],
+        "trends": [],
+        "lines": [{"channel": "accel_v", "frequency_hz": 49.99, "amplitude": 1e-3, "sigma": 1e-5, "unit": "V"}],
+    }
+    print_comparison(found)
+    told = capsys.readouterr().out
+    assert [line.count("FAILS") for line in told.splitlines() if "accel_v │" in line][:2] == [0, 1]
+    assert "follow no covariate" in told
+    assert "49.99 Hz" in told
+    assert "Model version 3: baseline + roll-gravity" in told
+
+
+def test_a_version_without_numbers_says_why(capsys: pytest.CaptureFixture[str]) -> None:
+    rung = {"version": 1, "effects": [], "added": None, "removed": None, "chi2_per_dof": None}
+    print_history([{**rung, "error_fit": None, "error_held_out": None, "note": "its file is gone"}])
+    assert "version 1: not fitted: its file is gone" in capsys.readouterr().out
