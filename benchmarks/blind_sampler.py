@@ -29,7 +29,7 @@ from simulators.worlds.rotations import Configuration, about_z, nominal_table_fr
 from simulators.worlds.sensor import Electronics
 from simulators.worlds.specific_force import vertical_lab
 from simulators.worlds.stages import Stages
-from simulators.worlds.temperature import temperature_c
+from simulators.worlds.temperature import Room
 
 FloatArray = NDArray[np.float64]
 
@@ -166,7 +166,7 @@ def without_noise(nature: BenchSettings) -> BenchSettings:
 def _mounted(nature: BenchSettings, axis: str, configuration: str, number: int, at_s: float) -> Mounting:
     known: Configuration = "pendulum" if configuration == "pendulum" else "flag"
     seated = mountings.mount(nature, axis, known, number)
-    wanted_m_s2 = Electronics(nature, seated).felt_m_s2(seated.level_v, at_s)
+    wanted_m_s2 = Electronics(nature, seated, Room(nature.temperature)).felt_m_s2(seated.level_v, at_s)
     angle_rad = float(Stages(nature, MotionAxis(), MotionAxis()).angle_rad(np.array([at_s]))[0])
     vertical = about_z(-angle_rad) @ vertical_lab(nature)
     return mountings.levelled(seated, vertical, wanted_m_s2 / nature.g_m_s2)
@@ -182,8 +182,9 @@ def _sample(
     linear.oscillate(at_s + 1.0, point.frequency_hz, (point.amplitude_mm,), math.inf)
     first_s = at_s + SETTLE_S
     train = Train(first_s, 1.0 / point.sample_rate_hz, point.samples)
+    room = Room(nature.temperature)
     key = (nature.seed, *mounting.key, number, "train", 0)
-    bench = BenchTrain(nature, Stages(nature, rotation, linear), mounting, train, key)
+    bench = BenchTrain(nature, Stages(nature, rotation, linear), room, mounting, train, key)
     # From the train's own grid, so that no time falls between two of its steps.
     t_s = train.period_s * np.arange(train.count, dtype=np.float64)
     columns = {"t_s": t_s, "stage_x_mm": linear.sample(first_s + t_s)[0]}
@@ -198,7 +199,7 @@ def _sample(
         "approach": point.approach,
         "frequency_hz": point.frequency_hz,
         "amplitude_mm": point.amplitude_mm,
-        "temperature_c": float(np.round(temperature_c(nature.temperature, first_s + t_s).mean(), 3)),
+        "temperature_c": float(np.round(room.temperature_c(first_s + t_s).mean(), 3)),
         "start_s": first_s,
     }
     conditions |= {name: draw(number) for name, draw in added.columns.items()}

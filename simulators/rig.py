@@ -93,20 +93,23 @@ class SimulatedRig:
     def operate(self, action: Mapping[str, Any]) -> float:
         """Do what an operator's hands do; returns the rig time at which it is done.
 
-        `{"remount": {"axis", "configuration", "mounting"}}`, `{"level": true}` or `{"run": n}`, else `ValueError`.
+        `{"remount": {"axis", "configuration", "mounting"}}`, `{"level": true}`, `{"room": {"temperature_c"}}` or
+        `{"run": n}`, else `ValueError`.
         """
         match dict(action):
             case {"remount": {"axis": str(axis), "configuration": str(configuration), "mounting": int(number)}}:
                 return self.world.remount(axis, configuration, number)
             case {"level": True}:
                 return self.world.level()
+            case {"room": {"temperature_c": int() | float() as temperature_c}}:
+                return self.world.bring_room_to(temperature_c)
             case {"run": int(number)}:
                 self.world.announce_run(number)
                 for index, meter in enumerate(self._meters):
                     meter.key_noise(self.nature.seed, index, number)
                 return self.clock.now_s()
             case _:
-                raise ValueError(f"no such action: {dict(action)}; there are remount, level and run")
+                raise ValueError(f"no such action: {dict(action)}; there are remount, level, room and run")
 
     def request(self, action: dict[str, Any]) -> dict[str, Any]:
         """`operate`, and wait until it is done: the operator's hands in this process."""

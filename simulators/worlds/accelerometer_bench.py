@@ -21,7 +21,7 @@ from simulators.worlds.rotations import Configuration, about_z
 from simulators.worlds.sensor import Electronics, bias_v
 from simulators.worlds.specific_force import vertical_lab
 from simulators.worlds.stages import Stages
-from simulators.worlds.temperature import temperature_c
+from simulators.worlds.temperature import Room
 
 FloatArray = NDArray[np.float64]
 
@@ -48,6 +48,7 @@ class AccelerometerBench:
         self._clock = clock
         self._trigger = trigger
         self._stages = Stages(settings, rotation, linear)
+        self._room = Room(settings.temperature)
         self._mounting: Mounting | None = None
         self._mounted: dict[tuple[str, str, int], Mounting] = {}
         self._run = 0
@@ -76,11 +77,17 @@ class AccelerometerBench:
         if self._mounting is None:
             raise ValueError("nothing to level: mount the package first")
         done_s = self._clock.now_s() + self._settings.level_s
-        wanted_m_s2 = Electronics(self._settings, self._mounting).felt_m_s2(self._mounting.level_v, done_s)
+        wanted_m_s2 = Electronics(self._settings, self._mounting, self._room).felt_m_s2(
+            self._mounting.level_v, done_s
+        )
         angle_rad = float(self._stages.angle_rad(np.array([done_s]))[0])
         vertical_table = about_z(-angle_rad) @ vertical_lab(self._settings)
         self._put(mountings.levelled(self._mounting, vertical_table, wanted_m_s2 / self._settings.g_m_s2))
         return done_s
+
+    def bring_room_to(self, temperature_c: float) -> float:
+        """Set the air conditioning [degC]; returns when room and bench have followed."""
+        return self._room.bring_to(temperature_c, self._clock.now_s())
 
     def announce_run(self, number: int) -> None:
         """The next trains belong to this run."""
@@ -104,7 +111,7 @@ class AccelerometerBench:
 
     def temperature_c(self, times_s: FloatArray) -> FloatArray:
         """The temperature of the bench [degC]."""
-        return temperature_c(self._settings.temperature, np.asarray(times_s, dtype=np.float64))
+        return self._room.temperature_c(np.asarray(times_s, dtype=np.float64))
 
     def truth(self) -> dict[str, object]:
         """Everything nature has drawn so far, as plain values."""
@@ -142,7 +149,10 @@ class AccelerometerBench:
         for at_s in np.unique(times_s[left]):
             key = self._key(self._mounting, "single", round(1e6 * at_s))
             single = Train(float(at_s), _SINGLE_PERIOD_S, 1)
-            yield BenchTrain(self._settings, self._stages, self._mounting, single, key), left & (times_s == at_s)
+            yield (
+                BenchTrain(self._settings, self._stages, self._room, self._mounting, single, key),
+                left & (times_s == at_s),
+            )
 
     def _note_train(self) -> None:
         train = self._trigger.train
@@ -151,7 +161,7 @@ class AccelerometerBench:
         self._noted = train
         if self._mounting is not None:
             key = self._key(self._mounting, "train", self._trains_of_run)
-            self._trains.append(BenchTrain(self._settings, self._stages, self._mounting, train, key))
+            self._trains.append(BenchTrain(self._settings, self._stages, self._room, self._mounting, train, key))
         self._trains_of_run += 1
 
     def _key(self, mounting: Mounting, kind: str, number: int) -> tuple[int | str, ...]:

@@ -73,11 +73,12 @@ class GroundNoiseSettings(_Settings):
 
 
 class TemperatureSettings(_Settings):
-    """mean + daily_k sin(2 pi t / day) + drift_k_per_day t, t the rig time."""
+    """mean + daily_k sin(2 pi t / day) + drift_k_per_day t, t the rig time; in `room_s` it follows the operator."""
 
     mean_c: float = 20.0
     daily_k: float = 0.3
     drift_k_per_day: float = 0.1
+    room_s: float = Field(default=3600.0, ge=0.0)
 
 
 class AngleSettings(_Settings):

@@ -14,6 +14,7 @@ from simulators.worlds.laser_head import LaserHead
 from simulators.worlds.mounting import Mounting
 from simulators.worlds.sensor import SensorRecord
 from simulators.worlds.stages import Stages
+from simulators.worlds.temperature import Room
 
 FloatArray = NDArray[np.float64]
 
@@ -27,12 +28,14 @@ class BenchTrain:
         self,
         settings: BenchSettings,
         stages: Stages,
+        room: Room,
         mounting: Mounting,
         train: Train,
         key: tuple[int | str, ...],
     ) -> None:
         self._settings = settings
         self._stages = stages
+        self._room = room
         self._mounting = mounting
         self._train = train
         self._key = key
@@ -43,7 +46,13 @@ class BenchTrain:
     def sensor(self) -> SensorRecord:
         """The sensor's output along the train."""
         return SensorRecord(
-            self._settings, self._stages, self._mounting, self._train.first_s, self._train.period_s, self._key
+            self._settings,
+            self._stages,
+            self._room,
+            self._mounting,
+            self._train.first_s,
+            self._train.period_s,
+            self._key,
         )
 
     def covers(self, times_s: FloatArray) -> NDArray[np.bool_]:

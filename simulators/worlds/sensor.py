@@ -14,7 +14,7 @@ from simulators.worlds.mounting import Mounting
 from simulators.worlds.resonator import response
 from simulators.worlds.specific_force import SpecificForce
 from simulators.worlds.stages import Stages
-from simulators.worlds.temperature import temperature_c
+from simulators.worlds.temperature import Room
 
 FloatArray = NDArray[np.float64]
 
@@ -29,9 +29,9 @@ _SETTLE_RING_DOWNS = 16.0
 class Electronics:
     """Gain, bias and their drifts: volts of a settled force."""
 
-    def __init__(self, settings: BenchSettings, mounting: Mounting) -> None:
+    def __init__(self, settings: BenchSettings, mounting: Mounting, room: Room) -> None:
         axis = mounting.axis
-        self._temperature = settings.temperature
+        self._room = room
         self._gain = settings.sensors[axis].response(mounting.configuration).gain_v_per_m_s2
         self._bias_v = bias_v(settings, axis)
         self._gain_per_k = settings.size("thermal-gain", "kT", axis)
@@ -50,7 +50,7 @@ class Electronics:
         return float((volts - bias[0]) / gain[0])
 
     def _gain_and_bias(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        warmer_k = temperature_c(self._temperature, times_s) - self._temperature.mean_c
+        warmer_k = self._room.warmer_k(times_s)
         return (
             self._gain * (1.0 + self._gain_per_k * warmer_k) * (1.0 + self._gain_rate * times_s),
             self._bias_v + self._bias_v_per_k * warmer_k + self._bias_rate_v_s * times_s,
@@ -75,13 +75,14 @@ class SensorRecord:
         self,
         settings: BenchSettings,
         stages: Stages,
+        room: Room,
         mounting: Mounting,
         first_s: float,
         period_s: float,
         key: tuple[int | str, ...],
     ) -> None:
         self._force = SpecificForce(settings, stages, mounting)
-        self._electronics = Electronics(settings, mounting)
+        self._electronics = Electronics(settings, mounting, room)
         self._range_v = settings.range_v
         self._first_s = first_s
         self._skew_s = settings.size("time-skew", "tau")

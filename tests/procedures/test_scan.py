@@ -164,3 +164,21 @@ def _toml(procedure: dict[str, Any], effects: str = "[]") -> str:
     ]
     head = 'experiment = "sensing-axis"\nrig = "rig.toml"\n\n[procedure]\n'
     return head + "\n".join([*lines, *listed]) + f"\n[model]\neffects = {effects}\n"
+
+
+def test_the_room_is_brought_to_each_temperature_once_and_the_sensor_feels_it(make_twin: Callable[..., Any]) -> None:
+    twin = make_twin(seed=24, effects={"thermal-gain": {"kT": 1e-2}})
+    runs = tuple(
+        {"angle_deg": 20.0, "frequency_hz": 0.6, "temperature_c": celsius} for celsius in (22.0, 26.0, 22.0, 26.0)
+    )
+    asked: list[float] = []
+    bring = twin.session.operator.bring_room_to
+    twin.session.operator.bring_room_to = lambda celsius: (asked.append(celsius), bring(celsius))[1]
+    sensing_axes.run(twin.session, twin.bench, plan(angles_deg=(), runs=runs))
+    assert asked == [22.0, 26.0]
+    found = [
+        (run.conditions["temperature_c"], twin.store.samples(run.run_id)["accel_v"]) for run in twin.store.runs()
+    ]
+    assert [celsius for celsius, _ in found] == pytest.approx([22.0, 22.0, 26.0, 26.0], abs=0.05)
+    cool, warm = (float(np.std(found[i][1])) for i in (0, 2))
+    assert warm / cool == pytest.approx((1 + 1e-2 * 6.0) / (1 + 1e-2 * 2.0), rel=2e-3)
