@@ -7,15 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.errors import ProcedureError
+from rigctl.experiments.table.descent import descend
 from rigctl.experiments.table.pieces import Piece
 from rigctl.experiments.table.readings import Readings
-from rigctl.fitting.least_squares import FitResult, Parameter, least_squares
+from rigctl.fitting.least_squares import FitResult, Parameter
 from rigctl.interfaces import FloatArray
 from rigctl.workbench.study import Observations, Term
-
-
-_ITERATIONS = 200
 
 
 @dataclass(frozen=True)
@@ -91,13 +88,8 @@ class TableModel:
 def fitted(model: TableModel) -> FitResult | None:
     """The model fitted with the readings' own weights; None when its start is undefined or the fit is singular."""
     given = model.observations
-    try:
-        found = least_squares(
-            lambda values: (given.value - model.predict(values)) / given.sigma,
-            model.parameters,
-            jacobian=lambda values: -model.jacobian(values) / given.sigma[:, None],
-            max_iterations=_ITERATIONS,
-        )
-    except (ProcedureError, np.linalg.LinAlgError):
-        return None
-    return found if found.verdict in {"converged", "not-converged"} else None
+    return descend(
+        lambda values: (given.value - model.predict(values)) / given.sigma,
+        lambda values: -model.jacobian(values) / given.sigma[:, None],
+        model.parameters,
+    )

@@ -7,18 +7,20 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from rigctl.errors import DataError, ProcedureError
+from rigctl.errors import DataError
+from rigctl.experiments.table.descent import descend
 from rigctl.experiments.table.expression import refuse_undefined
 from rigctl.experiments.table.readings import Readings
 from rigctl.experiments.table.scanned import Scanned, Step
-from rigctl.fitting.least_squares import FitResult, Parameter, least_squares
+from rigctl.fitting.least_squares import FitResult, Parameter
 from rigctl.interfaces import FloatArray
 
 POINTS_MAX = 1500
 """The longest grid of a scan."""
 
-_DRAWS, _TRIED, _ITERATIONS = 400, 8, 200
+_DRAWS, _TRIED = 400, 8
 _RANK = 1e-13
+_HUGE = 1e100
 
 
 def solve(design: FloatArray, target: FloatArray) -> FloatArray:
@@ -99,8 +101,8 @@ def _array(readings: Readings, values: Mapping[str, float]) -> FloatArray:
 
 
 def _misfit(readings: Readings, values: FloatArray) -> float:
-    left = _residuals(readings, values)
     with np.errstate(all="ignore"):
+        left = _residuals(readings, values)
         return float(left @ left)
 
 
@@ -118,7 +120,8 @@ def _linear_part(readings: Readings, curved: Mapping[str, float]) -> FloatArray:
     value, slopes = expression.evaluate(readings.numbers, origin)
     which = [expression.parameters.index(name) for name in linear]
     design, target = slopes[:, which], readings.response.values - value
-    if not (np.isfinite(design).all() and np.isfinite(target).all()):
+    # NaN compares as false: what is undefined is no better than what is beyond all bounds.
+    if not (np.abs(design) < _HUGE).all() or not (np.abs(target) < _HUGE).all():
         if not curved:
             refuse_undefined(expression, readings.numbers, {}, readings.labels)
         return np.full(len(expression.parameters), np.nan)
@@ -135,16 +138,7 @@ def _fitted(readings: Readings, start: FloatArray) -> FitResult | None:
         return np.asarray(-expression.evaluate(readings.numbers, given)[1] / readings.sigma[:, None])
 
     parameters = [Parameter(name, float(x)) for name, x in zip(expression.parameters, start, strict=True)]
-    try:
-        found = least_squares(
-            lambda values: _residuals(readings, values),
-            parameters,
-            jacobian=jacobian,
-            max_iterations=_ITERATIONS,
-        )
-    except (ProcedureError, np.linalg.LinAlgError):
-        return None
-    return found if found.verdict in {"converged", "not-converged"} else None
+    return descend(lambda values: _residuals(readings, values), jacobian, parameters)
 
 
 def _searched(readings: Readings, missing: list[str]) -> FloatArray:

@@ -22,7 +22,7 @@ from rigctl.interfaces import FloatArray
 from rigctl.workbench.study import Candidate, Line, Model, NoisePool, NotTestable, Observations, Series, Term
 
 _ROUNDING = 1e-13
-_RESTARTS = 16
+_RESTARTS = 8
 _GRID_POINTS, _GRID_LEAST = 1500, 100
 
 
