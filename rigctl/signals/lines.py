@@ -26,7 +26,7 @@ MAX_BINS = 2**17
 _OVERSAMPLING = 2.0
 _MASKED_HARMONICS = 12
 _CLEAR_BINS = 1.5
-_LEVEL_CELLS = 31
+_LEVEL_CELLS, _FEWEST_CELLS = 101, 31
 _FIRST_BIN = 8
 _NEIGHBOURS, _SHOULDER = (6, 24), 2
 _TRIMMED = 0.125
@@ -34,9 +34,9 @@ _TRIMMED = 0.125
 _BULGE = 2.0
 # No bump of the ground's noise is narrower than a thirtieth of its frequency: below, the neighbours may miss it.
 _NARROWEST_BUMP = 1.0 / 30.0
-_CONTRADICTED = 1e-3
+_CONTRADICTED = 1e-4
 # Of the logarithm of a run's power, from its own noise level being an estimate.
-_LEVEL_VARIANCE = 0.04
+_LEVEL_VARIANCE = 0.02
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def scanned(basis: HarmonicBasis, residuals: FloatArray, noise: Spectrum) -> Sca
 
     None for a run without a uniform time grid or without noise.
     """
-    if not basis.uniform or noise.psd.size < _LEVEL_CELLS or not np.median(noise.psd) > 0.0:
+    if not basis.uniform or noise.psd.size < _FEWEST_CELLS or not np.median(noise.psd) > 0.0:
         return None
     step_hz = 2.0 ** np.floor(np.log2(1.0 / (_OVERSAMPLING * basis.duration_s)))
     length = max(basis.grid_length, round(1.0 / (step_hz * basis.sample_period_s)))
@@ -228,7 +228,7 @@ class _Test:
         squares = (weight**2 / np.maximum(runs, 1.0)).sum(axis=0) + np.finfo(float).tiny
         self.to_amplitude = total / squares
         self.squares = squares
-        self.shape = total**2 / squares
+        self.shape = total**2 / squares / (1.0 + 2.0 * _LEVEL_VARIANCE)
         spread = (weight**2 * np.array([pool.level_variance for pool in self.pools])).sum(axis=0)
         self.level_shape = total**2 / np.maximum(spread, np.finfo(float).tiny)
         self.log_p = np.zeros(self.power.size)
@@ -277,9 +277,7 @@ class _Test:
             statistic += n * float(pool.log_ratio[at])
             dof += n - 1.0
             correction += 1.0 / n
-            kind = (1.0 + ratio) ** 2 / (1.0 + 2.0 * ratio)
-            scatter = float(special.polygamma(1, kind)) - 1.0 / kind
-            mean = np.log1p(ratio) - np.log(ratio) - float(special.exp1(ratio))
+            mean, scatter = _log_ratio_of_rice(ratio)
             expected += (n - 1.0) * (mean + 0.5 * _LEVEL_VARIANCE)
             variance += n * (scatter + _LEVEL_VARIANCE)
         if dof <= 0.0:
@@ -325,7 +323,8 @@ class _Test:
         """Close the frequencies a line at `at` spreads to, and take its side lobes off."""
         apart = np.abs(self.frequency_hz - self.frequency_hz[at])
         self.open[apart < 3.0 / self.scan.shortest_s] = False
-        lobes = np.minimum(1.0, 1.0 / np.maximum(np.pi * apart * self.scan.shortest_s, 1e-9) ** 2)
+        # The harmonics' fit moves some of a strong line's side lobes about.
+        lobes = np.minimum(1.0, 3.0 / np.maximum(np.pi * apart * self.scan.shortest_s, 1e-9) ** 2)
         for pool in self.pools:
             pool.excess = pool.excess - max(float(pool.excess[at]), 0.0) * lobes
         self._evaluate()
@@ -381,6 +380,21 @@ def _neighbourhood(values: FloatArray, width: int) -> FloatArray:
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * width + 1)
     offsets = np.r_[0 : width - _SHOULDER, width + _SHOULDER + 1 : 2 * width + 1]
     return np.asarray(stats.trim_mean(windows[:, offsets], _TRIMMED, axis=1))
+
+
+def _log_ratio_of_rice(ratio: float) -> tuple[float, float]:
+    """Expectation of log(mean) - log(u), and the variance it has per run, for powers u of a line in noise.
+
+    u is Gamma(1 + J) with J a Poisson number of mean `ratio`, the line's power over the noise's.
+    """
+    numbers = np.arange(int(ratio + 10.0 * np.sqrt(ratio) + 30.0))
+    weight = stats.poisson.pmf(numbers, ratio)
+    digamma = special.digamma(1.0 + numbers)
+    mean, mean_log = 1.0 + ratio, float(weight @ digamma)
+    variance_log = float(weight @ (special.polygamma(1, 1.0 + numbers) + digamma**2)) - mean_log**2
+    covariance = float(weight @ ((1.0 + numbers) * special.digamma(2.0 + numbers))) - mean * mean_log
+    variance = (1.0 + 2.0 * ratio) / mean**2
+    return float(np.log(mean)) - mean_log, variance_log - 2.0 * covariance / mean + variance
 
 
 def _half(pool: _Pool, half: int, at: int) -> tuple[float, float]:

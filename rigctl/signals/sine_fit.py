@@ -332,7 +332,8 @@ def find_frequency(
 ) -> tuple[HarmonicBasis, HarmonicFit]:
     """The fit at the frequency of the record `x`, which may be off `frequency_hz` by a quarter.
 
-    Lines that this record cannot hold are left out, those above its Nyquist frequency fitted where they are seen. Raises `DataError` when the record does not oscillate, or elsewhere.
+    Lines that this record cannot hold are left out, those above its Nyquist frequency fitted where they are seen.
+    Raises `DataError` when the record does not oscillate, or elsewhere.
     """
     given = np.asarray(t_s, dtype=np.float64)
     sample_period_s, duration_s = _time_base(given)

@@ -1,10 +1,12 @@
 """Any recording becomes observables: once, kept, and never with a traceback."""
 
 import numpy as np
+import pytest
 
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
 from rigctl.campaign.store import Store
-from rigctl.experiments.sensing_axis.store_reduction import recipe, reduced, reduction
+from rigctl.experiments.sensing_axis.store_reduction import line_scan, recipe, reduced, reduction
+from rigctl.signals.lines import find_lines
 
 HEADER = Header(
     "sensing-axis",
@@ -131,3 +133,148 @@ class TestKept:
             assert reduced(store)[0].accel_v.lines.shape == (0,)
         assert spy.read == []
         assert len(with_line) == 6
+
+
+class TestForeign:
+    def test_sampling_rates_and_lengths_may_differ(self):
+        rng = np.random.default_rng(21)
+        runs = [
+            (record(f"r{i}"), samples_of(rng, rate_hz=rate, duration_s=duration))
+            for i, (rate, duration) in enumerate([(50.0, 40.0), (37.3, 33.3), (200.0, 12.7), (25.0, 61.0)])
+        ]
+        for run in reduced(recording(runs)):
+            assert run.accel_v.value[1] == pytest.approx(0.2, abs=5 * run.accel_v.sigma[1])
+            assert run.lasers_m["laser_1_mm"].value[1] == pytest.approx(5e-3, abs=1e-6)
+            assert (run.accel_v.dof[1:] > 10).all()
+
+    def test_gaps_and_uneven_times_are_fitted_as_given(self):
+        rng = np.random.default_rng(22)
+        samples = samples_of(rng)
+        kept = np.ones(samples["t_s"].size, bool)
+        kept[300:420] = False
+        gap = {name: column[kept] for name, column in samples.items()}
+        t_s = np.arange(2000) * 0.02 + rng.uniform(-0.008, 0.008, 2000)
+        turn = 2 * np.pi * 0.5 * t_s
+        uneven = {
+            "t_s": t_s,
+            "stage_x_mm": 5.0 * np.sin(turn),
+            "accel_v": 0.2 * np.sin(turn) + 1e-3 * rng.normal(size=2000),
+        }
+        first, second = reduced(recording([(record("gap"), gap), (record("uneven"), uneven)]))
+        for run in (first, second):
+            assert run.accel_v.value[1] == pytest.approx(0.2, abs=5 * run.accel_v.sigma[1])
+            assert run.accel_v.sigma[1] == pytest.approx(1e-3 * np.sqrt(2 / 2000), rel=0.5)
+        assert second.lasers_m == {}
+
+    def test_a_frequency_written_wrongly_is_taken_from_the_encoder(self):
+        rng = np.random.default_rng(23)
+        (run,) = reduced(recording([(record("r", 0.55), samples_of(rng, frequency_hz=0.5))]))
+        assert run.frequency_hz == pytest.approx(0.5, abs=1e-5)
+
+    def test_what_cannot_be_reduced_is_left_out_with_a_sentence(self):
+        rng = np.random.default_rng(24)
+        still = samples_of(rng)
+        still["stage_x_mm"] = 1e-4 * rng.normal(size=still["t_s"].size)
+        short = {name: column[:20] for name, column in samples_of(rng).items()}
+        blind = samples_of(rng)
+        blind["accel_v"][:1500] = np.nan
+        lost = samples_of(rng)
+        del lost["accel_v"]
+        elsewhere = samples_of(rng, frequency_hz=2.0)
+        bad = {"still": still, "short": short, "blind": blind, "lost": lost, "elsewhere": elsewhere}
+        runs = [(record(name), samples) for name, samples in bad.items()]
+        static = (record("static", 0.0), samples_of(rng))
+        found = reduction(recording([*runs, static, (record("good"), samples_of(rng))]))
+        assert [run.run_id for run in found.runs] == ["good"]
+        assert found.left_out.keys() == {*bad, "static"}
+        for run_id, why in found.left_out.items():
+            assert why.startswith(f"run {run_id}: ")
+            assert "\n" not in why
+
+    def test_a_blind_head_is_left_out_and_a_blinking_one_is_not(self):
+        rng = np.random.default_rng(25)
+        samples = samples_of(rng)
+        samples["laser_1_mm"][:] = np.nan
+        samples["laser_2_mm"][rng.random(2000) < 0.2] = np.nan
+        (run,) = reduced(recording([(record("r"), samples)]))
+        assert run.lasers_m.keys() == {"laser_2_mm"}
+        assert run.lasers_m["laser_2_mm"].value[1] == pytest.approx(5e-5, abs=1e-7)
+
+    @pytest.mark.parametrize("column", [np.zeros, np.ones, lambda n: np.round(np.sin(np.arange(n) * np.pi / 50), 1)])
+    def test_a_channel_without_noise_of_its_own_has_a_sigma(self, column):
+        samples = samples_of(np.random.default_rng(26))
+        samples["accel_v"] = column(2000)
+        (run,) = reduced(recording([(record("r"), samples)]))
+        assert np.isfinite(run.accel_v.sigma).all()
+        assert (run.accel_v.sigma > 0.0).all()
+
+    def test_steps_of_a_coarse_converter_count_as_noise(self):
+        samples = samples_of(np.random.default_rng(27), noise_v=0.0, phase=0.3)
+        samples["accel_v"] = np.round(samples["accel_v"], 2)
+        (run,) = reduced(recording([(record("r"), samples)]))
+        assert run.accel_v.value[1] == pytest.approx(0.2, abs=5 * run.accel_v.sigma[1])
+        assert run.accel_v.sigma[1] > 1e-4
+
+    def test_extra_columns_are_covariates(self):
+        samples = samples_of(np.random.default_rng(28))
+        given = record(
+            "r", pressure_hpa=1013.2, operator="somebody", amplitude_mm=float("nan"), humidity=float("nan")
+        )
+        (run,) = reduced(recording([(given, samples)]))
+        assert run.extra["pressure_hpa"] == 1013.2
+        assert np.isnan(run.extra["humidity"])
+        assert run.extra.keys() == {"pressure_hpa", "humidity"}
+
+
+def test_pulls_of_all_harmonics_are_students():
+    """60 runs in one pool beside a bump: value over sigma, with the degrees of freedom that are said."""
+    pulls, dof = [], []
+    for seed in range(8):
+        rng = np.random.default_rng(100 + seed)
+        nus = [0.3, 0.5, 0.6]
+        runs = [(record(f"r{i}", nus[i % 3]), samples_of(rng, frequency_hz=nus[i % 3])) for i in range(12)]
+        for _, samples in runs:
+            samples["accel_v"] = bumpy(rng, 2000, 0.02)
+        for run in reduced(recording(runs)):
+            value = run.accel_v.value[1:]
+            pulls += [*(value.real / run.accel_v.sigma[1:]), *(value.imag / run.accel_v.sigma[1:])]
+            dof += [*run.accel_v.dof[1:]]
+    pulls = np.array(pulls)
+    assert abs(pulls.mean()) < 4 / np.sqrt(pulls.size)
+    # 8 pools of one sigma each: their own scatter adds to that of the pulls.
+    expected = np.mean(np.array(dof) / (np.array(dof) - 2))
+    assert pulls.var() == pytest.approx(expected, abs=4 * np.sqrt(2 / pulls.size + 2 / (8 * 3 * np.mean(dof))) + 0.08)
+
+
+def bumpy(rng, samples, period_s):
+    f = np.fft.rfftfreq(8 * samples, period_s)
+    density = 1e-6 * (1.0 + 9.0 / (1.0 + ((f - 0.2) / 0.0233) ** 2) ** 2)
+    z = (rng.normal(size=f.size) + 1j * rng.normal(size=f.size)) * np.sqrt(density * 8 * samples / (4 * period_s))
+    z[0] = 0.0
+    return np.fft.irfft(z, 8 * samples)[:samples]
+
+
+def test_a_line_is_found_kept_and_fitted(tmp_path):
+    rng = np.random.default_rng(31)
+    runs = []
+    for i in range(24):
+        nu = [0.3, 0.5, 0.6][i % 3]
+        samples = samples_of(rng, frequency_hz=nu)
+        samples["accel_v"] = samples["accel_v"] + 3e-4 * np.cos(
+            2 * np.pi * 3.17 * samples["t_s"] + rng.uniform(0, 6.3)
+        )
+        runs.append((record(f"r{i}", nu), samples))
+    with stored(tmp_path / "a.rig.sqlite", recording(runs)) as store:
+        reduced(store)
+        (line,) = find_lines(line_scan(store))
+        assert line.frequency_hz == pytest.approx(3.17, abs=0.005)
+        assert line.amplitude == pytest.approx(3e-4, abs=5 * line.sigma)
+        fitted = reduction(store, (line.frequency_hz,)).runs
+        assert find_lines(line_scan(store, (line.frequency_hz,))) == []
+        assert np.mean([abs(run.accel_v.lines[0]) for run in fitted]) == pytest.approx(3e-4, rel=0.1)
+        store.mark("r3", False, "for the test")
+        again = line_scan(store)
+    fresh = line_scan(recording([each for each in runs if each[0].run_id != "r3"]))
+    assert again.runs == fresh.runs
+    for key, sums in fresh.groups.items():
+        np.testing.assert_allclose(again.groups[key], sums, rtol=1e-6, atol=1e-6)
