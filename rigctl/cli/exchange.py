@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli.io import Json, StoreFile, print_json, say
+from rigctl.cli.io import Json, StoreFile, print_json, say, tell
 from rigctl.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _reduced(store: Store) -> dict[str, str]:
         now_s = time.monotonic()
         if done == runs or now_s - said_s >= SAY_EVERY_S:
             said_s = now_s
-            say(f"{done} of {runs} runs reduced to amplitudes, {done / max(now_s - began_s, 1e-9):.0f} runs/s")
+            tell(f"{done} of {runs} runs reduced to amplitudes, {done / max(now_s - began_s, 1e-9):.0f} runs/s")
 
     return dict(reduction(store, progress=progress).left_out)
 
