@@ -68,7 +68,7 @@ class RecordingModel:
         self.conditions = self._collect_conditions()
         self._fitted = {item: self.reach(item) for item in self.effects if not item.scanned}
         self._acting = {
-            point: [item for item in self._fitted if item.on == point] for point in {each.on for each in effects}
+            point: [item for item in self._fitted if item.on == point] for point in {each.on for each in self._fitted}
         }
         layout = Layout(runs, package, {name: heads[name] for name in self.heads}, self._fitted)
         self.parameters = layout.parameters
@@ -114,8 +114,9 @@ class RecordingModel:
         """
         given = {family.base: values[family.first + np.array(family.index)][:, None] for family in self.families}
         run = self.conditions.at(theta0=given["theta0"])
-        run = run.moved(self._added("motion_m", run, given, run.x))
-        run = run.at(theta=run.theta + self._added("angle_rad", run, given, run.theta))
+        if "motion_m" in self._acting:
+            run = run.moved(self._passed("motion_m", run, given, run.x) - run.x)
+        run = run.at(theta=self._passed("angle_rad", run, given, run.theta))
         accel_v = self._accel(run, given) if accel else np.zeros((len(self.runs), HARMONICS + 1), np.complex128)
         if not (lasers and self.heads):
             nothing = np.zeros((len(self.runs), len(self.heads), HARMONICS + 1), np.complex128)
@@ -152,11 +153,10 @@ class RecordingModel:
         return jacobian.reshape(-1, len(self.parameters))
 
     def _accel(self, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
-        run = run.at(theta0=run.theta0 + self._added("null_rad", run, given, run.theta0))
-        force = -np.sin(run.theta - run.theta0) * run.a
-        force = force + self._added("specific_force_m_s2", run, given, force)
-        volts = given["gain"] * force + given["dc"]
-        volts = volts + self._added("sensor_output_v", run, given, volts)
+        run = run.at(theta0=self._passed("null_rad", run, given, run.theta0))
+        inertia = -np.sin(run.theta - run.theta0) * run.a
+        force = self._passed("specific_force_m_s2", run, given, inertia)
+        volts = self._passed("sensor_output_v", run, given, given["gain"] * force + given["dc"])
         return referred(harmonics(volts, HARMONICS))
 
     def _lasers(self, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
@@ -167,8 +167,7 @@ class RecordingModel:
         for head in self.heads:
             seen = self._seen(head, rotation, run)
             scale = 1.0 + given.get(scale_of(head), np.zeros(1))
-            reading = seen.signal * scale
-            readings.append(reading + self._added("laser_m", seen, given, reading))
+            readings.append(self._passed("laser_m", seen, given, seen.signal * scale))
         return referred(harmonics(np.stack(readings, axis=1), HARMONICS))
 
     def _seen(self, head: str, rotation: FloatArray, run: Runs) -> Runs:
@@ -185,14 +184,14 @@ class RecordingModel:
             signal=run.x * ahead / cosine,
         )
 
-    def _added(self, point: str, run: Runs, given: Mapping[str, FloatArray], signal: FloatArray) -> FloatArray:
-        added = np.zeros_like(signal)
+    def _passed(self, point: str, run: Runs, given: Mapping[str, FloatArray], signal: FloatArray) -> FloatArray:
+        """The signal behind a point of the chain, with what the effects add there, one after the other."""
         for item in self._acting.get(point, ()):
             if item.scope == "head" and run.head not in self._fitted[item]:
                 continue
             own = {name: given[family_of(item, name, run.head)] for name in item.parameters}
-            added = added + item(run.at(signal=signal + added), **own)
-        return added
+            signal = signal + item(run.at(signal=signal), **own)
+        return signal
 
     def _collect_conditions(self) -> Runs:
         def column(values: list[float]) -> FloatArray:
