@@ -124,6 +124,21 @@ def _middle_s(recording: Any, record: Any) -> float:
     return float(record.conditions["start_s"] + 0.5 * recording.columns[record.run_id]["t_s"][-1])
 
 
+def test_a_line_is_found_in_the_samples_with_its_size(measure: Callable[..., Any]) -> None:
+    study = SensingAxisStudy(measure({"mains-pickup": {"amplitude": 2e-5, "frequency": 11.3}}).recording)
+    found, *_ = study.lines(study.model([]))
+    assert (found.term.effect, found.channel, found.unit) == ("mains-pickup", "accel_v", "V")
+    assert found.term.choice == {"channel": "accel_v", "frequency_hz": found.frequency_hz}
+    assert found.p_value < 1e-9
+    assert found.held_out_error_ratio < 1.0
+    frequency, amplitude = found.parameters["frequency"], found.parameters["amplitude"]
+    assert frequency["value"] == pytest.approx(11.3, abs=4 * frequency["sigma"])
+    assert 0.0 < frequency["sigma"] < 5e-3
+    assert amplitude["value"] == pytest.approx(2e-5, abs=4 * amplitude["sigma"])
+    left = study.lines(study.model([found.term]))
+    assert all(abs(line.frequency_hz - 11.3) > 0.2 for line in left)
+
+
 def test_a_line_is_fitted_in_the_samples_and_leaves_the_harmonics_alone(measure: Callable[..., Any]) -> None:
     made = measure({"mains-pickup": {"amplitude": 0.02, "frequency": 1.07}})
     study = SensingAxisStudy(made.recording)

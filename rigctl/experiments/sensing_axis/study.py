@@ -24,14 +24,19 @@ from rigctl.experiments.sensing_axis.observables import RunObservables
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package
 from rigctl.experiments.sensing_axis.parameters import family_of
 from rigctl.experiments.sensing_axis.recorded import recorded_heads, recorded_package
-from rigctl.experiments.sensing_axis.store_reduction import Reduction, reduction
+from rigctl.experiments.sensing_axis.reduction import ACCEL
+from rigctl.experiments.sensing_axis.store_reduction import Reduction, line_scan, reduction
 from rigctl.experiments.sensing_axis.testable import untestable
 from rigctl.fitting.least_squares import Parameter, Prior
 from rigctl.fitting.plane import fit_plane
+from rigctl.signals.lines import FoundLine, LineScan, find_lines
 from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Observations, Term
 
 STANDARD_G = 9.80665
 """Where nobody has given the local one."""
+
+LINE = "mains-pickup"
+"""The effect that is found in the samples, not in the amplitudes."""
 
 _DEGREES = 180.0 / np.pi
 
@@ -93,6 +98,7 @@ class SensingAxisStudy:
         added = [effect for plugin in plugins for effect in plugin.effects.values()]
         self.catalogue: Mapping[str, Effect] = catalogue(self.experiment, added)
         self._reductions: dict[tuple[float, ...], Reduction] = {}
+        self._scans: dict[tuple[float, ...], LineScan] = {}
         self._package, self._heads, self._g_m_s2 = _bench_of(source)
 
     def effects(self) -> dict[str, str]:
@@ -141,9 +147,13 @@ class SensingAxisStudy:
                     refused.append(NotTestable(effect.id, "it changes nothing in these runs"))
         return found, refused
 
-    def lines(self, model: Model) -> Sequence[Line]:  # noqa: ARG002
-        """Steady lines in what is left of the samples: none are looked for yet."""
-        return ()
+    def lines(self, model: Model) -> Sequence[Line]:
+        """Steady lines in what the fitted harmonics, and the lines the model has already, leave of the samples."""
+        lines_hz = _lines_of(model.terms)
+        if lines_hz not in self._scans:
+            self._scans[lines_hz] = line_scan(self._source, lines_hz)
+        scan = self._scans[lines_hz]
+        return [_line(found, scan.shortest_s) for found in find_lines(scan)]
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """Every mounting's null; for axes with enough mountings the half-cone deviation at 2 sigma."""
@@ -272,6 +282,26 @@ def _scaled(parameter: Parameter, factor: float) -> Parameter:
 def _lines_of(terms: Sequence[Term]) -> tuple[float, ...]:
     """Frequencies that are fitted in the samples."""
     return tuple(float(term.choice["frequency_hz"]) for term in terms if "frequency_hz" in term.choice)
+
+
+def _line(found: FoundLine, duration_s: float) -> Line:
+    # Cramer-Rao for a sine of free phase in each run, in terms of the relative uncertainty of its amplitude.
+    spread_hz = 3.0**0.5 / (np.pi * duration_s) * found.sigma / found.amplitude
+    frequency = {"value": found.frequency_hz, "sigma": float(spread_hz), "unit": "Hz"}
+    return Line(
+        term=Term(LINE, {"channel": ACCEL, "frequency_hz": found.frequency_hz}),
+        channel=ACCEL,
+        frequency_hz=found.frequency_hz,
+        amplitude=found.amplitude,
+        sigma=found.sigma,
+        unit="V",
+        p_value=found.p_value,
+        held_out_error_ratio=found.held_out_error_ratio,
+        parameters={
+            "amplitude": {"value": found.amplitude, "sigma": found.sigma, "unit": "V"},
+            "frequency": {**frequency, "aliases_hz": list(found.aliases_hz)},
+        },
+    )
 
 
 def _plane(axis: str, vectors: FloatArray, nominal: FloatArray) -> dict[str, Any]:
