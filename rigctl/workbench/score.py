@@ -120,7 +120,9 @@ def smallest_p(statistics: FloatArray, dimensions: IntArray) -> FloatArray:
 
 def trials_of(smallest: FloatArray) -> float:
     """Independent trials whose smallest p has the 2 % quantile of these."""
-    return max(float(np.log1p(-QUANTILE) / np.log1p(-np.quantile(smallest, QUANTILE))), 1.0)
+    # Where every trial is absorbed by the model, all of them are 1.
+    level = min(float(np.quantile(smallest, QUANTILE)), 1.0 - 1e-16)
+    return max(float(np.log1p(-QUANTILE) / np.log1p(-level)), 1.0)
 
 
 def corrected(p_value: float, n_eff: float) -> float:

@@ -11,6 +11,7 @@ from rigctl.campaign.bundle import read_bundle
 from rigctl.experiments.table.model import fitted
 from rigctl.experiments.table.start import solve
 from rigctl.experiments.table.study import TableStudy
+from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.study import Term
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -74,3 +75,14 @@ def test_a_design_far_from_orthogonal_is_solved() -> None:
     x = 1985.0 + np.arange(20.0)
     design = np.stack([np.ones(20), x, x**2], axis=1)
     assert solve(design, design @ np.array([5.0, -2.0, 0.25])) == pytest.approx([5.0, -2.0, 0.25], rel=1e-6)
+
+
+def test_a_line_is_not_enough_for_the_load_cell_and_is_for_the_ozone_monitors() -> None:
+    """Pontius and Norris: NIST certifies a quadratic for the one and a line for the other."""
+    cell, monitors = diagnose(_study("pontius"), []), diagnose(_study("norris"), [])
+    assert [term.effect for term in cell.suggested] == ["power2[load_lb]"]
+    size = cell.ranking[0].parameters["power2[load_lb]"]
+    assert abs(size.value - -0.316081871345029e-14) < 0.05 * size.sigma
+    assert cell.unexplained is None
+    assert monitors.verdict == "adequate"
+    assert monitors.not_testable["drift"].startswith("the readings are in no order")

@@ -12,7 +12,7 @@ from rigctl.experiments.table.readings import Column
 from rigctl.interfaces import FloatArray
 
 # Neighbours on a grid lie so close that midway between them no more than 5 % of an effect's power is lost.
-_PHASE_STEP_RAD = 0.13
+_PHASE_STEP_RAD = 0.14
 _RATE_RATIO = 1.15
 _STEP_LOGIT = 0.05
 _ROWS_BESIDE_A_STEP = 3
