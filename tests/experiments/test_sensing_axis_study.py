@@ -291,7 +291,18 @@ def test_covariates_are_the_set_points_and_the_laboratorys_own_columns() -> None
     assert list(observations.covariates["theta_deg"][:2]) == pytest.approx([-1.0, -1.0])
     assert list(observations.covariates["frequency_hz"][:2]) == pytest.approx([0.3, 0.6])
     assert list(observations.covariates["humidity"]) == pytest.approx([0.4 + 0.01 * i for i in range(6)])
-    assert set(observations.covariates) >= {"amplitude_mm", "temperature_c", "start_s", "approach", "mounting"}
+    assert set(observations.covariates) >= {"temperature_c", "start_s", "approach", "mounting"}
+
+
+def test_the_amplitude_is_a_condition_only_where_it_was_set_differently() -> None:
+    alike = recording()
+    assert "amplitude_mm" not in SensingAxisStudy(alike).model([]).observations.covariates
+    halved = {
+        name: {key: column * (0.5 if name == "1" and key != "t_s" else 1.0) for key, column in columns.items()}
+        for name, columns in alike.columns.items()
+    }
+    covariates = SensingAxisStudy(replace(alike, columns=halved)).model([]).observations.covariates
+    assert list(covariates["amplitude_mm"]) == pytest.approx([2.5] + [5.0] * 5, rel=1e-6)
 
 
 def test_a_plugin_is_a_candidate_and_a_term_like_any_other(tmp_path: Path) -> None:

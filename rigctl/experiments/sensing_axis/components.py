@@ -18,6 +18,7 @@ from rigctl.workbench.study import IntArray, NoisePool, Observations, Series
 BLOCKS_OF_TIME = 5
 """Stretches of a recording that are held out in turn, where mountings are too few for that."""
 
+_SET_APART = 0.01
 _MIN_MOUNTINGS = 3
 
 _LINES = tuple(
@@ -156,6 +157,8 @@ def _covariates(runs: Sequence[RunObservables]) -> dict[str, FloatArray]:
         "approach": [run.approach if run.approach else np.nan for run in runs],
         "mounting": [float(run.mounting) for run in runs],
     }
+    if np.ptp(columns["amplitude_mm"]) < _SET_APART * np.max(columns["amplitude_mm"]):
+        del columns["amplitude_mm"]  # the stage's own error is no condition
     for name in sorted({name for run in runs for name in run.extra} - set(columns)):
         columns[name] = [run.extra.get(name, np.nan) for run in runs]
     return {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
