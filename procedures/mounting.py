@@ -8,12 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from procedures.bench import Bench
+from rigctl.campaign.operator import Levelled
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
 from rigctl.errors import ProcedureError
 
 _SEATED = re.compile(r"(\S+) (\S+) (\d+) mounted$")
 """The key under which a mounting is kept as made."""
+
+LEVELLED = "levelled"
+"""The kind of event that keeps when a mounting was levelled."""
 
 MAX_LEVELLINGS = 5
 LEVEL_READINGS = 3
@@ -80,11 +84,18 @@ class Fixture:
         lost = f"{mounting.key} lost"
         operator = self.session.operator
         if self.session.done(lost) or not operator.still_mounted(
-            mounting.axis, mounting.configuration, mounting.number
+            mounting.axis, mounting.configuration, mounting.number, self._levelled(mounting)
         ):
             self.session.once(lost, lambda: True)
             raise MountingLostError(f"{mounting.key} was disturbed; it is measured anew as another mounting")
         self._mounted = mounting
+
+    def _levelled(self, mounting: Mounting) -> Levelled | None:
+        """When this mounting was levelled last, perhaps by an earlier campaign of the store."""
+        found = [each for each in self.session.store.events(LEVELLED) if each.data["mounting"] == mounting.key]
+        if not found or found[-1].rig_time_s is None:
+            return None
+        return Levelled(found[-1].rig_time_s, found[-1].data["angle_deg"])
 
     def _level(self, mounting: Mounting) -> None:
         limit_v = self.bench.package.level_limit_v
@@ -92,7 +103,9 @@ class Fixture:
         for attempt in range(1, MAX_LEVELLINGS + 1):
             key = f"{mounting.key} level {attempt}"
             if not self.session.done(key):
+                self.confirm(mounting)
                 self.session.operator.level(reading_v)
+                self.session.event(LEVELLED, mounting=mounting.key, angle_deg=self.bench.rotation.angle().value)
             reading_v = self.session.once(key, lambda: self._static_output_v(mounting))
             if abs(reading_v) < limit_v:
                 return

@@ -93,14 +93,16 @@ class SimulatedRig:
     def operate(self, action: Mapping[str, Any]) -> float:
         """Do what an operator's hands do; returns the rig time at which it is done.
 
-        `{"remount": {"axis", "configuration", "mounting"}}`, `{"level": true}`, `{"room": {"temperature_c"}}` or
-        `{"run": n}`, else `ValueError`.
+        `{"remount": {"axis", "configuration", "mounting"}}`, `{"level": true}`, `{"level": {"at_s", "angle_deg"}}`,
+        `{"room": {"temperature_c"}}` or `{"run": n}`, else `ValueError`.
         """
         match dict(action):
             case {"remount": {"axis": str(axis), "configuration": str(configuration), "mounting": int(number)}}:
                 return self.world.remount(axis, configuration, number)
             case {"level": True}:
                 return self.world.level()
+            case {"level": {"at_s": int() | float() as at_s, "angle_deg": int() | float() as angle_deg}}:
+                return self.world.level_as(at_s, angle_deg)
             case {"room": {"temperature_c": int() | float() as temperature_c}}:
                 return self.world.bring_room_to(temperature_c)
             case {"run": int(number)}:

@@ -7,13 +7,21 @@ import os
 import select
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 from rigctl.errors import Aborted, ProcedureError
 
 HEED_S = 0.1
 """How often a question looks up whether the campaign is being aborted (wall-clock)."""
+
+
+@dataclass(frozen=True)
+class Levelled:
+    """When a mounting was levelled, and what the rotation stage read then."""
+
+    at_s: float
+    angle_deg: float
 
 
 class OperatorLink(Protocol):
@@ -37,8 +45,8 @@ class Operator(Protocol):
         """Turn the levelling screws until the static output is inside its limit."""
         ...
 
-    def still_mounted(self, axis: str, configuration: str, mounting: int) -> bool:
-        """After a restart: is this mounting in place and untouched?"""
+    def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
+        """After a restart: is this mounting in place and untouched since it was `levelled`?"""
         ...
 
     def bring_room_to(self, temperature_c: float) -> None:
@@ -69,10 +77,13 @@ class SimulatedOperator:
         """Level the package."""
         self._act({"level": True})
 
-    def still_mounted(self, axis: str, configuration: str, mounting: int) -> bool:
-        """A world that starts anew has nothing mounted: the same mounting is made again, which nature repeats."""
+    def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
+        """A world that starts anew has nothing mounted: the same mounting is made again, which nature repeats.
+
+        It is levelled as it was then, not anew: what has drifted since is to be seen.
+        """
         self.remount(axis, configuration, mounting)
-        self._act({"level": True})
+        self._act({"level": True if levelled is None else asdict(levelled)})
         return True
 
     def bring_room_to(self, temperature_c: float) -> None:
@@ -140,10 +151,10 @@ class TerminalOperator:
         self._confirm(f"Level the package{seen}")
         self._hands.level(reading_v)
 
-    def still_mounted(self, axis: str, configuration: str, mounting: int) -> bool:
+    def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
         """Ask whether the mounting survived."""
         question = f"Is {axis} in {configuration}, mounting {mounting}, still in place and untouched?"
-        return self.accept(question) and self._hands.still_mounted(axis, configuration, mounting)
+        return self.accept(question) and self._hands.still_mounted(axis, configuration, mounting, levelled)
 
     def bring_room_to(self, temperature_c: float) -> None:
         """Ask for another room temperature and wait for the confirmation."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator
 from functools import partial
@@ -77,13 +78,23 @@ class AccelerometerBench:
         if self._mounting is None:
             raise ValueError("nothing to level: mount the package first")
         done_s = self._clock.now_s() + self._settings.level_s
-        wanted_m_s2 = Electronics(self._settings, self._mounting, self._room).felt_m_s2(
-            self._mounting.level_v, done_s
-        )
-        angle_rad = float(self._stages.angle_rad(np.array([done_s]))[0])
-        vertical_table = about_z(-angle_rad) @ vertical_lab(self._settings)
-        self._put(mountings.levelled(self._mounting, vertical_table, wanted_m_s2 / self._settings.g_m_s2))
+        self._level(self._mounting, done_s, float(self._stages.angle_rad(np.array([done_s]))[0]))
         return done_s
+
+    def level_as(self, at_s: float, angle_deg: float) -> float:
+        """As `level`, but to what it came to at rig time `at_s` with the turntable at `angle_deg`.
+
+        So a mounting that outlived its world's process is as it was: what has drifted since is not levelled away.
+        """
+        if self._mounting is None:
+            raise ValueError("nothing to level: mount the package first")
+        self._level(self._mounting, at_s, math.radians(angle_deg))
+        return self._clock.now_s() + self._settings.level_s
+
+    def _level(self, mounting: Mounting, at_s: float, angle_rad: float) -> None:
+        wanted_m_s2 = Electronics(self._settings, mounting, self._room).felt_m_s2(mounting.level_v, at_s)
+        vertical_table = about_z(-angle_rad) @ vertical_lab(self._settings)
+        self._put(mountings.levelled(mounting, vertical_table, wanted_m_s2 / self._settings.g_m_s2))
 
     def bring_room_to(self, temperature_c: float) -> float:
         """Set the air conditioning [degC]; returns when room and bench have followed."""

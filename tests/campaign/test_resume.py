@@ -18,7 +18,7 @@ import pytest
 from procedures import sensing_axes
 from rigctl import config, results, runner
 from rigctl.campaign.control import Control
-from rigctl.campaign.operator import SimulatedOperator
+from rigctl.campaign.operator import Levelled, SimulatedOperator
 from rigctl.campaign.progress import Progress
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
@@ -79,6 +79,7 @@ def killed(desk: Any, owner: type, method: str, nth: int, *, after: bool) -> Non
     [
         (Store, "set_identity", 2, True, 0),
         (Store, "add_event", 1, False, 0),
+        (Store, "add_event", 1, True, 0),
         (Store, "add_event", 2, True, 0),
         (RunWriter, "stream", 2, True, 0),
         (RunWriter, "finish", 2, False, 1),
@@ -271,9 +272,9 @@ class Hand(SimulatedOperator):
         else:
             super().level(reading_v)
 
-    def still_mounted(self, axis: str, configuration: str, mounting: int) -> bool:
+    def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
         self.done.append(f"still {axis} {configuration} {mounting}?")
-        return self.untouched and super().still_mounted(axis, configuration, mounting)
+        return self.untouched and super().still_mounted(axis, configuration, mounting, levelled)
 
     def accept(self, question: str) -> bool:
         self.done.append(question)

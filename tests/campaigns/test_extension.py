@@ -148,3 +148,19 @@ def test_what_cannot_be_added_leaves_the_store_done(first: Path, tmp_path: Path)
     assert status_of(first)["state"] == "done"
     with Store.open(first, readonly=True) as store:
         assert len(parts_of(store)) == 1
+
+
+def test_what_drifts_goes_on_drifting_where_the_mounting_is_the_same(tmp_path: Path, campaigns: Path) -> None:
+    rate_v_s = 1e-5
+    rig_text = (campaigns / "isa-rig.toml").read_text() + f"\n[world.effects.bias-drift]\nrate = {rate_v_s}\n"
+    (tmp_path / "rig.toml").write_text(rig_text)
+    store_path = tmp_path / "drift.rig.sqlite"
+    first = campaign(tmp_path / "first.toml", FIRST)
+    runner.start(first, config.read_rig(tmp_path / "rig.toml"), store_path, UNATTENDED)
+    runner.extend(store_path, campaign(tmp_path / "more.toml", MORE), UNATTENDED)
+    with Store.open(store_path, readonly=True) as store:
+        runs = store.runs()
+        start_s = [run.conditions["start_s"] for run in runs]
+        level_v = [float(np.mean(store.samples(run.run_id)["accel_v"])) for run in runs]
+    assert start_s[2] - start_s[1] > 500.0
+    assert level_v[2] - level_v[1] == pytest.approx(rate_v_s * (start_s[2] - start_s[1]), abs=2e-3)
