@@ -188,7 +188,9 @@ def test_between_grid_points_little_power_is_lost(name: str, kind: str) -> None:
         a, b = one.term.choice[key], other.term.choice[key]
         if a * b < 0.0:
             continue
-        between = 2.0 / (1.0 / a + 1.0 / b) if kind == "periodic[x]" else 0.5 * (a + b)
+        between = {"periodic[x]": 2.0 / (1.0 / a + 1.0 / b), "exponential[x]": np.copysign(np.sqrt(a * b), a)}.get(
+            kind, 0.5 * (a + b)
+        )
         if kind == "periodic[x]":
             signal = np.cos(2 * np.pi * (x - x.mean()) / between + 0.4)
         elif kind == "exponential[x]":

@@ -13,7 +13,7 @@ from rigctl.interfaces import FloatArray
 
 # Neighbours on a grid lie so close that midway between them no more than 5 % of an effect's power is lost.
 _PHASE_STEP_RAD = 0.14
-_RATE_RATIO = 1.15
+_RATE_RATIO = 1.3
 _STEP_LOGIT = 0.05
 _ROWS_BESIDE_A_STEP = 3
 _SLOWEST_RATE, _FASTEST_RATE = 0.5, 1e3
