@@ -1,19 +1,21 @@
 """How far a model is off on runs its fit never used.
 
 Blocks (mountings, else stretches of time) are left out in turn. At the fit everything is linear enough to fit the
-rest again by one step; a parameter that no other block knows (the null of that mounting) is fitted on the block left
-out.
+rest again by one step. A block's errors count as far as the rest predicts them: e' (1 + H C H')^-1 e, with C what the
+rest leaves uncertain. What only the block itself knows (the null of that mounting) is thereby fitted on it.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rigctl.workbench.noise import Noise, orthonormal
+from rigctl.workbench.noise import Noise
 from rigctl.workbench.study import FloatArray, IntArray, Observations
 
-_LOCAL = 1e-6
-_RIDGE = 1e-12
+_UNKNOWN, _RIDGE = 1e-10, 1e-13
+
+BoolArray = NDArray[np.bool_]
 
 
 class HeldOut:
@@ -53,22 +55,22 @@ class HeldOut:
             expected += mean
         return float(np.sqrt(found / expected)) if expected > 0.0 else float("nan")
 
-    def _predicted(self, block: IntArray, jacobian: FloatArray, wanted: np.ndarray) -> tuple[float, float]:
-        """Square sum of one block's errors and its expectation when the model is right."""
+    def _predicted(self, block: IntArray, jacobian: FloatArray, wanted: BoolArray) -> tuple[float, float]:
+        """Square sum of one block's errors, and its expectation when the model is right."""
         rest = np.ones(len(self._left), dtype=bool)
         rest[block] = False
-        known = np.linalg.norm(jacobian[rest], axis=0) > _LOCAL
-        own = orthonormal(jacobian[np.ix_(block, ~known)], _LOCAL)
-        shared = jacobian[:, known]
-        gram = shared[rest].T @ shared[rest]
-        gram += _RIDGE * np.trace(gram) / max(len(gram), 1) * np.eye(len(gram))
-        step = np.linalg.solve(gram, shared[rest].T @ self._left[rest])
-        here = shared[block]
-        error = self._left[block] - here @ step
-        error -= own @ (own.T @ error)
-        seen = wanted[block]
-        free = here - own @ (own.T @ here)
-        # When right, errors are noise outside the block's own parameters, and what the rest left uncertain.
-        expected = float(seen.sum() - np.sum(own[seen] ** 2))
-        expected += float(np.sum(free[seen] * np.linalg.solve(gram, free[seen].T).T)) if len(gram) else 0.0
-        return float(error[seen] @ error[seen]), expected
+        known = jacobian[rest].T @ jacobian[rest]
+        ridge = _RIDGE * np.eye(len(known))
+        step = np.linalg.solve(known + ridge, jacobian[rest].T @ self._left[rest])
+        seen = block[wanted[block]]
+        here = jacobian[seen]
+        error = self._left[seen] - here @ step
+        both = known + here.T @ here
+        along = here.T @ error
+        square = error @ error - along @ np.linalg.solve(both + ridge, along)
+        return float(square), float(len(seen) - _rank(both) + _rank(known))
+
+
+def _rank(gram: FloatArray) -> int:
+    """Directions a Gram matrix of columns of about unit length determines."""
+    return int(np.sum(np.linalg.eigvalsh(gram) > _UNKNOWN))

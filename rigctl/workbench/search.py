@@ -176,14 +176,10 @@ class Search:
         if shape is None or shape.p_value_corrected >= SHAPES_SHARE * self.alpha:
             return False
         own = attempt.padded(attempt.noise.whiten(shape.columns))
-        return not self._needed(attempt, attempt.columns(best.candidate), own) and self._needed(
-            attempt, own, attempt.columns(best.candidate)
-        )
-
-    def _needed(self, attempt: Attempt, columns: np.ndarray, beside: np.ndarray) -> bool:
-        """Whether columns are significant with others in the model."""
-        score = _extended(attempt, beside).score(columns)
-        return attempt.corrected(score.p_value) < CATALOGUE_SHARE * self.alpha
+        columns = attempt.columns(best.candidate)
+        effect = attempt.corrected(_extended(attempt, own).score(columns).p_value)
+        beside = corrected(_extended(attempt, columns).score(own).p_value, shape.n_eff)
+        return effect >= CATALOGUE_SHARE * self.alpha and beside < SHAPES_SHARE * self.alpha
 
     def _beside_shape(self, attempt: Attempt) -> set[str]:
         """Effects that are significant with the strongest plain shape in the model."""

@@ -1,0 +1,295 @@
+"""Rates near one per cent: blind trials on reduced observables, thousands of them.
+
+    python benchmarks/blind_reduced.py --trials 1000 [--sizes 0 4 6 8] [--colours white flicker] [--keep FILE]
+
+One nature is sampled from the simulated world, reduced and fitted; each trial replaces its data by the fitted
+prediction, noise of a colour, and one effect of the catalogue of a known size in sigma after refit (the model's own
+derivative: this tests the statistics, `blind_trials.py` tests the physics). The noise is never told to the analysis.
+Beside it stands an oracle that knows which effect to look for and the noise, at the same corrected threshold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from multiprocessing import Pool
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.blind_noise import SHAPES, coloured
+from benchmarks.blind_sampler import Design
+from benchmarks.blind_world import draw, record
+from rigctl.campaign.bundle import import_bundle
+from rigctl.studies import study_of
+from rigctl.workbench.attempt import Attempt
+from rigctl.workbench.diagnose import diagnose
+from rigctl.workbench.score import likeness
+from rigctl.workbench.search import CATALOGUE_SHARE
+from rigctl.workbench.study import Candidate, FloatArray, Model, NotTestable, Observations, Study, Term
+
+KNOWN = (Term("roll-gravity"), Term("resonance"))
+DESIGN = Design(
+    axes=("X",), configurations=("flag",), angles_deg=(-30.0, -10.0, -1.6, -0.8, 0.8, 1.6, 10.0, 30.0), dwell_s=20.0
+)
+LEVELS = (0.05, 0.01)
+
+
+@dataclass
+class Replaced:
+    """A study with other data."""
+
+    inner: Study
+    value: FloatArray
+
+    @property
+    def experiment(self) -> str:
+        return self.inner.experiment
+
+    def effects(self) -> Mapping[str, str]:
+        return self.inner.effects()
+
+    def model(self, terms: Sequence[Term]) -> ReplacedModel:
+        return ReplacedModel(self.inner.model(terms), self.value)
+
+    def candidates(self, model: ReplacedModel, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
+        return self.inner.candidates(model.inner, values)
+
+    def lines(self, model: Model) -> tuple[()]:
+        return ()
+
+    def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+        return {}
+
+
+class ReplacedModel:
+    """A model of other data."""
+
+    def __init__(self, inner: Model, value: FloatArray) -> None:
+        self.inner = inner
+        self.observations: Observations = replace(inner.observations, value=value)
+        self.terms, self.parameters, self.units, self.owners = (
+            inner.terms,
+            inner.parameters,
+            inner.units,
+            inner.owners,
+        )
+
+    def predict(self, values: FloatArray) -> FloatArray:
+        return self.inner.predict(values)
+
+    def jacobian(self, values: FloatArray) -> FloatArray:
+        return self.inner.jacobian(values)
+
+
+class Fixture:
+    """The recording that all trials of a process stand on."""
+
+    def __init__(self) -> None:
+        with tempfile.TemporaryDirectory() as scratch:
+            bundle = Path(scratch) / "bundle"
+            record(draw(1, "none", DESIGN), bundle)
+            with import_bundle(bundle, Path(scratch) / "x.rig.sqlite") as store:
+                self.study = study_of(store)
+                self.attempt = Attempt(self.study, KNOWN)
+        given = self.attempt.model.observations
+        self.quiet = self.attempt.model.predict(self.attempt.result.values)
+        self.given = given
+        self.means = np.flatnonzero(given.pool_of == [pool.dof <= 0.0 for pool in given.pools].index(True))
+        self.sigma = given.sigma.copy()
+        self.start_s = given.of_runs("start_s")[self.means]
+        self.candidates = {c.term.effect: c for c in self.attempt.candidates if _plain(c)}
+
+    @cache  # noqa: B019 - one fixture a process
+    def covariance(self, colour: str) -> FloatArray:
+        """Of the means between runs: of many stretches of this colour."""
+        draws = np.array([self.between_runs(colour, np.random.default_rng([7, seed])) for seed in range(1500)])
+        return np.asarray(np.cov(draws.T) + 1e-6 * np.eye(draws.shape[1]))
+
+    def between_runs(self, colour: str, rng: np.random.Generator) -> FloatArray:
+        """Noise of the means, in units of their sigma were it white."""
+        step_s = 5.0
+        offset_s = self.start_s - self.start_s.min()
+        noise = coloured(colour, int(offset_s.max() / step_s) + 8, step_s, 1.0, 1.0 / 120.0, rng)
+        width = max(int(DESIGN.dwell_s / step_s), 1)
+        means = np.convolve(noise, np.ones(width) / width, mode="valid")
+        found = means[np.rint(offset_s / step_s).astype(np.intp)] * np.sqrt(2.0 * step_s * width)
+        if colour == "student-t":
+            found = found * np.sqrt(4.0 / rng.chisquare(4.0, len(found))) / np.sqrt(2.0)
+        return np.asarray(found)
+
+    def noise(self, colour: str, rng: np.random.Generator) -> FloatArray:
+        """All data's; the sigma of harmonics is an estimate, as in a reduction."""
+        found = self.sigma * rng.standard_normal(len(self.sigma))
+        for number, pool in enumerate(self.given.pools):
+            rows = self.given.pool_of == number
+            if pool.dof > 0.0:
+                found[rows] /= np.sqrt(rng.chisquare(pool.dof) / pool.dof)
+        found[self.means] = self.sigma[self.means] * self.between_runs(colour, rng)
+        return found
+
+    def whiten(self, colour: str, columns: FloatArray) -> FloatArray:
+        """By the true noise."""
+        scaled = columns / self.sigma[:, None]
+        factor = np.linalg.cholesky(self.covariance(colour))
+        scaled[self.means] = np.linalg.solve(factor, scaled[self.means])
+        return scaled
+
+    def free(self, colour: str, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Whitened columns and those outside what is fitted."""
+        priors = self.attempt.jacobian[len(self.sigma) :]
+        fitted = np.vstack([self.whiten(colour, self.attempt.model.jacobian(self.attempt.result.values)), priors])
+        basis, _ = np.linalg.qr(fitted / np.linalg.norm(fitted, axis=0))
+        white = np.vstack([self.whiten(colour, columns), np.zeros((len(priors), columns.shape[1]))])
+        return white, white - basis @ (basis.T @ white)
+
+
+def _plain(candidate: Candidate) -> bool:
+    return not candidate.term.choice or candidate.term.choice.get("head") == "laser_2_mm"
+
+
+@cache
+def fixture() -> Fixture:
+    return Fixture()
+
+
+def trial(asked: tuple[str, float, int]) -> dict[str, Any]:
+    """One trial: what was hidden, what was said, what the oracle would have said."""
+    colour, size, seed = asked
+    made = fixture()
+    rng = np.random.default_rng([seed, int(10 * size), sorted(SHAPES).index(colour)])
+    value = made.quiet + made.noise(colour, rng)
+    found: dict[str, Any] = {"colour": colour, "size": size, "seed": seed}
+    if size:
+        names = sorted(name for name, c in made.candidates.items() if _kept(made, colour, c) > 0.05)
+        effect = str(rng.choice(names))
+        candidate = made.candidates[effect]
+        direction = rng.standard_normal(candidate.derivative.shape[1]) * candidate.typical
+        signal = candidate.derivative @ direction[:, None]
+        _, free = made.free(colour, signal)
+        signal *= size / np.linalg.norm(free)
+        noisy = (value - made.quiet)[:, None]
+        _, own = made.free(colour, candidate.derivative)
+        basis, s, _ = np.linalg.svd(own / np.linalg.norm(own, axis=0), full_matrices=False)
+        basis = basis[:, s > 0.01 * s[0]]
+        along = basis.T @ made.free(colour, noisy + signal)[0]
+        value = value + signal[:, 0]
+        rivals = [
+            likeness(_basis(made, colour, candidate), _basis(made, colour, other))
+            for name, other in made.candidates.items()
+            if name != effect
+        ]
+        found |= {
+            "effect": effect,
+            "dimension": int(basis.shape[1]),
+            "oracle": float(stats.chi2.sf(float(np.sum(along**2)), basis.shape[1])),
+            "rho": max(rivals),
+        }
+    diagnosis = diagnose(Replaced(made.study, value), KNOWN, alpha=LEVELS[0] if not size else LEVELS[1], seed=seed)
+    first = diagnosis.ranking[0]
+    found |= {
+        "verdict": diagnosis.verdict,
+        "said": [term.effect for term in diagnosis.suggested],
+        "first": [first.term.effect, *first.equivalent_to],
+        "p_first": first.p_value_corrected,
+        "n_eff": diagnosis.n_eff,
+        "held_out": diagnosis.steps[-1].error_held_out,
+        "unexplained": None if diagnosis.unexplained is None else diagnosis.unexplained.p_value,
+    }
+    return found
+
+
+@cache
+def _basis_of(colour: str, effect: str) -> FloatArray:
+    made = fixture()
+    _, free = made.free(colour, made.candidates[effect].derivative)
+    left, s, _ = np.linalg.svd(free / np.linalg.norm(free, axis=0), full_matrices=False)
+    return np.asarray(left[:, s > 0.01 * s[0]])
+
+
+def _basis(made: Fixture, colour: str, candidate: Candidate) -> FloatArray:
+    return _basis_of(colour, candidate.term.effect)
+
+
+def _kept(made: Fixture, colour: str, candidate: Candidate) -> float:
+    white, free = made.free(colour, candidate.derivative)
+    return float(np.min(np.linalg.norm(free, axis=0) / np.linalg.norm(white, axis=0)))
+
+
+def interval(hits: int, trials: int) -> tuple[float, float]:
+    """Clopper-Pearson, 95 %."""
+    low = stats.beta.ppf(0.025, hits, trials - hits + 1) if hits else 0.0
+    high = stats.beta.ppf(0.975, hits + 1, trials - hits) if hits < trials else 1.0
+    return float(low), float(high)
+
+
+def report(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rates by colour and size."""
+
+    def rate(name: str, wanted: Callable[[Mapping[str, Any]], bool], of: Sequence[Mapping[str, Any]]) -> str:
+        hits = sum(wanted(row) for row in of)
+        low, high = interval(hits, len(of))
+        return f"{name} {hits / max(len(of), 1):.3f} ({low:.3f} .. {high:.3f})"
+
+    lines = []
+    for colour in dict.fromkeys(row["colour"] for row in rows):
+        for size in sorted({row["size"] for row in rows if row["colour"] == colour}):
+            own = [row for row in rows if row["colour"] == colour and row["size"] == size]
+            line = f"  {colour:15} {size:4g} sigma {len(own):5d}  "
+            if not size:
+                line += rate("false alarms at 5 %", lambda row: row["verdict"] != "adequate", own)
+            else:
+                level = {id(row): 1.0 - (1.0 - CATALOGUE_SHARE * LEVELS[1]) ** (1.0 / row["n_eff"]) for row in own}
+                apart = [row for row in own if row["rho"] < 0.9]
+                line += rate("detected", lambda row: row["verdict"] != "adequate", own)
+                line += rate("  oracle", lambda row: row["oracle"] < level[id(row)], own)
+                line += rate("  first (rho < 0.9)", lambda row: row["effect"] == row["first"][0], apart)
+                line += rate("  in the set", _in_set, own)
+                line += rate("  exact", lambda row: row["said"] == [row["effect"]], apart)
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def _in_set(row: Mapping[str, Any]) -> bool:
+    return row["effect"] in {*row["said"], *row["first"]}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--sizes", type=float, nargs="+", default=[0.0])
+    parser.add_argument("--colours", nargs="+", default=["white"], choices=sorted(SHAPES))
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--keep", type=Path, default=Path("out/blind-reduced.jsonl"))
+    options = parser.parse_args()
+    options.keep.parent.mkdir(parents=True, exist_ok=True)
+    rows = [json.loads(line) for line in options.keep.read_text().splitlines()] if options.keep.exists() else []
+    done = {(row["colour"], row["size"], row["seed"]) for row in rows}
+    wanted = [
+        (colour, size, seed)
+        for seed in range(1, options.trials + 1)
+        for size in options.sizes
+        for colour in options.colours
+        if (colour, size, seed) not in done
+    ]
+    with Pool(options.processes) as pool, options.keep.open("a") as keep:
+        for row in pool.imap_unordered(trial, wanted):
+            rows.append(row)
+            keep.write(json.dumps(row) + "\n")
+            keep.flush()
+    print(report(rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
