@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -195,4 +195,32 @@ class Study(Protocol):
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """What the experiment is for, for the error ladder: by name, JSON with `value`, `sigma` and `unit`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A run, or a reading, that could be made next: `settings` by name, with units in the names.
+
+    `takes_s` is rig time, turning, settling and arming included; NaN where nobody knows, so that one is like another.
+    """
+
+    settings: Mapping[str, Any]
+    takes_s: float = float("nan")
+
+
+@runtime_checkable
+class Plannable(Study, Protocol):
+    """A study that can say what could be measured next, and what its models would predict there."""
+
+    def options(self) -> Sequence[Proposal]:
+        """What could be measured next."""
+        ...
+
+    def extended(self, proposals: Sequence[Proposal]) -> Study:
+        """This study as if these runs had been made too, with noise as in the runs there are.
+
+        Existing runs come first, then one run per proposal. Measured values of the latter mean nothing: only
+        derivatives, sigmas and conditions do. Models keep their parameters' names.
+        """
         ...

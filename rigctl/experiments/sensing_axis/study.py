@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -19,6 +20,7 @@ from rigctl.errors import ConfigError, DataError, ProcedureError
 from rigctl.experiments.sensing_axis.chain import FloatArray, Origins
 from rigctl.experiments.sensing_axis.components import Stacked, observed, stacked
 from rigctl.experiments.sensing_axis.fit import mountings_of, null_point
+from rigctl.experiments.sensing_axis.imagined import Limits, imagined, options
 from rigctl.experiments.sensing_axis.model import RecordingModel, origins_of
 from rigctl.experiments.sensing_axis.observables import RunObservables
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package
@@ -30,7 +32,7 @@ from rigctl.experiments.sensing_axis.testable import untestable
 from rigctl.fitting.least_squares import Parameter, Prior
 from rigctl.fitting.plane import fit_plane
 from rigctl.signals.lines import FoundLine, LineScan, find_lines
-from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Observations, Term
+from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Observations, Proposal, Term
 
 STANDARD_G = 9.80665
 """Where nobody has given the local one."""
@@ -100,6 +102,7 @@ class SensingAxisStudy:
         self._reductions: dict[tuple[float, ...], Reduction] = {}
         self._scans: dict[tuple[float, ...], LineScan] = {}
         self._package, self._heads, self._g_m_s2 = _bench_of(source)
+        self._imagined: tuple[RunObservables, ...] = ()
 
     def effects(self) -> dict[str, str]:
         """Every effect that can be added, in the order in which they act: id and the physics in a sentence."""
@@ -173,6 +176,24 @@ class SensingAxisStudy:
             shown.update(_plane(axis, np.array(vectors).reshape(-1, 3), self._package.axes[axis].nominal_axis))
         return shown
 
+    def options(self) -> list[Proposal]:
+        """Set-points for the next runs in the mounting that is there; see `imagined.options`."""
+        return options(self._reduced(()).runs, self._limits)
+
+    def extended(self, proposals: Sequence[Proposal]) -> SensingAxisStudy:
+        """This recording and runs that could be made next, in the mounting that was used last."""
+        runs = self._reduced(()).runs
+        other = copy.copy(self)
+        other._imagined = tuple(imagined(proposals, runs, self._limits))
+        other._origins = self._origins if runs else origins_of(other._imagined)
+        return other
+
+    @property
+    def _limits(self) -> Limits:
+        channel = self._source.header.channels.get(ACCEL)
+        full_scale_v = channel.full_scale if channel else None
+        return Limits(self._package, self._heads, full_scale_v, known=self._source.header.rig_toml is not None)
+
     @cached_property
     def _origins(self) -> Origins:
         return origins_of(self._reduced(()).runs)
@@ -180,7 +201,8 @@ class SensingAxisStudy:
     def _reduced(self, lines_hz: tuple[float, ...]) -> Reduction:
         if lines_hz not in self._reductions:
             self._reductions[lines_hz] = reduction(self._source, lines_hz)
-        return self._reductions[lines_hz]
+        found = self._reductions[lines_hz]
+        return replace(found, runs=(*found.runs, *self._imagined)) if self._imagined else found
 
     def _placed_heads(self, runs: Sequence[RunObservables]) -> dict[str, HeadSettings]:
         """Heads of which it is known where they stand: without a rig file the face they look at tells it."""
