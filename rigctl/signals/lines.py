@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import special, stats
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from rigctl.interfaces import FloatArray
 from rigctl.signals.noise import Spectrum
@@ -26,7 +26,8 @@ MAX_BINS = 2**17
 _OVERSAMPLING = 2.0
 _MASKED_HARMONICS = 12
 _CLEAR_BINS = 1.5
-_LEVEL_CELLS, _FEWEST_CELLS = 101, 31
+_LEVEL_CELLS, _FEWEST_CELLS = 201, 31
+_WHOLE_BIN = 0.8
 _FIRST_BIN = 8
 _NEIGHBOURS, _SHOULDER = (6, 24), 2
 _TRIMMED = 0.125
@@ -36,7 +37,7 @@ _BULGE = 2.0
 _NARROWEST_BUMP = 1.0 / 30.0
 _CONTRADICTED = 1e-4
 # Of the logarithm of a run's power, from its own noise level being an estimate.
-_LEVEL_VARIANCE = 0.02
+_LEVEL_VARIANCE = np.pi**2 / 6.0 / _LEVEL_CELLS
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def scanned(basis: HarmonicBasis, residuals: FloatArray, noise: Spectrum) -> Sca
 
     None for a run without a uniform time grid or without noise.
     """
-    if not basis.uniform or noise.psd.size < _FEWEST_CELLS or not np.median(noise.psd) > 0.0:
+    if not basis.uniform or (noise.weight > _WHOLE_BIN).sum() < _FEWEST_CELLS or not np.median(noise.psd) > 0.0:
         return None
     step_hz = 2.0 ** np.floor(np.log2(1.0 / (_OVERSAMPLING * basis.duration_s)))
     length = max(basis.grid_length, round(1.0 / (step_hz * basis.sample_period_s)))
@@ -80,9 +81,12 @@ def scanned(basis: HarmonicBasis, residuals: FloatArray, noise: Spectrum) -> Sca
     frequency_hz = np.arange(transform.size) * step_hz
     power = (transform.real**2 + transform.imag**2) * (2.0 / basis.samples) ** 2
     seconds = basis.samples * basis.sample_period_s
-    smooth = median_filter(noise.psd, _LEVEL_CELLS, mode="nearest")
-    positive = np.maximum(smooth, np.finfo(float).tiny)
-    inverse = np.interp(frequency_hz, noise.frequency_hz, 0.5 * seconds / positive)
+    whole = noise.weight > _WHOLE_BIN
+    # The digamma unbiases the logarithm of a mean of exponentials.
+    logs = np.log(np.maximum(noise.psd[whole], np.finfo(float).tiny)) - special.digamma(noise.weight[whole])
+    logs += np.log(noise.weight[whole])
+    level = np.exp(uniform_filter1d(logs, _LEVEL_CELLS, mode="reflect"))
+    inverse = np.interp(frequency_hz, noise.frequency_hz[whole], 0.5 * seconds / level)
     power *= inverse
     use = np.ones(transform.size)
     harmonics = basis.frequency_hz * np.arange(_MASKED_HARMONICS + 1)
@@ -208,6 +212,7 @@ class _Pool:
 class _Test:
     def __init__(self, scan: LineScan, pools: list[_Pool]) -> None:
         self.scan, self.pools = scan, pools
+        self._looks = 0
         bins = pools[0].runs.size
         self.frequency_hz = np.arange(bins) * scan.step_hz
         per_bin = 1.0 / (scan.shortest_s * scan.step_hz)
@@ -228,18 +233,26 @@ class _Test:
         squares = (weight**2 / np.maximum(runs, 1.0)).sum(axis=0) + np.finfo(float).tiny
         self.to_amplitude = total / squares
         self.squares = squares
-        self.shape = total**2 / squares / (1.0 + 2.0 * _LEVEL_VARIANCE)
+        self.shape = total**2 / squares
         spread = (weight**2 * np.array([pool.level_variance for pool in self.pools])).sum(axis=0)
         self.level_shape = total**2 / np.maximum(spread, np.finfo(float).tiny)
         self.log_p = np.zeros(self.power.size)
         tried = self.open & (self.power > 1.0)
-        self.log_p[tried] = stats.f.logsf(self.power[tried], 2 * self.shape[tried], 2 * self.level_shape[tried])
+        power, shape = self.power[tried], self.shape[tried]
+        # The tail grows by what each run's own noise level is uncertain by (saddle point of the sum).
+        tail = 0.5 * _LEVEL_VARIANCE * shape * (power - 1.0) ** 2
+        self.log_p[tried] = np.minimum(stats.f.logsf(power, 2 * shape, 2 * self.level_shape[tried]) + tail, 0.0)
 
     def most_significant(self) -> int | None:
         if not self.open.any():
             return None
         at = int(np.argmin(np.where(self.open, self.log_p, np.inf)))
-        return at if self.log_p[at] < 0.0 else None
+        if self.log_p[at] >= 0.0:
+            return None
+        # Probabilities beyond the range of floats are all alike: the power has the peak.
+        while 0 < at < self.power.size - 1 and (step := int(np.argmax(self.power[at - 1 : at + 2])) - 1):
+            at += step
+        return at
 
     def p_corrected(self, at: int) -> float:
         return float(-np.expm1(self.trials * np.log1p(-min(np.exp(self.log_p[at]), 0.5))))
@@ -252,7 +265,9 @@ class _Test:
         p_value = self.p_corrected(at)
         frequency_hz = float(self.frequency_hz[at])
         if frequency_hz * _NARROWEST_BUMP * self.scan.shortest_s < 3.0:
-            p_value = max(p_value, bump)
+            # A bump is wider than a bin: each further look at one is given half the level.
+            self._looks += 1
+            p_value = max(p_value, min(1.0, bump * 2.0 ** (1 + self._looks)))
         shift, peak = _vertex(self.power[at - 1 : at + 2])
         square = max((peak - 1.0) * self.to_amplitude[at], np.finfo(float).tiny)
         amplitude = float(np.sqrt(square))
@@ -361,15 +376,15 @@ def _level(mean: FloatArray, runs: FloatArray, stride: int) -> tuple[FloatArray,
     if not known.any():
         return np.ones(mean.size), np.ones(mean.size)
     at = np.arange(0, mean.size, stride)
-    log_mean = np.interp(at, everywhere[known], np.log(mean[known]))
+    # The mean of the logarithm of a mean of n exponentials, and its variance: n differs between neighbours.
+    logs = np.log(mean[known]) - special.digamma(runs[known]) + np.log(runs[known])
+    log_mean = np.interp(at, everywhere[known], logs)
+    one = np.interp(at, everywhere[known], special.polygamma(1, runs[known]))
     slope = median_filter(log_mean, 2 * _NEIGHBOURS[-1] + 1, mode="nearest")
-    count = runs[at]
     narrow, wide = (_neighbourhood(log_mean - slope, width) for width in _NEIGHBOURS)
-    one = special.polygamma(1, count)
-    narrow_variance, wide_variance = (one / (2 * (width - _SHOULDER)) for width in _NEIGHBOURS)
+    narrow_variance, wide_variance = (_neighbourhood(one, width) / (2 * (width - _SHOULDER)) for width in _NEIGHBOURS)
     bulge = narrow - wide > _BULGE * np.sqrt(narrow_variance)
-    # The mean of the logarithm of a mean of n exponentials.
-    log_level = np.where(bulge, narrow, wide) + slope - special.digamma(count) + np.log(count)
+    log_level = np.where(bulge, narrow, wide) + slope
     variance = np.where(bulge, narrow_variance, wide_variance)
     return np.exp(np.interp(everywhere, at, log_level)), np.interp(everywhere, at, variance)
 

@@ -15,7 +15,7 @@ from rigctl.experiments.sensing_axis.recorded import recorded_faces
 from rigctl.experiments.sensing_axis.reduction import ACCEL, PooledNoise, ReducedRun, face_column, reduce_run
 from rigctl.signals.lines import LineScan, ScannedRun, scanned
 
-VERSION = 1
+VERSION = 2
 """Of what is kept: counted up whenever reduction.py would give other numbers."""
 
 _REFUSED = b"!"
