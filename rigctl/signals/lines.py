@@ -36,6 +36,7 @@ _BULGE = 2.0
 # No bump of the ground's noise is narrower than a thirtieth of its frequency: below, the neighbours may miss it.
 _NARROWEST_BUMP = 1.0 / 30.0
 _CONTRADICTED = 1e-4
+_BEYOND_FLOATS = -600.0
 # Of the logarithm of a run's power, from its own noise level being an estimate.
 _LEVEL_VARIANCE = np.pi**2 / 6.0 / _LEVEL_CELLS
 
@@ -246,10 +247,12 @@ class _Test:
     def most_significant(self) -> int | None:
         if not self.open.any():
             return None
-        at = int(np.argmin(np.where(self.open, self.log_p, np.inf)))
-        if self.log_p[at] >= 0.0:
+        log_p = np.where(self.open, self.log_p, np.inf)
+        # Probabilities beyond the range of floats are all alike: there the power tells.
+        likeliest = log_p <= max(float(log_p.min()), _BEYOND_FLOATS)
+        at = int(np.argmax(np.where(likeliest, self.power, -np.inf)))
+        if log_p[at] >= 0.0:
             return None
-        # Probabilities beyond the range of floats are all alike: the power has the peak.
         while 0 < at < self.power.size - 1 and (step := int(np.argmax(self.power[at - 1 : at + 2])) - 1):
             at += step
         return at

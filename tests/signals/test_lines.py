@@ -159,3 +159,10 @@ def test_nothing_is_found_in_nothing():
     scan = LineScan()
     scan.add("1", ("X", 0), None)
     assert find_lines(scan) == []
+
+
+def test_a_line_beyond_all_doubt_is_one_line():
+    (line,) = find_lines(scan_of(np.random.default_rng(20), white, 40, (6.17, amplitude_of(1e4))))
+    assert line.frequency_hz == pytest.approx(6.17, abs=0.1 / DURATION_S)
+    assert line.amplitude == pytest.approx(amplitude_of(1e4), rel=0.2)
+    assert line.p_value == 0.0
