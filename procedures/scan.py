@@ -46,7 +46,7 @@ def stretches(procedure: Procedure, seated: Seated) -> list[Stretch]:
     for run in listed(procedure):
         axis = run.axis or procedure.axes[0]
         configuration = run.configuration or procedure.configurations[0]
-        number = run.mounting if run.mounting is not None else int(procedure.mounting == "new")
+        number = run.mounting if run.mounting is not None else _usual(procedure, seated)
         places.setdefault((axis, configuration, number), []).append(run)
     found = []
     counter = itertools.count(seated.count + 1)
@@ -69,13 +69,15 @@ def listed(procedure: Procedure) -> tuple[ListedRun, ...]:
         raise ConfigError("procedure.angles_deg is missing; a scan needs its angles, or [[procedure.runs]]")
     if procedure.runs:
         return procedure.runs
-    if procedure.mounting == "same" and procedure.mountings > 1:
-        raise ConfigError('procedure.mountings: there is one mounting in place; leave it out with mounting = "same"')
-    mountings = range(1, procedure.mountings + 1) if procedure.mounting == "new" else [IN_PLACE]
+    if procedure.mounting != "new" and procedure.mountings > 1:
+        raise ConfigError(
+            f'procedure.mountings: there is one mounting in place; leave it out with mounting = "{procedure.mounting}"'
+        )
+    in_place = {"new": tuple(range(1, procedure.mountings + 1)), "same": (IN_PLACE,), "kept": (None,)}
     grid = itertools.product(
         procedure.axes,
         procedure.configurations,
-        mountings,
+        in_place[procedure.mounting],
         range(procedure.repeats),
         procedure.amplitudes_mm or (procedure.amplitude_mm,),
         procedure.frequencies_hz,
@@ -94,6 +96,11 @@ def listed(procedure: Procedure) -> tuple[ListedRun, ...]:
         )
         for axis, configuration, mounting, _, amplitude_mm, frequency_hz, approach, angle_deg in grid
     )
+
+
+def _usual(procedure: Procedure, seated: Seated) -> int:
+    """The mounting of runs that do not say: a kept one is in place only where one has been made."""
+    return int(procedure.mounting == "new" or (procedure.mounting == "kept" and seated.last is None))
 
 
 @dataclass

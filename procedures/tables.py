@@ -49,7 +49,7 @@ class Procedure(Table):
     repeats: Annotated[int, Field(ge=1)] = 1
     order: Literal["random", "as-listed"] = "random"
     order_seed: Annotated[int, Field(ge=0)] = 0
-    mounting: Literal["new", "same"] = "new"
+    mounting: Literal["new", "same", "kept"] = "new"
     runs: tuple[ListedRun, ...] = ()
 
     @field_validator("axes", "configurations", "frequencies_hz", "angles_deg", "approaches", "amplitudes_mm")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rigctl.cli.io import CampaignToml, Json, StoreFile, print_json, say
 from rigctl.errors import ConfigError, RigError
+
+if TYPE_CHECKING:
+    from rigctl.config import CampaignFile
 
 app = typer.Typer()
 
@@ -27,6 +30,11 @@ def run(
     from rigctl import config, runner
 
     campaign_file = config.read_campaign(campaign)
+    path = store or Path(campaign.stem + ".rig.sqlite")
+    if path.exists() and not dry and campaign_file.procedure.get("mounting") in {"same", "kept"}:
+        _extend(path, campaign_file, rig, seed, yes=yes)
+        _show_outcome(path, as_json=as_json)
+        return
     if rig is None and not campaign_file.rig:
         raise ConfigError(f"{campaign}: rig is missing; name the rig file or pass --rig")
     rig_file = config.read_rig(rig or campaign_file.rig_path)
@@ -38,12 +46,22 @@ def run(
             for key, value in plan.items():
                 say(f"{key}: {', '.join(map(str, value)) if isinstance(value, list) else value}")
         return
-    path = store or Path(campaign.stem + ".rig.sqlite")
     from rigctl.report.terminal import ProgressBar
 
     with ProgressBar() as bar:
         runner.start(campaign_file, rig_file, path, runner.Options(unattended=yes, seed=seed, display=bar))
     _show_outcome(path, as_json=as_json)
+
+
+def _extend(store: Path, campaign: CampaignFile, rig: Path | None, seed: int | None, *, yes: bool) -> None:
+    """Run a campaign that goes on in the mounting of a store that is there."""
+    from rigctl import runner
+    from rigctl.report.terminal import ProgressBar
+
+    if rig is not None or seed is not None:
+        raise ConfigError(f"{store} goes on with the rig and the seed it was made with; leave out --rig and --seed")
+    with ProgressBar() as bar:
+        runner.extend(store, campaign, runner.Options(unattended=yes, display=bar))
 
 
 @app.command()

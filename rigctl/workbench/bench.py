@@ -19,6 +19,7 @@ from rigctl.workbench.versions import ModelVersion, PluginFile
 if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
     from rigctl.workbench.attempt import Attempt
+    from rigctl.workbench.recommend import Allowed, Recommendation
     from rigctl.workbench.transfer import Transfer
 
 ALPHA = 0.01
@@ -93,6 +94,16 @@ class Workbench:
         found = diagnose(self.study, version.terms, alpha=alpha, progress=progress)
         versions.keep_diagnosis(self.store, version, alpha, found.as_json())
         return found
+
+    def recommend(
+        self, allowed: Allowed | None = None, progress: Callable[[str], None] | None = None, alpha: float = ALPHA
+    ) -> Recommendation:
+        """What to measure next, after a diagnosis of the current model; `allowed` says what the bench can do."""
+        from rigctl.workbench.diagnose import diagnose
+        from rigctl.workbench.recommend import recommend
+
+        terms = self.current.terms
+        return recommend(self.study, terms, diagnose(self.study, terms, alpha, progress=progress), allowed=allowed)
 
     def history(self, progress: Callable[[str], None] | None = None) -> list[dict[str, Any]]:
         """The error ladder, keys of `rigctl model history --json`; fits what has not been fitted to these runs.

@@ -8,8 +8,8 @@ left, would drown in the rounding of normal equations.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -55,7 +55,7 @@ class Imagined:
         first = len(self._attempt.model.observations.run_ids)
         run_of = self._given.run_of
         bounds = np.searchsorted(run_of, np.arange(first, first + len(self.proposals) + 1))
-        return [self.priors + np.arange(start, end) for start, end in zip(bounds[:-1], bounds[1:], strict=True)]
+        return [self.priors + np.arange(start, end) for start, end in pairwise(bounds)]
 
     @cached_property
     def fitted(self) -> FloatArray:

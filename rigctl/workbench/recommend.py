@@ -17,7 +17,7 @@ from math import ceil
 from typing import Any, Literal
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
 
 from rigctl.errors import RigError
 from rigctl.workbench.attempt import Attempt
@@ -140,17 +140,19 @@ def recommend(
     diagnosis: Diagnosis,
     *,
     allowed: Allowed | None = None,
+    offered: Sequence[Proposal] | None = None,
     seed: int = 0,
     most_runs: int = MOST_RUNS,
 ) -> Recommendation:
     """What to measure next, given what `diagnosis` found beside `terms`.
 
     Rivals first; then effects that cannot be told from others or are absorbed; then what is not testable at all; else
-    what tightens the result. `allowed` says which runs the bench can do, `seed` fixes their order.
+    what tightens the result. Runs are chosen among those `offered`, by default all options of the study; `allowed`
+    says which of them the bench can do, `seed` fixes their order.
     """
     if not isinstance(study, Plannable):
         return Recommendation("none", (), f"Nothing is known of what a '{study.experiment}' rig could measure next.")
-    offered = [each for each in study.options() if allowed is None or allowed(each)]
+    offered = [each for each in offered or study.options() if allowed is None or allowed(each)]
     if not offered:
         return Recommendation("none", (), "There is no run that the bench can do.")
     final = diagnosis.steps[-1].terms if diagnosis.steps else tuple(terms)
@@ -170,7 +172,7 @@ def recommend(
             plan, chosen = _planned(imagined, [answer.question for answer in reached], most_runs)
             promising = list(plan.answers())
         if chosen and promising:
-            runs = _shuffled([offered[i] for i in chosen], seed)
+            runs = shuffled([offered[i] for i in chosen], seed)
             return Recommendation(
                 purpose,  # type: ignore[arg-type]
                 runs,
@@ -194,9 +196,15 @@ class Plan:
     """
 
     def __init__(
-        self, imagined: Imagined, questions: Sequence[Question], most_runs: int, wanted: float = PROMISE
+        self,
+        imagined: Imagined,
+        questions: Sequence[Question],
+        most_runs: int,
+        wanted: float = PROMISE,
+        among: Sequence[int] | None = None,
     ) -> None:
         self._wanted = wanted
+        self._among = range(len(imagined.proposals)) if among is None else among
         self._most_runs = most_runs
         self._takes_s = np.array([each.takes_s if each.takes_s > 0.0 else 1.0 for each in imagined.proposals])
         found = [(question, _information(imagined, question)) for question in questions]
@@ -208,13 +216,13 @@ class Plan:
     def runs(self) -> list[int]:
         """Which proposals to make, the most telling first; one may be made more than once."""
         chosen: list[int] = []
-        everything = range(len(self._takes_s))
-        near: Sequence[int] = everything
+        near: Sequence[int] = self._among
         while len(chosen) < self._most_runs and self._known:
             value, gain = self._gains(near)
             if not chosen:
-                near = [everything[i] for i in np.argsort(-value)[:_LOOKED_AT]]
-                value, gain = value[near], gain[near]
+                best_first = np.argsort(-value)[:_LOOKED_AT]
+                near = [near[i] for i in best_first]
+                value, gain = value[best_first], gain[best_first]
             best = int(np.argmax(value))
             if gain[best] < _WORTH / (1 + len(chosen) // 6) and not self._slowly(gain[best], len(chosen)):
                 break
@@ -261,6 +269,12 @@ def _needed(course: Sequence[float], wanted: float) -> int | None:
         return reached
     rate = (course[-1] - course[0]) / (len(course) - 1)
     return len(course) - 1 + ceil((wanted - course[-1]) / rate) if rate > 1e-3 * wanted else None
+
+
+def needed(level: float, dimension: int) -> float:
+    """Lambda of an effect that is significant at a level with power 0.95."""
+    threshold = stats.chi2.isf(level, dimension)
+    return float(optimize.brentq(lambda size: stats.ncx2.sf(threshold, dimension, size) - POWER, 1e-3, 1e4))
 
 
 def power(noncentrality: float, dimension: int) -> float:
@@ -390,7 +404,7 @@ def _tighten(
         return Recommendation(
             "none", (), f"{said}Nothing is ambiguous, and no single run would tighten the result by 1 %.".strip()
         )
-    runs = _shuffled([offered[i] for i in chosen], seed)
+    runs = shuffled([offered[i] for i in chosen], seed)
     gains = ", ".join(
         f"{t.name} from {t.sigma_now:.2g} to {t.sigma_promised:.2g} {t.unit}".strip() for t in tightened[:3]
     )
@@ -409,8 +423,8 @@ def _precision(imagined: Imagined, name: str) -> Information:
 # Words
 
 
-def _shuffled(runs: Sequence[Proposal], seed: int) -> tuple[Proposal, ...]:
-    """In random order, so that a drift cannot pass for what the settings do; each room temperature is gone to once."""
+def shuffled(runs: Sequence[Proposal], seed: int) -> tuple[Proposal, ...]:
+    """In random order, so that no drift passes for what settings do; each room temperature is gone to once."""
     mixed = [runs[i] for i in np.random.default_rng([seed, 4]).permutation(len(runs))]
     rooms = list(dict.fromkeys(str(run.settings.get("temperature_c", "")) for run in mixed))
     rooms.sort(key=lambda room: room != "")

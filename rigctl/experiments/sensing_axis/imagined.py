@@ -83,7 +83,7 @@ def options(runs: Sequence[RunObservables], limits: Limits) -> list[Proposal]:
 def imagined(proposals: Sequence[Proposal], runs: Sequence[RunObservables], limits: Limits) -> list[RunObservables]:
     """Proposals as runs soon after `runs`, in the mounting used last; amplitudes are zero, sigmas as they will be.
 
-    Before there are any runs, settings say also `axis`, `configuration`, `mounting` and `start_s`.
+    Settings may say also `start_s`; before there are any runs also `axis`, `configuration` and `mounting`.
     """
     noise = _NoiseOf(runs)
     end_s = max((run.start_s + run.duration_s for run in runs if np.isfinite(run.start_s)), default=0.0)
@@ -111,6 +111,7 @@ def _imagined(
     given = proposal.settings
     place = _place(runs) if runs else (str(given["axis"]), str(given["configuration"]), int(given["mounting"]))
     axis, configuration, mounting = place
+    start_s = float(given.get("start_s", start_s))
     amplitude_m = 1e-3 * float(given["amplitude_mm"])
     motion = np.zeros(HARMONICS, dtype=np.complex128)
     motion[0] = -1j * amplitude_m
@@ -126,8 +127,8 @@ def _imagined(
         theta_rad=radians(float(given["angle_deg"])),
         approach=float(given["approach"]),
         frequency_hz=frequency_hz,
-        temperature_c=float(given.get("temperature_c", last.temperature_c if last else 20.0)),
-        start_s=float(given.get("start_s", start_s)) if last is None or np.isfinite(last.start_s) else np.nan,
+        temperature_c=float(given.get("temperature_c", _going_on(runs, start_s))),
+        start_s=start_s if last is None or np.isfinite(last.start_s) else np.nan,
         duration_s=dwell_s,
         motion_m=motion,
         accel_v=noise.amplitudes("", place, frequency_hz, dwell_s),
@@ -137,6 +138,18 @@ def _imagined(
         else {n: limits.package.face(axis, configuration, h.position) for n, h in limits.heads.items()},
         extra=last.extra if last else {},
     )
+
+
+def _going_on(runs: Sequence[RunObservables], start_s: float) -> float:
+    """The room's temperature if it goes on changing as it did; NaN where it was not recorded."""
+    if not runs:
+        return 20.0
+    known = np.array([(run.start_s, run.temperature_c) for run in runs])
+    if len(runs) < 3 or not np.isfinite(known).all() or np.ptp(known[:, 0]) <= 0.0:
+        return float(known[-1, 1])
+    since = known[:, 0] - known[:, 0].mean()
+    slope = float(since @ known[:, 1] / (since @ since))
+    return float(known[:, 1].mean() + slope * (start_s - known[:, 0].mean()))
 
 
 class _NoiseOf:
