@@ -291,6 +291,11 @@ def _write_truth(rig_file: config.RigFile, store_path: Path) -> None:
         truth_path(store_path).write_text(world, encoding="utf-8")
 
 
+def header_of(campaign: config.CampaignFile, rig_file: config.RigFile) -> Header:
+    """The header a store of this campaign would have, before anything is measured; nothing is connected."""
+    return _header(campaign, Rig(rig_file), Options())
+
+
 def _header(campaign: config.CampaignFile, rig: Rig, options: Options) -> Header:
     file = rig.file
     channels = {"stage_x_mm": ChannelInfo("mm", "position")}

@@ -42,3 +42,42 @@ def next_(
     print_recommendation(found.as_json())
     if write is not None:
         say(f"written: {write}; measure it with `rigctl run {write} --store {store}`")
+
+
+@app.command()
+def investigate(
+    campaign: CampaignToml,
+    store: Annotated[Path, typer.Option(help="Where to keep everything; goes on with one that is there.")],
+    max_runs: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="At most so many runs; default: those of a full scan.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Add what is found; the simulated operator answers.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Measure, diagnose, ask, add, measure again, until the model is adequate or it is said what remains."""
+    from rigctl import config, runner
+    from rigctl.investigate import Settings
+    from rigctl.investigate import investigate as carry_out
+    from rigctl.report.terminal import ProgressBar
+    from rigctl.report.terminal_planning import print_outcome
+
+    campaign_file = config.read_campaign(campaign)
+    rig_file = config.read_rig(campaign_file.rig_path) if campaign_file.rig and not store.exists() else None
+    with ProgressBar() as bar:
+        settings = Settings(
+            runner.Options(unattended=yes, display=bar), _agree if yes else _ask, tell, max_runs=max_runs
+        )
+        found = carry_out(campaign_file, rig_file, store, settings).as_json()
+    if as_json:
+        print_json({"store": str(store), **found})
+    else:
+        print_outcome(found, str(store))
+
+
+def _agree(question: str) -> bool:
+    del question
+    return True
+
+
+def _ask(question: str) -> bool:
+    return typer.confirm(question, err=True)

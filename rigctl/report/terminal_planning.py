@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from rigctl.report.quantities import number
-from rigctl.report.verdicts import Findings
+from rigctl.report.quantities import counted, number
+from rigctl.report.verdicts import Findings, model_name
 
 SHORT = {"angle_deg": "deg", "frequency_hz": "Hz", "amplitude_mm": "mm", "dwell_s": "s", "temperature_c": "C"}
 
@@ -20,6 +20,22 @@ def print_recommendation(found: Findings) -> None:
     console.print(found["description"], highlight=False, markup=False)
     if found["runs"]:
         console.print(runs_table(found["runs"]))
+
+
+def print_outcome(found: Findings, store: str) -> None:
+    """How an investigation ended."""
+    console = Console()
+    model, added = found["model"], found["added"]
+    saved = f"{counted(found['runs'], 'run')}; a full scan has {found['full_scan_runs']}"
+    lines = [
+        f"Verdict: {found['verdict']} after {saved}.",
+        f"Added: {', '.join(added)}." if added else "Nothing was added.",
+        f"Model version {model['version']}: {model_name(model['effects'])}.",
+    ]
+    if found["remains"]:
+        lines.append(f"What remains: {found['remains']}.")
+    lines.append(f"See `rigctl fit {store}` and `rigctl model history {store}`.")
+    console.print("\n".join(lines), highlight=False, markup=False)
 
 
 def runs_table(runs: Sequence[Findings]) -> Table:

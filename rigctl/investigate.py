@@ -1,0 +1,348 @@
+"""Measure, diagnose, ask, add, measure again: until the model is adequate, or what remains can be said.
+
+Nothing is kept but the store: what is measured next follows from what is in it, so that an investigation that was
+interrupted goes on as if it had not been. Each time the question is put from the model the campaign began with:
+what fewer runs suggested has no privilege.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procedures import scan
+from procedures.tables import Procedure
+from rigctl import config, planning, runner
+from rigctl.campaign.recording import ImportReport, Recording
+from rigctl.campaign.store import Store
+from rigctl.errors import ConfigError, DataError
+from rigctl.experiments.sensing_axis.imagined import OVERHEAD_S
+from rigctl.experiments.sensing_axis.study import SensingAxisStudy
+from rigctl.workbench import versions
+from rigctl.workbench.bench import ALPHA, Workbench
+from rigctl.workbench.diagnose import diagnose
+from rigctl.workbench.exclusion import Excluded, Sensitivity, sensitivity
+from rigctl.workbench.findings import Diagnosis
+from rigctl.workbench.first_design import first_design
+from rigctl.workbench.recommend import Recommendation, recommend, shuffled
+from rigctl.workbench.study import Plannable, Proposal, Term
+
+FIRST_RUNS, BATCH_RUNS = 12, 6
+LONGER = 3.0
+LONGEST_S = 60.0
+ROUND = "investigation"
+"""The kind of document that keeps what a round found."""
+
+Ask = Callable[[str], bool]
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to investigate: `ask` decides whether an effect is added, `max_runs` None stands for a full scan's."""
+
+    options: runner.Options
+    ask: Ask
+    tell: Tell
+    max_runs: int | None = None
+    alpha: float = ALPHA
+    plugins: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How it ended: `remains` says what is open, "" when nothing is."""
+
+    verdict: str
+    added: tuple[str, ...]
+    version: int
+    effects: tuple[str, ...]
+    runs: int
+    full_scan: int
+    rounds: int
+    remains: str
+    excluded: tuple[Excluded, ...] = field(default=())
+    diagnosis: Diagnosis | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl investigate --json`."""
+        return {
+            "verdict": self.verdict,
+            "added": list(self.added),
+            "model": {"version": self.version, "effects": list(self.effects)},
+            "runs": self.runs,
+            "full_scan_runs": self.full_scan,
+            "rounds": self.rounds,
+            "remains": self.remains,
+            "sensitivity": [each.as_json() for each in self.excluded],
+            "diagnosis": None if self.diagnosis is None else self.diagnosis.as_json(),
+        }
+
+
+@dataclass(frozen=True)
+class SetPoints:
+    """What a campaign allows: its full scan, and the same set-points with longer runs to choose from."""
+
+    axis: str
+    configuration: str
+    full_scan: tuple[Proposal, ...]
+    options: tuple[Proposal, ...]
+
+
+def investigate(
+    campaign: config.CampaignFile, rig_file: config.RigFile | None, store_path: Path, settings: Settings
+) -> Outcome:
+    """Find what acts on a rig that its model lacks, with as few runs as that takes; goes on where it was.
+
+    `rig_file` is needed to begin, later on the store has it. `ConfigError` for a campaign that is no scan of one
+    axis in one configuration; errors of instruments as they come.
+    """
+    points = set_points(campaign)
+    most = settings.max_runs or len(points.full_scan)
+    if not store_path.exists():
+        if rig_file is None:
+            raise ConfigError(f"{campaign.path}: rig is missing; name the rig file")
+        _begin(campaign, rig_file, store_path, points, min(FIRST_RUNS, most), settings)
+    _require_same(campaign, store_path)
+    rounds = 0
+    while True:
+        _finish(store_path, settings)
+        rounds += 1
+        with Store.open(store_path) as store:
+            round_ = _Round(store, campaign, points, most, settings)
+            batch = round_.next_batch()
+            if not batch:
+                return round_.outcome(rounds)
+            text = _text(campaign, points, batch, f"Round {rounds + 1}")
+        runner.extend(store_path, config.parse_campaign(text, campaign.path), settings.options)
+
+
+def set_points(campaign: config.CampaignFile) -> SetPoints:
+    """The set-points of a scan campaign; `ConfigError` for any other, or for several axes or configurations."""
+    procedure = _procedure(campaign)
+    if procedure.name != "scan":
+        raise ConfigError(
+            f"{campaign.path}: procedure.name: an investigation chooses among the set-points of a scan, "
+            f"not of {procedure.name}; give angles_deg, frequencies_hz and approaches"
+        )
+    if len(procedure.axes) > 1 or len(procedure.configurations) > 1:
+        raise ConfigError(
+            f"{campaign.path}: procedure: an investigation stays in one mounting; "
+            "name one axis in axes and one configuration in configurations"
+        )
+    settings = [
+        {
+            "angle_deg": run.angle_deg,
+            "frequency_hz": run.frequency_hz,
+            "amplitude_mm": run.amplitude_mm or procedure.amplitude_mm,
+            "approach": run.approach,
+            "dwell_s": run.dwell_s or procedure.dwell_s,
+        }
+        for run in scan.listed(procedure)
+    ]
+    full = tuple(Proposal(each, each["dwell_s"] + OVERHEAD_S) for each in settings)
+    distinct = list({tuple(each.items()): each for each in settings}.values())
+    longer = [
+        {**each, "dwell_s": long_s}
+        for each in distinct
+        if (long_s := min(LONGER * each["dwell_s"], LONGEST_S)) > each["dwell_s"]
+    ]
+    options = tuple(Proposal(each, each["dwell_s"] + OVERHEAD_S) for each in (*distinct, *longer))
+    return SetPoints(procedure.axes[0], procedure.configurations[0], full, options)
+
+
+class _Round:
+    """What a store says so far: the diagnosis, the model brought up to date with it, what to measure next."""
+
+    def __init__(
+        self, store: Store, campaign: config.CampaignFile, points: SetPoints, most: int, settings: Settings
+    ) -> None:
+        self._store = store
+        self._points, self._most, self._settings = points, most, settings
+        self._bench = Workbench(store, settings.plugins)
+        study = self._bench.study
+        if not isinstance(study, Plannable):
+            raise DataError(f"{store.path}: a '{study.experiment}' recording cannot be gone on with")
+        self._study = study
+        self._seed = _procedure(campaign).order_seed + len(store.runs())
+        self._given = versions.versions(store)[0].terms
+        self._declined: list[str] = []
+        self._found = diagnose(study, self._given, settings.alpha, progress=None)
+        self._settings.tell(f"{self._made} runs: {self._found.verdict} {' '.join(self._effects)}".rstrip())
+        self._bring_model_up_to_date()
+        self._sensitivity = self._judge()
+
+    @property
+    def _made(self) -> int:
+        return len(self._store.runs())
+
+    @property
+    def _effects(self) -> list[str]:
+        return [term.effect for term in self._found.suggested]
+
+    @property
+    def _terms(self) -> tuple[Term, ...]:
+        """The model the diagnosis ended with."""
+        return self._found.steps[-1].terms
+
+    def _bring_model_up_to_date(self) -> None:
+        """Add what was found, take out what no longer is; ambiguous ones wait until they are told apart."""
+        now = versions.current(self._store)
+        wanted = [] if self._found.verdict == "ambiguous" else [t for t in self._terms if t not in self._given]
+        stale = [t.effect for t in now.terms if t not in self._given and t not in wanted]
+        if stale and self._found.verdict != "ambiguous":
+            versions.remove_all(self._store, stale)
+            self._settings.tell(f"no longer needed: {', '.join(stale)}")
+        for term in wanted:
+            if term in versions.current(self._store).terms:
+                continue
+            if self._settings.ask(f"Add {term.effect} to the model?"):
+                versions.extend(self._store, term)
+                self._settings.tell(f"added {term.effect}")
+            else:
+                self._declined.append(term.effect)
+
+    def _judge(self) -> Sensitivity:
+        room = max(min(BATCH_RUNS, self._most - self._made), 0)
+        return sensitivity(
+            self._study, self._terms, _spread_in_time(self._points.full_scan), self._points.options,
+            self._settings.alpha, room,
+        )  # fmt: skip
+
+    def next_batch(self) -> tuple[Proposal, ...]:
+        """The runs to go on with; empty when it is decided, or nothing more may be measured."""
+        room = min(BATCH_RUNS, self._most - self._made)
+        if room <= 0 or self._declined:
+            return ()
+        batch = self._separating(room).runs if self._found.verdict == "ambiguous" else ()
+        if not batch:
+            batch = self._sensitivity.batch
+        self._store.add_document(
+            ROUND,
+            {
+                "runs": self._made,
+                "verdict": self._found.verdict,
+                "suggested": self._effects,
+                "next": [dict(run.settings) for run in batch],
+            },
+        )
+        if batch:
+            open_ = sorted({each.effect for each in self._sensitivity.parameters if each.share < 1.0})
+            self._settings.tell(f"measuring {len(batch)} more, to see or exclude {', '.join(open_) or 'rivals'}")
+        return shuffled(batch, self._seed)
+
+    def _separating(self, room: int) -> Recommendation:
+        return recommend(
+            self._study,
+            self._given,
+            self._found,
+            offered=self._points.options,
+            seed=self._seed,
+            most_runs=room,
+        )
+
+    def outcome(self, rounds: int) -> Outcome:
+        """How it ended, the model asked once more as it now stands."""
+        version = self._bench.current
+        last = self._bench.diagnose(self._settings.alpha)
+        return Outcome(
+            verdict=last.verdict,
+            added=tuple(term.effect for term in version.terms if term not in self._given),
+            version=version.version,
+            effects=version.effects,
+            runs=self._made,
+            full_scan=len(self._points.full_scan),
+            rounds=rounds,
+            remains=self._remains(last),
+            excluded=self._sensitivity.parameters,
+            diagnosis=last,
+        )
+
+    def _remains(self, last: Diagnosis) -> str:
+        told = []
+        if self._declined:
+            told.append(f"not added, as you chose: {', '.join(self._declined)}")
+        if last.unexplained is not None:
+            told.append(f"none of the known effects explains: {last.unexplained.description}")
+        elif last.verdict == "ambiguous":
+            told.append(f"equally good: {', '.join(term.effect for term in last.suggested)}")
+        unseen = sorted({each.effect for each in self._sensitivity.parameters if each.share < 1.0})
+        if unseen:
+            told.append(f"not excluded as far as a full scan would: {', '.join(unseen)}")
+        return "; ".join(told)
+
+
+def _begin(
+    campaign: config.CampaignFile,
+    rig_file: config.RigFile,
+    store_path: Path,
+    points: SetPoints,
+    count: int,
+    settings: Settings,
+) -> None:
+    """The first runs, into a new store."""
+    procedure = _procedure(campaign)
+    allowed = planning.within(rig_file, procedure, points.axis, points.configuration)
+    refused = [each for each in points.full_scan if not allowed(each)]
+    if refused:
+        runner.dry_run(campaign, rig_file)  # says which, and why
+    header = runner.header_of(campaign, rig_file)
+    study = SensingAxisStudy(Recording(header, (), {}, ImportReport(0)))
+    place = {"axis": points.axis, "configuration": points.configuration, "mounting": 1}
+    placed = [Proposal({**each.settings, **place}, each.takes_s) for each in points.options]
+    terms = [Term(effect) for effect in campaign.model.effects]
+    runs = first_design(study, terms, placed, count, procedure.order_seed)
+    settings.tell(f"beginning with {len(runs)} runs of {len(points.full_scan)} that a full scan has")
+    text = _text(campaign, points, runs, "Round 1")
+    runner.start(config.parse_campaign(text, campaign.path), rig_file, store_path, settings.options)
+
+
+def _finish(store_path: Path, settings: Settings) -> None:
+    """What was interrupted is measured to its end."""
+    with Store.open(store_path, readonly=True) as store:
+        state = store.status().get("state")
+    if state != "done":
+        settings.tell(f"going on with what was {state or 'interrupted'}")
+        runner.resume(store_path, settings.options)
+
+
+def _require_same(campaign: config.CampaignFile, store_path: Path) -> None:
+    """A store of another axis, configuration or model is another investigation."""
+    with Store.open(store_path, readonly=True) as store:
+        begun = runner.campaign_of(store)
+    mine, its = _procedure(campaign), _procedure(begun)
+    here = (mine.axes[0], mine.configurations[0], campaign.model.effects)
+    there = (its.axes[0], its.configurations[0], begun.model.effects)
+    if here != there:
+        raise ConfigError(f"{store_path} was begun with another campaign file; choose another --store")
+
+
+def _text(campaign: config.CampaignFile, points: SetPoints, runs: Sequence[Proposal], title: str) -> str:
+    named = f"{campaign.title}: {title}" if campaign.title else title
+    return planning.scan_text(
+        named,
+        campaign.rig,
+        points.axis,
+        points.configuration,
+        runs,
+        campaign.model.effects,
+        _procedure(campaign),
+    )
+
+
+def _spread_in_time(full_scan: Sequence[Proposal]) -> list[Proposal]:
+    """A full scan as it would be measured: one run after the other, in random order."""
+    order = np.random.default_rng(0).permutation(len(full_scan))
+    starts = np.cumsum([0.0, *(each.takes_s for each in full_scan)])
+    return [
+        Proposal({**each.settings, "start_s": float(starts[place])}, each.takes_s)
+        for each, place in zip(full_scan, order, strict=True)
+    ]
+
+
+def _procedure(campaign: config.CampaignFile) -> Procedure:
+    return config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
