@@ -15,13 +15,13 @@ from rigctl.workbench.findings import Estimate
 from rigctl.workbench.generic import Best, Generic
 from rigctl.workbench.held_out import HeldOut
 from rigctl.workbench.noise import Noise, NoiseEstimator, stacked
-from rigctl.workbench.score import Projector, Score, corrected, trials
+from rigctl.workbench.score import Projector, Score, corrected, p_of, trials
 from rigctl.workbench.study import Candidate, FloatArray, Model, NotTestable, Study, Term
 
 ROUNDS = 2
 """Fit, noise from what is left, fit again with that noise."""
 
-MAX_ITERATIONS = 200
+MAX_ITERATIONS = 80
 _SCANNED = 3
 _PART = 1e-3
 
@@ -137,12 +137,27 @@ class Attempt:
     @cached_property
     def scores(self) -> list[Score]:
         """Of every candidate, in their order."""
-        return [self.projector.score(self.columns(candidate)) for candidate in self.candidates]
+        scores = [self.projector.score(self.columns(candidate)) for candidate in self.candidates]
+        frame = self.estimator.saturated
+        return scores if frame is None else [self._by_own_noise(score, frame) for score in scores]
 
-    def from_scatter(self, columns: FloatArray) -> bool:
-        """Whether data whose noise comes from the scatter between runs have a part in these columns."""
+    def _by_own_noise(self, score: Score, frame: FloatArray) -> Score:
+        """With the scale of the noise as it is once the candidate is in: what it explains inflates it before."""
+        data = len(frame)
+        outside = score.basis[:data] - frame @ (frame.T @ score.basis[:data])
+        explained = float(np.sum((outside.T @ self.left[:data]) ** 2))
+        taken = float(np.sum(outside**2))
+        dof = float(self.noise.dof[0])
+        if dof - taken < 1.0 or not score.dimension:
+            return score
+        scale = max(dof - explained, 1e-9 * dof) / (dof - taken)
+        p_value = p_of(score.statistic / scale, score.dimension, dof - taken)
+        return replace(score, dof=dof - taken, p_value=float(p_value))
+
+    def to_be_drawn(self, columns: FloatArray) -> bool:
+        """Whether data whose correlated noise comes from the scatter have a part in these columns."""
         rows = self.estimator.rows
-        return bool(len(rows)) and bool(np.sum(columns[rows] ** 2) > _PART * np.sum(columns**2))
+        return self.estimator.correlated and bool(np.sum(columns[rows] ** 2) > _PART * np.sum(columns**2))
 
     @cached_property
     def bootstrap(self) -> Bootstrap:

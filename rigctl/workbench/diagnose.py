@@ -83,7 +83,8 @@ def _simplest_of_classes(search: Search, term: Term, alternatives: Sequence[Term
     order = list(search.study.effects())
 
     def simplicity(each: Term) -> tuple[int, int]:
-        return len(scores[each.effect].candidate.names), order.index(each.effect)
+        place = order.index(each.effect) if each.effect in order else len(order)
+        return len(scores[each.effect].candidate.names), place
 
     classes: list[list[Term]] = []
     for each in alternatives:

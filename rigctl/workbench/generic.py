@@ -17,6 +17,9 @@ from rigctl.workbench.score import ABSORBED, Projector, corrected, p_of, smalles
 from rigctl.workbench.study import FloatArray, IntArray, Observations
 
 ANGLE_HARMONICS = 4
+POLYNOMIAL = 6
+"""Highest power of a covariate where neither angle nor frequency gives other shapes."""
+
 POWERS = (-1, 0, 1, 2)
 SHAPE_DRAWS = 1000
 _SIDEWAYS, _COPY = 1e-3, 0.999
@@ -250,6 +253,7 @@ def _common(given: Observations, rows: IntArray) -> tuple[list[tuple[int, str]],
 def _covariates(given: Observations, rows: IntArray) -> list[str]:
     """Those that vary and say something of their own, "" for none, and their squares."""
     found = [""]
+    used_up = given.angle is not None or given.frequency is not None
     used = [given.of_runs(name)[rows] for name in (given.angle, given.frequency) if name is not None]
     for name in given.covariates:
         own = given.of_runs(name)[rows]
@@ -259,8 +263,8 @@ def _covariates(given: Observations, rows: IntArray) -> list[str]:
             continue
         used.append(own)
         found.append(name)
-        if len(np.unique(own)) > 4:
-            found.append(f"{name}^2")
+        degrees = min(POLYNOMIAL if not used_up else 2, (len(np.unique(own)) - 1) // 2)
+        found += [f"{name}^{degree}" for degree in range(2, degrees + 1)]
     return found
 
 
@@ -268,10 +272,9 @@ def _plain(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
     """Columns of one shape over the rows of its series, shape (rows, 1 or 2)."""
     common = np.ones(len(rows))
     if shape.covariate:
-        name, _, squared = shape.covariate.partition("^")
+        name, _, degree = shape.covariate.partition("^")
         values = given.of_runs(name)[rows]
-        scaled = (values - values.mean()) / values.std()
-        common = scaled**2 - np.mean(scaled**2) if squared else scaled
+        common = _polynomial((values - values.mean()) / values.std(), int(degree or 1))
     if shape.power and given.frequency is not None:
         frequency = given.of_runs(given.frequency)[rows]
         common = common * (frequency / frequency.mean()) ** shape.power
@@ -279,6 +282,16 @@ def _plain(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
         return np.asarray(common[:, None])
     angle = np.radians(shape.harmonic * given.of_runs(given.angle)[rows])
     return np.stack([common * np.cos(angle), common * np.sin(angle)], axis=1)
+
+
+def _polynomial(scaled: FloatArray, degree: int) -> FloatArray:
+    """The power of a scaled covariate less what lower powers say of it, of unit rms."""
+    if degree == 1:
+        return scaled
+    lower = np.linalg.qr(np.vander(scaled, degree, increasing=True))[0]
+    power = scaled**degree
+    power = power - lower @ (lower.T @ power)
+    return np.asarray(power / np.sqrt(np.mean(power**2)))
 
 
 def _normalised(columns: FloatArray) -> FloatArray:
@@ -304,5 +317,6 @@ def _times(harmonic: int) -> str:
 
 
 def _worded(covariate: str) -> str:
-    name, _, squared = covariate.partition("^")
-    return f"the square of {name}" if squared else name
+    name, _, degree = covariate.partition("^")
+    words = {"": name, "2": f"the square of {name}", "3": f"the cube of {name}"}
+    return words.get(degree, f"power {degree} of {name}")

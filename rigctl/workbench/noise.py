@@ -103,6 +103,18 @@ class NoiseEstimator:
         return bool(self._pools)
 
     @property
+    def correlated(self) -> bool:
+        """True when some noise may be correlated from run to run."""
+        return any(pool.correlated for pool in self._pools)
+
+    @property
+    def saturated(self) -> FloatArray | None:
+        """Basis of all that was projected out, (n, p), where one pool of independent noise holds all data."""
+        if len(self._pools) != 1 or self.correlated or len(self._pools[0].where) < len(self._dof):
+            return None
+        return self._pools[0].basis
+
+    @property
     def rows(self) -> IntArray:
         """Data whose noise comes from the scatter."""
         return np.concatenate([np.zeros(0, dtype=np.intp), *(pool.where for pool in self._pools)])
@@ -134,10 +146,10 @@ class _Pool:
         self._group = given.group_of[where]
         self._at = _usable(given.of_runs(order)[where]) if order is not None else None
         weights = given.sigma[where][:, None]
-        self._basis = saturated(required[where] / weights, possible[where] / weights)
-        self.dof = max(len(where) - self._basis.shape[1], _FLOOR_DOF)
-        self._looked_at = _stretch(len(where), self._basis.shape[1])
-        basis = orthonormal(self._basis[self._looked_at], 1e-9)
+        self.basis = saturated(required[where] / weights, possible[where] / weights)
+        self.dof = max(len(where) - self.basis.shape[1], _FLOOR_DOF)
+        self._looked_at = _stretch(len(where), self.basis.shape[1])
+        basis = orthonormal(self.basis[self._looked_at], 1e-9)
         self._free = len(self._looked_at) - basis.shape[1]
         self._trials = [_Trial(_WHITE, np.zeros(len(self._looked_at)), np.eye(len(self._looked_at)), basis)]
         for kernel in self._kernels():
@@ -180,8 +192,13 @@ class _Pool:
             found.append((self.where[members], factor))
         return found
 
+    @property
+    def correlated(self) -> bool:
+        """Whether there is an order along which to be correlated."""
+        return self._at is not None and len(np.unique(self._at)) >= 4
+
     def _kernels(self) -> list[str]:
-        if self._at is None or len(np.unique(self._at)) < 4:
+        if not self.correlated:
             return []
         return [f"exp {i}" for i in range(TIME_CONSTANTS)] + [f"power {a:g}" for a in EXPONENTS]
 

@@ -12,6 +12,7 @@ from rigctl.errors import RigError
 from rigctl.workbench.attempt import Attempt, Scored
 from rigctl.workbench.generic import Best, Generic
 from rigctl.workbench.held_out import HeldOut
+from rigctl.workbench.noise import orthonormal
 from rigctl.workbench.score import Projector, contained, corrected, p_of
 from rigctl.workbench.study import IntArray, Line, Study, Term
 
@@ -128,7 +129,7 @@ class Search:
     def p_of_scored(attempt: Attempt, scored: Scored) -> float:
         """P-value of a candidate, by bootstrap where it matters and its noise comes from the scatter."""
         p_value, score = scored.score.p_value, scored.score
-        if attempt.corrected(p_value) >= CONFIRM_FROM or not attempt.from_scatter(score.basis):
+        if attempt.corrected(p_value) >= CONFIRM_FROM or not attempt.to_be_drawn(score.basis):
             return p_value
         law = attempt.bootstrap.law(scored.candidate.term.effect)
         return max(p_value, law.p_value(score.statistic, score.dimension))
@@ -210,7 +211,10 @@ class Search:
     def p_of_term(self, terms: Sequence[Term], term: Term) -> float:
         """P-value of one of the terms given the others, from the fits with and without it."""
         with_it = self.attempt(terms)
-        without = self.attempt([each for each in terms if each != term])
+        try:
+            without = self.attempt([each for each in terms if each != term])
+        except RigError:  # what cannot be fitted without it needs it
+            return 0.0
         white = with_it.noise.whiten(without.unexplained())
         pulls = without.left[len(without.result.residuals) :]
         fall = float(white @ white + pulls @ pulls) - with_it.result.chi2
@@ -231,7 +235,7 @@ class Search:
         if shape is None:
             return None
         p_value = shape.p_value_corrected
-        if p_value < CONFIRM_FROM and attempt.from_scatter(attempt.padded(shape.columns)):
+        if p_value < CONFIRM_FROM and attempt.to_be_drawn(shape.columns):
             law = attempt.bootstrap.shapes
             p_value = max(p_value, corrected(law.p_value(shape.statistic, shape.dimension), shape.n_eff))
         return shape if p_value < SHAPES_SHARE * self.alpha else None
@@ -255,18 +259,14 @@ class Search:
             effect = each.candidate.term.effect
             if effect == term.effect or not each.score.dimension:
                 continue
-            if (
-                contained(own.score.basis, each.score.basis) > _CONTAINED
-                and each.score.dimension > own.score.dimension
-            ):
-                continue
             if each.score.statistic < 0.25 * own.score.statistic:
                 continue
-            if self._substitutes(others, each, term):
+            if self._substitutes(others, each, own):
                 found.append(Rival(term.effect, each.candidate.term))
         return found
 
-    def _substitutes(self, others: tuple[Term, ...], rival: Scored, term: Term) -> bool:
+    def _substitutes(self, others: tuple[Term, ...], rival: Scored, simpler: Scored) -> bool:
+        term = simpler.candidate.term
         try:
             instead = self.attempt((*others, rival.candidate.term))
             own = next((each for each in instead.scored if each.candidate.term.effect == term.effect), None)
@@ -274,7 +274,21 @@ class Search:
             return False
         if own is not None and own.score.dimension and own.score.p_value < RIVAL_LEVEL * self.alpha:
             return False
+        if self._contains(instead, rival.candidate.term.effect, simpler):
+            return False
         return self.adequate((*others, rival.candidate.term))
+
+    @staticmethod
+    def _contains(attempt: Attempt, effect: str, simpler: Scored) -> bool:
+        """Whether an effect has more parameters than another, whose doing it can imitate entirely."""
+        own = [i for i, owner in enumerate(attempt.model.owners) if owner == effect]
+        if len(own) <= len(simpler.candidate.names):
+            return False
+        rest = np.delete(attempt.jacobian, own, axis=1)
+        others = Projector(rest, attempt.left, attempt.noise.dof, len(attempt.noise.dof))
+        span = orthonormal(others.free(attempt.jacobian[:, own]), 1e-6)
+        inner = orthonormal(others.free(attempt.columns(simpler.candidate)), 1e-6)
+        return contained(inner, span) > _CONTAINED
 
 
 def _extended(attempt: Attempt, columns: np.ndarray) -> Projector:
