@@ -11,6 +11,9 @@ import pytest
 from scipy import stats
 
 from rigctl import Campaign, results
+from rigctl.campaign.store import Store
+from rigctl.report.document import write_report
+from rigctl.workbench.bench import Workbench
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 
@@ -67,6 +70,7 @@ def test_the_budget_is_led_by_the_scatter_and_validated(result: dict[str, Any]) 
 
 
 def test_the_paper_s_figures_are_written(store: Path, tmp_path: Path) -> None:
-    written = {path.name for path in results.figures(store, tmp_path)}
+    with Store.open(store) as opened:
+        written = {path.name for path in write_report(Workbench(opened), None, tmp_path, lambda _: None)}
     for name in ("fig12", "fig15", "fig16", "fig17"):
         assert {f"{name}.svg", f"{name}.csv"} <= written

@@ -241,8 +241,10 @@ class _Test:
         tried = self.open & (self.power > 1.0)
         power, shape = self.power[tried], self.shape[tried]
         # The tail grows by what each run's own noise level is uncertain by (saddle point of the sum).
-        tail = 0.5 * _LEVEL_VARIANCE * shape * (power - 1.0) ** 2
-        self.log_p[tried] = np.minimum(stats.f.logsf(power, 2 * shape, 2 * self.level_shape[tried]) + tail, 0.0)
+        # It is an expansion: for a line as strong as tens of levels it would grow beyond what it corrects.
+        known = stats.f.logsf(power, 2 * shape, 2 * self.level_shape[tried])
+        tail = np.minimum(0.5 * _LEVEL_VARIANCE * shape * (power - 1.0) ** 2, -0.5 * known)
+        self.log_p[tried] = known + tail
 
     def most_significant(self) -> int | None:
         if not self.open.any():

@@ -6,8 +6,7 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from rigctl.campaign.recording import RunRecord, RunSource
-from rigctl.campaign.store import Store
+from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
 from rigctl.errors import DataError
 from rigctl.experiments.sensing_axis.kept_reduction import from_bytes, to_bytes
 from rigctl.experiments.sensing_axis.observables import RunObservables
@@ -140,7 +139,7 @@ class _Kept:
     """What a store keeps by a recipe; nothing for a recording in memory, nothing new when open for reading."""
 
     def __init__(self, source: RunSource, recipe: str) -> None:
-        self._store = source if isinstance(source, Store) else None
+        self._store = source if isinstance(source, KeepsReductions) else None
         self._recipe = recipe
         self._names = self._store.reduced_names(_RUNS + recipe) if self._store else set()
         self._new: dict[str, bytes] = {}
