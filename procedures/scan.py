@@ -70,9 +70,8 @@ def listed(procedure: Procedure) -> tuple[ListedRun, ...]:
     if procedure.runs:
         return procedure.runs
     if procedure.mounting != "new" and procedure.mountings > 1:
-        raise ConfigError(
-            f'procedure.mountings: there is one mounting in place; leave it out with mounting = "{procedure.mounting}"'
-        )
+        kind = procedure.mounting
+        raise ConfigError(f'procedure.mountings: there is one mounting in place; leave it out with mounting = "{kind}"')
     in_place = {"new": tuple(range(1, procedure.mountings + 1)), "same": (IN_PLACE,), "kept": (None,)}
     grid = itertools.product(
         procedure.axes,

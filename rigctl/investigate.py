@@ -28,7 +28,7 @@ from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.exclusion import Excluded, Sensitivity, sensitivity
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.first_design import first_design
-from rigctl.workbench.recommend import Recommendation, recommend, shuffled
+from rigctl.workbench.recommend import recommend, shuffled
 from rigctl.workbench.study import Plannable, Proposal, Term
 
 FIRST_RUNS, BATCH_RUNS = 12, 6
@@ -91,6 +91,10 @@ class SetPoints:
     configuration: str
     full_scan: tuple[Proposal, ...]
     options: tuple[Proposal, ...]
+
+    def run_price_s(self, most: int) -> float:
+        """Rig time that a run is worth when there may be `most`: both budgets are to last equally long."""
+        return sum(each.takes_s for each in self.full_scan) / most
 
 
 def investigate(
@@ -209,18 +213,21 @@ class _Round:
     def _judge(self) -> Sensitivity:
         room = max(min(BATCH_RUNS, self._most - self._made), 0)
         return sensitivity(
-            self._study, self._terms, _spread_in_time(self._points.full_scan), self._points.options,
-            self._settings.alpha, room,
-        )  # fmt: skip
+            self._study,
+            self._terms,
+            _spread_in_time(self._points.full_scan),
+            self._points.options,
+            self._settings.alpha,
+            room,
+            self._points.run_price_s(self._most),
+        )
 
     def next_batch(self) -> tuple[Proposal, ...]:
         """The runs to go on with; empty when it is decided, or nothing more may be measured."""
         room = min(BATCH_RUNS, self._most - self._made)
         if room <= 0 or self._declined:
             return ()
-        batch = self._separating(room).runs if self._found.verdict == "ambiguous" else ()
-        if not batch:
-            batch = self._sensitivity.batch
+        batch = self._separating(room) or self._sensitivity.batch
         self._store.add_document(
             ROUND,
             {
@@ -235,8 +242,11 @@ class _Round:
             self._settings.tell(f"measuring {len(batch)} more, to see or exclude {', '.join(open_) or 'rivals'}")
         return shuffled(batch, self._seed)
 
-    def _separating(self, room: int) -> Recommendation:
-        return recommend(
+    def _separating(self, room: int) -> tuple[Proposal, ...]:
+        """Runs that tell rivals apart; none where there are no rivals, or nothing tells them."""
+        if self._found.verdict != "ambiguous":
+            return ()
+        found = recommend(
             self._study,
             self._given,
             self._found,
@@ -244,6 +254,7 @@ class _Round:
             seed=self._seed,
             most_runs=room,
         )
+        return found.runs if found.purpose == "separate" else ()
 
     def outcome(self, rounds: int) -> Outcome:
         """How it ended, the model asked once more as it now stands."""
@@ -295,7 +306,8 @@ def _begin(
     place = {"axis": points.axis, "configuration": points.configuration, "mounting": 1}
     placed = [Proposal({**each.settings, **place}, each.takes_s) for each in points.options]
     terms = [Term(effect) for effect in campaign.model.effects]
-    runs = first_design(study, terms, placed, count, procedure.order_seed)
+    price_s = points.run_price_s(settings.max_runs or len(points.full_scan))
+    runs = first_design(study, terms, placed, count, procedure.order_seed, price_s)
     settings.tell(f"beginning with {len(runs)} runs of {len(points.full_scan)} that a full scan has")
     text = _text(campaign, points, runs, "Round 1")
     runner.start(config.parse_campaign(text, campaign.path), rig_file, store_path, settings.options)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli.io import CampaignToml, Json, StoreFile, print_json, say
-from rigctl.errors import ConfigError, RigError
+from rigctl.cli.io import CampaignToml, Json, StoreFile, print_json, say, tell
+from rigctl.errors import ConfigError, ProcedureError, RigError
 
 if TYPE_CHECKING:
     from rigctl.config import CampaignFile
@@ -131,7 +131,13 @@ def _show_outcome(store: Path, *, as_json: bool) -> None:
     from rigctl import results
     from rigctl.campaign.status import status_of
 
-    found = results.of(store)
+    try:
+        found = results.of(store)
+    except ProcedureError as error:  # a few runs that another store lacked need not determine a model
+        tell(f"{store}: no result yet: {error}")
+        if as_json:
+            print_json({"store": str(store), "status": status_of(store), "result": None})
+        return
     if as_json:
         print_json({"store": str(store), "status": status_of(store), "result": found})
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,9 +92,19 @@ class Workbench:
         if not 0.0 < alpha < 1.0:
             raise ConfigError(f"alpha {alpha:g} is no level; give one between 0 and 1, such as {ALPHA:g}")
         version = self.current
-        found = diagnose(self.study, version.terms, alpha=alpha, progress=progress)
+        found = self._with_next(diagnose(self.study, version.terms, alpha=alpha, progress=progress))
         versions.keep_diagnosis(self.store, version, alpha, found.as_json())
         return found
+
+    def _with_next(self, found: Diagnosis) -> Diagnosis:
+        """What to measure, where something is ambiguous or cannot be told apart."""
+        from rigctl.planning import allowed_by
+        from rigctl.workbench.recommend import recommend
+
+        if found.verdict != "ambiguous" and not found.inseparable:
+            return found
+        allowed = allowed_by(self.store)
+        return replace(found, next_measurement=recommend(self.study, found.terms, found, allowed=allowed).as_json())
 
     def recommend(
         self, allowed: Allowed | None = None, progress: Callable[[str], None] | None = None, alpha: float = ALPHA

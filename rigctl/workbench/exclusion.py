@@ -59,13 +59,15 @@ def sensitivity(
     options: Sequence[Proposal],
     alpha: float,
     batch: int,
+    run_price_s: float = 0.0,
 ) -> Sensitivity:
-    """What the runs of `study` exclude beside `terms`, and a `batch` of `options` to go on with."""
+    """What the runs of `study` exclude beside `terms`, and a `batch` of `options` to go on with; see `Plan`."""
     attempt = Attempt(study, terms)
     imagined = Imagined(study, attempt, [*options, *full_scan])
     scan = range(len(options), len(options) + len(full_scan))
     level = CATALOGUE_SHARE * alpha / attempt.n_eff
-    wanted = needed(level, 1)
+    dof = {each.candidate.term.effect: each.score.dof for each in attempt.scored}
+    wanted: list[float] = []
     questions: list[Question] = []
     found: list[tuple[str, str, float, str]] = []
     for candidate in imagined.candidates:
@@ -75,9 +77,10 @@ def sensitivity(
             size = _shown_by(imagined, columns, number, candidate.typical, scan)
             if size is not None:
                 questions.append(Question(candidate.term, None, size, "typical"))
+                wanted.append(needed(level, dof.get(candidate.term.effect, np.inf)))
                 found.append((candidate.term.effect, name, float(size[number]), candidate.units[number]))
-    plan = Plan(imagined, questions, batch, wanted, among=range(len(options)))
-    shares = [value / wanted for value in plan.before]
+    plan = Plan(imagined, questions, batch, wanted, among=range(len(options)), run_price_s=run_price_s)
+    shares = [value / enough for value, enough in zip(plan.before, wanted, strict=True)]
     parameters = [Excluded(*each, share=share) for each, share in zip(found, shares, strict=True)]
     chosen = plan.runs() if any(each.share < 1.0 for each in parameters) else []
     return Sensitivity(tuple(parameters), tuple(options[i] for i in chosen))

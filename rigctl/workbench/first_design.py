@@ -19,7 +19,12 @@ _MOST = 30.0
 
 @one_thread
 def first_design(
-    study: Plannable, terms: Sequence[Term], options: Sequence[Proposal], count: int, seed: int
+    study: Plannable,
+    terms: Sequence[Term],
+    options: Sequence[Proposal],
+    count: int,
+    seed: int,
+    run_price_s: float = 0.0,
 ) -> tuple[Proposal, ...]:
     """So many of the options, D-optimal for baseline, terms and catalogue: effects are expected at typical sizes.
 
@@ -40,7 +45,7 @@ def first_design(
     rows = np.hstack(columns)
     bounds = np.searchsorted(given.run_of, np.arange(len(options) + 1))
     parts = [rows[bounds[i] : bounds[i + 1]] for i in range(len(options))]
-    takes_s = np.array([each.takes_s for each in options])
+    takes_s = np.array([each.takes_s for each in options]) + run_price_s
     spread = np.eye(rows.shape[1])
     chosen: list[int] = []
     while len(chosen) < count:

@@ -37,7 +37,7 @@ _LOOKED_AT = 160
 _WORTH = 0.02
 """Of what is wanted: runs that add less are not worth their time."""
 
-_HOPELESS = 1.0
+_HOPELESS = 0.2 * PROMISE
 """A lambda that nothing can lift past this is no promise."""
 
 _TIGHTER = 0.02
@@ -192,7 +192,8 @@ def _planned(imagined: Imagined, questions: Sequence[Question], most_runs: int) 
 class Plan:
     """A greedy choice of runs for several questions: each step the largest gain per second of rig time.
 
-    What counts is the sum over questions of min(lambda / PROMISE, 1): more than enough is no gain.
+    What counts is the sum over questions of min(lambda / wanted, 1), PROMISE by default: more is no gain. `among`
+    are the proposals to choose from, `run_price_s` the rig time that a run is worth where runs are limited too.
     """
 
     def __init__(
@@ -200,16 +201,19 @@ class Plan:
         imagined: Imagined,
         questions: Sequence[Question],
         most_runs: int,
-        wanted: float = PROMISE,
+        wanted: Sequence[float] | None = None,
         among: Sequence[int] | None = None,
+        run_price_s: float = 0.0,
     ) -> None:
-        self._wanted = wanted
         self._among = range(len(imagined.proposals)) if among is None else among
         self._most_runs = most_runs
-        self._takes_s = np.array([each.takes_s if each.takes_s > 0.0 else 1.0 for each in imagined.proposals])
-        found = [(question, _information(imagined, question)) for question in questions]
-        self.questions = [question for question, information in found if information is not None]
-        self._known = [information for _, information in found if information is not None]
+        takes_s = [each.takes_s if each.takes_s > 0.0 else 1.0 for each in imagined.proposals]
+        self._takes_s = np.array(takes_s) + run_price_s
+        known = [_information(imagined, question) for question in questions]
+        asked = [number for number, information in enumerate(known) if information is not None]
+        self.questions = [questions[number] for number in asked]
+        self._known = [information for information in known if information is not None]
+        self._wanted = [PROMISE if wanted is None else wanted[number] for number in asked]
         self.before = [each.lambda_now() for each in self._known]
         self._course: list[list[float]] = [self.before]
 
@@ -230,7 +234,7 @@ class Plan:
             for each in self._known:
                 each.add(near[best])
             self._course.append([each.lambda_now() for each in self._known])
-            if min(self._course[-1]) >= self._wanted:
+            if all(value >= wanted for value, wanted in zip(self._course[-1], self._wanted, strict=True)):
                 break
         return chosen
 
@@ -242,23 +246,26 @@ class Plan:
                 course[0],
                 course[-1],
                 power(course[-1], int(np.sum(question.size != 0.0))),
-                _needed(course, self._wanted),
+                _needed(course, wanted),
             )
-            for question, course in zip(self.questions, zip(*self._course, strict=True), strict=True)
+            for question, course, wanted in zip(
+                self.questions, zip(*self._course, strict=True), self._wanted, strict=True
+            )
         ]
 
     def _gains(self, which: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Gain per second and gain of each of these runs."""
         gain = np.zeros(len(which))
-        for each in self._known:
+        for each, wanted in zip(self._known, self._wanted, strict=True):
             now = each.lambda_now()
-            if now < self._wanted:
-                gain += np.minimum(each.lambda_with(which) / self._wanted, 1.0) - now / self._wanted
+            if now < wanted:
+                gain += np.minimum(each.lambda_with(which) / wanted, 1.0) - now / wanted
         return gain / self._takes_s[list(which)], gain
 
     def _slowly(self, gain: float, made: int) -> bool:
         """Whether what is missing could still be reached with the runs left."""
-        missing = sum(max(self._wanted - now, 0.0) / self._wanted for now in self._course[-1])
+        pairs = zip(self._course[-1], self._wanted, strict=True)
+        missing = sum(max(1.0 - now / wanted, 0.0) for now, wanted in pairs)
         return bool(gain * (self._most_runs - made) >= 0.5 * missing)
 
 
@@ -271,10 +278,16 @@ def _needed(course: Sequence[float], wanted: float) -> int | None:
     return len(course) - 1 + ceil((wanted - course[-1]) / rate) if rate > 1e-3 * wanted else None
 
 
-def needed(level: float, dimension: int) -> float:
-    """Lambda of an effect that is significant at a level with power 0.95."""
-    threshold = stats.chi2.isf(level, dimension)
-    return float(optimize.brentq(lambda size: stats.ncx2.sf(threshold, dimension, size) - POWER, 1e-3, 1e4))
+def needed(level: float, dof: float = np.inf) -> float:
+    """Lambda of one parameter that is significant at a level with power 0.95, the noise being known with `dof`."""
+    if not np.isfinite(dof):
+        return float((stats.norm.isf(level / 2.0) + stats.norm.ppf(POWER)) ** 2)
+    threshold = stats.f.isf(level, 1, dof)
+
+    def lacking(size: float) -> float:
+        return float(stats.ncf.sf(threshold, 1, dof, size)) - POWER
+
+    return float(optimize.brentq(lacking, 1e-3, 20.0 * threshold))
 
 
 def power(noncentrality: float, dimension: int) -> float:
@@ -311,7 +324,8 @@ def _rivals(study: Study, final: Sequence[Term], diagnosis: Diagnosis) -> tuple[
     ]
     if not contested:
         return tuple(final), []
-    base = tuple(term for term in final if term not in {rank.term for rank in contested})
+    doubted = [rank.term for rank in contested]
+    base = tuple(term for term in final if term not in doubted)
     sizes: dict[str, FloatArray] = {}
     questions = []
     for rank in contested:
@@ -406,7 +420,7 @@ def _tighten(
         )
     runs = shuffled([offered[i] for i in chosen], seed)
     gains = ", ".join(
-        f"{t.name} from {t.sigma_now:.2g} to {t.sigma_promised:.2g} {t.unit}".strip() for t in tightened[:3]
+        f"{t.name} from {t.sigma_now:.3g} to {t.sigma_promised:.3g} {t.unit}".strip() for t in tightened[:3]
     )
     words = f"{said}{_counted(runs)} would tighten the result: the standard uncertainty of {gains}."
     return Recommendation("tighten", runs, words, (), tuple(hopeless), tightened, offered[chosen[0]])
@@ -455,5 +469,6 @@ def _plain(other: str) -> str:
 
 def _counted(runs: Sequence[Proposal]) -> str:
     takes_s = sum(run.takes_s for run in runs)
-    time = f" ({takes_s / 60.0:.0f} min of rig time)" if np.isfinite(takes_s) else ""
-    return f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}{time}"
+    known = bool(np.isfinite(takes_s))
+    noun = ("run" if known else "reading") + ("" if len(runs) == 1 else "s")
+    return f"{len(runs)} {noun}{f' ({takes_s / 60.0:.1f} min of rig time)' if known else ''}"

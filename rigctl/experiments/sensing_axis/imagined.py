@@ -56,13 +56,16 @@ def options(runs: Sequence[RunObservables], limits: Limits) -> list[Proposal]:
     more = [sign * angle for angle in ANGLES_DEG for sign in (-1.0, 1.0)]
     if limits.known:
         angles, frequencies = _used([*angles, *more]), _used([*frequencies, *FREQUENCIES_HZ])
-        amplitudes = _used([*amplitudes, 0.5 * amplitudes[-1]])
     else:
         angles = _used([*angles, *(each for each in more if angles[0] <= each <= angles[-1])])
         frequencies = _used([*frequencies, *(f for f in FREQUENCIES_HZ if frequencies[0] <= f <= frequencies[-1])])
     overhead_s = overhead(runs)
     rooms = _rooms(runs)
-    grid = itertools.product(angles, frequencies, amplitudes, (1, -1), dwells, rooms)
+    places = [
+        (angle_deg, frequency_hz, _largest(last, limits, angle_deg, frequency_hz, amplitude_mm))
+        for angle_deg, frequency_hz, amplitude_mm in itertools.product(angles, frequencies, amplitudes)
+    ]
+    grid = itertools.product(dict.fromkeys(places), (1, -1), dwells, rooms)
     return [
         Proposal(
             {
@@ -75,8 +78,8 @@ def options(runs: Sequence[RunObservables], limits: Limits) -> list[Proposal]:
             },
             dwell_s + overhead_s + (0.0 if room is None else ROOM_S),
         )
-        for angle_deg, frequency_hz, amplitude_mm, approach, dwell_s, room in grid
-        if (room is None or dwell_s == dwells[-1]) and _within(last, limits, angle_deg, frequency_hz, amplitude_mm)
+        for (angle_deg, frequency_hz, amplitude_mm), approach, dwell_s, room in grid
+        if amplitude_mm and (room is None or dwell_s == dwells[-1])
     ]
 
 
@@ -219,6 +222,14 @@ def _within(last: RunObservables, limits: Limits, angle_deg: float, frequency_hz
     response = 1.0 / abs(complex(1.0 - w**2 * sensor.inv_w0_squared, w * sensor.damping))
     force_m_s2 = 1e-3 * amplitude_mm * w**2 * abs(np.sin(radians(angle_deg)))
     return bool(sensor.gain_v_per_m_s2 * response * force_m_s2 + limits.package.level_limit_v < limits.full_scale_v)
+
+
+def _largest(
+    last: RunObservables, limits: Limits, angle_deg: float, frequency_hz: float, amplitude_mm: float
+) -> float:
+    """The amplitude, or half or a quarter of it where it would take the output out of its range; 0 for none."""
+    parts = (amplitude_mm, 0.5 * amplitude_mm, 0.25 * amplitude_mm)
+    return next((part for part in parts if _within(last, limits, angle_deg, frequency_hz, part)), 0.0)
 
 
 def _rooms(runs: Sequence[RunObservables]) -> list[float | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,11 +16,12 @@ from rigctl.experiments.table.candidates import candidate_of, plugin_candidate
 from rigctl.experiments.table.catalogue import base_of, generic, next_id, why_not
 from rigctl.experiments.table.model import TableModel, fitted
 from rigctl.experiments.table.pieces import ColumnPiece, Piece, PluginPiece
+from rigctl.experiments.table.proposals import options, with_proposals
 from rigctl.experiments.table.readings import Readings, declares_noise, read
 from rigctl.experiments.table.scanned import Scanned
 from rigctl.experiments.table.start import POINTS_MAX, baseline_start, place, solve, span_of
 from rigctl.interfaces import FloatArray
-from rigctl.workbench.study import Candidate, Line, Model, NoisePool, NotTestable, Observations, Series, Term
+from rigctl.workbench.study import Candidate, Line, Model, NoisePool, NotTestable, Observations, Proposal, Series, Term
 
 _ROUNDING = 1e-13
 _RESTARTS = 8
@@ -44,6 +46,7 @@ class TableStudy:
             self.readings = replace(self.readings, sigma=self._scatter())
         self.observations = _observations(self.readings)
         self._require_enough(len(self._start))
+        self._imagined = False
 
     def effects(self) -> Mapping[str, str]:
         """The catalogue made from the columns, then the plug-ins; of the scanned ones there may be `#2`, `#3`, ..."""
@@ -64,7 +67,7 @@ class TableStudy:
         model = TableModel(self.observations, self.readings, tuple(pieces), self._starts(pieces))
         self._require_enough(len(model.starts))
         curved = len(self.readings.expression.linear_in()) < len(self._start)
-        return self._settled(model) if curved and pieces else model
+        return self._settled(model) if curved and pieces and not self._imagined else model
 
     def _settled(self, model: TableModel) -> TableModel:
         """The model starting where its fit ends: beside a curved baseline a scan is only a first guess."""
@@ -121,6 +124,19 @@ class TableStudy:
             each.name: {"value": float(value), "sigma": float(sigma), "unit": unit}
             for each, value, sigma, unit in rows
         }
+
+    def options(self) -> list[Proposal]:
+        """Values of the columns at which the next readings might be taken."""
+        return options(self.readings)
+
+    def extended(self, proposals: Sequence[Proposal]) -> TableStudy:
+        """These readings and some more, which mean nothing but where they are taken."""
+        other = copy.copy(self)
+        other.readings = with_proposals(self.readings, proposals)
+        other._forms = generic(other.readings)
+        other.observations = _observations(other.readings)
+        other._imagined = True
+        return other
 
     def _grid(self, form: Scanned) -> list[dict[str, float]]:
         points = max(_GRID_POINTS // max(len(self.readings.columns), 1), _GRID_LEAST)

@@ -1,0 +1,93 @@
+"""Readings that could be taken next, and a table's readings with them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rigctl.experiments.table.readings import Column, Readings
+from rigctl.interfaces import FloatArray
+from rigctl.workbench.study import Proposal
+
+BEYOND = 0.2
+"""Of a column's range, how far past its ends values are thought possible."""
+
+MOST = 600
+_GRID = {1: 29, 2: 15, 3: 8}
+_FEWEST = 4
+_DIGITS = 4
+
+
+def options(readings: Readings) -> list[Proposal]:
+    """Values of the columns to take a reading at: a grid over each column's range and a fifth beyond.
+
+    Of many columns, which would make a grid too large, one varies at a time about a reading that was taken. The
+    column that orders the readings goes on: its next value.
+    """
+    free = [column for column in readings.columns.values() if _is_set(readings, column)]
+    if not free:
+        return []
+    ordered = readings.order
+    fixed = {} if ordered is None else {ordered.name: _following(ordered)}
+    points = _GRID.get(len(free), _FEWEST)
+    grids = [_grid(column, points) for column in free]
+    small = int(np.prod([len(grid) for grid in grids])) <= MOST
+    places = list(itertools.product(*grids)) if small else _one_at_a_time(free)
+    names = [column.name for column in free]
+    return [Proposal({**dict(zip(names, place, strict=True)), **fixed}) for place in places]
+
+
+def with_proposals(readings: Readings, proposals: Sequence[Proposal]) -> Readings:
+    """The readings with more rows; what a proposal does not say is as in the last reading, the response its mean."""
+    count = len(proposals)
+    columns = {name: _longer(column, proposals) for name, column in readings.columns.items()}
+    response = readings.response
+    return replace(
+        readings,
+        response=replace(response, values=_joined(response.values, np.full(count, response.values.mean()))),
+        columns=columns,
+        labels=(*readings.labels, *(f"proposed {i + 1}" for i in range(count))),
+        sigma=_joined(readings.sigma, np.full(count, float(np.median(readings.sigma)))),
+        block_of=np.concatenate([readings.block_of, np.full(count, readings.block_of[-1])]),
+    )
+
+
+def _is_set(readings: Readings, column: Column) -> bool:
+    """Whether somebody chooses this column's values: it varies, is known everywhere, and tells no time."""
+    told = {readings.spec.order, readings.spec.block}
+    return column.name not in told and bool(np.isfinite(column.values).all()) and column.distinct.size > 1
+
+
+def _grid(column: Column, points: int) -> list[float]:
+    low, high = float(column.distinct[0]), float(column.distinct[-1])
+    beyond = BEYOND * (high - low)
+    # Where nothing was ever negative, nothing may be.
+    lowest = max(low - beyond, 0.0) if low >= 0.0 else low - beyond
+    step = 10.0 ** (np.floor(np.log10(high - low)) - _DIGITS + 1)
+    return sorted({float(f"{round(value / step) * step:.12g}") for value in np.linspace(lowest, high + beyond, points)})
+
+
+def _one_at_a_time(free: Sequence[Column]) -> list[tuple[float, ...]]:
+    rows = np.stack([column.values for column in free], axis=1)
+    middle = rows[int(np.argmin(np.sum(((rows - np.median(rows, axis=0)) / rows.std(axis=0)) ** 2, axis=1)))]
+    found = {tuple(map(float, row)) for row in rows[:: max(len(rows) // (MOST // 2), 1)]}
+    for place, column in enumerate(free):
+        for value in _grid(column, _GRID[1]):
+            found.add((*map(float, middle[:place]), value, *map(float, middle[place + 1 :])))
+    return sorted(found)
+
+
+def _following(column: Column) -> float:
+    return float(column.values.max() + column.spacing)
+
+
+def _longer(column: Column, proposals: Sequence[Proposal]) -> Column:
+    more = [float(each.settings.get(column.name, column.values[-1])) for each in proposals]
+    return replace(column, values=_joined(column.values, np.array(more)))
+
+
+def _joined(values: FloatArray, more: FloatArray) -> FloatArray:
+    return np.concatenate([values, more])
