@@ -259,7 +259,10 @@ class _Round:
     def outcome(self, rounds: int) -> Outcome:
         """How it ended, the model asked once more as it now stands."""
         version = self._bench.current
-        last = self._bench.diagnose(self._settings.alpha)
+        last = self._found
+        if version.terms != self._given:
+            last = diagnose(self._study, version.terms, self._settings.alpha)
+        versions.keep_diagnosis(self._store, version, self._settings.alpha, last.as_json())
         return Outcome(
             verdict=last.verdict,
             added=tuple(term.effect for term in version.terms if term not in self._given),

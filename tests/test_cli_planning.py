@@ -73,7 +73,9 @@ def test_next_promises_and_writes_a_campaign_that_can_be_run(measured: Path, des
     assert plan["runs_planned"] == len(found["runs"])
 
 
-def test_the_campaign_goes_on_in_the_same_mounting_or_begins_a_store(measured: Path, desk: Any, tmp_path: Path) -> None:
+def test_the_campaign_goes_on_in_the_same_mounting_or_begins_a_store(
+    measured: Path, desk: Any, tmp_path: Path
+) -> None:
     written = measured.parent / "more.toml"
     count = len(desk.rigctl("next", measured, "--write", written, "--json").json["runs"])
     before = len(Store.open(measured, readonly=True).runs())

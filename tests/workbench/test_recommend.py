@@ -172,7 +172,11 @@ def test_it_stops_when_enough_is_promised(ambiguous: tuple[Bench, Diagnosis]) ->
     least = min(answer.lambda_promised for answer in advice.answers)
     assert PROMISE <= least < 4.0 * PROMISE
     shorter = study.extended(advice.runs[:1])
-    assert min(noncentrality(shorter, a.question.other, a.question.term.effect, a.question.size[0]) for a in advice.answers) < PROMISE  # fmt: skip
+    reached = [
+        noncentrality(shorter, answer.question.other, answer.question.term.effect, float(answer.question.size[0]))
+        for answer in advice.answers
+    ]
+    assert min(reached) < PROMISE
 
 
 @pytest.mark.parametrize("true", ["flat", "growing"])

@@ -67,7 +67,9 @@ def _grid(column: Column, points: int) -> list[float]:
     # Where nothing was ever negative, nothing may be.
     lowest = max(low - beyond, 0.0) if low >= 0.0 else low - beyond
     step = 10.0 ** (np.floor(np.log10(high - low)) - _DIGITS + 1)
-    return sorted({float(f"{round(value / step) * step:.12g}") for value in np.linspace(lowest, high + beyond, points)})
+    return sorted(
+        {float(f"{round(value / step) * step:.12g}") for value in np.linspace(lowest, high + beyond, points)}
+    )
 
 
 def _one_at_a_time(free: Sequence[Column]) -> list[tuple[float, ...]]:

@@ -21,7 +21,17 @@ from rigctl.experiments.table.readings import Readings, declares_noise, read
 from rigctl.experiments.table.scanned import Scanned
 from rigctl.experiments.table.start import POINTS_MAX, baseline_start, place, solve, span_of
 from rigctl.interfaces import FloatArray
-from rigctl.workbench.study import Candidate, Line, Model, NoisePool, NotTestable, Observations, Proposal, Series, Term
+from rigctl.workbench.study import (
+    Candidate,
+    Line,
+    Model,
+    NoisePool,
+    NotTestable,
+    Observations,
+    Proposal,
+    Series,
+    Term,
+)
 
 _ROUNDING = 1e-13
 _RESTARTS = 8

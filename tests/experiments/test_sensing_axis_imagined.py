@@ -1,0 +1,133 @@
+"""Runs that could be made: they tell what runs that were made tell, and stay within what the bench allows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigctl import config, runner
+from rigctl.campaign.store import Store
+from rigctl.experiments.sensing_axis.study import SensingAxisStudy
+from rigctl.planning import allowed_by
+from rigctl.workbench.attempt import Attempt
+from rigctl.workbench.information import Imagined
+from rigctl.workbench.study import Plannable, Proposal, Term
+
+SCAN = """\
+experiment = "sensing-axis"
+rig = "hidden-effect-rig.toml"
+
+[procedure]
+name = "scan"
+axes = ["X"]
+configurations = ["flag"]
+angles_deg = [-20.0, -0.8, 0.8, 20.0]
+frequencies_hz = [0.3, 0.6]
+approaches = [1, -1]
+dwell_s = 6.0
+"""
+
+TERMS = (Term("roll-gravity"), Term("resonance"))
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    path = tmp_path_factory.mktemp("imagined") / "x.rig.sqlite"
+    campaigns = Path(__file__).parents[2] / "campaigns"
+    campaign = config.parse_campaign(SCAN, campaigns / "x.toml")
+    runner.start(campaign, config.read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+    return Store.open(path)
+
+
+@pytest.fixture(scope="module")
+def study(store: Store) -> SensingAxisStudy:
+    return SensingAxisStudy(store)
+
+
+@pytest.fixture(scope="module")
+def attempt(study: SensingAxisStudy) -> Attempt:
+    return Attempt(study, TERMS)
+
+
+def as_made(store: Store) -> list[Proposal]:
+    """The runs of a store as proposals."""
+    names = {"theta_asked_deg": "angle_deg", "frequency_hz": "frequency_hz", "amplitude_mm": "amplitude_mm"}
+    return [
+        Proposal(
+            {
+                **{ours: run.conditions[theirs] for theirs, ours in names.items()},
+                "approach": run.conditions["approach"],
+                "dwell_s": 20.0 / 3.0,  # whole periods
+                "start_s": run.conditions["start_s"],
+                "temperature_c": run.conditions["temperature_c"],
+            },
+            30.0,
+        )
+        for run in store.runs()
+    ]
+
+
+def test_an_imagined_run_tells_what_the_same_run_told(
+    store: Store, study: SensingAxisStudy, attempt: Attempt
+) -> None:
+    imagined = Imagined(study, attempt, as_made(store))
+    made = len(attempt.model.observations.value)
+    assert imagined.fitted.shape[0] == imagined.priors + 2 * made
+    real, likewise = np.split(imagined.fitted[imagined.priors :], 2)
+    rows = np.isfinite(attempt.noise.dof) & (attempt.model.observations.pool_of > 0)
+    size = np.linalg.norm(real[rows], axis=0)
+    seen = size > 1.0  # what only the means know is rounding here
+    assert seen.sum() > 8
+    assert np.linalg.norm(likewise[rows], axis=0)[seen] == pytest.approx(size[seen], rel=0.05)
+    overlap = np.sum(real[rows] * likewise[rows], axis=0)
+    assert overlap[seen] / size[seen] ** 2 == pytest.approx(1.0, rel=0.05)
+
+
+def test_measured_values_and_origins_stay(study: SensingAxisStudy, store: Store, attempt: Attempt) -> None:
+    other = study.extended(as_made(store)[:3])
+    given, mine = other.model(TERMS).observations, attempt.model.observations
+    assert given.run_ids[: len(mine.run_ids)] == mine.run_ids
+    assert np.array_equal(given.value[: len(mine.value)], mine.value)
+    assert len(given.run_ids) == len(mine.run_ids) + 3
+    assert len(study.model(TERMS).observations.run_ids) == len(mine.run_ids)
+    assert other.model(TERMS).inner.origins == study.model(TERMS).inner.origins
+
+
+def test_longer_runs_have_less_noise_but_no_steadier_mean(study: SensingAxisStudy, store: Store) -> None:
+    short, long = (Proposal({**as_made(store)[0].settings, "dwell_s": dwell_s}, dwell_s) for dwell_s in (10.0, 40.0))
+    given = study.extended([short, long]).model(TERMS).observations
+    first, second = (given.sigma[given.run_of == len(given.run_ids) - back] for back in (2, 1))
+    ratio = first / second
+    assert ratio[0] == pytest.approx(1.0, rel=0.3)
+    assert ratio[1:] == pytest.approx(2.0)
+
+
+def test_options_are_within_the_range_and_the_stages_limits(study: SensingAxisStudy, store: Store) -> None:
+    assert isinstance(study, Plannable)
+    options = study.options()
+    allowed = allowed_by(store)
+    assert allowed is not None
+    kept = [each for each in options if allowed(each)]
+    assert {-20.0, -0.8, 0.8, 20.0} <= {each.settings["angle_deg"] for each in kept}
+    assert {0.3, 0.6, 1.0} <= {each.settings["frequency_hz"] for each in kept}
+    assert {each.settings["approach"] for each in kept} == {1, -1}
+    for each in kept:
+        given = each.settings
+        w = 2.0 * np.pi * given["frequency_hz"]
+        volts = 100.0 * 1e-3 * given["amplitude_mm"] * w**2 * abs(np.sin(np.radians(given["angle_deg"])))
+        assert volts < 10.0
+        assert each.takes_s > given["dwell_s"]
+    assert not allowed(Proposal({**kept[0].settings, "angle_deg": 175.0}))
+    assert not allowed(Proposal({**kept[0].settings, "amplitude_mm": 30.0}))
+
+
+def test_lasers_are_seen_near_the_null_only(study: SensingAxisStudy) -> None:
+    settings = {"frequency_hz": 0.6, "amplitude_mm": 5.0, "approach": 1, "dwell_s": 10.0}
+    near, far = (Proposal({**settings, "angle_deg": angle}, 25.0) for angle in (1.0, 20.0))
+    given = study.extended([near, far]).model(TERMS).observations
+    last = len(given.run_ids) - 1
+    channels = [{given.series[s].channel for s in given.series_of[given.run_of == run]} for run in (last - 1, last)]
+    assert channels[0] == {"accel_v", "laser_1_mm", "laser_2_mm", "laser_3_mm"}
+    assert channels[1] == {"accel_v"}
