@@ -190,7 +190,7 @@ class Attempt:
     @cached_property
     def held_out(self) -> HeldOut:
         """The blocks, each predicted from the others."""
-        return HeldOut(self.model.observations, self.noise, self.jacobian, self.left)
+        return HeldOut(self.model.observations, self.projector.basis, self.projector.left)
 
     def estimates(self) -> dict[str, Estimate]:
         """Parameters by name."""

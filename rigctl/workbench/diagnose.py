@@ -19,6 +19,10 @@ SAME = 0.99
 """Canonical correlation above which two effects are one class: these data cannot tell them apart."""
 
 POWER = 0.95
+
+HELD_OUT = 10
+"""For so many of the effects that were not suggested the held-out error is worked out, the likeliest first."""
+
 _SHARE = 0.3
 
 
@@ -119,9 +123,9 @@ def _ranking(search: Search, rivals: Sequence[Rival]) -> tuple[Rank, ...]:
             ranks.append(_rank_of_suggested(search, first, final, term, rivals))
     ranks.sort(key=lambda rank: rank.p_value)
     others = sorted(final.scored, key=lambda each: (each.score.p_value, -each.score.statistic))
-    for scored in others:
-        if scored.candidate.term.effect not in {rank.term.effect for rank in ranks}:
-            ranks.append(_rank_of_other(search, final, scored))
+    others = [each for each in others if each.candidate.term.effect not in {rank.term.effect for rank in ranks}]
+    for place, scored in enumerate(others):
+        ranks.append(_rank_of_other(search, final, scored, held_out=place < HELD_OUT))
     return tuple(ranks)
 
 
@@ -152,7 +156,7 @@ def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Ter
     )
 
 
-def _rank_of_other(search: Search, final: Attempt, scored: Scored) -> Rank:
+def _rank_of_other(search: Search, final: Attempt, scored: Scored, *, held_out: bool) -> Rank:
     score = scored.score
     columns = final.columns(scored.candidate)
     given = final.model.observations
@@ -160,8 +164,8 @@ def _rank_of_other(search: Search, final: Attempt, scored: Scored) -> Rank:
     np.add.at(strength, given.series_of, np.sum(columns[: len(given.value)] ** 2, axis=1))
     touched = np.flatnonzero(strength > 1e-3 * strength.max())
     ratio = float("nan")
-    if score.dimension and final.held_out.possible:
-        ratio = final.held_out.error(columns, touched) / final.held_out.error(series=touched)
+    if held_out and score.dimension and final.held_out.possible:
+        ratio = final.held_out.error(score.basis, touched) / final.held_out.error(series=touched)
     return Rank(
         term=scored.candidate.term,
         p_value=score.p_value,

@@ -1,8 +1,9 @@
 """How far a model is off on runs its fit never used.
 
-Blocks (mountings, else stretches of time) are left out in turn. At the fit everything is linear enough to fit the
-rest again by one step. A block's errors count as far as the rest predicts them: e' (1 + H C H')^-1 e, with C what the
-rest leaves uncertain. What only the block itself knows (the null of that mounting) is thereby fitted on it.
+Blocks (mountings, else stretches of time) are left out in turn. At the fit everything is linear, so that the fit of the
+rest follows from that of all: with Q an orthonormal basis of what is fitted and e the residuals, a block's errors when it
+was left out are (1 - Q Q')^-1 e on its rows, and that inverse is their covariance when the model is right. They count
+as far as the rest predicts them: what only the block itself knows (the null of that mounting) is fitted on it.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.workbench.noise import Noise
 from rigctl.workbench.study import FloatArray, IntArray, Observations
 
-_UNKNOWN, _RIDGE = 1e-10, 1e-13
+_ONLY_HERE = 1e-9
+"""Of a direction's information, left over in all other blocks: below, only this block knows it."""
 
 BoolArray = NDArray[np.bool_]
 
@@ -21,16 +22,14 @@ BoolArray = NDArray[np.bool_]
 class HeldOut:
     """Blocks of whitened data left out of a fit in turn.
 
-    `jacobian` (n + priors, m) and `left` (n + priors,) are whitened, at the fit of all data.
+    `basis` (n + priors, rank) spans what is fitted, `residuals` (n + priors,) are what the fit leaves.
     """
 
-    def __init__(self, given: Observations, noise: Noise, jacobian: FloatArray, left: FloatArray) -> None:
-        self._noise = noise
-        self._jacobian, self._left = jacobian, left
+    def __init__(self, given: Observations, basis: FloatArray, residuals: FloatArray) -> None:
+        self._basis, self._residuals = basis, residuals
         blocks = given.block_of[given.run_of]
-        data = len(given.value)
         self._blocks = [np.flatnonzero(blocks == number) for number in np.unique(blocks)]
-        self._data = data
+        self._data = len(given.value)
         self._series_of = given.series_of
 
     @property
@@ -38,39 +37,39 @@ class HeldOut:
         """False when there is one block only."""
         return len(self._blocks) > 1
 
-    def error(self, columns: FloatArray | None = None, series: IntArray | None = None) -> float:
+    def error(self, further: FloatArray | None = None, series: IntArray | None = None) -> float:
         """Rms error of held-out data in units of what is expected when the model is right; 1.00 is noise.
 
-        `columns` (n + priors, d) are added to the model; `series` restricts to some series. NaN when nothing can be
-        held out.
+        `further` (n + priors, d), orthonormal and outside the basis, is added to the model; `series` restricts to some
+        series. NaN when nothing can be held out.
         """
-        jacobian = self._jacobian if columns is None else np.hstack([self._jacobian, columns])
-        size = np.linalg.norm(jacobian, axis=0)
-        jacobian = jacobian[:, size > 0.0] / size[size > 0.0]
+        basis, left = self._basis, self._residuals
+        if further is not None:
+            basis, left = np.hstack([basis, further]), left - further @ (further.T @ left)
         wanted = np.ones(self._data, dtype=bool) if series is None else np.isin(self._series_of, series)
         found = expected = 0.0
         for block in self._blocks if self.possible else []:
-            square, mean = self._predicted(block, jacobian, wanted)
+            square, mean = _predicted(basis[block], left[block], wanted[block])
             found += square
             expected += mean
         return float(np.sqrt(found / expected)) if expected > 0.0 else float("nan")
 
-    def _predicted(self, block: IntArray, jacobian: FloatArray, wanted: BoolArray) -> tuple[float, float]:
-        """Square sum of one block's errors, and its expectation when the model is right."""
-        rest = np.ones(len(self._left), dtype=bool)
-        rest[block] = False
-        known = jacobian[rest].T @ jacobian[rest]
-        ridge = _RIDGE * np.eye(len(known))
-        step = np.linalg.solve(known + ridge, jacobian[rest].T @ self._left[rest])
-        seen = block[wanted[block]]
-        here = jacobian[seen]
-        error = self._left[seen] - here @ step
-        both = known + here.T @ here
-        along = here.T @ error
-        square = error @ error - along @ np.linalg.solve(both + ridge, along)
-        return float(square), float(len(seen) - _rank(both) + _rank(known))
 
-
-def _rank(gram: FloatArray) -> int:
-    """Directions a Gram matrix of columns of about unit length determines."""
-    return int(np.sum(np.linalg.eigvalsh(gram) > _UNKNOWN))
+def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> tuple[float, float]:
+    """Square sum of one block's errors where they were `seen`, and its expectation when the model is right."""
+    if len(basis) < basis.shape[1]:
+        share, vectors = np.linalg.eigh(basis @ basis.T)
+    else:
+        vectors, size, _ = np.linalg.svd(basis, full_matrices=False)
+        share = size**2
+    free = np.maximum(1.0 - share, _ONLY_HERE)
+    fitted = share > _ONLY_HERE
+    vectors, free = vectors[:, fitted], free[fitted]
+    error = left + vectors @ ((1.0 / free - 1.0) * (vectors.T @ left))
+    # Their covariance is 1 + V D V': little outside the few directions of V.
+    spread = vectors[seen] * np.sqrt((1.0 - free) / free)
+    gram = spread.T @ spread
+    along = spread.T @ error[seen]
+    square = error[seen] @ error[seen] - along @ np.linalg.solve(np.eye(len(gram)) + gram, along)
+    unknown = int(np.sum(np.linalg.eigvalsh(gram) > 0.1 / _ONLY_HERE)) if len(gram) else 0
+    return float(square), float(seen.sum() - unknown)

@@ -33,6 +33,7 @@ RIVAL_LEVEL = 0.5
 """Share of the level at which a rival is rejected as a substitute: one question, not many."""
 
 _CONTAINED = 0.99
+_UNDETERMINED = 1e-8
 
 Progress = Callable[[str], None]
 
@@ -158,9 +159,9 @@ class Search:
         ):
             return float("nan")
         touched = self._touched(after, before)
-        jacobian = before.jacobian_with(after.noise)
+        basis = orthonormal(before.jacobian_with(after.noise), _UNDETERMINED)
         left = np.concatenate([after.noise.whiten(before.unexplained()), before.left[len(before.result.residuals) :]])
-        earlier = HeldOut(before.model.observations, after.noise, jacobian, left)
+        earlier = HeldOut(before.model.observations, basis, left - basis @ (basis.T @ left))
         return after.held_out.error(series=touched) / earlier.error(series=touched)
 
     def _touched(self, after: Attempt, before: Attempt) -> IntArray:
