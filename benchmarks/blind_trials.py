@@ -120,6 +120,9 @@ def pulls(found: Diagnosis, drawn: Trial, fitted: Any) -> dict[str, Any]:
         for (axis, configuration, number), value in nulls.items()
         if (name := f"theta0[{axis},{configuration},{number}]") in fitted.parameters
     ]
+    # A null or a gain that drifts is told at the recording's mean time and temperature, nature's at its own origin.
+    theta0 = [] if "null-drift" in truth.effects else theta0
+    gains = [] if {"gain-drift", "thermal-gain"} & set(truth.effects) else gains
     return {"pulls": [each for parts in hidden for each in parts], "theta0_pulls": theta0, "gain_pulls": gains}
 
 
