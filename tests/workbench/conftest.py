@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pytest
+from scipy import stats
+from threadpoolctl import threadpool_limits
 
+from rigctl.errors import ProcedureError
 from rigctl.fitting.least_squares import Parameter
 from rigctl.workbench.study import Candidate, FloatArray, Line, NoisePool, NotTestable, Observations, Series, Term
 
@@ -33,25 +37,31 @@ class LinearModel:
 
 @dataclass
 class Synthetic:
-    """Runs over angles, frequencies and directions; two series with known noise, one mean with the scatter's."""
+    """Runs over angles, frequencies and directions: two series of known noise, a mean whose noise its scatter tells.
+
+    `columns` are the effects; models with one of the `refused` cannot be fitted.
+    """
 
     value: FloatArray
     blocks: int = 4
     order: str | None = "start_s"
     experiment: str = "synthetic"
-    effects_: dict[str, FloatArray] = field(default_factory=dict)
+    columns: dict[str, FloatArray] = field(default_factory=dict)
+    refused: frozenset[str] = frozenset()
 
     def effects(self) -> Mapping[str, str]:
-        return {name: name for name in self.effects_}
+        return {name: name for name in self.columns}
 
     def model(self, terms: Sequence[Term]) -> LinearModel:
+        if unfit := self.refused & {term.effect for term in terms}:
+            raise ProcedureError(f"{min(unfit)} cannot be fitted to these runs: make others")
         given = observations(self.value, self.blocks, self.order)
         base = baseline(given)
-        columns = [*base.T, *(column for term in terms for column in self.effects_[term.effect].T)]
+        columns = [*base.T, *(column for term in terms for column in self.columns[term.effect].T)]
         names = [f"b{i}" for i in range(base.shape[1])]
         owners = [""] * base.shape[1]
         for term in terms:
-            width = self.effects_[term.effect].shape[1]
+            width = self.columns[term.effect].shape[1]
             names += [f"{term.effect}.{i}" if width > 1 else term.effect for i in range(width)]
             owners += [term.effect] * width
         return LinearModel(
@@ -66,8 +76,14 @@ class Synthetic:
     def candidates(self, model: LinearModel, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         inside = {term.effect for term in model.terms}
         found = [
-            Candidate(Term(name), tuple(f"{name}.{i}" for i in range(g.shape[1])), ("1",) * g.shape[1], g, np.ones(g.shape[1]))
-            for name, g in self.effects_.items()
+            Candidate(
+                Term(name),
+                tuple(f"{name}.{i}" for i in range(g.shape[1])),
+                ("1",) * g.shape[1],
+                g,
+                np.ones(g.shape[1]),
+            )
+            for name, g in self.columns.items()
             if name not in inside
         ]
         return found, []
@@ -96,7 +112,8 @@ def conditions() -> dict[str, FloatArray]:
 
 
 def observations(value: FloatArray, blocks: int = 4, order: str | None = "start_s") -> Observations:
-    runs = len(conditions()["theta_deg"])
+    around = conditions()
+    runs = len(around["theta_deg"])
     series = (Series("v", "nu in-phase", "V"), Series("v", "nu quadrature", "V"), Series("v", "DC", "V"))
     pools = (NoisePool("nu", 60.0), NoisePool("quadrature", 60.0), NoisePool("DC", 0.0, order))
     which = np.repeat(np.arange(3), runs)
@@ -111,7 +128,7 @@ def observations(value: FloatArray, blocks: int = 4, order: str | None = "start_
         which,
         np.zeros(3 * runs, dtype=np.intp),
         (np.arange(runs) * blocks) // runs,
-        conditions(),
+        around,
         "theta_deg",
         "frequency_hz",
     )
@@ -161,17 +178,63 @@ def sized(effect: FloatArray, sigmas: float) -> FloatArray:
     return sigmas * column / np.linalg.norm(free)
 
 
-def study(seed: int, hidden: Mapping[str, float] = {}, noise: Any = None, foreign: FloatArray | None = None) -> Synthetic:  # noqa: B006
-    """Noise and hidden effects by seed, sizes in sigma; `noise(rng, runs)` is that of the mean."""
+Noise = Callable[[np.random.Generator, FloatArray], FloatArray]
+
+
+def study(
+    seed: int,
+    hidden: Mapping[str, float] | None = None,
+    noise: Noise | None = None,
+    foreign: FloatArray | float = 0.0,
+    effects: Mapping[str, FloatArray] | None = None,
+    **options: Any,
+) -> Synthetic:
+    """White noise and hidden effects by seed, sizes in sigma; `noise(rng, start_s)` is further noise of the mean."""
     rng = np.random.default_rng(seed)
-    effects = catalogue()
-    n = 3 * len(conditions()["theta_deg"])
-    value = rng.standard_normal(n) + baseline(observations(np.zeros(n))) @ rng.normal(0, 30, 3)
+    columns = {**catalogue()} if effects is None else {**effects}
+    start_s = conditions()["start_s"]
+    n = 3 * len(start_s)
+    value = rng.standard_normal(n) + baseline(observations(np.zeros(n))) @ rng.normal(0, 30, 3) + foreign
     if noise is not None:
-        runs = n // 3
-        value[2 * runs :] += noise(rng, runs) - rng.standard_normal(runs) * 0
-    for name, sigmas in hidden.items():
-        value += sized(effects[name], sigmas) * rng.choice([-1.0, 1.0])
-    if foreign is not None:
-        value += foreign
-    return Synthetic(value, effects_=effects)
+        value[-len(start_s) :] += noise(rng, start_s)
+    for name, sigmas in (hidden or {}).items():
+        value += sized(columns[name], sigmas) * rng.choice([-1.0, 1.0])
+    return Synthetic(value, columns=columns, **options)
+
+
+@dataclass(frozen=True)
+class MadeUp:
+    """The experiment's parts, for tests."""
+
+    study = staticmethod(study)
+    catalogue = staticmethod(catalogue)
+    conditions = staticmethod(conditions)
+    observations = staticmethod(observations)
+    baseline = staticmethod(baseline)
+    sized = staticmethod(sized)
+
+
+@pytest.fixture(scope="session")
+def made_up() -> MadeUp:
+    """A made-up experiment."""
+    return MadeUp()
+
+
+@pytest.fixture(scope="session")
+def at_least() -> Callable[[int, int, float], bool]:
+    """Whether so many successes of so many trials speak against no rate below the one promised.
+
+    False when a true rate as promised would give so few in less than one case in a thousand.
+    """
+
+    def plausible(successes: int, trials: int, rate: float) -> bool:
+        return bool(stats.binom.cdf(successes, trials, rate) > 1e-3)
+
+    return plausible
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    """Small matrices are faster on one thread."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
