@@ -58,19 +58,22 @@ class LaserHead:
         x = self._stages.travel(times_s)[0]
         moved = x - self._aim_m
         turned = angle + self._yaw * x
+        resting = turned_about_z(self._normal_table, angle)
         normal = turned_about_z(self._normal_table, turned)
         cosine = _dot(normal, self._beam)
+        centre = (-self._lever_m * np.sin(angle), self._lever_m * np.cos(angle))
         with np.errstate(divide="ignore", invalid="ignore"):
+            # The guide's yaw turns the face as it moves; that a face also swings about the cube's centre is left out.
             from_motion = moved * normal[0] / cosine
-            centre = (moved - self._lever_m * np.sin(angle), self._lever_m * np.cos(angle))
-            along = (
+            at_rest = (
                 self._half_m
-                + (centre[0] - self._aimed_at[0]) * normal[0]
-                + (centre[1] - self._aimed_at[1]) * normal[1]
-                - self._aimed_at[2] * normal[2]
-            ) / cosine
+                + (centre[0] - self._aimed_at[0]) * resting[0]
+                + (centre[1] - self._aimed_at[1]) * resting[1]
+                - self._aimed_at[2] * resting[2]
+            ) / _dot(resting, self._beam)
+            along = at_rest + from_motion
         spot = (
-            self._aimed_at[0] + along * self._beam[0] - centre[0],
+            self._aimed_at[0] + along * self._beam[0] - centre[0] - moved,
             self._aimed_at[1] + along * self._beam[1] - centre[1],
             self._aimed_at[2] + along * self._beam[2],
         )
