@@ -64,7 +64,10 @@ def verdict_sentence(found: Findings) -> str:
         also = f" {_missing(suggested)}, and it does not suffice." if suggested else ""
         return f"Something remains that none of the known effects explains: {left.rstrip('.')}.{also}"
     if found["verdict"] == "ambiguous":
-        return f"The data are explained, but by more than one effect equally: {_alternatives(found)}."
+        needed, alternatives = _alternatives(found)
+        certain = f"{_missing(needed)}. " if needed else ""
+        what = "What is left is" if needed else "The data are"
+        return f"{certain}{what} explained, but by more than one effect equally: {'; '.join(alternatives)}."
     return f"{_missing(suggested)}."
 
 
@@ -74,20 +77,26 @@ def _missing(suggested: Sequence[str]) -> str:
     return f"{counted(len(suggested), 'effect')} are missing: {', '.join(suggested)}"
 
 
-def _alternatives(found: Findings) -> str:
-    """The suggested effects, each with what these data cannot tell from it."""
+def _alternatives(found: Findings) -> tuple[list[str], list[str]]:
+    """The suggested effects that nothing else would do for, and the choices where something would."""
     same = {rank["effect"]: rank["equivalent_to"] for rank in found["ranking"]}
-    told: list[str] = []
+    needed, choices, told = [], [], set()
     for effect in found["suggested"]:
-        others = [name for name in same.get(effect, []) if name not in found["suggested"]]
-        told.append(f"{effect} (or {', '.join(others)})" if others else str(effect))
-    return " or ".join(told)
+        others = [name for name in same.get(effect, []) if name != effect]
+        if effect in told:
+            continue
+        told |= {effect, *others}
+        if others:
+            choices.append(" or ".join([str(effect), *others]))
+        else:
+            needed.append(str(effect))
+    return needed, choices
 
 
 def advice(found: Findings, store: str) -> str:
     """What to do next, as a command line."""
     if found["verdict"] == "ambiguous":
-        return f"rigctl model add {store} {found['suggested'][0]}"
+        return f"rigctl next {store}"
     if found["suggested"]:
         return f"rigctl model add {store} {' '.join(found['suggested'])}"
     return f"rigctl {'compare' if found['verdict'] == 'unknown' else 'result'} {store}"

@@ -72,8 +72,11 @@ def test_each_verdict_is_a_sentence_and_a_command() -> None:
     assert verdict_sentence(both) == "2 effects are missing: a, b."
     assert advice(both, "x") == "rigctl model add x a b"
     either = diagnosis("ambiguous", rank("a", same=("c", "b")), rank("b"), suggested=("a", "b"))
-    assert "equally: a (or c) or b." in verdict_sentence(either)
-    assert advice(either, "x") == "rigctl model add x a"
+    assert verdict_sentence(either) == "The data are explained, but by more than one effect equally: a or c or b."
+    assert advice(either, "x") == "rigctl next x"
+    partly = diagnosis("ambiguous", rank("d"), rank("a", same=("b",)), suggested=("d", "a", "b"))
+    assert verdict_sentence(partly).startswith("An effect is missing: d. What is left is explained, but by more")
+    assert verdict_sentence(partly).endswith("equally: a or b.")
     left = {"channel": "accel_v", "component": "DC", "description": "a step with humidity.", "p_value": 1e-6}
     unknown = diagnosis("unknown", rank("a"), suggested=("a",), unexplained=left)
     assert verdict_sentence(unknown).startswith("Something remains that none of the known effects explains: a step")
