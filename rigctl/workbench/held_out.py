@@ -71,5 +71,6 @@ def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> tuple[fl
     gram = spread.T @ spread
     along = spread.T @ error[seen]
     square = error[seen] @ error[seen] - along @ np.linalg.solve(np.eye(len(gram)) + gram, along)
-    unknown = int(np.sum(np.linalg.eigvalsh(gram) > 0.1 / _ONLY_HERE)) if len(gram) else 0
-    return float(square), float(seen.sum() - unknown)
+    only_here = free <= _ONLY_HERE
+    size = np.linalg.eigvalsh(gram[np.ix_(only_here, only_here)])
+    return float(square), float(seen.sum() - np.sum(size > 1.0))

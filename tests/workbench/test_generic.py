@@ -1,0 +1,174 @@
+"""Shapes without physics name where it is, along what, and how it goes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigctl.workbench.attempt import Attempt
+from rigctl.workbench.findings import Unexplained
+from rigctl.workbench.generic import POLYNOMIAL, Generic
+from rigctl.workbench.study import FloatArray, NoisePool, Observations, Series
+
+SEEDS = 6
+COMPONENTS = ("nu in-phase", "nu quadrature", "DC")
+
+
+def found(made_up: Any, seed: int, column: FloatArray, series: int, sigmas: float) -> Unexplained:
+    """What the strongest shape says once so many sigma (after refitting, in white noise) of a column are in a series."""
+    runs = len(column)
+    foreign = np.zeros(3 * runs)
+    foreign[series * runs : (series + 1) * runs] = column
+    attempt = Attempt(made_up.study(seed, foreign=made_up.sized(foreign[:, None], sigmas)), ())
+    assert attempt.best_shape is not None
+    return attempt.generic.describe(attempt.best_shape, attempt.noise, attempt.projector)
+
+
+def shape_of(conditions: Any, harmonic: int, power: int, covariate: str, phase_deg: float = 25.0) -> FloatArray:
+    column = np.cos(np.radians(harmonic * conditions["theta_deg"] - phase_deg)) if harmonic else 1.0
+    column = column * (conditions["frequency_hz"] / 0.5) ** power
+    if covariate:
+        values = conditions[covariate]
+        column = column * (values - values.mean()) / values.std()
+    return np.broadcast_to(column, conditions["theta_deg"].shape).astype(np.float64)
+
+
+SHAPES = [
+    (1, 2, 0, ""),
+    (0, 3, 2, ""),
+    (1, 0, -1, ""),
+    (1, 1, 1, "approach"),
+    (0, 2, 0, "approach"),
+    (1, 0, 0, "start_s"),
+    (2, 4, 0, ""),
+]
+"""Series, harmonic of the angle, power of the frequency, covariate."""
+
+
+@pytest.mark.parametrize(("sigmas", "powers"), [(10.0, {-1, 0, 1}), (20.0, {0})])
+def test_injected_shapes_are_named(made_up: Any, at_least: Any, sigmas: float, powers: set[int]) -> None:
+    """Frequencies of 0.3 to 0.6 Hz: neighbouring powers are 0.97 alike, three sigma apart at 10 and five at 20."""
+    named = 0
+    for series, harmonic, power, covariate in SHAPES:
+        column = shape_of(made_up.conditions(), harmonic, power, covariate)
+        for seed in range(SEEDS):
+            what = found(made_up, seed, column, series, sigmas)
+            assert (what.channel, what.component) == ("v", COMPONENTS[series])
+            assert what.p_value < 1e-3
+            along = what.details["harmonic_of_angle"], what.details["covariate"]
+            named += along == (harmonic, covariate) and what.details["frequency_power"] - power in powers
+    assert at_least(named, SEEDS * len(SHAPES), 0.95)
+
+
+def test_the_size_the_phase_and_the_words_are_those_of_the_shape(made_up: Any) -> None:
+    column = 8.0 * shape_of(made_up.conditions(), 2, 0, "", phase_deg=40.0)
+    foreign = np.concatenate([np.zeros(48), column, np.zeros(48)])
+    attempt = Attempt(made_up.study(1, foreign=foreign), ())
+    assert attempt.best_shape is not None
+    what = attempt.generic.describe(attempt.best_shape, attempt.noise, attempt.projector)
+    assert what.details["size"] == pytest.approx(8.0, abs=4.0 * what.details["sigma"])
+    # Amplitudes of 48 data of unit noise: sqrt(2 / 48) for each of cosine and sine.
+    assert what.details["sigma"] == pytest.approx(np.sqrt(4.0 / 48.0), rel=0.4)
+    assert what.details["phase_deg"] == pytest.approx(40.0, abs=4.0 * np.degrees(what.details["sigma"] / 8.0))
+    assert what.description.startswith("v nu quadrature is off by ")
+    assert "cos(2 theta_deg - " in what.description
+    assert what.description.endswith("whatever the frequency")
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_sign_of_what_has_no_phase_is_said(made_up: Any, sign: int) -> None:
+    column = sign * shape_of(made_up.conditions(), 0, 0, "start_s")
+    foreign = np.concatenate([np.zeros(48), 4.0 * column, np.zeros(48)])
+    attempt = Attempt(made_up.study(2, foreign=foreign), ())
+    assert attempt.best_shape is not None
+    what = attempt.generic.describe(attempt.best_shape, attempt.noise, attempt.projector)
+    assert what.details["sign"] == sign
+    assert ("off by -" in what.description) == (sign < 0)
+    assert what.details["covariate"] in what.description
+
+
+def test_no_shape_is_significant_in_noise(made_up: Any, at_least: Any) -> None:
+    p_values = [Attempt(made_up.study(seed, order=None), ()).best_shape for seed in range(30)]
+    quiet = sum(shape is None or shape.p_value_corrected > 0.05 for shape in p_values)
+    # The mean's own degrees of freedom are few: 1.5 times nominal is the promise.
+    assert at_least(quiet, 30, 1.0 - 1.5 * 0.05)
+
+
+def test_what_the_model_imitates_is_no_shape_of_its_own(made_up: Any) -> None:
+    """The baseline's own columns, however large, leave nothing to be named."""
+    study = made_up.study(3)
+    study.value += made_up.baseline(made_up.observations(study.value)) @ np.array([1e4, 1e4, 1e4])
+    shape, other = Attempt(study, ()).best_shape, Attempt(made_up.study(3), ()).best_shape
+    assert shape is not None
+    assert other is not None
+    assert shape.shape == other.shape
+    assert shape.statistic == pytest.approx(other.statistic, rel=1e-5)
+
+
+def table(covariates: dict[str, FloatArray], value: FloatArray) -> Observations:
+    """Readings with neither angle nor frequency."""
+    n = len(value)
+    zero = np.zeros(n, dtype=np.intp)
+    return Observations(
+        tuple(f"r{i}" for i in range(n)),
+        (Series("output", "", "mV/V"),),
+        (NoisePool("output", 0.0),),
+        value,
+        np.ones(n),
+        zero,
+        np.arange(n),
+        zero,
+        zero,
+        np.arange(n) // (n // 4),
+        covariates,
+    )
+
+
+def degrees(given: Observations, name: str) -> list[int]:
+    """Powers of a covariate among the main columns: how many of them a polynomial of each degree needs."""
+    columns = Generic(given).main_columns()
+    values = given.covariates[name]
+    scaled = (values - values.mean()) / values.std()
+    spans = []
+    for degree in range(1, 9):
+        basis = np.linalg.qr(np.vander(scaled, degree + 1))[0]
+        inside = np.linalg.norm(basis.T @ columns, axis=0) > 1.0 - 1e-9
+        spans.append(int(inside.sum()))
+    return spans
+
+
+def test_where_nothing_turns_or_swings_a_covariate_goes_up_to_its_sixth_power() -> None:
+    load = np.tile(np.linspace(0.0, 10.0, 21), 2)
+    given = table({"load": load}, np.zeros(42))
+    # A constant, and one more with every degree.
+    assert degrees(given, "load") == [2, 3, 4, 5, 6, POLYNOMIAL + 1, POLYNOMIAL + 1, POLYNOMIAL + 1]
+
+
+def test_powers_are_no_more_than_distinct_values_can_tell() -> None:
+    load = np.tile([0.0, 1.0, 2.0, 5.0, 9.0], 6)
+    assert degrees(table({"load": load}, np.zeros(30)), "load")[-1] == 3
+
+
+def test_constant_and_unknown_and_copied_covariates_give_no_shapes() -> None:
+    load = np.linspace(0.0, 10.0, 20)
+    alone = Generic(table({"load": load}, np.zeros(20))).main_columns()
+    more = {
+        "load": load,
+        "load_kg": 0.102 * load,
+        "site": np.full(20, 3.0),
+        "lost": np.where(load > 5.0, np.nan, load),
+    }
+    np.testing.assert_allclose(Generic(table(more, np.zeros(20))).main_columns(), alone)
+
+
+def test_shapes_of_a_series_are_told_apart_once(made_up: Any) -> None:
+    """No two main columns are the same, though harmonics of few angles repeat."""
+    columns = Generic(made_up.observations(np.zeros(144))).main_columns()
+    normal = columns / np.linalg.norm(columns, axis=0)
+    alike = np.abs(normal.T @ normal) - np.eye(columns.shape[1])
+    assert alike.max() < 1.0 - 1e-9
+    rows = [tuple(np.flatnonzero(column.reshape(3, -1).any(axis=1))) for column in columns.T]
+    assert set(Counter(rows)) == {(0,), (1,), (2,)}

@@ -1,0 +1,210 @@
+"""The noise is told by the scatter, whatever signals hide in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from rigctl.workbench.noise import Correlation, Noise, NoiseEstimator, orthonormal, saturated
+from rigctl.workbench.study import FloatArray, NoisePool, Observations, Series
+
+MINUTE = 60.0
+
+
+def readings(
+    count: int = 120, dof: float = 0.0, order: str | None = "start_s", sigma: float = 1.0, groups: int = 1
+) -> Observations:
+    """One reading a minute of one channel; noise from the scatter unless `dof` are given."""
+    runs = np.arange(count)
+    zero = np.zeros(count, dtype=np.intp)
+    return Observations(
+        tuple(f"r{i}" for i in range(count)),
+        (Series("v", "DC", "V"),),
+        (NoisePool("DC", dof, order),),
+        np.zeros(count),
+        np.full(count, sigma),
+        zero,
+        runs,
+        zero,
+        runs % groups,
+        runs * 4 // count,
+        {"start_s": MINUTE * runs},
+    )
+
+
+def line(count: int) -> FloatArray:
+    return np.stack([np.ones(count), np.linspace(-1.0, 1.0, count)], axis=1)
+
+
+def nothing(count: int) -> FloatArray:
+    return np.zeros((count, 0))
+
+
+def relaxing(rng: np.random.Generator, count: int, runs: float) -> FloatArray:
+    """AR(1) noise of unit variance that forgets in so many runs."""
+    kept = np.exp(-1.0 / runs)
+    found = np.zeros(count)
+    found[0] = rng.standard_normal()
+    for i in range(1, count):
+        found[i] = kept * found[i - 1] + np.sqrt(1.0 - kept**2) * rng.standard_normal()
+    return found
+
+
+def flicker(rng: np.random.Generator, count: int, exponent: float = 1.0) -> FloatArray:
+    """Noise with a spectrum 1/f^a, of about unit variance."""
+    frequency = np.fft.rfftfreq(8 * count)[1:]
+    size = frequency ** (-exponent / 2.0)
+    spectrum = size * (rng.standard_normal(len(size)) + 1j * rng.standard_normal(len(size)))
+    found = np.fft.irfft(np.concatenate([[0.0], spectrum]))[:count]
+    return np.asarray(found / found.std())
+
+
+@given(seed=st.integers(0, 10**6), count=st.integers(2, 40), runs=st.floats(0.5, 50.0), columns=st.integers(0, 3))
+@settings(max_examples=40, deadline=None)
+def test_whitening_undoes_colouring_and_leaves_unit_covariance(
+    seed: int, count: int, runs: float, columns: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    where = np.sort(rng.permutation(2 * count)[:count])
+    factor = np.linalg.cholesky(np.eye(count) + 3.0 * np.exp(-apart / runs))
+    sigma = rng.uniform(0.1, 10.0, 2 * count)
+    noise = Noise(sigma, np.full(2 * count, np.inf), ((where, factor),), (Correlation("exp 0", 3.0),))
+    white = rng.standard_normal((2 * count, columns) if columns else 2 * count)
+    np.testing.assert_allclose(noise.whiten(noise.colour(white)), white, rtol=1e-9, atol=1e-9)
+    covariance = np.diag(sigma**2)
+    covariance[np.ix_(where, where)] = np.outer(sigma[where], sigma[where]) * (factor @ factor.T)
+    np.testing.assert_allclose(noise.whiten(noise.whiten(covariance).T), np.eye(2 * count), atol=1e-9)
+    np.testing.assert_allclose(noise.plain() ** 2, np.diag(covariance), rtol=1e-9)
+
+
+def test_the_scale_of_white_noise_comes_out_with_the_scatter_of_chi_square() -> None:
+    count, fitted, sigma = 60, 2, 0.02
+    estimator = NoiseEstimator(readings(count, order=None), line(count), nothing(count))
+    rng = np.random.default_rng(1)
+    found = [estimator.estimate(sigma * rng.standard_normal(count)) for _ in range(400)]
+    squares = np.array([(count - fitted) * (noise.sigma[0] / sigma) ** 2 for noise in found])
+    assert {float(noise.dof[0]) for noise in found} == {float(count - fitted)}
+    assert stats.kstest(squares, stats.chi2(count - fitted).cdf).pvalue > 1e-3
+    assert not found[0].factors
+
+
+def test_relative_weights_keep_their_ratios() -> None:
+    given = readings(80, order=None)
+    weights = np.where(np.arange(80) % 2, 5.0, 1.0)
+    weighted = Observations(**{**vars(given), "sigma": weights})
+    estimator = NoiseEstimator(weighted, line(80), nothing(80))
+    noise = estimator.estimate(0.3 * weights * np.random.default_rng(2).standard_normal(80))
+    np.testing.assert_allclose(noise.sigma / noise.sigma[0], weights, rtol=1e-12)
+    # 78 degrees of freedom: the scale is good to one in sqrt(2 * 78).
+    assert noise.sigma[0] == pytest.approx(0.3, rel=4.0 / np.sqrt(2.0 * 78.0))
+
+
+@pytest.mark.parametrize("count", [9, 12, 30, 90])
+def test_at_least_a_third_of_the_data_is_left_to_tell_the_noise(count: int) -> None:
+    possible = np.random.default_rng(3).standard_normal((count, 4 * count))
+    basis = saturated(line(count), possible)
+    assert count - basis.shape[1] >= min(count / 3.0, count - 2)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
+    np.testing.assert_allclose(basis @ (basis.T @ line(count)), line(count), atol=1e-9)
+
+
+def test_everything_possible_is_projected_out_when_there_is_room() -> None:
+    possible = np.random.default_rng(4).standard_normal((60, 10))
+    basis = saturated(line(60), np.hstack([possible, possible @ np.ones((10, 1)), np.zeros((60, 1))]))
+    assert basis.shape[1] == 12
+    np.testing.assert_allclose(basis @ (basis.T @ possible), possible, atol=1e-9)
+
+
+def test_an_effect_that_hides_in_the_data_does_not_inflate_the_noise() -> None:
+    given, rng = readings(90), np.random.default_rng(5)
+    hidden = np.sin(np.arange(90) / 9.0)[:, None]
+    white = rng.standard_normal(90)
+    aware = NoiseEstimator(given, line(90), hidden)
+    with_effect, without = aware.estimate(white + 50.0 * hidden[:, 0]), aware.estimate(white)
+    np.testing.assert_allclose(with_effect.plain(), without.plain(), rtol=1e-9)
+    assert with_effect.correlations == without.correlations
+    unaware = NoiseEstimator(given, line(90), nothing(90)).estimate(white + 50.0 * hidden[:, 0])
+    assert unaware.plain().mean() > 5.0 * without.plain().mean()
+
+
+def test_correlated_noise_is_found_and_whitened() -> None:
+    count, rng = 120, np.random.default_rng(6)
+    estimator = NoiseEstimator(readings(count), line(count), nothing(count))
+    for make in (lambda: 3.0 * relaxing(rng, count, 20.0), lambda: 3.0 * flicker(rng, count, 1.64)):
+        between = []
+        for _ in range(12):
+            noisy = make() + 0.3 * rng.standard_normal(count)
+            noise = estimator.estimate(noisy)
+            assert noise.factors
+            assert noise.correlations[0].kernel
+            white = noise.whiten(noisy - noisy.mean())
+            between.append(np.corrcoef(white[1:], white[:-1])[0, 1])
+            assert np.corrcoef(noisy[1:], noisy[:-1])[0, 1] > 0.5
+        # Each has a standard error of 1 / sqrt(count); a family of kernels leaves a little.
+        assert abs(np.mean(between)) < 4.0 / np.sqrt(12 * count) + 0.05
+
+
+def test_white_noise_is_seldom_taken_for_correlated(at_least: Any) -> None:
+    """The prior weighs white as all others together: the best of them wins by likelihood alone."""
+    count, rng = 100, np.random.default_rng(7)
+    estimator = NoiseEstimator(readings(count), line(count), nothing(count))
+    white = sum(not estimator.estimate(rng.standard_normal(count)).correlations[0].kernel for _ in range(60))
+    assert at_least(white, 60, 0.9)
+
+
+def test_noise_of_two_sensors_is_correlated_within_each_only() -> None:
+    count = 80
+    estimator = NoiseEstimator(readings(count, groups=2), line(count), nothing(count))
+    rng, noisy = np.random.default_rng(8), np.zeros(count)
+    noisy[0::2], noisy[1::2] = 5.0 * relaxing(rng, 40, 15.0), 5.0 * relaxing(rng, 40, 15.0)
+    noise = estimator.estimate(noisy + 0.2 * rng.standard_normal(count))
+    assert [set(where % 2) for where, _ in noise.factors] == [{0}, {1}]
+
+
+def test_what_is_not_in_any_order_is_white() -> None:
+    noisy = 5.0 * relaxing(np.random.default_rng(9), 80, 30.0)
+    estimator = NoiseEstimator(readings(80, order=None), line(80), nothing(80))
+    assert not estimator.correlated
+    assert not estimator.estimate(noisy).factors
+
+
+def test_unknown_times_leave_the_noise_white() -> None:
+    given = readings(40)
+    lost = np.where(np.arange(40) == 7, np.nan, given.covariates["start_s"])
+    estimator = NoiseEstimator(
+        Observations(**{**vars(given), "covariates": {"start_s": lost}}), line(40), nothing(40)
+    )
+    assert not estimator.correlated
+    assert np.isfinite(estimator.estimate(np.random.default_rng(1).standard_normal(40)).sigma).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
+def test_a_pool_of_few_data_has_some_noise(count: int) -> None:
+    estimator = NoiseEstimator(readings(count), line(count)[:, : min(count, 2)], np.eye(count))
+    noise = estimator.estimate(np.random.default_rng(1).standard_normal(count))
+    assert np.isfinite(noise.sigma).all()
+    assert (noise.sigma > 0.0).all()
+    assert (noise.dof >= 1.0).all()
+
+
+def test_known_sigmas_stay_but_for_what_their_few_degrees_of_freedom_add() -> None:
+    estimator = NoiseEstimator(readings(50, dof=10.0, sigma=0.4), line(50), nothing(50))
+    assert not estimator.from_scatter
+    noise = estimator.estimate(100.0 * np.ones(50))
+    np.testing.assert_allclose(noise.sigma, 0.4 * np.sqrt(10.0 / 8.0))
+    np.testing.assert_allclose(noise.dof, 10.0)
+
+
+def test_an_orthonormal_basis_has_the_rank_of_its_columns_whatever_their_units() -> None:
+    columns = np.random.default_rng(1).standard_normal((20, 3)) * np.array([1e-9, 1.0, 1e9])
+    basis = orthonormal(np.hstack([columns, columns[:, :1] * 7.0, np.zeros((20, 1))]), 1e-9)
+    assert basis.shape == (20, 3)
+    residual = columns - basis @ (basis.T @ columns)
+    assert (np.linalg.norm(residual, axis=0) < 1e-9 * np.linalg.norm(columns, axis=0)).all()
+    assert orthonormal(np.zeros((5, 2)), 1e-9).shape == (5, 0)
