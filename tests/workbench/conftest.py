@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from rigctl.workbench.study import Candidate, FloatArray, Line, NoisePool, NotTe
 
 ANGLES_DEG = (-60.0, -40.0, -20.0, -5.0, 5.0, 20.0, 40.0, 60.0)
 FREQUENCIES_HZ = (0.3, 0.5, 0.6)
+RUNS = 2 * len(ANGLES_DEG) * len(FREQUENCIES_HZ)
 
 
 @dataclass
@@ -39,7 +40,7 @@ class LinearModel:
 class Synthetic:
     """Runs over angles, frequencies and directions: two series of known noise, a mean whose noise its scatter tells.
 
-    `columns` are the effects; models with one of the `refused` cannot be fitted.
+    `columns` are the effects; models with one of the `refused` cannot be fitted. Only the first `runs` are there.
     """
 
     value: FloatArray
@@ -48,6 +49,8 @@ class Synthetic:
     experiment: str = "synthetic"
     columns: dict[str, FloatArray] = field(default_factory=dict)
     refused: frozenset[str] = frozenset()
+    further: Mapping[str, FloatArray] = field(default_factory=dict)
+    runs: int = RUNS
 
     def effects(self) -> Mapping[str, str]:
         return {name: name for name in self.columns}
@@ -64,13 +67,14 @@ class Synthetic:
             width = self.columns[term.effect].shape[1]
             names += [f"{term.effect}.{i}" if width > 1 else term.effect for i in range(width)]
             owners += [term.effect] * width
+        given = replace(given, covariates={**given.covariates, **self.further})
         return LinearModel(
-            given,
+            first(given, self.runs),
             tuple(terms),
             [Parameter(name, 0.0) for name in names],
             ["1"] * len(names),
             owners,
-            np.stack(columns, axis=1),
+            np.stack(columns, axis=1)[given.run_of < self.runs],
         )
 
     def candidates(self, model: LinearModel, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
@@ -80,7 +84,7 @@ class Synthetic:
                 Term(name),
                 tuple(f"{name}.{i}" for i in range(g.shape[1])),
                 ("1",) * g.shape[1],
-                g,
+                g[np.tile(np.arange(RUNS), 3) < self.runs],
                 np.ones(g.shape[1]),
             )
             for name, g in self.columns.items()
@@ -131,6 +135,19 @@ def observations(value: FloatArray, blocks: int = 4, order: str | None = "start_
         around,
         "theta_deg",
         "frequency_hz",
+    )
+
+
+def first(given: Observations, runs: int) -> Observations:
+    """The observations as they were after so many runs."""
+    kept = given.run_of < runs
+    of_data = ("value", "sigma", "series_of", "run_of", "pool_of", "group_of")
+    return replace(
+        given,
+        run_ids=given.run_ids[:runs],
+        block_of=given.block_of[:runs],
+        covariates={name: values[:runs] for name, values in given.covariates.items()},
+        **{name: getattr(given, name)[kept] for name in of_data},
     )
 
 

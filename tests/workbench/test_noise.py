@@ -33,7 +33,7 @@ def readings(
         zero,
         runs % groups,
         runs * 4 // count,
-        {"start_s": MINUTE * runs},
+        {"start_s": np.asarray(MINUTE * runs, dtype=np.float64)},
     )
 
 
@@ -72,7 +72,7 @@ def test_whitening_undoes_colouring_and_leaves_unit_covariance(
     rng = np.random.default_rng(seed)
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     where = np.sort(rng.permutation(2 * count)[:count])
-    factor = np.linalg.cholesky(np.eye(count) + 3.0 * np.exp(-apart / runs))
+    factor = np.asarray(np.linalg.cholesky(np.eye(count) + 3.0 * np.exp(-apart / runs)), dtype=np.float64)
     sigma = rng.uniform(0.1, 10.0, 2 * count)
     noise = Noise(sigma, np.full(2 * count, np.inf), ((where, factor),), (Correlation("exp 0", 3.0),))
     white = rng.standard_normal((2 * count, columns) if columns else 2 * count)
@@ -136,10 +136,10 @@ def test_an_effect_that_hides_in_the_data_does_not_inflate_the_noise() -> None:
 def test_correlated_noise_is_found_and_whitened() -> None:
     count, rng = 120, np.random.default_rng(6)
     estimator = NoiseEstimator(readings(count), line(count), nothing(count))
-    for make in (lambda: 3.0 * relaxing(rng, count, 20.0), lambda: 3.0 * flicker(rng, count, 1.64)):
+    for coloured in ([relaxing(rng, count, 20.0) for _ in range(12)], [flicker(rng, count, 1.64) for _ in range(12)]):
         between = []
-        for _ in range(12):
-            noisy = make() + 0.3 * rng.standard_normal(count)
+        for each in coloured:
+            noisy = 3.0 * each + 0.3 * rng.standard_normal(count)
             noise = estimator.estimate(noisy)
             assert noise.factors
             assert noise.correlations[0].kernel
