@@ -18,6 +18,7 @@ from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserIn
 from simulators.worlds.bench_settings import isa_twin
 from simulators.worlds.keyed_random import generator
 
+SEED = 7
 GAIN_PER_HPA = 3e-5
 STANDARD_HPA = 1013.25
 
@@ -44,9 +45,9 @@ def breathing(run: SampledRun) -> Any:
     return GAIN_PER_HPA * (run.conditions["pressure_hpa"] - STANDARD_HPA) * run.columns["accel_v"]
 
 
-def recording(seed: int = 7) -> Recording:
+def recording() -> Recording:
     """The recording as another laboratory would send it."""
-    nature = isa_twin(seed)
+    nature = isa_twin(SEED)
     runs = sample_world(nature, DESIGN, Perturbation(volts=breathing, columns={"pressure_hpa": pressure_hpa}))
     header = Header(
         "sensing-axis",
