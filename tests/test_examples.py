@@ -156,6 +156,10 @@ def test_a_wrong_effect_does_not_bring_the_error_down(unknown: dict[str, Any]) -
     before, thermal, _, eccentric = [error for _, _, error in ladder(store)][-4:]
     assert thermal >= before
     assert eccentric > 1.8
+    page = (ROOT / "docs" / "workbench.md").read_text(encoding="utf-8")
+    for name, error in (("nothing", before), ("`thermal-gain`", thermal), ("`encoder-eccentricity`", eccentric)):
+        (said,) = re.findall(rf"^\| {name} \| \S+ \| (\S+) \|", page, re.MULTILINE)
+        assert float(said) == pytest.approx(error, rel=0.02)
 
 
 def test_nothing_runs_the_file_but_the_user(explained: dict[str, Any]) -> None:
