@@ -65,10 +65,10 @@ class Replaced:
     def candidates(self, model: ReplacedModel, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         return self.inner.candidates(model.inner, values)
 
-    def lines(self, model: Model) -> tuple[()]:
+    def lines(self, _: Model) -> tuple[()]:
         return ()
 
-    def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+    def result(self, *_: Any) -> dict[str, Any]:
         return {}
 
 
@@ -185,7 +185,7 @@ def trial(asked: tuple[str, float, int]) -> dict[str, Any]:
         along = basis.T @ made.free(colour, noisy + signal)[0]
         value = value + signal[:, 0]
         rivals = [
-            likeness(_basis(made, colour, candidate), _basis(made, colour, other))
+            likeness(_basis(colour, candidate), _basis(colour, other))
             for name, other in made.candidates.items()
             if name != effect
         ]
@@ -217,7 +217,7 @@ def _basis_of(colour: str, effect: str) -> FloatArray:
     return np.asarray(left[:, s > 0.01 * s[0]])
 
 
-def _basis(made: Fixture, colour: str, candidate: Candidate) -> FloatArray:
+def _basis(colour: str, candidate: Candidate) -> FloatArray:
     return _basis_of(colour, candidate.term.effect)
 
 
@@ -249,15 +249,18 @@ def report(rows: Sequence[Mapping[str, Any]]) -> str:
             if not size:
                 line += rate("false alarms at 5 %", lambda row: row["verdict"] != "adequate", own)
             else:
-                level = {id(row): 1.0 - (1.0 - CATALOGUE_SHARE * LEVELS[1]) ** (1.0 / row["n_eff"]) for row in own}
                 apart = [row for row in own if row["rho"] < 0.9]
                 line += rate("detected", lambda row: row["verdict"] != "adequate", own)
-                line += rate("  oracle", lambda row: row["oracle"] < level[id(row)], own)
+                line += rate("  oracle", _oracle_sees, own)
                 line += rate("  first (rho < 0.9)", lambda row: row["effect"] == row["first"][0], apart)
                 line += rate("  in the set", _in_set, own)
                 line += rate("  exact", lambda row: row["said"] == [row["effect"]], apart)
             lines.append(line)
     return "\n".join(lines)
+
+
+def _oracle_sees(row: Mapping[str, Any]) -> bool:
+    return bool(row["oracle"] < 1.0 - (1.0 - CATALOGUE_SHARE * LEVELS[1]) ** (1.0 / row["n_eff"]))
 
 
 def _in_set(row: Mapping[str, Any]) -> bool:

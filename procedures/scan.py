@@ -71,7 +71,9 @@ def listed(procedure: Procedure) -> tuple[ListedRun, ...]:
         return procedure.runs
     if procedure.mounting != "new" and procedure.mountings > 1:
         kind = procedure.mounting
-        raise ConfigError(f'procedure.mountings: there is one mounting in place; leave it out with mounting = "{kind}"')
+        raise ConfigError(
+            f'procedure.mountings: there is one mounting in place; leave it out with mounting = "{kind}"'
+        )
     in_place = {"new": tuple(range(1, procedure.mountings + 1)), "same": (IN_PLACE,), "kept": (None,)}
     grid = itertools.product(
         procedure.axes,

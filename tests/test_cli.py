@@ -39,7 +39,7 @@ BAD_CAMPAIGNS = [
     (('"sensing-axis"', '"rotating-platform"'), ["campaign.toml", "no procedure for 'rotating-platform'"]),
     (('"six-mountings"', '"seven-mountings"'), ["campaign.toml", "procedure.name", "six-mountings"]),
     (('axes = ["X"]', 'axes = ["Q"]'), ["campaign.toml", "procedure.axes", "no axis Q", "X, Y, Z"]),
-    (('"flag"', '"upright"'), ["campaign.toml", "procedure.configurations", "configuration upright", "pendulum, flag"]),
+    (('"flag"', '"upright"'), ["campaign.toml", "procedure.configurations", "upright", "pendulum, flag"]),
     (('["roll-gravity", "resonance"]', '["rol-gravity"]'), ["campaign.toml", "model.effects", "roll-gravity"]),
     (('rig = "rig.toml"', 'rig = "absent.toml"'), ["absent.toml", "no such file"]),
     (('rig = "rig.toml"\n', ""), ["campaign.toml", "rig is missing", "--rig"]),

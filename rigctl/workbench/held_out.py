@@ -1,9 +1,9 @@
 """How far a model is off on runs its fit never used.
 
-Blocks (mountings, else stretches of time) are left out in turn. At the fit everything is linear, so that the fit of the
-rest follows from that of all: with Q an orthonormal basis of what is fitted and e the residuals, a block's errors when it
-was left out are (1 - Q Q')^-1 e on its rows, and that inverse is their covariance when the model is right. They count
-as far as the rest predicts them: what only the block itself knows (the null of that mounting) is fitted on it.
+Blocks (mountings, else stretches of time) are left out in turn. At the fit everything is linear, so that the fit of
+the rest follows from that of all: with Q an orthonormal basis of what is fitted and e the residuals, a block's errors
+when it was left out are (1 - Q Q')^-1 e on its rows, and that inverse is their covariance when the model is right. They
+count as far as the rest predicts them: what only the block itself knows (the null of that mounting) is fitted on it.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class HeldOut:
     def error(self, further: FloatArray | None = None, series: IntArray | None = None) -> float:
         """Rms error of held-out data in units of what is expected when the model is right; 1.00 is noise.
 
-        `further` (n + priors, d), orthonormal and outside the basis, is added to the model; `series` restricts to some
-        series. NaN when nothing can be held out.
+        `further` (n + priors, d), orthonormal and outside the basis, is added to the model; `series` restricts to
+        some series. NaN when nothing can be held out.
         """
         basis, left = self._basis, self._residuals
         if further is not None:
