@@ -2,8 +2,9 @@
 
 Blocks (mountings, else stretches of time) are left out in turn. At the fit everything is linear, so that the fit of
 the rest follows from that of all: with Q an orthonormal basis of what is fitted and e the residuals, a block's errors
-when it was left out are (1 - Q Q')^-1 e on its rows, and that inverse is their covariance when the model is right. They
-count as far as the rest predicts them: what only the block itself knows (the null of that mounting) is fitted on it.
+when it was left out are (1 - Q Q')^-1 e on its rows, and that inverse is their covariance when the model is right.
+They count as far as the rest predicts them: what only the block itself knows (the null of that mounting) is fitted
+on it.
 """
 
 from __future__ import annotations
