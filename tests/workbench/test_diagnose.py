@@ -90,6 +90,17 @@ def test_what_no_effect_describes_is_unknown_and_its_place_is_named(made_up: Any
     assert at_least(20 - named, 20, 0.9)
 
 
+def test_an_effect_that_is_only_like_the_unknown_is_not_named(made_up: Any) -> None:
+    """A gain that goes with the approach looks like hysteresis to a catalogue that has no such gain."""
+    theta, w = np.radians(made_up.conditions()["theta_deg"]), made_up.conditions()["frequency_hz"] / 0.5
+    column = np.cos(theta) * made_up.conditions()["approach"]
+    foreign = made_up.sized(np.concatenate([column / w, np.zeros(96)])[:, None], 16.0)
+    for seed in range(4):
+        found = diagnose(made_up.study(seed, foreign=foreign), ())
+        assert found.verdict == "unknown"
+        assert not found.suggested
+
+
 def test_a_known_effect_beside_an_unknown_one_is_suggested_and_the_rest_is_unknown(made_up: Any) -> None:
     theta = np.radians(made_up.conditions()["theta_deg"])
     foreign = np.concatenate([np.zeros(48), 6.0 * np.cos(3.0 * theta), np.zeros(48)])

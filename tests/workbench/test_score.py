@@ -114,6 +114,7 @@ def test_degrees_of_freedom_follow_where_the_candidate_is_seen() -> None:
     assert of(0.0, 0.0, 1.0) == np.inf
     assert of(1.0, 1.0, 0.0) == pytest.approx(1.0 / (0.25 / 8.0 + 0.25 / 40.0))
     assert of(1.0, 0.0, 1.0) == pytest.approx(32.0)
+    assert projector.dof_of(np.eye(31)[:, :2]) == pytest.approx(8.0)
 
 
 def test_p_values_are_fs_where_the_noise_is_estimated_and_chi_squares_where_it_is_known() -> None:

@@ -135,11 +135,14 @@ def test_the_bootstrap_never_makes_noise_from_the_scatter_more_certain(made_up: 
         return np.asarray(np.cumsum(rng.standard_normal(len(start_s))))
 
     for seed in range(3):
-        search = Search(made_up.study(seed, {"square": 12.0}, noise=walk), (), 0.01, 0, lambda _: None)
+        search = Search(made_up.study(seed, {"square": 60.0}, noise=walk), (), 0.01, 0, lambda _: None)
         attempt = search.attempt(())
         for each in attempt.scored:
             assert search.p_of_scored(attempt, each) >= each.score.p_value
         law = attempt.bootstrap.law("square")
+        square = next(each for each in attempt.scored if each.candidate.term.effect == "square")
+        assert attempt.to_be_drawn(square.score.basis)
+        assert search.p_of_scored(attempt, square) >= law.p_value(square.score.statistic, square.score.dimension)
         assert law.scale >= 1.0
         assert law.dof <= attempt.noise.dof[-1]
 
