@@ -85,6 +85,10 @@ class ReplacedModel:
             inner.owners,
         )
 
+    @property
+    def local(self) -> Sequence[bool]:
+        return self.inner.local
+
     def predict(self, values: FloatArray) -> FloatArray:
         return self.inner.predict(values)
 

@@ -99,7 +99,9 @@ def advice(found: Findings, store: str) -> str:
         return f"rigctl next {store}"
     if found["suggested"]:
         return f"rigctl model add {store} {' '.join(found['suggested'])}"
-    return f"rigctl {'compare' if found['verdict'] == 'unknown' else 'result'} {store}"
+    if found["verdict"] == "unknown":
+        return f"rigctl compare {store}, then an effect of your own: rigctl model add {store} ID --plugin FILE"
+    return f"rigctl result {store}"
 
 
 def named(effect: str, choice: Mapping[str, Any]) -> str:

@@ -15,8 +15,8 @@ from rigctl.workbench.findings import Estimate
 from rigctl.workbench.generic import Best, Generic
 from rigctl.workbench.held_out import HeldOut
 from rigctl.workbench.noise import Noise, NoiseEstimator, stacked
-from rigctl.workbench.score import Projector, Score, corrected, p_of, trials
-from rigctl.workbench.study import Candidate, FloatArray, Model, NotTestable, Study, Term
+from rigctl.workbench.score import ABSORBED, Projector, Score, corrected, p_of, trials
+from rigctl.workbench.study import Candidate, FloatArray, IntArray, Model, NotTestable, Study, Term
 
 ROUNDS = 2
 """Fit, noise from what is left, fit again with that noise."""
@@ -24,6 +24,8 @@ ROUNDS = 2
 MAX_ITERATIONS = 80
 _SCANNED = 3
 _PART = 1e-3
+_WELL_KNOWN = 500.0
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class Attempt:
         if not len(given.value):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
         self.noise = Noise(given.sigma, np.full(len(given.value), np.inf), (), ())
+        self.held = self._absorbed()
         self.result = self._fit()
         self.candidates, self.not_testable = self._candidates()
         self.estimator = self._estimator()
@@ -157,7 +160,9 @@ class Attempt:
     def to_be_drawn(self, columns: FloatArray) -> bool:
         """Whether data whose correlated noise comes from the scatter have a part in these columns."""
         rows = self.estimator.rows
-        return self.estimator.correlated and bool(np.sum(columns[rows] ** 2) > _PART * np.sum(columns**2))
+        if not self.estimator.correlated or float(np.min(self.noise.dof[rows])) > _WELL_KNOWN:
+            return False
+        return bool(np.sum(columns[rows] ** 2) > _PART * np.sum(columns**2))
 
     @cached_property
     def bootstrap(self) -> Bootstrap:
@@ -195,14 +200,52 @@ class Attempt:
     def estimates(self) -> dict[str, Estimate]:
         """Parameters by name."""
         sigmas = np.sqrt(np.maximum(np.diag(self.result.covariance), 0.0))
+        sigmas[[name in self.held for name in self.names]] = np.nan
         return {
             name: Estimate(float(value), float(sigma), unit)
             for name, value, sigma, unit in zip(self.names, self.result.values, sigmas, self.model.units, strict=True)
         }
 
+    def _absorbed(self) -> frozenset[str]:
+        """Parameters of terms that other parameters imitate: held at zero while the rest is fitted."""
+        model = self.model
+        own = [i for i, owner in enumerate(model.owners) if owner and not model.parameters[i].fixed]
+        start = [self._start.get(each.name, each.start) for each in model.parameters]
+        slopes = self.noise.whiten(model.jacobian(np.array(start, dtype=np.float64)))
+        weights = [0.0 if each.prior is None else 1.0 / each.prior.sigma for each in model.parameters]
+        slopes = np.vstack([slopes, np.diag(weights)])
+        size = np.linalg.norm(slopes, axis=0)
+        gram = slopes.T @ slopes / np.outer(*2 * [np.where(size > 0.0, size, 1.0)])
+        held: list[int] = []
+        while own:
+            rest = np.setdiff1d(np.flatnonzero(size > 0.0), held)
+            values, vectors = np.linalg.eigh(gram[np.ix_(rest, rest)])
+            # The inverse's diagonal: what no other column imitates of each, as a share, is its root's inverse.
+            shares = 1.0 / np.sqrt(np.sum(vectors**2 / np.maximum(values, _ROUNDING), axis=1))
+            keep = np.zeros(len(size))
+            keep[rest] = shares
+            least = min(reversed(own), key=lambda i: keep[i])
+            if keep[least] >= ABSORBED:
+                break
+            held.append(least)
+            own.remove(least)
+        for term in self.terms:
+            parts = [i for i, owner in enumerate(model.owners) if owner == term.effect]
+            if parts and set(parts) <= set(held):
+                raise ProcedureError(
+                    f"the fit is singular: these runs cannot tell {term.effect} from the other parameters; "
+                    "remove it, or measure at other frequencies or angles"
+                )
+        return frozenset(model.parameters[i].name for i in held)
+
     def _fit(self) -> FitResult:
         model, noise, value = self.model, self.noise, self.model.observations.value
-        parameters = [replace(each, start=self._start.get(each.name, each.start)) for each in model.parameters]
+        parameters = [
+            replace(each, start=0.0, fixed=True)
+            if each.name in self.held
+            else replace(each, start=self._start.get(each.name, each.start))
+            for each in model.parameters
+        ]
         result = least_squares(
             lambda p: noise.whiten(value - model.predict(p)),
             parameters,
@@ -233,4 +276,8 @@ class Attempt:
         for candidate in self.candidates:
             counts[candidate.term.effect] = counts.get(candidate.term.effect, 0) + 1
         few = [c.derivative for c in self.candidates if counts[c.term.effect] <= _SCANNED]
-        return NoiseEstimator(given, required, stacked([*few, self.generic.main_columns()], len(given.value)))
+
+        def possible(where: IntArray) -> FloatArray:
+            return stacked([*(columns[where] for columns in few), self.generic.main_columns(where)], len(where))
+
+        return NoiseEstimator(given, required, possible)

@@ -75,8 +75,9 @@ def bootstrap(attempt: Attempt, seed: int) -> Bootstrap:
     rng = np.random.default_rng([seed, 3])
     given, noise, scatter = attempt.model.observations, attempt.noise, attempt.estimator.rows
     data = given.value.size
-    plain = attempt.generic.main_columns()
-    plain = plain[:, np.any(plain[scatter] != 0.0, axis=0)]
+    shapes = attempt.generic.main_columns(scatter)
+    plain = np.zeros((data, shapes.shape[1]))
+    plain[scatter] = shapes
     tried = [*(candidate.derivative for candidate in attempt.candidates), *plain.T[:, :, None]]
     widths = np.array([columns.shape[1] for columns in tried], dtype=np.intp)
     fitted, columns = attempt.model.jacobian(attempt.result.values), np.hstack([np.zeros((data, 0)), *tried])

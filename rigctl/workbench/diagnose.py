@@ -204,15 +204,14 @@ def _rank_of_line(line: Line) -> Rank:
 def _classmates(attempt: Attempt, scored: Scored) -> list[str]:
     """Effects these data cannot tell from this one, and parameters of the baseline that absorb it."""
     if not scored.score.dimension:
-        return [f"baseline:{name}" for name in _absorbers(attempt, scored)]
-    return [
-        other.candidate.term.effect
-        for other in attempt.scored
-        if other is not scored
-        and other.score.dimension == scored.score.dimension
-        and likeness(scored.score.basis, other.score.basis) > SAME
-        and contained(scored.score.basis, other.score.basis) > SAME
-    ]
+        return list(_absorbers(attempt, scored))
+    return [other.candidate.term.effect for other in attempt.scored if other is not scored and _one(scored, other)]
+
+
+def _one(a: Scored, b: Scored) -> bool:
+    """Whether two effects do the same to these data: their spans coincide."""
+    same = a.score.dimension == b.score.dimension > 0
+    return same and contained(a.score.basis, b.score.basis) > SAME
 
 
 def _inseparable(attempt: Attempt) -> tuple[Inseparable, ...]:
@@ -222,10 +221,10 @@ def _inseparable(attempt: Attempt) -> tuple[Inseparable, ...]:
         effect = scored.candidate.term.effect
         if scored.score.keep.min() < ABSORBED:
             for name, shift in _absorbers(attempt, scored).items():
-                found.append(Inseparable(effect, f"baseline:{name}", shift))
+                found.append(Inseparable(effect, name, shift))
     for number, a in enumerate(attempt.scored):
         for b in attempt.scored[number + 1 :]:
-            if min(a.score.dimension, b.score.dimension) and likeness(a.score.basis, b.score.basis) > SAME:
+            if _one(a, b):
                 found.append(Inseparable(a.candidate.term.effect, b.candidate.term.effect))
     return tuple(found)
 
@@ -241,7 +240,7 @@ def _absorbers(attempt: Attempt, scored: Scored) -> dict[str, str]:
     for where in np.argsort(-strength):
         if strength[where] < _SHARE * strength.max() or not strength[where] > 0.0:
             break
-        name = attempt.names[where].partition("[")[0]
+        name = attempt.model.owners[where] or f"baseline:{attempt.names[where].partition('[')[0]}"
         if name not in found:
             found[name] = (
                 f"its typical size moves {attempt.names[where]} by {shift[where]:.3g} {_unit(attempt, where)}"

@@ -6,10 +6,11 @@ catalogue explains what is left, the strongest shape describes it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.workbench.findings import Unexplained
 from rigctl.workbench.noise import Noise
@@ -24,6 +25,8 @@ POWERS = (-1, 0, 1, 2)
 SHAPE_DRAWS = 1000
 _SIDEWAYS, _COPY = 1e-3, 0.999
 _MANY = 1 << 22
+_FEW_DATA = 20_000
+_NONE = np.zeros((0, 0))
 _NO_SMALLER = 1e-12
 """P-values below are no longer compared: evidence is."""
 
@@ -56,41 +59,69 @@ class Generic:
 
     def __init__(self, given: Observations) -> None:
         self._given = given
-        self._parts = _series_shapes(given)
+        self._kept: dict[int, _Part] = {}
 
-    def main_columns(self) -> FloatArray:
-        """The shapes one at a time, products left out, for every series: what saturates a small pool; (n, k)."""
-        found = [np.zeros((len(self._given.value), 0))]
-        for rows, shapes, stack, second in self._parts:
-            for number, shape in enumerate(shapes):
-                if (shape.harmonic > 0) + (shape.power != 0) + (shape.covariate != "") <= 1:
-                    own = [number, *([second[number]] if second[number] >= 0 else [])]
-                    columns = np.zeros((len(self._given.value), len(own)))
-                    columns[rows] = stack[:, own]
-                    found.append(columns)
+    def _parts(self) -> Iterator[_Part]:
+        """Series by series; kept where that takes little memory."""
+        for number in range(len(self._given.series)):
+            part = self._kept.get(number)
+            if part is None:
+                rows = np.flatnonzero(self._given.series_of == number)
+                if not len(rows):
+                    continue
+                part = _distinct(self._given, number, rows)
+                if len(self._given.value) <= _FEW_DATA:
+                    self._kept[number] = part
+            yield part
+
+    def main_columns(self, where: IntArray) -> FloatArray:
+        """The shapes one at a time, products left out, at some data: what saturates a small pool; (data, k)."""
+        found = [np.zeros((len(where), 0))]
+        for number in np.unique(self._given.series_of[where]):
+            own = np.flatnonzero(self._given.series_of[where] == number)
+            rows = where[own]
+            _, shapes, stack, second = _distinct(self._given, int(number), rows)
+            main = [
+                place
+                for place, shape in enumerate(shapes)
+                if (shape.harmonic > 0) + (shape.power != 0) + (shape.covariate != "") <= 1
+            ]
+            places = [*main, *(second[place] for place in main if second[place] >= 0)]
+            columns = np.zeros((len(where), len(places)))
+            columns[own] = stack[:, places]
+            found.append(columns)
         return np.hstack(found)
 
     def best(self, noise: Noise, projector: Projector, rng: np.random.Generator) -> Best | None:
         """The strongest shape in what is left; None without any that could be seen."""
-        scored = [self._scored(part, noise, projector) for part in self._parts]
+        rows = len(projector.left)
+        draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // rows, 200)), rows), dtype=np.float32)
+        fitted = draws @ projector.basis.astype(np.float32)
+        smallest = np.ones(len(draws))
+        shapes: list[Shape] = []
+        scored: list[_Scored] = []
+        for part in self._parts():
+            found = self._scored(part, noise, projector)
+            smallest = np.minimum(smallest, _smallest(found, draws, fitted))
+            shapes += part[1]
+            scored.append(replace(found, columns=_NONE, shadow=_NONE))
         if not scored:
             return None
         statistics = np.concatenate([each.statistic for each in scored])
         dimensions = np.concatenate([each.dimension for each in scored])
         p_values = p_of(statistics, dimensions, np.concatenate([each.dof for each in scored]))
-        n_eff = _trials(scored, rng, len(projector.left), projector.basis)
+        n_eff = trials_of(smallest)
         evidence = 0.5 * statistics - 0.5 * dimensions * np.log(projector.data)
         top = int(np.argmax(np.where(p_values <= max(float(p_values.min()), _NO_SMALLER), evidence, -np.inf)))
         p_value = float(p_values[top])
-        shape = [shape for _, shapes, _, _ in self._parts for shape in shapes][top]
         return Best(
-            shape,
+            shapes[top],
             float(statistics[top]),
             p_value,
             corrected(p_value, n_eff),
             n_eff,
             int(dimensions[top]),
-            self._columns(shape),
+            self._columns(shapes[top]),
         )
 
     def _columns(self, shape: Shape) -> FloatArray:
@@ -102,7 +133,7 @@ class Generic:
 
     def _scored(self, part: _Part, noise: Noise, projector: Projector) -> _Scored:
         rows, _, stack, second = part
-        where, white = _whitened(noise, rows, stack)
+        where, white = noise.whiten_rows(rows, stack)
         basis = projector.basis[where]
         # Q is never made: on the rows of the series it is columns less B shadow, elsewhere B shadow alone.
         first = np.arange(len(second))
@@ -187,32 +218,17 @@ def _unit(columns: FloatArray, shadow: FloatArray, size: FloatArray) -> tuple[Fl
     return columns * scale, shadow * scale, np.where(kept, np.sqrt(np.abs(free)), 0.0)
 
 
-def _trials(scored: Sequence[_Scored], rng: np.random.Generator, rows: int, basis: FloatArray) -> float:
-    """How many independent trials the shapes amount to."""
-    draws = min(SHAPE_DRAWS, max(_MANY // rows, 200))
-    smallest = np.ones(draws)
-    noise = rng.standard_normal((draws, rows))
-    fitted = noise @ basis
-    for each in scored:
-        squares = (noise[:, each.where] @ each.columns - fitted @ each.shadow) ** 2
-        count = len(each.statistic)
-        statistic = squares[:, :count]
-        statistic[:, each.pairs] += squares[:, count:]
-        smallest = np.minimum(smallest, smallest_p(statistic, each.dimension))
-    return trials_of(smallest)
+def _smallest(each: _Scored, draws: NDArray[np.float32], fitted: NDArray[np.float32]) -> FloatArray:
+    """Smallest p of each draw of noise over the shapes of a series."""
+    squares = (draws[:, each.where] @ each.columns - fitted @ each.shadow) ** 2
+    count = len(each.statistic)
+    statistic = squares[:, :count]
+    statistic[:, each.pairs] += squares[:, count:]
+    return smallest_p(statistic, each.dimension)
 
 
 _Part = tuple[IntArray, list[Shape], FloatArray, IntArray]
 """Rows of a series, its shapes, their columns at unit length, and where the second column of each is, or -1."""
-
-
-def _series_shapes(given: Observations) -> list[_Part]:
-    found = []
-    for number in range(len(given.series)):
-        rows = np.flatnonzero(given.series_of == number)
-        if len(rows):
-            found.append(_distinct(given, number, rows))
-    return found
 
 
 def _distinct(given: Observations, number: int, rows: IntArray) -> _Part:
@@ -297,15 +313,6 @@ def _polynomial(scaled: FloatArray, degree: int) -> FloatArray:
 def _normalised(columns: FloatArray) -> FloatArray:
     size = np.linalg.norm(columns, axis=0)
     return np.asarray(columns / np.where(size > 0.0, size, 1.0))
-
-
-def _whitened(noise: Noise, rows: IntArray, columns: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Rows and whitened columns: a group whose noise is correlated whitens within its own rows."""
-    full = np.zeros((len(noise.sigma), columns.shape[1]))
-    full[rows] = columns
-    white = noise.whiten(full)
-    where = np.flatnonzero(np.any(white != 0.0, axis=1))
-    return where, white[where]
 
 
 def _padded(columns: FloatArray, rows: int) -> FloatArray:

@@ -8,7 +8,7 @@ inflates the noise nor poses as red noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -65,6 +65,19 @@ class Noise:
             scaled[where] = solve_triangular(factor, scaled[where], lower=True, check_finite=False)
         return np.asarray(scaled, dtype=np.float64)
 
+    def whiten_rows(self, rows: IntArray, columns: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Columns (rows, k) that are zero elsewhere, whitened: the rows they then have, and their values there."""
+        factors = [
+            (where, factor) for where, factor in self.factors if np.isin(where, rows, assume_unique=True).any()
+        ]
+        everywhere = np.unique(np.concatenate([rows, *(where for where, _ in factors)]))
+        white = np.zeros((len(everywhere), columns.shape[1]))
+        white[np.searchsorted(everywhere, rows)] = columns / self.sigma[rows][:, None]
+        for where, factor in factors:
+            own = np.searchsorted(everywhere, where)
+            white[own] = solve_triangular(factor, white[own], lower=True, check_finite=False)
+        return everywhere, white
+
     def colour(self, white: FloatArray) -> FloatArray:
         """The inverse of `whiten`: noise of this kind from independent numbers of unit variance."""
         coloured = white.copy()
@@ -83,11 +96,13 @@ class Noise:
 class NoiseEstimator:
     """Estimates the noise of one set of observations from residuals, again and again.
 
-    `required` (n, m) are the derivatives of what is fitted, `possible` (n, k) of what might be hidden; both are
-    projected out of each pool that needs its scatter, the latter as far as the data allow.
+    `required` (n, m) are the derivatives of what is fitted, `possible` gives those of what might be hidden (data, k)
+    at some of the data; both are projected out of each pool that needs its scatter, the latter as far as possible.
     """
 
-    def __init__(self, observations: Observations, required: FloatArray, possible: FloatArray) -> None:
+    def __init__(
+        self, observations: Observations, required: FloatArray, possible: Callable[[IntArray], FloatArray]
+    ) -> None:
         self._given = observations
         self._pools = [
             _Pool(observations, np.flatnonzero(observations.pool_of == number), required, possible, pool.order)
@@ -140,13 +155,18 @@ class _Pool:
     """One pool whose noise comes from the scatter."""
 
     def __init__(
-        self, given: Observations, where: IntArray, required: FloatArray, possible: FloatArray, order: str | None
+        self,
+        given: Observations,
+        where: IntArray,
+        required: FloatArray,
+        possible: Callable[[IntArray], FloatArray],
+        order: str | None,
     ) -> None:
         self.where = where
         self._group = given.group_of[where]
         self._at = _usable(given.of_runs(order)[where]) if order is not None else None
         weights = given.sigma[where][:, None]
-        self.basis = saturated(required[where] / weights, possible[where] / weights)
+        self.basis = saturated(required[where] / weights, possible(where) / weights)
         self.dof = max(len(where) - self.basis.shape[1], _FLOOR_DOF)
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
@@ -169,6 +189,8 @@ class _Pool:
         weight = np.exp(-0.5 * (cost - cost.min()))
         weight[1:] /= max(len(self._trials) - 1, 1)
         weight = np.where(weight > _NEGLIGIBLE * weight.max(), weight, 0.0)
+        if len(self.where) > LARGEST_POOL:  # so many data have decided; sums of large matrices are not worth it
+            weight = np.where(weight == weight.max(), weight, 0.0)
         weight *= rss / weight.sum()
         scale = float(np.sqrt(weight.sum() / self._free))
         shares = weight / weight.sum()
@@ -204,6 +226,8 @@ class _Pool:
 
     def _kernel(self, name: str, members: IntArray) -> FloatArray:
         """Correlation of unit variance between data of one group, 0 between groups."""
+        if len(members) > LARGEST_POOL:
+            return self._make(name, members)
         key = (name, members.tobytes())
         if key not in self._made:
             self._made[key] = self._make(name, members)

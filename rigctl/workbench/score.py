@@ -21,7 +21,7 @@ ABSORBED = 1e-2
 
 DRAWS = 2000
 QUANTILE = 0.02
-_UNDETERMINED = 1e-8
+UNDETERMINED = 1e-8
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Projector:
     """What the fitted parameters leave free: M, for whitened data at a fit."""
 
     def __init__(self, jacobian: FloatArray, residuals: FloatArray, dof: FloatArray, data: int) -> None:
-        self.basis = orthonormal(jacobian, _UNDETERMINED)
+        self.basis = orthonormal(jacobian, UNDETERMINED)
         self.left = self.free(residuals)
         self.data = data
         self._dof = dof

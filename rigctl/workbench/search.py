@@ -13,7 +13,7 @@ from rigctl.workbench.attempt import Attempt, Scored
 from rigctl.workbench.generic import Best, Generic
 from rigctl.workbench.held_out import HeldOut
 from rigctl.workbench.noise import orthonormal
-from rigctl.workbench.score import Projector, contained, corrected, p_of
+from rigctl.workbench.score import UNDETERMINED, Projector, contained, corrected, p_of
 from rigctl.workbench.study import IntArray, Line, Study, Term
 
 CATALOGUE_SHARE, SHAPES_SHARE, LINES_SHARE = 0.6, 0.3, 0.1
@@ -33,7 +33,6 @@ RIVAL_LEVEL = 0.5
 """Share of the level at which a rival is rejected as a substitute: one question, not many."""
 
 _CONTAINED = 0.99
-_UNDETERMINED = 1e-8
 
 Progress = Callable[[str], None]
 
@@ -112,13 +111,16 @@ class Search:
             beside = self._beside_shape(attempt)
             significant = [each for each in significant if each.candidate.term.effect in beside]
         significant.sort(key=attempt.evidence, reverse=True)
-        first = significant[0].score.statistic if significant else 0.0
-        near = first - 30.0 if first < LINEAR else 0.25 * first
-        options = [each for each in significant if each.score.statistic >= near][:REFITTED]
-        tried = [(self._refitted_cost(attempt, each), each) for each in options]
-        for cost, each in sorted(tried, key=lambda pair: pair[0]):
-            if np.isfinite(cost) and self._falls(attempt, each):
-                return each.candidate.term
+        while significant:
+            first = significant[0].score.statistic
+            near = first - 30.0 if first < LINEAR else 0.25 * first
+            options = [each for each in significant if each.score.statistic >= near][:REFITTED]
+            tried = [(self._refitted_cost(attempt, each), each) for each in options]
+            for cost, each in sorted(tried, key=lambda pair: pair[0]):
+                if np.isfinite(cost) and self._falls(attempt, each):
+                    return each.candidate.term
+            tried_out = {each.candidate.term.effect for each in options}
+            significant = [each for each in significant if each.candidate.term.effect not in tried_out]
         return None
 
     def _significant(self, attempt: Attempt, scored: Scored) -> bool:
@@ -159,7 +161,7 @@ class Search:
         ):
             return float("nan")
         touched = self._touched(after, before)
-        basis = orthonormal(before.jacobian_with(after.noise), _UNDETERMINED)
+        basis = orthonormal(before.jacobian_with(after.noise), UNDETERMINED)
         left = np.concatenate([after.noise.whiten(before.unexplained()), before.left[len(before.result.residuals) :]])
         earlier = HeldOut(before.model.observations, basis, left - basis @ (basis.T @ left))
         return after.held_out.error(series=touched) / earlier.error(series=touched)

@@ -118,6 +118,11 @@ class Model(Protocol):
         """To which each parameter belongs: an effect's id, or "" for the baseline."""
         ...
 
+    @property
+    def local(self) -> Sequence[bool]:
+        """Of each parameter, whether it belongs to one mounting and says nothing of another recording."""
+        ...
+
     def predict(self, values: FloatArray) -> FloatArray:
         """The data for parameter values of shape (m,); shape (n,)."""
         ...

@@ -14,8 +14,6 @@ from rigctl.workbench.attempt import MAX_ITERATIONS, Attempt
 from rigctl.workbench.findings import Estimate
 from rigctl.workbench.study import Model, Study, Term
 
-_TOUCHED = 1e-9
-
 
 @dataclass(frozen=True)
 class Shared:
@@ -65,23 +63,19 @@ def transfer(here: Study, there: Study, terms: Sequence[Term]) -> Transfer:
     if here.experiment != there.experiment:
         raise DataError(f"a model of '{here.experiment}' recordings says nothing of '{there.experiment}' recordings")
     mine, theirs = Attempt(here, terms), Attempt(there, terms)
-    names = [name for name in _lasting(mine.model, mine) if name in theirs.names]
+    names = [name for name in _lasting(mine.model) if name in theirs.names]
     estimates, others = mine.estimates(), theirs.estimates()
     shared = tuple(Shared(name, estimates[name], others[name]) for name in names)
     own = _error(theirs.result.chi2, theirs.result.dof)
     return Transfer(shared, own, _transferred(shared, theirs))
 
 
-def _lasting(model: Model, attempt: Attempt) -> list[str]:
-    """Parameters that outlast a mounting: of an effect, or of the baseline and at work in more than one block."""
-    given = model.observations
-    blocks = given.block_of[given.run_of]
-    touched = np.abs(attempt.jacobian[: len(given.value)])
-    touched = touched > _TOUCHED * touched.max(axis=0, initial=0.0)
+def _lasting(model: Model) -> list[str]:
+    """Parameters that outlast a mounting."""
     return [
         parameter.name
-        for column, (parameter, owner) in enumerate(zip(model.parameters, model.owners, strict=True))
-        if not parameter.fixed and (owner or len(np.unique(blocks[touched[:, column]])) > 1)
+        for parameter, local in zip(model.parameters, model.local, strict=True)
+        if not (parameter.fixed or local)
     ]
 
 

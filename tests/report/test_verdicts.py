@@ -81,7 +81,7 @@ def test_each_verdict_is_a_sentence_and_a_command() -> None:
     unknown = diagnosis("unknown", rank("a"), suggested=("a",), unexplained=left)
     assert verdict_sentence(unknown).startswith("Something remains that none of the known effects explains: a step")
     assert "a, and it does not suffice" in verdict_sentence(unknown)
-    assert advice(diagnosis("unknown", unexplained=left), "x") == "rigctl compare x"
+    assert "rigctl model add x ID --plugin FILE" in advice(diagnosis("unknown", unexplained=left), "x")
 
 
 def test_a_choice_is_told_with_its_effect() -> None:

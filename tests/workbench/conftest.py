@@ -29,6 +29,10 @@ class LinearModel:
     owners: Sequence[str]
     design: FloatArray
 
+    @property
+    def local(self) -> Sequence[bool]:
+        return [False] * len(self.owners)
+
     def predict(self, values: FloatArray) -> FloatArray:
         return self.design @ values
 

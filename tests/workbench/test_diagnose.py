@@ -125,9 +125,6 @@ def test_effects_that_do_the_same_are_ambiguous_and_the_simplest_stands_for_them
     assert at_least(right, 10, 0.95)
 
 
-@pytest.mark.xfail(
-    reason="an effect of the model that absorbs another is taken for a baseline's parameter", strict=True
-)
 def test_whatever_an_effect_of_the_model_absorbs_is_equivalent_to_that_effect(made_up: Any) -> None:
     effects = made_up.catalogue()
     effects["late-bias"] = -3.0 * effects["warm-bias"]

@@ -128,7 +128,7 @@ def table(covariates: dict[str, FloatArray], value: FloatArray) -> Observations:
 
 def degrees(given: Observations, name: str) -> list[int]:
     """Powers of a covariate among the main columns: how many of them a polynomial of each degree needs."""
-    columns = Generic(given).main_columns()
+    columns = Generic(given).main_columns(np.arange(len(given.value)))
     values = given.covariates[name]
     scaled = (values - values.mean()) / values.std()
     spans = []
@@ -153,19 +153,19 @@ def test_powers_are_no_more_than_distinct_values_can_tell() -> None:
 
 def test_constant_and_unknown_and_copied_covariates_give_no_shapes() -> None:
     load = np.linspace(0.0, 10.0, 20)
-    alone = Generic(table({"load": load}, np.zeros(20))).main_columns()
+    alone = Generic(table({"load": load}, np.zeros(20))).main_columns(np.arange(20))
     more = {
         "load": load,
         "load_kg": 0.102 * load,
         "site": np.full(20, 3.0),
         "lost": np.where(load > 5.0, np.nan, load),
     }
-    np.testing.assert_allclose(Generic(table(more, np.zeros(20))).main_columns(), alone)
+    np.testing.assert_allclose(Generic(table(more, np.zeros(20))).main_columns(np.arange(20)), alone)
 
 
 def test_shapes_of_a_series_are_told_apart_once(made_up: Any) -> None:
     """No two main columns are the same, though harmonics of few angles repeat."""
-    columns = Generic(made_up.observations(np.zeros(144))).main_columns()
+    columns = Generic(made_up.observations(np.zeros(144))).main_columns(np.arange(144))
     normal = columns / np.linalg.norm(columns, axis=0)
     alike = np.abs(normal.T @ normal) - np.eye(columns.shape[1])
     assert alike.max() < 1.0 - 1e-9

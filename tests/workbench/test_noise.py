@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from rigctl.workbench.noise import Correlation, Noise, NoiseEstimator, orthonormal, saturated
-from rigctl.workbench.study import FloatArray, NoisePool, Observations, Series
+from rigctl.workbench.study import FloatArray, IntArray, NoisePool, Observations, Series
 
 MINUTE = 60.0
 
@@ -41,8 +41,8 @@ def line(count: int) -> FloatArray:
     return np.stack([np.ones(count), np.linspace(-1.0, 1.0, count)], axis=1)
 
 
-def nothing(count: int) -> FloatArray:
-    return np.zeros((count, 0))
+def nothing(where: IntArray) -> FloatArray:
+    return np.zeros((len(where), 0))
 
 
 def relaxing(rng: np.random.Generator, count: int, runs: float) -> FloatArray:
@@ -85,7 +85,7 @@ def test_whitening_undoes_colouring_and_leaves_unit_covariance(
 
 def test_the_scale_of_white_noise_comes_out_with_the_scatter_of_chi_square() -> None:
     count, fitted, sigma = 60, 2, 0.02
-    estimator = NoiseEstimator(readings(count, order=None), line(count), nothing(count))
+    estimator = NoiseEstimator(readings(count, order=None), line(count), nothing)
     rng = np.random.default_rng(1)
     found = [estimator.estimate(sigma * rng.standard_normal(count)) for _ in range(400)]
     squares = np.array([(count - fitted) * (noise.sigma[0] / sigma) ** 2 for noise in found])
@@ -98,7 +98,7 @@ def test_relative_weights_keep_their_ratios() -> None:
     given = readings(80, order=None)
     weights = np.where(np.arange(80) % 2, 5.0, 1.0)
     weighted = Observations(**{**vars(given), "sigma": weights})
-    estimator = NoiseEstimator(weighted, line(80), nothing(80))
+    estimator = NoiseEstimator(weighted, line(80), nothing)
     noise = estimator.estimate(0.3 * weights * np.random.default_rng(2).standard_normal(80))
     np.testing.assert_allclose(noise.sigma / noise.sigma[0], weights, rtol=1e-12)
     # 78 degrees of freedom: the scale is good to one in sqrt(2 * 78).
@@ -125,17 +125,17 @@ def test_an_effect_that_hides_in_the_data_does_not_inflate_the_noise() -> None:
     given, rng = readings(90), np.random.default_rng(5)
     hidden = np.sin(np.arange(90) / 9.0)[:, None]
     white = rng.standard_normal(90)
-    aware = NoiseEstimator(given, line(90), hidden)
+    aware = NoiseEstimator(given, line(90), lambda where: hidden[where])
     with_effect, without = aware.estimate(white + 50.0 * hidden[:, 0]), aware.estimate(white)
     np.testing.assert_allclose(with_effect.plain(), without.plain(), rtol=1e-9)
     assert with_effect.correlations == without.correlations
-    unaware = NoiseEstimator(given, line(90), nothing(90)).estimate(white + 50.0 * hidden[:, 0])
+    unaware = NoiseEstimator(given, line(90), nothing).estimate(white + 50.0 * hidden[:, 0])
     assert unaware.plain().mean() > 5.0 * without.plain().mean()
 
 
 def test_correlated_noise_is_found_and_whitened() -> None:
     count, rng = 120, np.random.default_rng(6)
-    estimator = NoiseEstimator(readings(count), line(count), nothing(count))
+    estimator = NoiseEstimator(readings(count), line(count), nothing)
     for coloured in ([relaxing(rng, count, 20.0) for _ in range(12)], [flicker(rng, count, 1.64) for _ in range(12)]):
         between = []
         for each in coloured:
@@ -153,14 +153,14 @@ def test_correlated_noise_is_found_and_whitened() -> None:
 def test_white_noise_is_seldom_taken_for_correlated(at_least: Any) -> None:
     """The prior weighs white as all others together: the best of them wins by likelihood alone."""
     count, rng = 100, np.random.default_rng(7)
-    estimator = NoiseEstimator(readings(count), line(count), nothing(count))
+    estimator = NoiseEstimator(readings(count), line(count), nothing)
     white = sum(not estimator.estimate(rng.standard_normal(count)).correlations[0].kernel for _ in range(60))
     assert at_least(white, 60, 0.9)
 
 
 def test_noise_of_two_sensors_is_correlated_within_each_only() -> None:
     count = 80
-    estimator = NoiseEstimator(readings(count, groups=2), line(count), nothing(count))
+    estimator = NoiseEstimator(readings(count, groups=2), line(count), nothing)
     rng, noisy = np.random.default_rng(8), np.zeros(count)
     noisy[0::2], noisy[1::2] = 5.0 * relaxing(rng, 40, 15.0), 5.0 * relaxing(rng, 40, 15.0)
     noise = estimator.estimate(noisy + 0.2 * rng.standard_normal(count))
@@ -169,7 +169,7 @@ def test_noise_of_two_sensors_is_correlated_within_each_only() -> None:
 
 def test_what_is_not_in_any_order_is_white() -> None:
     noisy = 5.0 * relaxing(np.random.default_rng(9), 80, 30.0)
-    estimator = NoiseEstimator(readings(80, order=None), line(80), nothing(80))
+    estimator = NoiseEstimator(readings(80, order=None), line(80), nothing)
     assert not estimator.correlated
     assert not estimator.estimate(noisy).factors
 
@@ -177,16 +177,14 @@ def test_what_is_not_in_any_order_is_white() -> None:
 def test_unknown_times_leave_the_noise_white() -> None:
     given = readings(40)
     lost = np.where(np.arange(40) == 7, np.nan, given.covariates["start_s"])
-    estimator = NoiseEstimator(
-        Observations(**{**vars(given), "covariates": {"start_s": lost}}), line(40), nothing(40)
-    )
+    estimator = NoiseEstimator(Observations(**{**vars(given), "covariates": {"start_s": lost}}), line(40), nothing)
     assert not estimator.correlated
     assert np.isfinite(estimator.estimate(np.random.default_rng(1).standard_normal(40)).sigma).all()
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
 def test_a_pool_of_few_data_has_some_noise(count: int) -> None:
-    estimator = NoiseEstimator(readings(count), line(count)[:, : min(count, 2)], np.eye(count))
+    estimator = NoiseEstimator(readings(count), line(count)[:, : min(count, 2)], lambda where: np.eye(count)[where])
     noise = estimator.estimate(np.random.default_rng(1).standard_normal(count))
     assert np.isfinite(noise.sigma).all()
     assert (noise.sigma > 0.0).all()
@@ -194,7 +192,7 @@ def test_a_pool_of_few_data_has_some_noise(count: int) -> None:
 
 
 def test_known_sigmas_stay_but_for_what_their_few_degrees_of_freedom_add() -> None:
-    estimator = NoiseEstimator(readings(50, dof=10.0, sigma=0.4), line(50), nothing(50))
+    estimator = NoiseEstimator(readings(50, dof=10.0, sigma=0.4), line(50), nothing)
     assert not estimator.from_scatter
     noise = estimator.estimate(100.0 * np.ones(50))
     np.testing.assert_allclose(noise.sigma, 0.4 * np.sqrt(10.0 / 8.0))

@@ -136,7 +136,7 @@ def _imagined(
         motion_m=motion,
         accel_v=noise.amplitudes("", place, frequency_hz, dwell_s),
         lasers_m={head: noise.amplitudes(head, place, frequency_hz, dwell_s) for head in seen},
-        faces=last.faces
+        faces={name: face for run in runs for name, face in run.faces.items()}
         if last
         else {n: limits.package.face(axis, configuration, h.position) for n, h in limits.heads.items()},
         extra=last.extra if last else {},

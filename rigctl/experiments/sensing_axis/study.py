@@ -40,6 +40,8 @@ STANDARD_G = 9.80665
 LINE = "mains-pickup"
 """The effect that is found in the samples, not in the amplitudes."""
 
+OF_A_MOUNTING = ("theta0", "dc", "delta_x", "delta_y", "delta_z")
+
 _DEGREES = 180.0 / np.pi
 
 
@@ -59,6 +61,9 @@ class SensingAxisModel:
             "deg" if shown else unit for shown, unit in zip(in_degrees, inner.units, strict=True)
         )
         self.owners: Sequence[str] = tuple(inner.owners)
+        self.local: Sequence[bool] = tuple(
+            parameter.name.partition("[")[0] in OF_A_MOUNTING for parameter in inner.parameters
+        )
 
     @property
     def observations(self) -> Observations:

@@ -53,6 +53,11 @@ class TableModel:
             piece.term.effect for piece in self.pieces for _ in piece.units
         ]
 
+    @property
+    def local(self) -> Sequence[bool]:
+        """A table's parameters hold for all of it."""
+        return [False] * len(self.owners)
+
     def predict(self, values: FloatArray) -> FloatArray:
         """The response, shape (n,); NaN or infinite where undefined."""
         own, parts = self._split(values)
