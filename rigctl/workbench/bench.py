@@ -97,11 +97,11 @@ class Workbench:
         return found
 
     def _with_next(self, found: Diagnosis) -> Diagnosis:
-        """What to measure, where something is ambiguous or cannot be told apart."""
+        """What to measure where something is ambiguous; `recommend` tells it of everything else, in longer time."""
         from rigctl.planning import allowed_by
         from rigctl.workbench.recommend import recommend
 
-        if found.verdict != "ambiguous" and not found.inseparable:
+        if found.verdict != "ambiguous":
             return found
         allowed = allowed_by(self.store)
         return replace(found, next_measurement=recommend(self.study, found.terms, found, allowed=allowed).as_json())

@@ -125,9 +125,16 @@ class Information:
     ) -> None:
         scale = np.linalg.norm(beside, axis=0)
         width = beside.shape[1]
-        self._whole = np.hstack([beside / np.where(scale > 0.0, scale, 1.0), asked[:, None]])
+        whole = np.hstack([beside / np.where(scale > 0.0, scale, 1.0), asked[:, None]])
+        # Columns that no further run touches go first: their part of R never changes and is left behind.
+        touched = np.append(np.any(whole[made:, :-1] != 0.0, axis=0), True)
+        whole = np.hstack([whole[:, ~touched], whole[:, touched]])
         ridge = np.hstack([_RIDGE * np.eye(width), np.zeros((width, 1))])
-        self._root = _triangle(np.vstack([ridge, self._whole[:made]]))
+        root = _triangle(np.vstack([ridge, whole[:made]]))
+        settled = int(np.sum(~touched))
+        self._whole = whole[:, settled:]
+        self._root = root[settled:, settled:]
+        self._elsewhere = float(np.sum(root[:settled, -1] ** 2))
         self._rows_of = rows_of
         self._absorbed = absorbed
 
@@ -156,7 +163,7 @@ class Information:
 
     def _of(self, root: FloatArray) -> FloatArray:
         """Of QR factors (..., m + 1, m + 1); what is absorbed counts less, the more it is."""
-        free, whole = root[..., -1, -1] ** 2, np.sum(root[..., :, -1] ** 2, axis=-1)
+        free, whole = root[..., -1, -1] ** 2, self._elsewhere + np.sum(root[..., :, -1] ** 2, axis=-1)
         if not self._absorbed:
             return np.asarray(free)
         share = free / np.where(whole > 0.0, whole, 1.0) / self._absorbed**2
