@@ -24,7 +24,9 @@ from rigctl.clock import Clock
 from rigctl.errors import LinkLost, LinkTimeout
 
 PYVISA_PY = "@py"
-PEEK_BYTES = 1 << 18
+PEEK_BYTES = 4096
+"""What pyvisa-py takes from a socket at once; asked for more, it may take what came since and keep it to itself."""
+
 OPEN_TIMEOUT_S = 5.0
 
 PARITIES = {
