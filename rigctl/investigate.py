@@ -19,6 +19,7 @@ from procedures.tables import Procedure
 from rigctl import config, planning, runner
 from rigctl.campaign.recording import ImportReport, Recording
 from rigctl.campaign.store import Store
+from rigctl.effects.plugins import load
 from rigctl.errors import ConfigError, DataError
 from rigctl.experiments.sensing_axis.imagined import OVERHEAD_S
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
@@ -28,7 +29,8 @@ from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.exclusion import Excluded, Sensitivity, sensitivity
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.first_design import first_design
-from rigctl.workbench.recommend import recommend, shuffled
+from rigctl.workbench.plan import shuffled
+from rigctl.workbench.recommend import recommend
 from rigctl.workbench.study import Plannable, Proposal, Term
 
 FIRST_RUNS, BATCH_RUNS = 12, 6
@@ -50,7 +52,6 @@ class Settings:
     tell: Tell
     max_runs: int | None = None
     alpha: float = ALPHA
-    plugins: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -167,13 +168,13 @@ class _Round:
     ) -> None:
         self._store = store
         self._points, self._most, self._settings = points, most, settings
-        self._bench = Workbench(store, settings.plugins)
+        self._bench = Workbench(store, settings.options.plugins)
         study = self._bench.study
         if not isinstance(study, Plannable):
             raise DataError(f"{store.path}: a '{study.experiment}' recording cannot be gone on with")
         self._study = study
         self._seed = _procedure(campaign).order_seed + len(store.runs())
-        self._given = versions.versions(store)[0].terms
+        self._given = self._bench.version(1).terms
         self._declined: list[str] = []
         self._found = diagnose(study, self._given, settings.alpha, progress=None)
         self._settings.tell(f"{self._made} runs: {self._found.verdict} {' '.join(self._effects)}".rstrip())
@@ -195,7 +196,7 @@ class _Round:
 
     def _bring_model_up_to_date(self) -> None:
         """Add what was found, take out what no longer is; ambiguous ones wait until they are told apart."""
-        now = versions.current(self._store)
+        now = self._bench.current
         wanted = [] if self._found.verdict == "ambiguous" else [t for t in self._terms if t not in self._given]
         stale = [t.effect for t in now.terms if t not in self._given and t not in wanted]
         if stale and self._found.verdict != "ambiguous":
@@ -205,7 +206,7 @@ class _Round:
             if term in versions.current(self._store).terms:
                 continue
             if self._settings.ask(f"Add {term.effect} to the model?"):
-                versions.extend(self._store, term)
+                versions.extend(self._store, term, self._bench.source_of(term.effect))
                 self._settings.tell(f"added {term.effect}")
             else:
                 self._declined.append(term.effect)
@@ -299,18 +300,15 @@ def _begin(
     settings: Settings,
 ) -> None:
     """The first runs, into a new store."""
-    procedure = _procedure(campaign)
-    allowed = planning.within(rig_file, procedure, points.axis, points.configuration)
-    refused = [each for each in points.full_scan if not allowed(each)]
-    if refused:
-        runner.dry_run(campaign, rig_file)  # says which, and why
+    runner.dry_run(campaign, rig_file, settings.options.plugins)
     header = runner.header_of(campaign, rig_file)
-    study = SensingAxisStudy(Recording(header, (), {}, ImportReport(0)))
+    plugins = [load(path) for path in settings.options.plugins]
+    study = SensingAxisStudy(Recording(header, (), {}, ImportReport(0)), plugins)
     place = {"axis": points.axis, "configuration": points.configuration, "mounting": 1}
     placed = [Proposal({**each.settings, **place}, each.takes_s) for each in points.options]
     terms = [Term(effect) for effect in campaign.model.effects]
     price_s = points.run_price_s(settings.max_runs or len(points.full_scan))
-    runs = first_design(study, terms, placed, count, procedure.order_seed, price_s)
+    runs = first_design(study, terms, placed, count, _procedure(campaign).order_seed, price_s)
     settings.tell(f"beginning with {len(runs)} runs of {len(points.full_scan)} that a full scan has")
     text = _text(campaign, points, runs, "Round 1")
     runner.start(config.parse_campaign(text, campaign.path), rig_file, store_path, settings.options)

@@ -23,23 +23,33 @@ class Campaign:
         self.file = config.read_campaign(Path(path))
         self.rig_file = config.read_rig(Path(rig) if rig else self.file.rig_path)
 
-    def dry_run(self) -> dict[str, Any]:
+    def dry_run(self, plugins: Sequence[Path | str] = ()) -> dict[str, Any]:
         """What would be done, checked against the rig's limits."""
-        return runner.dry_run(self.file, self.rig_file)
+        return runner.dry_run(self.file, self.rig_file, _paths(plugins))
 
-    def run(self, store: Path | str, *, unattended: bool = False, seed: int | None = None) -> SensingAxisResult:
+    def run(
+        self,
+        store: Path | str,
+        *,
+        unattended: bool = False,
+        seed: int | None = None,
+        plugins: Sequence[Path | str] = (),
+    ) -> SensingAxisResult:
         """Run into a new store and return the result; blocks until the campaign ends.
 
         `unattended`: the simulated operator answers. Raises what the command would report.
         """
-        runner.start(self.file, self.rig_file, Path(store), runner.Options(unattended=unattended, seed=seed))
-        return self.result(store)
+        options = runner.Options(unattended=unattended, seed=seed, plugins=_paths(plugins))
+        runner.start(self.file, self.rig_file, Path(store), options)
+        return self.result(store, plugins)
 
     @staticmethod
-    def resume(store: Path | str, *, unattended: bool = False) -> SensingAxisResult:
+    def resume(
+        store: Path | str, *, unattended: bool = False, plugins: Sequence[Path | str] = ()
+    ) -> SensingAxisResult:
         """Go on with an interrupted campaign; what is recorded is not measured again."""
-        runner.resume(Path(store), runner.Options(unattended=unattended))
-        return Campaign.result(store)
+        runner.resume(Path(store), runner.Options(unattended=unattended, plugins=_paths(plugins)))
+        return Campaign.result(store, plugins)
 
     @staticmethod
     def status(store: Path | str) -> dict[str, Any]:
@@ -93,4 +103,8 @@ class Campaign:
 def on_the_bench(store: Path | str, plugins: Sequence[Path | str] = ()) -> Iterator[Workbench]:
     """A store with its study and its model's versions, to ask more than one thing of; closed at the end."""
     with Store.open(Path(store)) as opened:
-        yield Workbench(opened, [Path(plugin) for plugin in plugins])
+        yield Workbench(opened, _paths(plugins))
+
+
+def _paths(plugins: Sequence[Path | str]) -> tuple[Path, ...]:
+    return tuple(Path(plugin) for plugin in plugins)

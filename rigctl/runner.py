@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -20,15 +20,17 @@ from rigctl import config
 from rigctl.campaign import locks
 from rigctl.campaign.control import Control, RequestWatcher, forget_requests
 from rigctl.campaign.operator import Operator, SimulatedOperator, TerminalOperator, TypedLines
-from rigctl.campaign.parts import Part, begin_part, next_part, parts_of
+from rigctl.campaign.parts import PLUGINS, Part, Plugins, begin_part, next_part, parts_of
 from rigctl.campaign.progress import Display, Progress
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
 from rigctl.effects.catalogue import chosen
+from rigctl.effects.plugins import Plugin, load
 from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
 from rigctl.experiments.sensing_axis.reduction import ACCEL, LASER_PREFIX
 from rigctl.rig import Rig
+from rigctl.workbench import versions as model_versions
 
 KINDS = {"readout": "accelerometer"}
 """What a channel measures where the instrument only knows what it reads."""
@@ -39,16 +41,18 @@ TRUTH_SUFFIX = ".truth.toml"
 
 @dataclass(frozen=True)
 class Options:
-    """How a campaign is run, beyond its files."""
+    """How a campaign is run, beyond its files; `plugins` are files with effects of one's own."""
 
     unattended: bool = False
     seed: int | None = None
     display: Display | None = None
+    plugins: tuple[Path, ...] = ()
 
 
 def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: Path, options: Options) -> None:
     """Run a campaign into a new store; everything is checked before anything is connected, let alone moves."""
-    plan = plan_of(campaign)
+    plugins = _loaded(options.plugins)
+    plan = plan_of(campaign, plugins=plugins)
     rig = Rig(rig_file, seed=options.seed)
     bench = _checked_bench(rig, plan, campaign)
     if store_path.exists():
@@ -57,10 +61,11 @@ def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: P
         identities = rig.identities()
         with _store_to_oneself(store_path):
             _write_truth(rig_file, store_path)
-            with Store.create(store_path, _header(campaign, rig, options)) as store:
+            header = _header(campaign, rig, options, _brought(campaign, plugins))
+            with Store.create(store_path, header) as store:
                 for name, identity in identities.items():
                     store.set_identity(name, identity)
-                _carry_out(store, rig, bench, plan, control, options, Part(1, str(campaign.path), campaign.text))
+                _carry_out(store, rig, bench, plan, control, options, parts_of(store)[0])
 
 
 def extend(store_path: Path, campaign: config.CampaignFile, options: Options) -> None:
@@ -78,8 +83,9 @@ def extend(store_path: Path, campaign: config.CampaignFile, options: Options) ->
         if campaign.experiment != store.header.experiment:
             raise ConfigError(f"{campaign.path}: experiment: the store holds {store.header.experiment}")
         made = [(mounting.axis, mounting.configuration, mounting.number) for mounting in mounted_in(store)]
-        part = next_part(store, campaign.path, campaign.text, made)
-        plan = plan_of(campaign, _seated(part))
+        plugins = _loaded_for(store, options.plugins, {})
+        part = next_part(store, campaign.path, campaign.text, made, _brought(campaign, plugins))
+        plan = plan_of(campaign, _seated(part), plugins)
         with _reopened(store, plan, campaign) as (rig, bench, control):
             begin_part(store, part, rig.clock.now_s())
             _carry_out(store, rig, bench, plan, control, options, part)
@@ -92,7 +98,7 @@ def resume(store_path: Path, options: Options) -> None:
             raise DataError(f"{store_path} is done; there is nothing to resume")
         part = parts_of(store)[-1]
         campaign = config.parse_campaign(part.toml, store_path)
-        plan = plan_of(campaign, _seated(part))
+        plan = plan_of(campaign, _seated(part), _loaded_for(store, options.plugins, part.plugins))
         with _reopened(store, plan, campaign) as (rig, bench, control):
             store.add_event("resumed", {"after": store.status().get("state", "")}, rig.clock.now_s())
             _carry_out(store, rig, bench, plan, control, options, part)
@@ -115,9 +121,32 @@ def _seated(part: Part) -> Seated:
     return Seated(part.mountings_before, None if part.mounted is None else Mounting(*part.mounted))
 
 
-def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile) -> dict[str, Any]:
+def _loaded(paths: Sequence[Path]) -> list[Plugin]:
+    return [load(path) for path in paths]
+
+
+def _loaded_for(store: Store, paths: Sequence[Path], needed: Plugins) -> list[Plugin]:
+    """Files of effects; `ConfigError` unless those the store's model and a campaign `needed` are among them."""
+    given = [model_versions.PluginFile.of(path) for path in paths]
+    model_versions.current(store).require(given)
+    files = [model_versions.PluginFile(**file) for file in needed.values()]
+    model_versions.require_files(f"{store.path}: its campaign began", files, given)
+    return _loaded(paths)
+
+
+def _brought(campaign: config.CampaignFile, plugins: Sequence[Plugin]) -> Plugins:
+    """Where those effects of a campaign's model come from that are of files, as the store keeps it."""
+    return {
+        effect: {"path": str(plugin.path.resolve()), "sha256": plugin.sha256}
+        for plugin in plugins
+        for effect in plugin.effects
+        if effect in campaign.model.effects
+    }
+
+
+def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile, plugins: Sequence[Path] = ()) -> dict[str, Any]:
     """What a campaign would do, checked against the rig's limits; nothing is connected, nothing moves."""
-    plan = plan_of(campaign)
+    plan = plan_of(campaign, plugins=_loaded(plugins))
     _checked_bench(Rig(rig_file), plan, campaign)
     return {
         "experiment": campaign.experiment,
@@ -129,14 +158,17 @@ def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile) -> dict[str
     }
 
 
-def plan_of(campaign: config.CampaignFile, seated: Seated | None = None) -> sensing_axes.Plan:
+def plan_of(
+    campaign: config.CampaignFile, seated: Seated | None = None, plugins: Sequence[Plugin] = ()
+) -> sensing_axes.Plan:
     """The procedure a campaign file asks for, after what earlier campaigns have left; `ConfigError`."""
     if campaign.experiment != "sensing-axis":
         raise ConfigError(f"{campaign.path}: there is no procedure for '{campaign.experiment}' yet")
     procedure = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
     targets = config.validated(Targets, campaign.targets, campaign.path, "targets")
     try:
-        effects = chosen(campaign.experiment, campaign.model.effects)
+        brought = [effect for plugin in plugins for effect in plugin.effects.values()]
+        effects = chosen(campaign.experiment, campaign.model.effects, brought)
     except ConfigError as error:
         raise ConfigError(f"{campaign.path}: model.effects: {error}") from None
     return sensing_axes.Plan(procedure, targets, effects, seated or Seated())
@@ -293,10 +325,10 @@ def _write_truth(rig_file: config.RigFile, store_path: Path) -> None:
 
 def header_of(campaign: config.CampaignFile, rig_file: config.RigFile) -> Header:
     """The header a store of this campaign would have, before anything is measured; nothing is connected."""
-    return _header(campaign, Rig(rig_file), Options())
+    return _header(campaign, Rig(rig_file), Options(), {})
 
 
-def _header(campaign: config.CampaignFile, rig: Rig, options: Options) -> Header:
+def _header(campaign: config.CampaignFile, rig: Rig, options: Options, plugins: Plugins) -> Header:
     file = rig.file
     channels = {"stage_x_mm": ChannelInfo("mm", "position")}
     for role in ("linear", "displacement", "readout"):
@@ -320,6 +352,7 @@ def _header(campaign: config.CampaignFile, rig: Rig, options: Options) -> Header
         extra={
             "certificates": {k: c.model_dump(mode="json") for k, c in file.certificates.items()},
             "unattended": options.unattended,
+            **({PLUGINS: plugins} if plugins else {}),
         },
     )
 

@@ -6,8 +6,8 @@ mounting numbers and the world's clock go on from one to the next.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from rigctl.campaign.store import Store
@@ -15,10 +15,19 @@ from rigctl.errors import DataError
 
 KIND = "campaign"
 
+PLUGINS = "plugins"
+"""Where the header keeps those of the first campaign."""
+
+Plugins = Mapping[str, Mapping[str, str]]
+"""Of each effect that came from a file, its `path` and `sha256`."""
+
 
 @dataclass(frozen=True)
 class Part:
-    """One campaign: its file, and what the store held when it began (`mounted`: axis, configuration, number)."""
+    """One campaign: its file, and what the store held when it began (`mounted`: axis, configuration, number).
+
+    `plugins` are the files that brought effects of its model.
+    """
 
     number: int
     path: str
@@ -26,6 +35,7 @@ class Part:
     runs_before: int = 0
     mountings_before: int = 0
     mounted: tuple[str, str, int] | None = None
+    plugins: Plugins = field(default_factory=dict)
 
 
 def parts_of(store: Store) -> list[Part]:
@@ -36,10 +46,13 @@ def parts_of(store: Store) -> list[Part]:
     for document in store.documents(KIND):
         mounted = document.data["mounted"]
         later.append(Part(**{**document.data, "mounted": None if mounted is None else tuple(mounted)}))
-    return [Part(1, str(store.path), store.header.campaign_toml), *later]
+    first = Part(1, str(store.path), store.header.campaign_toml, plugins=store.header.extra.get(PLUGINS, {}))
+    return [first, *later]
 
 
-def next_part(store: Store, path: Path, toml: str, mountings: Sequence[tuple[str, str, int]]) -> Part:
+def next_part(
+    store: Store, path: Path, toml: str, mountings: Sequence[tuple[str, str, int]], plugins: Plugins
+) -> Part:
     """What a further campaign would be, after `mountings`; nothing is kept yet."""
     return Part(
         number=len(parts_of(store)) + 1,
@@ -48,6 +61,7 @@ def next_part(store: Store, path: Path, toml: str, mountings: Sequence[tuple[str
         runs_before=len(store.runs()),
         mountings_before=max((number for _, _, number in mountings), default=0),
         mounted=mountings[-1] if mountings else None,
+        plugins=plugins,
     )
 
 

@@ -63,7 +63,7 @@ class Header:
 
     `started` is UTC, ISO 8601; "" when unknown. `rig_toml` is the rig file as run without its simulated
     world, of which only the hash is kept. `constants` carry their unit in their name. `extra` is JSON; its
-    keys `table` and `patterns` (columns of patterns.csv) have a meaning of their own.
+    keys `table`, `patterns` (columns of patterns.csv) and `plugins` (see `parts`) have a meaning of their own.
     """
 
     experiment: str

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli.io import CampaignToml, Json, StoreFile, print_json, say, tell
+from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell
 from rigctl.errors import ConfigError, ProcedureError, RigError
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ def run(
     seed: Annotated[int | None, typer.Option(help="Seed of a simulated world.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="The simulated operator answers.")] = False,
     dry: Annotated[bool, typer.Option("--dry-run", help="Check and tell what would be done.")] = False,
+    plugin: Plugins = None,
     as_json: Json = False,
 ) -> None:
     """Run a campaign from start to result."""
@@ -31,15 +32,20 @@ def run(
 
     campaign_file = config.read_campaign(campaign)
     path = store or Path(campaign.stem + ".rig.sqlite")
+    plugins = tuple(plugin or ())
     if path.exists() and not dry and campaign_file.procedure.get("mounting") in {"same", "kept"}:
-        _extend(path, campaign_file, rig, seed, yes=yes)
-        _show_outcome(path, as_json=as_json)
+        if rig is not None or seed is not None:
+            raise ConfigError(
+                f"{path} goes on with the rig and the seed it was made with; leave out --rig and --seed"
+            )
+        _extend(path, campaign_file, plugins, yes=yes)
+        _show_outcome(path, plugins, as_json=as_json)
         return
     if rig is None and not campaign_file.rig:
         raise ConfigError(f"{campaign}: rig is missing; name the rig file or pass --rig")
     rig_file = config.read_rig(rig or campaign_file.rig_path)
     if dry:
-        plan = runner.dry_run(campaign_file, rig_file)
+        plan = runner.dry_run(campaign_file, rig_file, plugins)
         if as_json:
             print_json(plan)
         else:
@@ -49,25 +55,25 @@ def run(
     from rigctl.report.terminal import ProgressBar
 
     with ProgressBar() as bar:
-        runner.start(campaign_file, rig_file, path, runner.Options(unattended=yes, seed=seed, display=bar))
-    _show_outcome(path, as_json=as_json)
+        options = runner.Options(unattended=yes, seed=seed, display=bar, plugins=plugins)
+        runner.start(campaign_file, rig_file, path, options)
+    _show_outcome(path, plugins, as_json=as_json)
 
 
-def _extend(store: Path, campaign: CampaignFile, rig: Path | None, seed: int | None, *, yes: bool) -> None:
+def _extend(store: Path, campaign: CampaignFile, plugins: tuple[Path, ...], *, yes: bool) -> None:
     """Run a campaign that goes on in the mounting of a store that is there."""
     from rigctl import runner
     from rigctl.report.terminal import ProgressBar
 
-    if rig is not None or seed is not None:
-        raise ConfigError(f"{store} goes on with the rig and the seed it was made with; leave out --rig and --seed")
     with ProgressBar() as bar:
-        runner.extend(store, campaign, runner.Options(unattended=yes, display=bar))
+        runner.extend(store, campaign, runner.Options(unattended=yes, display=bar, plugins=plugins))
 
 
 @app.command()
 def resume(
     store: StoreFile,
     yes: Annotated[bool, typer.Option("--yes", help="The simulated operator answers.")] = False,
+    plugin: Plugins = None,
     as_json: Json = False,
 ) -> None:
     """Go on with a paused or an interrupted campaign."""
@@ -82,9 +88,10 @@ def resume(
         unattended = yes or bool(opened.header.extra.get("unattended"))
     from rigctl.report.terminal import ProgressBar
 
+    plugins = tuple(plugin or ())
     with ProgressBar() as bar:
-        runner.resume(store, runner.Options(unattended=unattended, display=bar))
-    _show_outcome(store, as_json=as_json)
+        runner.resume(store, runner.Options(unattended=unattended, display=bar, plugins=plugins))
+    _show_outcome(store, plugins, as_json=as_json)
 
 
 @app.command()
@@ -127,12 +134,12 @@ def status(store: StoreFile, as_json: Json = False) -> None:
         print_status(found)
 
 
-def _show_outcome(store: Path, *, as_json: bool) -> None:
+def _show_outcome(store: Path, plugins: tuple[Path, ...], *, as_json: bool) -> None:
     from rigctl import results
     from rigctl.campaign.status import status_of
 
     try:
-        found = results.of(store)
+        found = results.of(store, plugins)
     except ProcedureError as error:  # a few runs that another store lacked need not determine a model
         tell(f"{store}: no result yet: {error}")
         if as_json:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +26,8 @@ def effects(
     as_json: Json = False,
 ) -> None:
     """The catalogue of physical effects, or one of them: equation, parameters, source."""
+    from rigctl.effects.catalogue import unknown_effect
+
     known = _known(plugin or ())
     if effect is None:
         if figure is not None:
@@ -37,8 +38,7 @@ def effects(
             _print_catalogue(list(known.values()))
         return
     if effect not in known:
-        near = difflib.get_close_matches(effect, known, n=3, cutoff=0.0)
-        raise ConfigError(f"unknown effect '{effect}'; the nearest are {', '.join(near)}; `rigctl effects` lists all")
+        raise unknown_effect(effect, known)
     if figure is not None:
         _draw(known[effect], figure)
     if as_json:

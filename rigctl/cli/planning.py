@@ -52,6 +52,7 @@ def investigate(
         int | None, typer.Option(min=1, metavar="N", help="At most so many runs; default: those of a full scan.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Add what is found; the simulated operator answers.")] = False,
+    plugin: Plugins = None,
     as_json: Json = False,
 ) -> None:
     """Measure, diagnose, ask, add, measure again, until the model is adequate or it is said what remains."""
@@ -64,9 +65,8 @@ def investigate(
     campaign_file = config.read_campaign(campaign)
     rig_file = config.read_rig(campaign_file.rig_path) if campaign_file.rig and not store.exists() else None
     with ProgressBar() as bar:
-        settings = Settings(
-            runner.Options(unattended=yes, display=bar), _agree if yes else _ask, tell, max_runs=max_runs
-        )
+        options = runner.Options(unattended=yes, display=bar, plugins=tuple(plugin or ()))
+        settings = Settings(options, _agree if yes else _ask, tell, max_runs=max_runs)
         found = carry_out(campaign_file, rig_file, store, settings).as_json()
     if as_json:
         print_json({"store": str(store), **found})

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -113,8 +114,15 @@ def chosen(experiment: str, ids: Sequence[str], plugins: Sequence[Effect] = ()) 
     known = catalogue(experiment, plugins)
     for name in ids:
         if name not in known:
-            raise ConfigError(f"unknown effect '{name}'; known for {experiment}: {', '.join(sorted(known))}")
+            raise unknown_effect(name, known)
     return tuple(each for name, each in known.items() if name in ids)
+
+
+def unknown_effect(name: str, known: Collection[str]) -> ConfigError:
+    """Nobody knows it: what it may have been meant to be, and how an effect of one's own becomes known."""
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.0)
+    nearest = f"the nearest are {', '.join(near)}; " if near else ""
+    return ConfigError(f"unknown effect '{name}'; {nearest}`rigctl effects` lists all, --plugin FILE adds your own")
 
 
 def effects_in(module: Any) -> tuple[Effect, ...]:

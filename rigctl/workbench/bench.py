@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.campaign.store import Store
+from rigctl.effects.catalogue import unknown_effect
 from rigctl.errors import ConfigError, DataError
 from rigctl.studies import study_of
 from rigctl.workbench import versions
@@ -20,7 +20,8 @@ from rigctl.workbench.versions import ModelVersion, PluginFile
 if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
     from rigctl.workbench.attempt import Attempt
-    from rigctl.workbench.recommend import Allowed, Recommendation
+    from rigctl.workbench.recommend import Allowed
+    from rigctl.workbench.recommendation import Recommendation
     from rigctl.workbench.transfer import Transfer
 
 ALPHA = 0.01
@@ -148,7 +149,7 @@ class Workbench:
         now, added = self.current, list[Term]()
         for effect in effects:
             added.append(self._term(effect, (*now.terms, *added)))
-        return [versions.extend(self.store, term, self._source_of(term.effect)) for term in added]
+        return [versions.extend(self.store, term, self.source_of(term.effect)) for term in added]
 
     def remove(self, effects: Sequence[str]) -> list[ModelVersion]:
         """One new version per effect, without it; `ConfigError` for one that is not in the model."""
@@ -158,10 +159,7 @@ class Workbench:
         known = self.study.effects()
         for effect in effects:
             if effect.split("#")[0] not in known:
-                near = difflib.get_close_matches(effect, known, n=3, cutoff=0.0)
-                raise ConfigError(
-                    f"unknown effect '{effect}'; the nearest are {', '.join(near)}; `rigctl effects` lists all"
-                )
+                raise unknown_effect(effect, known)
 
     def _term(self, effect: str, terms: Sequence[Term]) -> Term:
         """With the choice of the last diagnosis, else the one that fits best beside `terms`.
@@ -183,7 +181,8 @@ class Workbench:
                 raise versions.there_already(effect) from None
             raise
 
-    def _source_of(self, effect: str) -> PluginFile | None:
+    def source_of(self, effect: str) -> PluginFile | None:
+        """The file that brought an effect; None for those of the catalogue."""
         return next((file for file, plugin in self._plugins.items() if effect in plugin.effects), None)
 
 

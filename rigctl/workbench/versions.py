@@ -10,12 +10,13 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rigctl import config
+from rigctl.campaign.parts import parts_of
 from rigctl.campaign.store import Document, Store
 from rigctl.errors import ConfigError
 from rigctl.workbench.study import Term
@@ -78,25 +79,27 @@ class ModelVersion:
 
     def require(self, given: Sequence[PluginFile]) -> None:
         """`ConfigError` unless every file this version was made with is among those given, unchanged."""
-        hashes = {plugin.sha256 for plugin in given}
-        for needed in self.plugins.values():
-            if needed.sha256 in hashes:
-                continue
-            made_with = f"model version {self.version} was made with {needed.path} (SHA-256 {needed.sha256[:12]})"
-            if not given:
-                raise ConfigError(f"{made_with}; pass --plugin {needed.path}")
-            others = ", ".join(f"{plugin.path} ({plugin.sha256[:12]})" for plugin in given)
-            raise ConfigError(
-                f"{made_with}, not with {others}; give the file as it was, or `rigctl model remove` its effects "
-                "and add them again"
-            )
+        otherwise = ", or `rigctl model remove` its effects and add them again"
+        require_files(f"model version {self.version} was made", self.plugins.values(), given, otherwise)
+
+
+def require_files(made: str, needed: Iterable[PluginFile], given: Sequence[PluginFile], otherwise: str = "") -> None:
+    """`ConfigError` unless every file that something was `made` with is among those given, unchanged."""
+    hashes = {plugin.sha256 for plugin in given}
+    for plugin in needed:
+        if plugin.sha256 in hashes:
+            continue
+        made_with = f"{made} with {plugin.path} (SHA-256 {plugin.sha256[:12]})"
+        if not given:
+            raise ConfigError(f"{made_with}; pass --plugin {plugin.path}")
+        others = ", ".join(f"{other.path} ({other.sha256[:12]})" for other in given)
+        raise ConfigError(f"{made_with}, not with {others}; give the file as it was{otherwise}")
 
 
 def versions(store: Store) -> list[ModelVersion]:
     """All versions, the current one last."""
-    first = ModelVersion(1, None, store.header.started, _first_terms(store))
     later = (_version(number, document) for number, document in enumerate(store.documents(VERSION), 2))
-    return [first, *later]
+    return [_first(store), *later]
 
 
 def current(store: Store) -> ModelVersion:
@@ -104,11 +107,13 @@ def current(store: Store) -> ModelVersion:
     return versions(store)[-1]
 
 
-def _first_terms(store: Store) -> tuple[Term, ...]:
-    text = store.header.campaign_toml
-    if text is None:
-        return ()
-    return tuple(Term(effect) for effect in config.parse_campaign(text, store.path).model.effects)
+def _first(store: Store) -> ModelVersion:
+    if store.header.campaign_toml is None:
+        return ModelVersion(1, None, store.header.started, ())
+    campaign = parts_of(store)[0]
+    terms = tuple(Term(effect) for effect in config.parse_campaign(campaign.toml, store.path).model.effects)
+    plugins = {effect: PluginFile(**plugin) for effect, plugin in campaign.plugins.items()}
+    return ModelVersion(1, None, store.header.started, terms, plugins=plugins)
 
 
 def _version(number: int, document: Document) -> ModelVersion:

@@ -149,9 +149,9 @@ def test_a_record_at_another_frequency_names_the_run() -> None:
         )
 
 
-def test_unknown_effects_are_named_with_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match=r"unknown effect 'warp'.*resonance.*roll-gravity"):
-        chosen("sensing-axis", ["warp"])
+def test_unknown_effects_are_named_with_the_nearest_that_are_known() -> None:
+    with pytest.raises(ConfigError, match=r"unknown effect 'rol-gravity'; the nearest are roll-gravity, .*--plugin"):
+        chosen("sensing-axis", ["rol-gravity"])
 
 
 def test_a_scale_error_within_its_certificate_does_not_pass_for_a_rotation(

@@ -14,7 +14,7 @@ import numpy as np
 
 from rigctl import config
 from rigctl.campaign.recording import RunSource
-from rigctl.effects.catalogue import Effect, catalogue
+from rigctl.effects.catalogue import Effect, catalogue, unknown_effect
 from rigctl.effects.plugins import Plugin
 from rigctl.errors import ConfigError, DataError, ProcedureError
 from rigctl.experiments.sensing_axis.chain import FloatArray, Origins
@@ -221,7 +221,7 @@ class SensingAxisStudy:
         heads: dict[str, list[str]] = {}
         for term in terms:
             if term.effect not in self.catalogue:
-                raise ConfigError(f"unknown effect '{term.effect}'; known: {', '.join(sorted(self.catalogue))}")
+                raise unknown_effect(term.effect, self.catalogue)
             named = heads.setdefault(term.effect, [])
             if "head" in term.choice:
                 named.append(self._known_head(term))

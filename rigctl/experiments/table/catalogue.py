@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
+from rigctl.effects.catalogue import unknown_effect
 from rigctl.errors import ConfigError
 from rigctl.experiments.table.forms import Drift, Form, Interaction, Power
 from rigctl.experiments.table.readings import Column, Readings
@@ -55,7 +56,7 @@ def base_of(effect: str, known: dict[str, Form]) -> str:
         if isinstance(known[base], Scanned):
             return base
         raise ConfigError(f"effect '{effect}': there can be one {base} only; leave out #{number}")
-    raise ConfigError(f"unknown effect '{effect}'; known for this table: {', '.join(known)}")
+    raise unknown_effect(effect, known)
 
 
 def next_id(base: str, taken: set[str]) -> str:

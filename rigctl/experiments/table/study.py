@@ -155,11 +155,7 @@ class TableStudy:
     def _piece(self, term: Term, before: Sequence[Piece]) -> Piece:
         if term.effect in self._plugins:
             return PluginPiece(Term(term.effect), self._plugins[term.effect], self.readings)
-        try:
-            form = self._forms[base_of(term.effect, self._forms)]
-        except ConfigError as error:
-            own = f", {', '.join(self._plugins)}" if self._plugins else ""
-            raise ConfigError(f"{error}{own}") from None
+        form = self._forms[base_of(term.effect, self._forms)]
         if reason := why_not(form, self.readings):
             raise DataError(f"effect '{term.effect}' cannot be fitted: {reason}; remove it from the model")
         piece = ColumnPiece(term, form, self.readings.response.unit)

@@ -1,0 +1,177 @@
+"""Campaigns whose model names an effect of the user's own: every command asks for its file, unchanged."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from procedures import scan, sensing_axes
+from rigctl import config, runner
+from rigctl.campaign.store import Store
+from rigctl.errors import ConfigError, ProcedureError
+from rigctl.investigate import Settings, investigate
+from rigctl.notebook import Campaign
+from rigctl.workbench import versions
+
+PLUGIN = '''\
+from rigctl.effects import effect
+
+
+@effect("drag", on="angle_rad", parameters={"drag": "rad"}, typical={"drag": 1e-5})
+def drag(run, drag):
+    """The cable drags the turntable."""
+    return drag * run.approach
+'''
+
+SCAN = """\
+experiment = "sensing-axis"
+title = "scan"
+rig = "rig.toml"
+
+[procedure]
+name = "scan"
+axes = ["X"]
+configurations = ["flag"]
+angles_deg = [-20.0, -0.7, 0.7, 20.0]
+frequencies_hz = [0.3, 0.6]
+approaches = [1, -1]
+dwell_s = 4.0
+
+[model]
+effects = ["roll-gravity", "resonance", "drag"]
+"""
+
+MORE = (('name = "scan"', 'name = "scan"\nmounting = "kept"'), ("[-20.0, -0.7, 0.7, 20.0]", "[2.0]"))
+"""A short scan that goes on."""
+
+HYSTERESIS = "[world.effects.cable-hysteresis]\nh = 1e-5\n"
+
+
+@pytest.fixture
+def bench(desk: Any) -> Any:
+    """A desk with a rig whose cable drags, a scan that names `drag`, and the file that brings it."""
+    text = (Path(__file__).parents[1] / "campaigns" / "hidden-effect-rig.toml").read_text()
+    (desk.directory / "rig.toml").write_text(text[: text.index("[world.effects.cable")] + HYSTERESIS)
+    desk.campaign(text=SCAN)
+    (desk.directory / "drag.py").write_text(PLUGIN)
+    return desk
+
+
+@pytest.fixture
+def measured(bench: Any) -> Any:
+    """The scan in its store."""
+    assert bench.run("--plugin", "drag.py").status == 0
+    return bench
+
+
+def test_without_its_file_a_campaign_does_not_begin(bench: Any, wire: Any) -> None:
+    for more in ((), ("--dry-run",)):
+        bench.run(*more).refused(2, "campaign.toml", "model.effects", "unknown effect 'drag'", "--plugin FILE")
+    assert not bench.store.exists()
+    assert wire.sent == []
+    plan = bench.rigctl("run", "campaign.toml", "--dry-run", "--plugin", "drag.py", "--json").json
+    assert plan["effects"] == ["roll-gravity", "resonance", "drag"]
+
+
+def test_the_first_version_of_the_model_holds_where_its_effects_came_from(measured: Any) -> None:
+    first = measured.rigctl("model", "show", measured.store, "--json").json
+    digest = hashlib.sha256(PLUGIN.encode()).hexdigest()
+    assert first["version"] == 1
+    assert first["plugins"] == {"drag": {"path": str(measured.directory / "drag.py"), "sha256": digest}}
+    size = measured.rigctl("fit", measured.store, "--plugin", "drag.py", "--json").json["parameters"]["drag"]
+    assert size["value"] == pytest.approx(1e-5, abs=5.0 * size["sigma"])
+    assert size["value"] > 5.0 * size["sigma"]
+
+
+COMMANDS = ("result", "compare", "diagnose", "fit", "next", "report --figures f", "model history", "model add")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_that_evaluates_the_model_asks_for_the_file(measured: Any, command: str) -> None:
+    name, *options = command.split(" --")
+    words = (*name.split(), measured.store, *(["yaw"] if name == "model add" else []))
+    words = (*words, *(word for option in options for word in f"--{option}".split()))
+    measured.rigctl(*words).refused(2, "model version 1", "pass --plugin", "drag.py")
+    (measured.directory / "drag.py").write_text(PLUGIN + "# looked at again\n")
+    measured.rigctl(*words, "--plugin", "drag.py").refused(2, "not with", "as it was")
+
+
+def test_a_campaign_that_goes_on_asks_for_the_file_before_anything_moves(measured: Any, wire: Any) -> None:
+    measured.campaign(*MORE, text=SCAN)
+    before = measured.runs()
+    measured.run().refused(2, "model version 1", "pass --plugin")
+    assert wire.sent == []
+    assert measured.run("--plugin", "drag.py").status == 0
+    assert measured.runs() == before + 4
+
+
+def test_an_interrupted_campaign_goes_on_with_the_file_it_began_with(
+    bench: Any, wire: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(scan.Scan, "measure", broken)
+        assert bench.run("--plugin", "drag.py").status == 1
+    moved = len(wire.sent)
+    bench.rigctl("resume", bench.store, "--yes").refused(2, "model version 1", "pass --plugin")
+    (bench.directory / "drag.py").write_text(PLUGIN.replace("The cable", "A cable"))
+    bench.rigctl("resume", bench.store, "--yes", "--plugin", "drag.py").refused(2, "as it was")
+    assert len(wire.sent) == moved
+    (bench.directory / "drag.py").write_text(PLUGIN)
+    found = bench.rigctl("resume", bench.store, "--yes", "--plugin", "drag.py", "--json").json
+    assert found["status"]["state"] == "done"
+
+
+def broken(*_: object, **__: object) -> None:
+    raise ProcedureError("the stage is stuck")
+
+
+def test_what_goes_on_is_resumed_with_the_file_it_went_on_with(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the store's model, which the first campaign gave, needs none."""
+    bench.campaign((', "drag"', ""), text=SCAN)
+    assert bench.run().status == 0
+    bench.campaign(*MORE, text=SCAN)
+    with monkeypatch.context() as patched:
+        patched.setitem(sensing_axes._PROCEDURES, "scan", broken)
+        assert bench.run("--plugin", "drag.py").status == 1
+    bench.rigctl("resume", bench.store).refused(2, "its campaign began with", "drag.py", "pass --plugin")
+    assert bench.rigctl("resume", bench.store, "--plugin", "drag.py").status == 0
+    assert bench.rigctl("model", "show", bench.store, "--json").json["plugins"] == {}
+
+
+def test_a_notebook_runs_it_with_the_file_too(bench: Any) -> None:
+    campaign = Campaign("campaign.toml")
+    with pytest.raises(ConfigError, match="unknown effect 'drag'"):
+        campaign.dry_run()
+    assert campaign.dry_run(["drag.py"])["runs_planned"] == 16
+    found = campaign.run(bench.store, unattended=True, plugins=["drag.py"])
+    assert found.fit.result.value("drag") == pytest.approx(1e-5, rel=0.5)
+
+
+def test_an_investigation_adds_an_effect_of_ones_own_and_says_whose(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr("rigctl.effects.sensing_axis.cable_hysteresis")
+    bench.campaign((', "drag"', ""), text=SCAN)
+    plugin = bench.directory / "drag.py"
+    campaign = config.read_campaign(bench.directory / "campaign.toml")
+    options = runner.Options(unattended=True, plugins=(plugin,))
+    settings = Settings(options, lambda _: True, lambda _: None, max_runs=14)
+    outcome = investigate(campaign, config.read_rig(campaign.rig_path), bench.store, settings)
+    assert outcome.added == ("drag",)
+    again = Settings(runner.Options(unattended=True), lambda _: True, lambda _: None, max_runs=14)
+    with pytest.raises(ConfigError, match="model version 2 was made with"):
+        investigate(campaign, None, bench.store, again)
+    with Store.open(bench.store, readonly=True) as store:
+        assert versions.current(store).plugins == {"drag": versions.PluginFile.of(plugin)}
+
+
+def test_an_investigation_asks_for_the_file_its_campaign_names(bench: Any) -> None:
+    command = ("investigate", "campaign.toml", "--store", bench.store, "--max-runs", "12", "--yes", "--json")
+    bench.rigctl(*command).refused(2, "drag", "--plugin FILE")
+    assert not bench.store.exists()
+    found = bench.rigctl(*command, "--plugin", "drag.py").json
+    assert found["model"] == {"version": 1, "effects": ["roll-gravity", "resonance", "drag"]}
+    bench.rigctl(*command).refused(2, "model version 1", "pass --plugin")
