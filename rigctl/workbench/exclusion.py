@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rigctl.workbench.attempt import Attempt
-from rigctl.workbench.information import Imagined, Information
-from rigctl.workbench.recommend import Plan, Question, needed
-from rigctl.workbench.score import ABSORBED
+from rigctl.workbench.imagined import Imagined
+from rigctl.workbench.information import Information, Triangle
+from rigctl.workbench.plan import Plan, rig_time_s
+from rigctl.workbench.promise import needed
+from rigctl.workbench.questions import Question
 from rigctl.workbench.search import CATALOGUE_SHARE
-from rigctl.workbench.study import FloatArray, Plannable, Proposal, Term
+from rigctl.workbench.study import Candidate, FloatArray, Plannable, Proposal, Term
 from rigctl.workbench.threads import one_thread
 
 SIZE_SIGMA = 8.0
@@ -45,11 +47,6 @@ class Sensitivity:
     parameters: tuple[Excluded, ...]
     batch: tuple[Proposal, ...]
 
-    @property
-    def reached(self) -> bool:
-        """Whether everything a full scan would show is excluded."""
-        return all(each.share >= 1.0 for each in self.parameters)
-
 
 @one_thread
 def sensitivity(
@@ -64,47 +61,35 @@ def sensitivity(
     """What the runs of `study` exclude beside `terms`, and a `batch` of `options` to go on with; see `Plan`."""
     attempt = Attempt(study, terms)
     imagined = Imagined(study, attempt, [*options, *full_scan])
+    asked = [candidate.term for candidate in imagined.candidates]
+    scanned, there = Triangle(imagined, asked, made=imagined.beliefs), Triangle(imagined, asked)
     scan = range(len(options), len(options) + len(full_scan))
     level = CATALOGUE_SHARE * alpha / attempt.n_eff
     dof = {each.candidate.term.effect: each.score.dof for each in attempt.scored}
     wanted: list[float] = []
-    questions: list[Question] = []
+    known: list[Information] = []
     found: list[tuple[str, str, float, str]] = []
     for candidate in imagined.candidates:
-        columns = imagined.columns(candidate.term)
-        assert columns is not None
         for number, name in enumerate(candidate.names):
-            size = _shown_by(imagined, columns, number, candidate.typical, scan)
-            if size is not None:
-                questions.append(Question(candidate.term, None, size, "typical"))
-                wanted.append(needed(level, dof.get(candidate.term.effect, np.inf)))
-                found.append((candidate.term.effect, name, float(size[number]), candidate.units[number]))
-    plan = Plan(imagined, questions, batch, wanted, among=range(len(options)), run_price_s=run_price_s)
-    shares = [value / enough for value, enough in zip(plan.before, wanted, strict=True)]
-    parameters = [Excluded(*each, share=share) for each, share in zip(found, shares, strict=True)]
-    chosen = plan.runs() if any(each.share < 1.0 for each in parameters) else []
-    return Sensitivity(tuple(parameters), tuple(options[i] for i in chosen))
+            size = _shown_by(scanned, candidate, number, scan)
+            information = None if size is None else there.about(Question(candidate.term, None, size, "typical"))
+            if size is None or information is None:
+                continue
+            known.append(information)
+            wanted.append(needed(level, dof.get(candidate.term.effect, np.inf)))
+            found.append((candidate.term.effect, name, float(size[number]), candidate.units[number]))
+    plan = Plan(known, wanted, rig_time_s(options) + run_price_s, batch)
+    shares = [value / enough for value, enough in zip(plan.course[0], wanted, strict=True)]
+    parameters = [Excluded(*each, share=float(share)) for each, share in zip(found, shares, strict=True)]
+    return Sensitivity(tuple(parameters), tuple(options[i] for i in plan.runs))
 
 
-def _shown_by(
-    imagined: Imagined, columns: FloatArray, number: int, typical: FloatArray, scan: range
-) -> FloatArray | None:
+def _shown_by(scanned: Triangle, candidate: Candidate, number: int, scan: range) -> FloatArray | None:
     """The size of one parameter that a full scan alone shows at 8 sigma; None when it would be absorbed there."""
-    size = np.where(np.arange(len(typical)) == number, typical, 0.0)
-    beside = np.hstack([imagined.fitted, np.delete(columns, number, axis=1)])
-    alone = Information(beside, columns @ size, imagined.priors, imagined.rows_of, ABSORBED)
+    size = np.where(np.arange(len(candidate.typical)) == number, candidate.typical, 0.0)
+    alone = scanned.about(Question(candidate.term, None, size, "typical"))
+    if alone is None:
+        return None
     for run in scan:
         alone.add(run)
-    seen = alone.lambda_now()
-    asked = float(np.sum((columns @ size)[np.concatenate([imagined.rows_of[run] for run in scan])] ** 2))
-    if not seen > ABSORBED**2 * asked:
-        return None
-    return np.asarray(size * SIZE_SIGMA / np.sqrt(seen))
-
-
-def by_effect(parameters: Sequence[Excluded]) -> Mapping[str, float]:
-    """The smallest share of each effect's parameters."""
-    shares: dict[str, float] = {}
-    for each in parameters:
-        shares[each.effect] = min(each.share, shares.get(each.effect, np.inf))
-    return shares
+    return None if alone.absorbed else np.asarray(size * SIZE_SIGMA / np.sqrt(alone.lambda_now()))

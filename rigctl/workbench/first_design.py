@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rigctl.workbench.recommend import shuffled
+from rigctl.workbench.plan import shuffled
 from rigctl.workbench.study import FloatArray, Plannable, Proposal, Term
 from rigctl.workbench.threads import one_thread
 

@@ -12,7 +12,7 @@ from rigctl.campaign.store import Store
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.planning import allowed_by
 from rigctl.workbench.attempt import Attempt
-from rigctl.workbench.information import Imagined
+from rigctl.workbench.imagined import Imagined
 from rigctl.workbench.study import Plannable, Proposal, Term
 
 SCAN = """\
@@ -74,8 +74,8 @@ def test_an_imagined_run_tells_what_the_same_run_told(
 ) -> None:
     imagined = Imagined(study, attempt, as_made(store))
     made = len(attempt.model.observations.value)
-    assert imagined.fitted.shape[0] == imagined.priors + 2 * made
-    real, likewise = np.split(imagined.fitted[imagined.priors :], 2)
+    assert imagined.fitted.shape[0] == imagined.beliefs + 2 * made
+    real, likewise = np.split(imagined.fitted[imagined.beliefs :], 2)
     rows = np.isfinite(attempt.noise.dof) & (attempt.model.observations.pool_of > 0)
     size = np.linalg.norm(real[rows], axis=0)
     seen = size > 1.0  # what only the means know is rounding here

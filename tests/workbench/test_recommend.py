@@ -14,7 +14,10 @@ from scipy import stats
 from rigctl.fitting.least_squares import Parameter
 from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.findings import Diagnosis
-from rigctl.workbench.recommend import LEVEL, PROMISE, Recommendation, recommend, shuffled
+from rigctl.workbench.plan import shuffled
+from rigctl.workbench.promise import LEVEL, PROMISE
+from rigctl.workbench.recommend import recommend
+from rigctl.workbench.recommendation import Recommendation
 from rigctl.workbench.study import (
     Candidate,
     FloatArray,

@@ -1,0 +1,42 @@
+"""Runs that make the result better where there is nothing to tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rigctl.workbench.imagined import Imagined
+from rigctl.workbench.information import Triangle
+from rigctl.workbench.plan import greedy, rig_time_s
+from rigctl.workbench.recommendation import Tightened
+from rigctl.workbench.study import FloatArray
+
+_MOST_RUNS = 6
+_TIGHTER = 0.01
+"""By how much a run should lower a standard uncertainty, on average over the parameters."""
+
+
+def tightening(
+    imagined: Imagined, result: dict[str, dict[str, Any]], most_runs: int
+) -> tuple[list[int], list[Tightened]]:
+    """Which proposals to make, and what they do to the parameters of a `result` (as of `Study.result`).
+
+    What counts is the sum of the logarithms of the standard uncertainties.
+    """
+    wanted = [name for name in imagined.names if name in result]
+    if not wanted:
+        return [], []
+    precision = Triangle(imagined, wanted=wanted).precision()
+    before = precision.sigma_now()
+
+    def gains(which: Sequence[int]) -> FloatArray:
+        return np.asarray(np.sum(np.log(precision.sigma_now() / precision.sigma_with(which)), axis=1))
+
+    def worth(gain: float, _: int) -> bool:
+        return gain >= _TIGHTER * len(wanted)
+
+    chosen = greedy(gains, precision.add, worth, rig_time_s(imagined.proposals), min(most_runs, _MOST_RUNS))
+    pairs = zip(wanted, before, precision.sigma_now(), strict=True)
+    return chosen, [Tightened(name, float(was), float(will), result[name]["unit"]) for name, was, will in pairs]
