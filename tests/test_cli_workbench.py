@@ -306,7 +306,44 @@ def test_effects_of_ones_own_are_in_the_catalogue(desk: Any, plugin: Path) -> No
     told = desk.rigctl("effects", "sag", "--plugin", plugin, "--json").json
     assert told["experiment"] == "table"
     assert told["summary"] == "The frame gives way from the second day on."
+    assert told["columns"] == ["day"]
     desk.rigctl("effects", "--plugin", "none.py").refused(2, "none.py", "cannot be read")
+
+
+OWN = '''\
+from rigctl.effects import effect
+
+
+@effect("barometer", on="specific_force_m_s2", parameters={"kp": "1/hPa"}, typical={"kp": 1e-5})
+def barometer(run, kp):
+    """The gain follows the air."""
+    return kp * (run.column("pressure_hpa") - 1013.25) * run.signal
+
+
+@effect("tilted", on="angle_rad", parameters={"t2": "rad"}, typical={"t2": 1e-5}, source="the floor")
+def tilted(run, t2):
+    """The floor gives way."""
+    return t2 * run.theta**2
+
+
+@effect("jump", on="sensor_output_v", parameters={"j": "V"}, typical={"j": 1e-3})
+def jump(run, j):
+    """The bias jumps in the first half hour."""
+    return j * (run.start < 1800.0)
+'''
+
+
+def test_a_signature_of_ones_own_effect_is_drawn_or_says_what_it_lacks(desk: Any, tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(OWN)
+    options = ("--plugin", "own.py")
+    told = desk.rigctl("effects", "barometer", *options).out
+    assert "needs to be recorded: column pressure_hpa" in told
+    assert "source" not in told
+    desk.rigctl("effects", "barometer", *options, "--figure", "x.svg").refused(2, "barometer", "needs pressure_hpa")
+    desk.rigctl("effects", "jump", *options, "--figure", "x.svg").refused(2, "jump", "no observable", "3600 s")
+    assert not (tmp_path / "x.svg").exists()
+    assert desk.rigctl("effects", "tilted", *options, "--figure", "x.svg").out.endswith("source: the floor\n")
+    assert "accel_v" in (tmp_path / "x.svg").read_text()
 
 
 def test_documents_survive_in_the_store(bench: Any) -> None:

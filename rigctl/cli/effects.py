@@ -65,6 +65,8 @@ def _experiment(effect: Effect) -> str:
 
 
 def _told(effect: Effect) -> dict[str, Any]:
+    from rigctl.effects.trial import columns_of
+
     return {
         "id": effect.id,
         "experiment": _experiment(effect),
@@ -74,6 +76,7 @@ def _told(effect: Effect) -> dict[str, Any]:
         "typical": effect.typical,
         "scope": effect.scope,
         "needs": effect.needs,
+        "columns": columns_of(effect),
         "source": effect.source,
     }
 
@@ -87,19 +90,29 @@ def _print_catalogue(found: Sequence[Effect]) -> None:
 
 
 def _print_effect(effect: Effect) -> None:
+    from rigctl.effects.trial import columns_of
+
     each = effect.scope.replace("-", " and ")
     say(f"{effect.id} ({_experiment(effect)}), acts on {effect.on}, one value per {each}")
     say(inspect.cleandoc(effect.function.__doc__ or ""))
     for name, unit in effect.parameters.items():
         say(f"  {name} / {unit or '1'}, typically {effect.typical[name]:g}")
-    if effect.needs:
-        say(f"  needs to be recorded: {', '.join(effect.needs)}")
-    say(f"source: {effect.source}")
+    if needed := [*effect.needs, *(f"column {name}" for name in columns_of(effect))]:
+        say(f"  needs to be recorded: {', '.join(needed)}")
+    if effect.source:
+        say(f"source: {effect.source}")
 
 
 def _draw(effect: Effect, path: Path) -> None:
+    from rigctl.effects.trial import columns_of
+
     if _experiment(effect) != "sensing-axis":
         raise DataError(f"'{effect.id}' has no signature of its own: it depends on the table it is added to")
+    if columns := columns_of(effect):
+        raise DataError(
+            f"'{effect.id}' needs {', '.join(columns)} of a recording: without, it has no signature to draw; "
+            "`rigctl report` draws a store's residuals against such columns"
+        )
     from rigctl.report.figure_data import svg_document
     from rigctl.report.figure_signature import signature_plate
 

@@ -20,15 +20,20 @@ class _Signalled(Protocol):
 
 
 class AnyColumns(dict[str, FloatArray]):
-    """Every column there might be, filled with numbers between 1 and 2 that depend on its name."""
+    """Every column there might be, filled with numbers between 1 and 2 that depend on its name.
+
+    `asked` are the names of those that were looked at.
+    """
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._shape = shape
+        self.asked: list[str] = []
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str)
 
     def __getitem__(self, name: str) -> FloatArray:
+        self.asked.append(name)
         rng = np.random.default_rng(list(name.encode()))
         return rng.uniform(1.0, 2.0, self._shape)
 
@@ -38,10 +43,11 @@ class MadeUpReadings:
     """What an effect on `response` may ask of a table: columns of numbers and the response so far, shape (n,)."""
 
     signal: FloatArray = field(default_factory=lambda: np.linspace(0.5, 2.0, _READINGS))
+    columns: AnyColumns = field(default_factory=lambda: AnyColumns((_READINGS,)))
 
     def column(self, name: str) -> FloatArray:
         """A column of readings.csv, shape (n,)."""
-        return AnyColumns(self.signal.shape)[name]
+        return self.columns[name]
 
 
 def flaw_of_function(effect: Effect) -> str | None:
@@ -63,6 +69,13 @@ def flaw_of_function(effect: Effect) -> str | None:
         if not _depends(effect, run, sizes, name):
             return f"what it adds does not depend on {name}; use it, or leave it out"
     return None
+
+
+def columns_of(effect: Effect) -> tuple[str, ...]:
+    """The columns of a laboratory's own that an effect asks for, in the order in which it does."""
+    run = made_up(effect)
+    _returned(effect, run, {name: np.asarray(size) for name, size in effect.typical.items()})
+    return tuple(dict.fromkeys(run.columns.asked))
 
 
 def flaw_of_values(values: Any, shape: tuple[int, ...]) -> str | None:

@@ -28,6 +28,7 @@ SIDEWAYS_DEG, SPOT_DEG = 90.0, 2.0
 """Angles an accelerometer can be turned to, and those at which a head still sees its face."""
 
 LATER_S, WARMER_K = 3600.0, 1.0
+_PLACE = f"{AMPLITUDE_M * 1e3:g} mm of motion, {LATER_S:g} s after the recording's middle and {WARMER_K:g} K warmer"
 MAX_PANELS = 4
 _POINTS = 61
 _HEADS = {
@@ -52,7 +53,8 @@ class SignatureRow:
 def signature_plate(effect: Effect) -> Plate[SignatureRow]:
     """Make the figure of a sensing-axis effect of typical size.
 
-    `DataError` for one that is a line in the samples: it changes none of the observables.
+    `DataError` for one that is a line in the samples, or that does not act in these runs: it changes none of the
+    observables.
     """
     heads = _HEADS if effect.on == "laser_m" else {}
     widest = SPOT_DEG if heads else SIDEWAYS_DEG
@@ -73,12 +75,10 @@ def signature_plate(effect: Effect) -> Plate[SignatureRow]:
     added = observed(model.predict(typical)) - observed(model.predict(nothing))
     rows = _rows(added, runs, base.heads)
     if not rows:
-        raise DataError(f"'{effect.id}' changes no observable of a run: it is looked for in the samples")
+        where = "it is looked for in the samples" if effect.scanned else f"at {_PLACE}"
+        raise DataError(f"'{effect.id}' changes no observable of a run: {where}")
     sizes = ", ".join(f"{name} = {number(value)} {effect.parameters[name]}" for name, value in effect.typical.items())
-    caption = (
-        f"What {effect.id} ({sizes}) adds to the observables of a nominal bench, mounting and sensor, "
-        f"{AMPLITUDE_M * 1e3:g} mm of motion, {LATER_S:g} s after the recording's middle and {WARMER_K:g} K warmer."
-    )
+    caption = f"What {effect.id} ({sizes}) adds to the observables of a nominal bench, mounting and sensor, {_PLACE}."
     return Plate(f"signature_{effect.id}", caption, rows, draw_signature)
 
 
