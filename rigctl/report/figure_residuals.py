@@ -13,13 +13,11 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 from rigctl.campaign.units import unit_of_column
 from rigctl.report.figure_data import Plate
 from rigctl.report.style import SOFT, new_figure, series_style
+from rigctl.workbench.covariates import distinct
 from rigctl.workbench.findings import Comparison
-from rigctl.workbench.study import FloatArray
 
 MAX_SERIES = 4
 """Series shown, the worst ones: a report is read, not searched; the CSV has them all."""
-
-_SAME = 1e-6
 
 LINEAR_SIGMA = 3.0
 """Up to here the scale is linear, beyond logarithmic: one picture for 1 sigma and for 1000."""
@@ -48,12 +46,8 @@ def residual_plates(comparisons: Sequence[Comparison]) -> Iterator[Plate[Residua
     clearest: dict[str, float] = {}
     for trend in first.trends:
         clearest[trend.covariate] = min(trend.p_value_corrected, clearest.get(trend.covariate, 1.0))
-    shown: list[FloatArray] = []
-    covariates = first.observations.covariates
-    for name in sorted(covariates, key=lambda name: clearest.get(name, 1.0)):
-        if _varies(covariates[name]) and not any(_alike(covariates[name], other) for other in shown):
-            shown.append(covariates[name])
-            yield residual_plate(name, comparisons)
+    for name in sorted(distinct(first.observations.covariates), key=lambda name: clearest.get(name, 1.0)):
+        yield residual_plate(name, comparisons)
 
 
 def residual_plate(covariate: str, comparisons: Sequence[Comparison]) -> Plate[ResidualRow]:
@@ -137,18 +131,6 @@ def axis_label(covariate: str) -> str:
         if unit and unit_of_column(f"t_{'_'.join(words[-count:])}") == unit:
             return f"{' '.join(words[:-count])} / {unit.replace('degC', '°C')}"
     return covariate
-
-
-def _varies(values: FloatArray) -> bool:
-    known = values[np.isfinite(values)]
-    return bool(len(known) > 1 and np.ptp(known) > _SAME * np.abs(known).max())
-
-
-def _alike(one: FloatArray, other: FloatArray) -> bool:
-    """True for two columns of which one is the other, scaled and shifted."""
-    if not np.isfinite(one).all() or not np.isfinite(other).all():
-        return False
-    return bool(abs(np.corrcoef(one, other)[0, 1]) > 1.0 - _SAME)
 
 
 def _file_name(covariate: str) -> str:

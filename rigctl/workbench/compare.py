@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigctl.workbench.attempt import Attempt
+from rigctl.workbench.covariates import distinct
 from rigctl.workbench.findings import ChannelFit, Comparison, Outlier, Trend
 from rigctl.workbench.fit import chi2_p_value
 from rigctl.workbench.noise import orthonormal
@@ -77,12 +78,13 @@ def _outlier(attempt: Attempt, where: int, sigma: float) -> Outlier:
 
 
 def _trends(attempt: Attempt) -> tuple[Trend, ...]:
-    """Every series against every covariate, the strongest first."""
+    """Every series against every covariate that says something of its own, the strongest first."""
     given, projector = attempt.model.observations, attempt.projector
+    covariates = distinct(given.covariates)
     found: list[tuple[Trend, float]] = []
     for number, series in enumerate(given.series):
         rows = np.flatnonzero(given.series_of == number)
-        for name in given.covariates:
+        for name in covariates:
             values = given.of_runs(name)[rows]
             columns = _steps(values)
             if columns is None:
