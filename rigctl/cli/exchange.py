@@ -13,6 +13,7 @@ from rigctl.cli.io import Json, StoreFile, print_json, say, tell
 from rigctl.errors import ConfigError
 
 if TYPE_CHECKING:
+    from rigctl.campaign.recording import ImportReport
     from rigctl.campaign.store import Store
 
 SAY_EVERY_S = 2.0
@@ -32,6 +33,7 @@ def import_(
 
     with import_bundle(bundle, store) as imported:
         report = import_report(imported) or ImportReport(len(imported.runs()))
+        read = _read(imported, report)
         left_out = _reduced(imported) if imported.header.experiment == "sensing-axis" else {}
     if as_json:
         print_json(
@@ -43,13 +45,24 @@ def import_(
             }
         )
         return
-    say(f"{report.runs} runs read into {store}, {len(report.invalid)} of them invalid")
+    say(read)
     for run_id, why in report.invalid:
         say(f"run {run_id} invalid: {why}")
     for why in left_out.values():
         say(f"not reduced: {why}")
     for warning in report.warnings:
         say(f"warning: {warning}")
+
+
+def _read(store: Store, report: ImportReport) -> str:
+    """What was read: runs, or the rows of a table, which are one run."""
+    from rigctl.campaign.recording import READINGS
+    from rigctl.report.quantities import counted
+
+    if store.header.experiment == "table":
+        rows = max(map(len, store.samples(READINGS).values()), default=0)
+        return f"{counted(rows, 'row')} read into {store.path}"
+    return f"{counted(report.runs, 'run')} read into {store.path}, {len(report.invalid)} of them invalid"
 
 
 def _reduced(store: Store) -> dict[str, str]:

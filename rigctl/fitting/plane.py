@@ -146,7 +146,7 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise ProcedureError(f"motion vectors have shape {vectors.shape}: rows of three components expected")
     if vectors.shape[0] < 3:
-        raise ProcedureError(f"{vectors.shape[0]} motion vectors: the plane and its scatter need at least three")
+        raise ProcedureError(f"the plane and its scatter need at least three motion vectors, not {vectors.shape[0]}")
     lengths = np.linalg.norm(vectors, axis=1)
     bad = np.flatnonzero(~(np.isfinite(lengths) & (lengths > 0.0)))
     if bad.size:

@@ -218,11 +218,6 @@ def _candidates(evidence: Evidence) -> Iterator[str]:
     if evidence.ranking is not None:
         yield html.figure(evidence.ranking)
         yield _ranking(found)
-    if found["unexplained"]:
-        left = found["unexplained"]
-        yield html.heading("Unexplained", 3)
-        where = f"{left['channel']} {left['component']}"
-        yield html.paragraph(f"{where}: {left['description']} (p = {probability(left['p_value'])})")
     if found["inseparable"]:
         yield html.heading("Cannot be told apart with these data", 3)
         yield html.listing(inseparable_sentences(found["inseparable"]))

@@ -72,7 +72,13 @@ def listing(items: Iterable[str]) -> str:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], marked: Sequence[bool] = ()) -> str:
-    """A table of plain texts; a # before a column's name: numbers, ~: in one line; `marked` rows stand out."""
+    """A table of plain texts; a # before a column's name: numbers, ~: in one line; `marked` rows stand out.
+
+    A column in which nothing stands is left out.
+    """
+    rows = list(rows)
+    told = [place for place in range(len(columns)) if any(row[place] for row in rows)]
+    columns, rows = [columns[place] for place in told], [[row[place] for place in told] for row in rows]
     kinds = [_KINDS.get(name[:1], "") for name in columns]
     head = "".join(f"<th{kind}>{escape(name.lstrip('#~'))}</th>" for kind, name in zip(kinds, columns, strict=True))
     body = ""

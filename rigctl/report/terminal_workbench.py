@@ -39,10 +39,8 @@ def print_comparison(found: Findings) -> None:
     model = found["model"]
     _say(f"Model version {model['version']}: {model_name(model['effects'])}")
     _say(comparison_sentence(found))
-    channels = _table("Residuals by channel", "channel", "component", "rms", "noise", "unit", "chi2/n", "")
-    for row in found["channels"]:
-        _add(
-            channels,
+    channels = [
+        [
             row["channel"],
             row["component"],
             number(row["rms"]),
@@ -50,13 +48,12 @@ def print_comparison(found: Findings) -> None:
             row["unit"],
             number(row["chi2"] / row["data"]) if row["data"] else "-",
             "FAILS" if fails(row) else "",
-        )
-    _show(channels)
-    if found["worst"]:
-        worst = _table("Farthest from the model", "run", "channel", "component", "sigma")
-        for row in found["worst"]:
-            _add(worst, row["run_id"], row["channel"], row.get("component", ""), f"{row['sigma']:+.1f}")
-        _show(worst)
+        ]
+        for row in found["channels"]
+    ]
+    _print_table("Residuals by channel", ["channel", "component", "rms", "noise", "unit", "chi2/n", ""], channels)
+    worst = [[row["run_id"], row["channel"], row["component"], f"{row['sigma']:+.1f}"] for row in found["worst"]]
+    _print_table("Farthest from the model", ["run", "channel", "component", "sigma"], worst)
     _print_trends(found["trends"])
     for line in found["lines"]:
         _say(line_sentence(line))
@@ -67,13 +64,12 @@ def print_comparison(found: Findings) -> None:
 def print_transfer(found: Findings) -> None:
     """Does what was fitted here hold there?"""
     _say(transfer_sentence(found))
-    table = _table("Parameters that differ", "parameter", "here", "there", "sigma")
-    differing = {n: p for n, p in found["parameters"].items() if abs(p["sigmas_apart"] or 0.0) > APART_SIGMA}
-    for name, pair in differing.items():
-        here, there = (quantity(each["value"], each["sigma"], each["unit"]) for each in (pair["here"], pair["there"]))
-        _add(table, name, here, there, f"{pair['sigmas_apart']:+.1f}")
-    if differing:
-        _show(table)
+    rows = []
+    for name, pair in found["parameters"].items():
+        if abs(pair["sigmas_apart"] or 0.0) > APART_SIGMA:
+            both = (quantity(each["value"], each["sigma"], each["unit"]) for each in (pair["here"], pair["there"]))
+            rows.append([name, *both, f"{pair['sigmas_apart']:+.1f}"])
+    _print_table("Parameters that differ", ["parameter", "here", "there", "sigma"], rows)
 
 
 def fails(channel: Findings) -> bool:
@@ -94,17 +90,17 @@ def _print_trends(trends: Sequence[Findings]) -> None:
     if not significant:
         _say("The residuals follow no covariate.")
         return
-    table = _table("Residuals follow", "covariate", "channel", "component", "p corr.", "explains")
-    for row in significant[:8]:
-        _add(
-            table,
+    rows = [
+        [
             row["covariate"],
             row["channel"],
             row["component"],
             probability(row["p_value_corrected"]),
             number(row["rms_explained"]),
-        )
-    _show(table)
+        ]
+        for row in significant[:8]
+    ]
+    _print_table("Residuals follow", ["covariate", "channel", "component", "p corr.", "explains"], rows)
     if len(significant) > 8:
         _say(f"and {len(significant) - 8} more: --json has all")
 
@@ -115,12 +111,6 @@ def print_diagnosis(found: Findings, store: str) -> None:
     _say(f"Next: {advice(found, store)}")
     print_ranking(found)
     _list("Cannot be told apart with these data", _inseparable(found))
-    if found["unexplained"]:
-        left = found["unexplained"]
-        _list(
-            "Unexplained",
-            [f"{left['channel']} {left['component']}: {left['description']} (p = {probability(left['p_value'])})"],
-        )
     _list("Cannot be tested with these data", (f"{e}: {why}" for e, why in found["not_testable"].items()))
 
 
@@ -211,19 +201,26 @@ def short_result(entry: Any) -> str:
 
 def print_fit(found: Findings) -> None:
     """Parameters and how well they describe the data."""
-    table = _table(f"Fit of {model_name(found['effects'])}", "parameter", "value", "unit")
-    for name, each in found["parameters"].items():
-        _add(table, name, quantity(each["value"], each["sigma"]), each["unit"])
-    _show(table)
+    rows = [
+        [name, quantity(each["value"], each["sigma"]), each["unit"]] for name, each in found["parameters"].items()
+    ]
+    _print_table(f"Fit of {model_name(found['effects'])}", ["parameter", "value", "unit"], rows)
     _say(comparison_sentence(found))
     _say(f"error {number(found['error_fit'])}, on held-out runs {number(found['error_held_out'])} (1.00 = noise)")
 
 
-def _table(title: str, *columns: str) -> Table:
+def _print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Nothing without rows; a column in which nothing stands is left out: a table's one channel has no components."""
+    if not rows:
+        return
+    told = [place for place in range(len(columns)) if any(row[place] for row in rows)]
     table = Table(title=title, title_justify="left", padding=(0, 1))
-    for column in columns:
-        table.add_column(column, justify="left" if column in _LEFT else "right", overflow="fold")
-    return table
+    for place in told:
+        name = columns[place]
+        table.add_column(name, justify="left" if name in _LEFT else "right", overflow="fold")
+    for row in rows:
+        _add(table, *(row[place] for place in told))
+    _show(table)
 
 
 def _add(table: Table, *cells: str) -> None:

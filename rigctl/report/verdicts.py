@@ -60,15 +60,26 @@ def verdict_sentence(found: Findings) -> str:
             "over all trials together."
         )
     if found["verdict"] == "unknown":
-        left = found["unexplained"]["description"] if found["unexplained"] else "see what is unexplained"
-        also = f" {_missing(suggested)}, and it does not suffice." if suggested else ""
-        return f"Something remains that none of the known effects explains: {left.rstrip('.')}.{also}"
+        return f"{_beyond(found['unexplained'])}.{_not_enough(suggested)}"
     if found["verdict"] == "ambiguous":
         needed, alternatives = _alternatives(found)
         certain = f"{_missing(needed)}. " if needed else ""
         what = "What is left is" if needed else "The data are"
         return f"{certain}{what} explained, but by more than one effect equally: {'; '.join(alternatives)}."
     return f"{_missing(suggested)}."
+
+
+def _beyond(unexplained: Findings | None) -> str:
+    remains = "Something remains that none of the known effects explains"
+    if unexplained is None:
+        return remains
+    return f"{remains}: {unexplained['description'].rstrip('.')}, p = {probability(unexplained['p_value'])}"
+
+
+def _not_enough(suggested: Sequence[str]) -> str:
+    if not suggested:
+        return ""
+    return f" {_missing(suggested)}, and {'they do' if len(suggested) > 1 else 'it does'} not suffice."
 
 
 def _missing(suggested: Sequence[str]) -> str:

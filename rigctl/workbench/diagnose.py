@@ -243,13 +243,14 @@ def _absorbers(attempt: Attempt, scored: Scored) -> dict[str, str]:
         name = attempt.model.owners[where] or f"baseline:{attempt.names[where].partition('[')[0]}"
         if name not in found:
             found[name] = (
-                f"its typical size moves {attempt.names[where]} by {shift[where]:.3g} {_unit(attempt, where)}"
+                f"its typical size moves {attempt.names[where]} by {shift[where]:.3g}{_unit(attempt, where)}"
             )
     return found
 
 
 def _unit(attempt: Attempt, where: np.intp) -> str:
-    return attempt.model.units[int(where)]
+    unit = attempt.model.units[int(where)]
+    return f" {unit}" if unit not in {"", "1"} else ""
 
 
 def _detectable(attempt: Attempt, scored: Scored, alpha: float) -> dict[str, float]:

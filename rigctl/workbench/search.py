@@ -89,7 +89,7 @@ class Search:
         """Add and drop until nothing that is left can be explained."""
         while len(self.suggested) < MOST_TERMS:
             attempt = self.attempt(self.terms)
-            self._progress(f"{len(self.suggested)} effects added, {len(attempt.candidates)} candidates")
+            self._progress(f"effects added: {len(self.suggested)}, candidates: {len(attempt.candidates)}")
             chosen = self._choose(attempt)
             if chosen is None:
                 break

@@ -80,8 +80,21 @@ def test_each_verdict_is_a_sentence_and_a_command() -> None:
     left = {"channel": "accel_v", "component": "DC", "description": "a step with humidity.", "p_value": 1e-6}
     unknown = diagnosis("unknown", rank("a"), suggested=("a",), unexplained=left)
     assert verdict_sentence(unknown).startswith("Something remains that none of the known effects explains: a step")
-    assert "a, and it does not suffice" in verdict_sentence(unknown)
+    assert verdict_sentence(unknown).endswith(
+        "explains: a step with humidity, p = 1.0e-06. An effect is missing: a, and it does not suffice."
+    )
+    assert verdict_sentence(diagnosis("unknown", suggested=("a", "b"), unexplained=left)).endswith(
+        "2 effects are missing: a, b, and they do not suffice."
+    )
     assert "rigctl model add x ID --plugin FILE" in advice(diagnosis("unknown", unexplained=left), "x")
+
+
+def test_what_is_unexplained_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    left = {"channel": "accel_v", "component": "DC", "description": "accel_v DC is off by 3 V", "p_value": 1e-6}
+    print_diagnosis(diagnosis("unknown", rank("a", p=1.0), unexplained=left), "x.rig.sqlite")
+    told = " ".join(capsys.readouterr().out.split())
+    assert told.count("accel_v DC") == 1
+    assert told.count("1.0e-06") == 1
 
 
 def test_a_choice_is_told_with_its_effect() -> None:

@@ -147,7 +147,7 @@ def test_an_absorbed_effect_is_inseparable_and_said_to_move_the_result(made_up: 
     assert found.verdict == "adequate"
     (pair,) = [each for each in found.inseparable if each.effect == "recoil"]
     assert pair.other == "baseline:b1"
-    assert "moves b1 by 1 1" in pair.shift
+    assert pair.shift == "its typical size moves b1 by 1"
     rank = ranks(found)["recoil"]
     assert rank.equivalent_to == ("baseline:b1",)
     assert rank.keep < 1e-6

@@ -122,7 +122,7 @@ def test_a_model_is_fitted_once_whatever_the_order_of_its_terms(made_up: Any) ->
 def test_progress_is_told(made_up: Any) -> None:
     said: list[str] = []
     Search(made_up.study(7, {"roll": 15.0}), (), 0.01, 0, said.append).run()
-    assert said == ["0 effects added, 12 candidates", "1 effects added, 11 candidates"]
+    assert said == ["effects added: 0, candidates: 12", "effects added: 1, candidates: 11"]
 
 
 def test_the_first_order_statistic_is_what_the_refit_brings(made_up: Any) -> None:
