@@ -21,7 +21,7 @@ from rigctl.campaign.recording import ImportReport, Recording
 from rigctl.campaign.store import Store
 from rigctl.effects.plugins import load
 from rigctl.errors import ConfigError, DataError
-from rigctl.experiments.sensing_axis.imagined import OVERHEAD_S
+from rigctl.experiments.sensing_axis.set_points import OVERHEAD_S
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.workbench import versions
 from rigctl.workbench.bench import ALPHA, Workbench

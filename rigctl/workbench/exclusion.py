@@ -10,13 +10,14 @@ import numpy as np
 
 from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.imagined import Imagined
-from rigctl.workbench.information import Information, Triangle
+from rigctl.workbench.information import Asked, Information
 from rigctl.workbench.plan import Plan, rig_time_s
 from rigctl.workbench.promise import needed
 from rigctl.workbench.questions import Question
 from rigctl.workbench.search import CATALOGUE_SHARE
 from rigctl.workbench.study import Candidate, FloatArray, Plannable, Proposal, Term
 from rigctl.workbench.threads import one_thread
+from rigctl.workbench.triangle import triangle_of
 
 SIZE_SIGMA = 8.0
 """Effects that a full scan would show so clearly are looked for."""
@@ -61,35 +62,40 @@ def sensitivity(
     """What the runs of `study` exclude beside `terms`, and a `batch` of `options` to go on with; see `Plan`."""
     attempt = Attempt(study, terms)
     imagined = Imagined(study, attempt, [*options, *full_scan])
-    asked = [candidate.term for candidate in imagined.candidates]
-    scanned, there = Triangle(imagined, asked, made=imagined.beliefs), Triangle(imagined, asked)
-    scan = range(len(options), len(options) + len(full_scan))
+    terms_ = [candidate.term for candidate in imagined.candidates]
+    information = Information(triangle_of(imagined, terms_))
+    scanned = Information(triangle_of(imagined, terms_, made=imagined.beliefs))
+    for run in range(len(options), len(imagined.proposals)):
+        scanned.add(run)
     level = CATALOGUE_SHARE * alpha / attempt.n_eff
     dof = {each.candidate.term.effect: each.score.dof for each in attempt.scored}
     wanted: list[float] = []
-    known: list[Information] = []
+    questions: list[Asked] = []
     found: list[tuple[str, str, float, str]] = []
     for candidate in imagined.candidates:
         for number, name in enumerate(candidate.names):
-            size = _shown_by(scanned, candidate, number, scan)
-            information = None if size is None else there.about(Question(candidate.term, None, size, "typical"))
-            if size is None or information is None:
+            size = _shown_by(scanned, candidate, number)
+            if size is None:
                 continue
-            known.append(information)
+            questions.append(_parameter(information, candidate, size))
             wanted.append(needed(level, dof.get(candidate.term.effect, np.inf)))
             found.append((candidate.term.effect, name, float(size[number]), candidate.units[number]))
-    plan = Plan(known, wanted, rig_time_s(options) + run_price_s, batch)
+    plan = Plan(information, questions, wanted, rig_time_s(options) + run_price_s, batch)
     shares = [value / enough for value, enough in zip(plan.course[0], wanted, strict=True)]
     parameters = [Excluded(*each, share=float(share)) for each, share in zip(found, shares, strict=True)]
     return Sensitivity(tuple(parameters), tuple(options[i] for i in plan.runs))
 
 
-def _shown_by(scanned: Triangle, candidate: Candidate, number: int, scan: range) -> FloatArray | None:
+def _shown_by(scanned: Information, candidate: Candidate, number: int) -> FloatArray | None:
     """The size of one parameter that a full scan alone shows at 8 sigma; None when it would be absorbed there."""
     size = np.where(np.arange(len(candidate.typical)) == number, candidate.typical, 0.0)
-    alone = scanned.about(Question(candidate.term, None, size, "typical"))
-    if alone is None:
+    asked = _parameter(scanned, candidate, size)
+    if scanned.is_absorbed(asked):
         return None
-    for run in scan:
-        alone.add(run)
-    return None if alone.absorbed else np.asarray(size * SIZE_SIGMA / np.sqrt(alone.lambda_now()))
+    return np.asarray(size * SIZE_SIGMA / np.sqrt(scanned.lambdas([asked])[0]))
+
+
+def _parameter(information: Information, candidate: Candidate, size: FloatArray) -> Asked:
+    asked = information.asked(Question(candidate.term, None, size, "typical"))
+    assert asked is not None  # a candidate has columns
+    return asked

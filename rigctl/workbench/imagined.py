@@ -62,13 +62,22 @@ class Imagined:
     @cached_property
     def names(self) -> list[str]:
         """Of the free parameters."""
-        return [each.name for each in self._model.parameters if not each.fixed]
+        return [self._model.parameters[column].name for column in self._free]
+
+    @property
+    def of_effects(self) -> list[bool]:
+        """Which free parameters belong to an effect; the others are the baseline's."""
+        return [bool(self._model.owners[column]) for column in self._free]
 
     @cached_property
     def fitted(self) -> FloatArray:
         """By the model's free parameters, shape (n, m)."""
-        free = [column for column, each in enumerate(self._model.parameters) if not each.fixed]
-        return np.vstack([self._beliefs[:, free], self._whitened(self._model.jacobian(self._values)[:, free])])
+        slopes = self._model.jacobian(self._values)[:, self._free]
+        return np.vstack([self._beliefs[:, self._free], self._whitened(slopes)])
+
+    @property
+    def _free(self) -> list[int]:
+        return [column for column, each in enumerate(self._model.parameters) if not each.fixed]
 
     def columns(self, term: Term) -> FloatArray | None:
         """By a term that is not in the model, (n, d); None when no run can be asked about it."""

@@ -1,188 +1,145 @@
-"""What runs, made or imagined, would tell: square roots of information matrices, never their squares.
+"""What runs, made or imagined, would tell: of terms that a model lacks, and of the parameters it has.
 
-Rows of whitened derivatives with an effect's columns last: the last block R of their QR factor has R'R = V, the
-information on the effect with everything before it fitted too (R is the root of the Schur complement). Absorbed
-effects, of which a part in 1e4 and less is left, would drown in the rounding of normal equations.
+The block of a triangle R that belongs to the terms has R'R = V = G' M G, the information on them with everything
+fitted too: R is the root of the Schur complement. A run more adds to V by Woodbury's identity, all runs that could be
+made in one batch.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from rigctl.workbench.imagined import Imagined
 from rigctl.workbench.questions import Question
 from rigctl.workbench.score import ABSORBED
 from rigctl.workbench.study import FloatArray, IntArray, Term
+from rigctl.workbench.triangle import SECOND_ORDER, Triangle, root_of
 
-_RIDGE = 1e-7
-"""Of a column's length: columns that are multiples of others must not leave a direction open by rounding."""
+_TINY = float(np.finfo(np.float64).tiny)
 
 
-class Triangle:
-    """The runs there are as one QR factor, from which every question takes its columns.
+@dataclass(frozen=True)
+class Asked:
+    """A question in terms of `Information`: the effect's direction `size` (k,), columns that are free `beside` it."""
 
-    What no further run touches, above all the nuisances of other mountings, is eliminated once. `terms` are what will
-    be asked about, `wanted` the fitted parameters that `precision` is to tell of. Only the first `made` rows count as
-    there, by default all beliefs and data.
-    """
-
-    def __init__(
-        self, imagined: Imagined, terms: Sequence[Term] = (), wanted: Sequence[str] = (), made: int | None = None
-    ) -> None:
-        fitted = imagined.fitted
-        touched = np.any(fitted[imagined.made :] != 0.0, axis=0)
-        kept = touched | np.isin(imagined.names, list(wanted))
-        self._wanted = tuple(wanted)
-        self._names = [name for name, keep in zip(imagined.names, kept, strict=True) if keep]
-        columns = [fitted[:, kept]]
-        self._where: list[tuple[Term, IntArray]] = []
-        for term in terms:
-            own = imagined.columns(term)
-            if own is not None:
-                first = sum(each.shape[1] for each in columns)
-                self._where.append((term, np.arange(first, first + own.shape[1])))
-                columns.append(own)
-        there = slice(imagined.made if made is None else made)
-        remaining = np.hstack([each[there] for each in columns])
-        self._settled, self._made = _eliminated(fitted[there, ~kept], remaining)
-        self._ahead = _by_run(np.hstack([each[imagined.made :] for each in columns]), imagined)
-
-    def about(self, question: Question) -> Information | None:
-        """What is known of a question; None when no run can be asked."""
-        own, rival = self._columns(question.term), self._columns(question.rival)
-        if own is None or rival is None or len(own) != len(question.size):
-            return None
-        beside = np.concatenate([np.arange(len(self._names)), own[question.size == 0.0], rival])
-        size = np.zeros(self._made.shape[1])
-        size[own] = question.size
-        settled, made, ahead = (_asked(rows, beside, size) for rows in (self._settled, self._made, self._ahead))
-        return Information(settled, made, ahead, ABSORBED if question.rival is None else 0.0)
-
-    def precision(self) -> Precision:
-        """What is known of the wanted parameters, in the order of the model's."""
-        own = slice(len(self._names))
-        which = np.flatnonzero(np.isin(self._names, list(self._wanted)))
-        return Precision(self._settled[:, own], self._made[:, own], self._ahead[..., own], which)
-
-    def _columns(self, term: Term | None) -> IntArray | None:
-        if term is None:
-            return np.zeros(0, dtype=np.intp)
-        return next((where for known, where in self._where if known == term), None)
+    size: FloatArray
+    beside: IntArray
+    absorbed: float
 
 
 class Information:
-    """What rows tell of an effect with other columns fitted; runs are added one by one.
+    """V = G' M G of a triangle's terms; runs are added one by one."""
 
-    All arguments have the columns fitted, then the effect at the size in question: `made` (rows, m + 1) are there,
-    `ahead` (runs, rows, m + 1) could be; `settled` went with what was eliminated before. `absorbed` is the share of
-    the effect below which it counts as absorbed: less is of second order and promises nothing.
-    """
+    def __init__(self, triangle: Triangle) -> None:
+        self._triangle = triangle
+        self._fitted = len(triangle.names)
+        self._root = triangle.root
+        terms = triangle.settled[:, self._fitted :]
+        self._settled = terms.T @ terms
 
-    def __init__(self, settled: FloatArray, made: FloatArray, ahead: FloatArray, absorbed: float = 0.0) -> None:
-        self._ahead = ahead
-        self._absorbed = absorbed
-        self._whole = float(np.sum(settled[:, -1] ** 2) + np.sum(made[:, -1] ** 2))
-        ridge = _ridge(settled, made, ahead)
-        ridge[:, -1] = 0.0
-        self._root = _triangle(np.vstack([ridge, made]))
+    def asked(self, question: Question) -> Asked | None:
+        """A question as these columns have it; None when no run can be asked."""
+        own, rival = self._place(question.term), self._place(question.rival)
+        if own is None or rival is None or len(own) != len(question.size):
+            return None
+        length = self._triangle.length[self._fitted :]
+        size = np.zeros(len(length))
+        size[own] = question.size * length[own]
+        beside = np.concatenate([own[question.size == 0.0], rival])
+        return Asked(size, beside, ABSORBED if question.rival is None else 0.0)
 
-    @property
-    def absorbed(self) -> bool:
+    def lambdas(self, questions: Sequence[Asked]) -> FloatArray:
+        """Noncentrality of each effect, from the runs there are and those added, (questions,)."""
+        return np.array([self._counted(_noncentrality(self._told, each), each) for each in questions])
+
+    def lambdas_with_each(self, questions: Sequence[Asked]) -> FloatArray:
+        """The same with one run more, for each that could be made: (questions, runs)."""
+        own = self._triangle.ahead[..., self._fitted :]
+        along = _over(self._root[: self._fitted, : self._fitted], self._triangle.ahead[..., : self._fitted])
+        left = own - along @ self._root[: self._fitted, self._fitted :]
+        told = self._told + left.swapaxes(1, 2) @ _lessened(along, left)
+        return np.array(
+            [
+                self._counted(_noncentrality(told, each), each, np.sum((own @ each.size) ** 2, axis=1))
+                for each in questions
+            ]
+        ).reshape(len(questions), len(own))
+
+    def is_absorbed(self, question: Asked) -> bool:
         """Whether next to nothing of the effect escapes what is fitted."""
-        return bool(self._root[-1, -1] ** 2 <= self._absorbed**2 * self._whole)
-
-    def lambda_now(self) -> float:
-        """Noncentrality of the effect, from the runs there are and those added."""
-        return float(self._counted(self._root[-1, -1] ** 2, self._whole))
-
-    def lambda_with(self, which: Sequence[int]) -> FloatArray:
-        """The same with one run more, for each of these runs."""
-        rows = self._ahead[np.asarray(which, dtype=np.intp)]
-        beside, asked = rows[..., :-1], rows[..., -1]
-        along = _over(self._root[:-1, :-1], beside)
-        left = asked - along @ self._root[:-1, -1]
-        gain = np.sum(_lessened(along, left[..., None]) ** 2, axis=(1, 2))
-        return self._counted(self._root[-1, -1] ** 2 + gain, self._whole + np.sum(asked**2, axis=1))
+        return bool(_noncentrality(self._told, question) <= question.absorbed**2 * self._whole(question))
 
     def add(self, run: int) -> None:
         """Count a run among those that are there."""
-        self._root = _triangle(np.vstack([self._root, self._ahead[run]]))
-        self._whole += float(np.sum(self._ahead[run, :, -1] ** 2))
+        self._root = root_of(np.vstack([self._root, self._triangle.ahead[run]]))
 
-    def _counted(self, free: FloatArray, whole: FloatArray | float) -> FloatArray:
-        """What is absorbed counts less, the more it is."""
-        if not self._absorbed:
-            return np.asarray(free)
-        share = free / np.where(whole > 0.0, whole, 1.0) / self._absorbed**2
+    @property
+    def _told(self) -> FloatArray:
+        """V, (k, k)."""
+        block = self._root[self._fitted :, self._fitted :]
+        return np.asarray(block.T @ block)
+
+    def _whole(self, question: Asked) -> float:
+        """What the effect would be with nothing fitted."""
+        there = self._root[:, self._fitted :] @ question.size
+        return float(there @ there + question.size @ self._settled @ question.size)
+
+    def _counted(self, free: FloatArray, question: Asked, more: FloatArray | float = 0.0) -> FloatArray:
+        """What is absorbed counts less, the more it is: it is of second order and promises nothing."""
+        if not question.absorbed:
+            return free
+        share = free / np.maximum(self._whole(question) + more, _TINY) / question.absorbed**2
         return np.asarray(free * np.where(share >= 1.0, 1.0, share**2))
+
+    def _place(self, term: Term | None) -> IntArray | None:
+        if term is None:
+            return np.zeros(0, dtype=np.intp)
+        return next((where for known, where in self._triangle.places if known == term), None)
 
 
 class Precision:
-    """Standard uncertainties of some fitted parameters, with all others free; runs are added one by one.
+    """Standard uncertainties of some fitted parameters, all others free; runs are added one by one."""
 
-    `settled`, `made` and `ahead` as of `Information`, the parameters as columns; `which` of them are in question.
-    """
+    def __init__(self, triangle: Triangle, wanted: Sequence[str]) -> None:
+        self._ahead = triangle.ahead
+        self._root = triangle.root
+        which = [triangle.names.index(name) for name in wanted]
+        self._scaled = np.eye(len(triangle.names))[which] / triangle.length[which, None]
 
-    def __init__(self, settled: FloatArray, made: FloatArray, ahead: FloatArray, which: IntArray) -> None:
-        self._ahead = ahead
-        self._which = which
-        self._root = _triangle(np.vstack([_ridge(settled, made, ahead), made]))
+    def sigmas(self) -> FloatArray:
+        """Of each parameter that is wanted."""
+        return np.asarray(np.linalg.norm(self._spread, axis=1))
 
-    def sigma_now(self) -> FloatArray:
-        """Of each parameter in question."""
-        return np.asarray(np.linalg.norm(self._spread(), axis=1))
-
-    def sigma_with(self, which: Sequence[int]) -> FloatArray:
-        """The same with one run more, for each of these runs: shape (runs, parameters)."""
-        spread = self._spread()
-        along = _over(self._root, self._ahead[np.asarray(which, dtype=np.intp)])
-        told = np.sum(_lessened(along, along @ spread.T) ** 2, axis=1)
-        return np.asarray(np.sqrt(np.maximum(np.sum(spread**2, axis=1) - told, 0.0)))
+    def sigmas_with_each(self) -> FloatArray:
+        """The same with one run more, for each that could be made: (parameters, runs)."""
+        along = _over(self._root, self._ahead)
+        left = along @ self._spread.T
+        told = np.sum(left * _lessened(along, left), axis=1).T
+        return np.asarray(np.sqrt(np.maximum(np.sum(self._spread**2, axis=1)[:, None] - told, 0.0)))
 
     def add(self, run: int) -> None:
         """Count a run among those that are there."""
-        self._root = _triangle(np.vstack([self._root, self._ahead[run]]))
+        self._root = root_of(np.vstack([self._root, self._ahead[run]]))
 
+    @property
     def _spread(self) -> FloatArray:
         """Rows of R^-1: a root of the covariance."""
-        return _over(self._root, np.eye(len(self._root))[self._which])
+        return _over(self._root, self._scaled)
 
 
-def _eliminated(settled: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """R of the other columns: the rows that settle what comes first, and those that are left when it is fitted."""
-    size = np.linalg.norm(settled, axis=0)
-    ridge = np.diag(_RIDGE * np.where(size > 0.0, size, 1.0))
-    below = np.zeros((len(ridge), others.shape[1]))
-    root = _triangle(np.vstack([np.hstack([ridge, below]), np.hstack([settled, others])]))
-    return root[: len(ridge), len(ridge) :], root[len(ridge) :, len(ridge) :]
-
-
-def _by_run(rows: FloatArray, imagined: Imagined) -> FloatArray:
-    """Rows of each proposal, (proposals, rows of the longest, columns), zeros below those of shorter ones."""
-    longest = max((len(each) for each in imagined.rows_of), default=0)
-    found = np.zeros((len(imagined.rows_of), longest, rows.shape[1]))
-    for run, where in enumerate(imagined.rows_of):
-        found[run, : len(where)] = rows[where - imagined.made]
-    return found
-
-
-def _asked(rows: FloatArray, beside: IntArray, size: FloatArray) -> FloatArray:
-    """The columns beside an effect, and it at its size."""
-    return np.concatenate([rows[..., beside], (rows @ size)[..., None]], axis=-1)
-
-
-def _ridge(settled: FloatArray, made: FloatArray, ahead: FloatArray) -> FloatArray:
-    most = np.max(np.sum(ahead**2, axis=1), axis=0, initial=0.0)
-    size = np.sqrt(np.sum(settled**2, axis=0) + np.sum(made**2, axis=0) + most)
-    return np.diag(_RIDGE * np.where(size > 0.0, size, 1.0))
-
-
-def _triangle(rows: FloatArray) -> FloatArray:
-    """R of (..., rows, columns)."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+def _noncentrality(told: FloatArray, question: Asked) -> FloatArray:
+    """Of V (..., k, k) in the effect's direction, with what is beside it free."""
+    along = told @ question.size
+    beside = question.beside
+    if not len(beside):
+        return np.asarray(along @ question.size)
+    free = told[..., beside[:, None], beside] + SECOND_ORDER**2 * np.eye(len(beside))
+    imitated = np.linalg.solve(free, along[..., beside, None])[..., 0]
+    left = along @ question.size - np.sum(along[..., beside] * imitated, axis=-1)
+    return np.asarray(np.maximum(left, 0.0))
 
 
 def _over(root: FloatArray, rows: FloatArray) -> FloatArray:
@@ -192,12 +149,9 @@ def _over(root: FloatArray, rows: FloatArray) -> FloatArray:
 
 
 def _lessened(along: FloatArray, left: FloatArray) -> FloatArray:
-    """(1 + B B')^-1/2 of what is left, for B = `along` (runs, rows, m) and `left` (runs, rows, k).
+    """(1 + B B')^-1 of what is left, for B = `along` (runs, rows, m) and `left` (runs, rows, k): Woodbury's identity.
 
-    This is Woodbury's identity by its root: B is large where a run tells what no run before did, and of its square
-    the 1 would be rounded away.
+    B is large where a run tells what no run before did, at most 1 / `triangle.ROUNDING`; of its square the 1 is then
+    rounded to a per cent, enough to choose a run. What chosen runs promise comes from the root they are added to.
     """
-    runs, rows, _ = along.shape
-    one = np.broadcast_to(np.eye(rows), (runs, rows, rows))
-    root = _triangle(np.concatenate([one, along.swapaxes(1, 2)], axis=1))
-    return np.asarray(np.linalg.solve(root.swapaxes(1, 2), left))
+    return np.asarray(np.linalg.solve(np.eye(along.shape[1]) + along @ along.swapaxes(1, 2), left))

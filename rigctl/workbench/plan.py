@@ -7,18 +7,20 @@ from math import ceil
 
 import numpy as np
 
-from rigctl.workbench.information import Information
+from rigctl.workbench.information import Asked, Information
 from rigctl.workbench.study import FloatArray, Proposal
-
-_LOOKED_AT = 160
-"""So many of the best are looked at again for the second run and further ones."""
 
 _WORTH = 0.02
 """Of what is wanted: runs that add less are not worth their time."""
 
+_WAY = 0.1
+"""Of the worth of reaching what is wanted: what the way there counts, on a scale of logarithms from `_BEGINS`."""
+
+_BEGINS = 1e-4
+
 
 def greedy(
-    gains: Callable[[Sequence[int]], FloatArray],
+    gains: Callable[[], FloatArray],
     take: Callable[[int], None],
     worth: Callable[[float, int], bool],
     takes_s: FloatArray,
@@ -26,21 +28,17 @@ def greedy(
 ) -> list[int]:
     """Runs in the order chosen, of all whose rig time is in `takes_s`; one may be chosen more than once.
 
-    `gains` tells what each of some runs would add, `take` counts one as made, `worth` whether so much is worth a run
-    after so many.
+    `gains` tells what each would add, `take` counts one as made, `worth` whether so much is worth a run after so
+    many.
     """
     chosen: list[int] = []
-    near: Sequence[int] = range(len(takes_s))
-    while len(chosen) < most and len(near):
-        gain = gains(near)
-        value = gain / takes_s[list(near)]
-        best = int(np.argmax(value))
+    while len(chosen) < most:
+        gain = gains()[: len(takes_s)]
+        best = int(np.argmax(gain / takes_s))
         if not worth(float(gain[best]), len(chosen)):
             break
-        chosen.append(near[best])
-        take(near[best])
-        if len(chosen) == 1:
-            near = [near[i] for i in np.argsort(-value)[:_LOOKED_AT]]
+        chosen.append(best)
+        take(best)
     return chosen
 
 
@@ -50,45 +48,52 @@ def rig_time_s(proposals: Sequence[Proposal]) -> FloatArray:
 
 
 class Plan:
-    """Runs for several questions at once: what counts is the sum over questions of min(lambda / wanted, 1).
+    """Runs for several questions at once, of those that take `takes_s` (the first of the information's).
 
-    More is no gain. `course` has the questions' lambdas before and after each run that was chosen.
+    What counts is the sum over questions of min(lambda / wanted, 1): more is no gain. A tenth of it goes by the
+    logarithm: what needs three runs to be told (a rival with two parameters) shows next to nothing after the first.
+    `course` has the questions' lambdas before and after each run that was chosen.
     """
 
     def __init__(
-        self, known: Sequence[Information], wanted: Sequence[float], takes_s: FloatArray, most_runs: int
+        self,
+        information: Information,
+        questions: Sequence[Asked],
+        wanted: Sequence[float],
+        takes_s: FloatArray,
+        most_runs: int,
     ) -> None:
-        self._known = known
+        self._information = information
+        self._questions = questions
         self._wanted = np.array(wanted)
         self._most_runs = most_runs
-        self.course = [self._now()]
-        self.runs = greedy(self._gains, self._take, self._worth, takes_s, most_runs if known else 0)
+        self.course = [information.lambdas(questions)]
+        self.runs = greedy(self._gains, self._take, self._worth, takes_s, most_runs if questions else 0)
 
     def promised(self, number: int) -> list[float]:
         """The course of one question."""
         return [float(each[number]) for each in self.course]
 
-    def _now(self) -> FloatArray:
-        return np.array([each.lambda_now() for each in self._known])
-
-    def _gains(self, which: Sequence[int]) -> FloatArray:
-        gain = np.zeros(len(which))
-        for each, wanted, now in zip(self._known, self._wanted, self.course[-1], strict=True):
-            if now < wanted:
-                gain += np.minimum(each.lambda_with(which) / wanted, 1.0) - now / wanted
-        return gain
+    def _gains(self) -> FloatArray:
+        worth = _worth_of(self._information.lambdas_with_each(self._questions) / self._wanted[:, None])
+        return np.asarray(np.sum(worth - _worth_of(self.course[-1] / self._wanted)[:, None], axis=0))
 
     def _take(self, run: int) -> None:
-        for each in self._known:
-            each.add(run)
-        self.course.append(self._now())
+        self._information.add(run)
+        self.course.append(self._information.lambdas(self._questions))
 
     def _worth(self, gain: float, made: int) -> bool:
         """Whether it is much, or what is missing could still be reached with the runs left."""
-        missing = float(np.sum(np.maximum(1.0 - self.course[-1] / self._wanted, 0.0)))
+        missing = float(np.sum(1.0 - _worth_of(self.course[-1] / self._wanted)))
         if not missing:
             return False
         return gain >= _WORTH / (1 + made // 6) or gain * (self._most_runs - made) >= 0.5 * missing
+
+
+def _worth_of(share: FloatArray | float) -> FloatArray:
+    """Of having such a share of what is wanted."""
+    capped = np.minimum(share, 1.0)
+    return np.asarray((1.0 - _WAY) * capped + _WAY * np.log1p(capped / _BEGINS) / np.log1p(1.0 / _BEGINS))
 
 
 def runs_needed(course: Sequence[float], wanted: float) -> int | None:

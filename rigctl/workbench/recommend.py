@@ -19,7 +19,7 @@ import numpy as np
 from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.imagined import Imagined
-from rigctl.workbench.information import Triangle
+from rigctl.workbench.information import Information
 from rigctl.workbench.plan import Plan, rig_time_s, runs_needed, shuffled
 from rigctl.workbench.promise import PROMISE, power
 from rigctl.workbench.questions import Question, inseparable, rivals
@@ -35,6 +35,7 @@ from rigctl.workbench.recommendation import (
 from rigctl.workbench.study import Plannable, Proposal, Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.tighten import tightening
+from rigctl.workbench.triangle import Triangle, triangle_of
 
 MOST_RUNS = 24
 
@@ -96,7 +97,7 @@ class _Found:
 def _answered(imagined: Imagined, questions: Sequence[Question], most_runs: int) -> _Found:
     if not questions:
         return _Found()
-    triangle = Triangle(imagined, _terms_of(questions))
+    triangle = triangle_of(imagined, _terms_of(questions))
     first = _planned(triangle, imagined, questions, most_runs)
     reached = [answer for answer in first.answers if answer.lambda_promised >= PROMISE]
     if not reached or not (first.hopeless or len(reached) < len(first.answers)):
@@ -108,9 +109,10 @@ def _answered(imagined: Imagined, questions: Sequence[Question], most_runs: int)
 
 
 def _planned(triangle: Triangle, imagined: Imagined, questions: Sequence[Question], most_runs: int) -> _Found:
-    asked = [(question, known) for question in questions if (known := triangle.about(question)) is not None]
+    information = Information(triangle)
+    asked = [(question, known) for question in questions if (known := information.asked(question)) is not None]
     wanted = [PROMISE] * len(asked)
-    plan = Plan([known for _, known in asked], wanted, rig_time_s(imagined.proposals), most_runs)
+    plan = Plan(information, [known for _, known in asked], wanted, rig_time_s(imagined.proposals), most_runs)
     answers = [_answer(question, plan.promised(number)) for number, (question, _) in enumerate(asked)]
     worth = tuple(answer for answer in answers if answer.lambda_promised >= _HOPELESS)
     hopeless = tuple(answer for answer in answers if answer.lambda_promised < _HOPELESS)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from rigctl.workbench.imagined import Imagined
-from rigctl.workbench.information import Triangle
+from rigctl.workbench.information import Precision
 from rigctl.workbench.plan import greedy, rig_time_s
 from rigctl.workbench.recommendation import Tightened
 from rigctl.workbench.study import FloatArray
+from rigctl.workbench.triangle import triangle_of
 
 _MOST_RUNS = 6
 _TIGHTER = 0.01
@@ -28,15 +28,15 @@ def tightening(
     wanted = [name for name in imagined.names if name in result]
     if not wanted:
         return [], []
-    precision = Triangle(imagined, wanted=wanted).precision()
-    before = precision.sigma_now()
+    precision = Precision(triangle_of(imagined, wanted=wanted), wanted)
+    before = precision.sigmas()
 
-    def gains(which: Sequence[int]) -> FloatArray:
-        return np.asarray(np.sum(np.log(precision.sigma_now() / precision.sigma_with(which)), axis=1))
+    def gains() -> FloatArray:
+        return np.asarray(np.sum(np.log(precision.sigmas()[:, None] / precision.sigmas_with_each()), axis=0))
 
     def worth(gain: float, _: int) -> bool:
         return gain >= _TIGHTER * len(wanted)
 
     chosen = greedy(gains, precision.add, worth, rig_time_s(imagined.proposals), min(most_runs, _MOST_RUNS))
-    pairs = zip(wanted, before, precision.sigma_now(), strict=True)
+    pairs = zip(wanted, before, precision.sigmas(), strict=True)
     return chosen, [Tightened(name, float(was), float(will), result[name]["unit"]) for name, was, will in pairs]

@@ -222,18 +222,20 @@ class RecordingModel:
         )
 
     def _place(self, head: str) -> _Place:
-        positions = [self._position(head, run) for run in self.runs]
+        kinds = [(run.axis, run.configuration, run.faces.get(head)) for run in self.runs]
+        known = {kind: self._position(head, *kind) for kind in dict.fromkeys(kinds)}
+        positions = [known[kind] for kind in kinds]
         return _Place(
             np.array(positions)[:, None, :],
             np.array([leaning(each) for each in positions])[:, None, :],
             self.head_settings[head].tilt_rad,
         )
 
-    def _position(self, head: str, run: RunObservables) -> FloatArray:
+    def _position(self, head: str, axis: str, configuration: str, face: str | None) -> FloatArray:
         """Where the head stands in the lab: before the face it looks at, whose nominal normal is M n_C."""
-        if head not in run.faces:
+        if face is None:
             return unit_vector(self.head_settings[head].position)
-        return self.package.turntable_from_cube(run.axis, run.configuration) @ unit_vector(run.faces[head])
+        return self.package.turntable_from_cube(axis, configuration) @ unit_vector(face)
 
 
 def origins_of(runs: Sequence[RunObservables]) -> Origins:

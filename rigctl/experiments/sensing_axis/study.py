@@ -20,13 +20,14 @@ from rigctl.errors import ConfigError, DataError, ProcedureError
 from rigctl.experiments.sensing_axis.chain import FloatArray, Origins
 from rigctl.experiments.sensing_axis.components import Stacked, observed, stacked
 from rigctl.experiments.sensing_axis.fit import mountings_of, null_point
-from rigctl.experiments.sensing_axis.imagined import Limits, imagined, options
+from rigctl.experiments.sensing_axis.imagined import imagined
 from rigctl.experiments.sensing_axis.model import RecordingModel, origins_of
 from rigctl.experiments.sensing_axis.observables import RunObservables
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package
 from rigctl.experiments.sensing_axis.parameters import family_of
 from rigctl.experiments.sensing_axis.recorded import recorded_heads, recorded_package
 from rigctl.experiments.sensing_axis.reduction import ACCEL
+from rigctl.experiments.sensing_axis.set_points import Limits, options
 from rigctl.experiments.sensing_axis.store_reduction import Reduction, line_scan, reduction
 from rigctl.experiments.sensing_axis.testable import untestable
 from rigctl.fitting.least_squares import Parameter, Prior
@@ -182,7 +183,7 @@ class SensingAxisStudy:
         return shown
 
     def options(self) -> list[Proposal]:
-        """Set-points for the next runs in the mounting that is there; see `imagined.options`."""
+        """Set-points for the next runs in the mounting that is there; see `set_points.options`."""
         return options(self._reduced(()).runs, self._limits)
 
     def extended(self, proposals: Sequence[Proposal]) -> SensingAxisStudy:

@@ -1,0 +1,134 @@
+"""Which runs could be made next in the mounting that is there."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import degrees, radians
+
+import numpy as np
+
+from rigctl.experiments.sensing_axis.observables import RunObservables
+from rigctl.experiments.sensing_axis.package import HeadSettings, Package
+from rigctl.workbench.study import Proposal
+
+ANGLES_DEG = (0.4, 0.8, 1.6, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)
+FREQUENCIES_HZ = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
+DWELLS_S = (10.0, 20.0, 60.0)
+OVERHEAD_S = 15.0
+"""Turning, settling, arming and read-out, where the recording does not tell."""
+
+ROOM_S = 1800.0
+"""Until room and bench have followed the air conditioning."""
+
+ROOM_K = 1.0
+"""How far from its mean a room can be taken."""
+
+_SAME_K = 1e-3
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the bench allows beyond what a recording shows; None without a rig file."""
+
+    package: Package
+    heads: Mapping[str, HeadSettings]
+    full_scale_v: float | None
+    known: bool
+
+
+def options(runs: Sequence[RunObservables], limits: Limits) -> list[Proposal]:
+    """Set-points for the next runs: those used in the mounting that is there, and around them what the bench allows.
+
+    Without a rig file nothing farther out than the recording shows to have been possible.
+    """
+    last = last_of(runs)
+    here = [run for run in runs if place_of(run) == place_of(last)]
+    amplitudes = _used(round(1e3 * run.amplitude_m, 2) for run in runs)
+    dwells = sorted({*DWELLS_S, *(float(round(run.duration_s)) for run in here)})
+    grid = itertools.product(_angles(runs, here, limits), _frequencies(runs, limits), amplitudes)
+    places = [(angle, frequency, _largest(last, limits, angle, frequency, a)) for angle, frequency, a in grid]
+    rooms, overhead_s = _rooms(runs), overhead(runs)
+    return [
+        Proposal(
+            {
+                "angle_deg": angle_deg,
+                "frequency_hz": frequency_hz,
+                "amplitude_mm": amplitude_mm,
+                "approach": approach,
+                "dwell_s": dwell_s,
+                **({} if room is None else {"temperature_c": room}),
+            },
+            dwell_s + overhead_s + (0.0 if room is None else ROOM_S),
+        )
+        for (angle_deg, frequency_hz, amplitude_mm), approach, dwell_s, room in itertools.product(
+            dict.fromkeys(places), (1, -1), dwells, rooms
+        )
+        if amplitude_mm and (room is None or dwell_s == dwells[-1])
+    ]
+
+
+def overhead(runs: Sequence[RunObservables]) -> float:
+    """Rig time between runs [s], as the recording shows it."""
+    starts = np.array([run.start_s for run in runs])
+    if len(runs) < 3 or not np.isfinite(starts).all():
+        return OVERHEAD_S
+    order = np.argsort(starts)
+    gaps = np.diff(starts[order]) - np.array([runs[i].duration_s for i in order[:-1]])
+    return float(np.median(np.maximum(gaps, 0.0)))
+
+
+def last_of(runs: Sequence[RunObservables]) -> RunObservables:
+    """The run made last; that of the last row where times are not known."""
+    return max(runs, key=lambda run: run.start_s) if all(np.isfinite(run.start_s) for run in runs) else runs[-1]
+
+
+def place_of(run: RunObservables) -> tuple[str, str, int]:
+    """Axis, configuration and number of a run's mounting."""
+    return run.axis, run.configuration, run.mounting
+
+
+def _angles(runs: Sequence[RunObservables], here: Sequence[RunObservables], limits: Limits) -> list[float]:
+    """In degrees: those of the mounting that is there, and a grid."""
+    low, high = (f(degrees(run.theta_rad) for run in runs) for f in (min, max))
+    grid = [sign * angle for angle in ANGLES_DEG for sign in (-1.0, 1.0)]
+    possible = [angle for angle in grid if limits.known or low <= angle <= high]
+    return _used([*(degrees(run.theta_rad) for run in here), *possible])
+
+
+def _frequencies(runs: Sequence[RunObservables], limits: Limits) -> list[float]:
+    used = _used(run.frequency_hz for run in runs)
+    return _used([*used, *(f for f in FREQUENCIES_HZ if limits.known or used[0] <= f <= used[-1])])
+
+
+def _within(last: RunObservables, limits: Limits, angle_deg: float, frequency_hz: float, amplitude_mm: float) -> bool:
+    """The sensor's output within its range, as far as that is known."""
+    if limits.full_scale_v is None:
+        return True
+    sensor = limits.package.axes[last.axis].sensor[last.configuration]
+    w = 2.0 * np.pi * frequency_hz
+    response = 1.0 / abs(complex(1.0 - w**2 * sensor.inv_w0_squared, w * sensor.damping))
+    force_m_s2 = 1e-3 * amplitude_mm * w**2 * abs(np.sin(radians(angle_deg)))
+    return bool(sensor.gain_v_per_m_s2 * response * force_m_s2 + limits.package.level_limit_v < limits.full_scale_v)
+
+
+def _largest(
+    last: RunObservables, limits: Limits, angle_deg: float, frequency_hz: float, amplitude_mm: float
+) -> float:
+    """The amplitude, or half or a quarter of it where it would take the output out of its range; 0 for none."""
+    parts = (amplitude_mm, 0.5 * amplitude_mm, 0.25 * amplitude_mm)
+    return next((part for part in parts if _within(last, limits, angle_deg, frequency_hz, part)), 0.0)
+
+
+def _rooms(runs: Sequence[RunObservables]) -> list[float | None]:
+    """Room temperatures an operator might bring about: none where the recording shows none that differ."""
+    known = np.array([run.temperature_c for run in runs])
+    if not np.isfinite(known).all() or np.ptp(known) <= _SAME_K:
+        return [None]
+    reach = max(float(np.ptp(known)) / 2.0, ROOM_K)
+    return [None, round(float(known.mean()) - reach, 1), round(float(known.mean()) + reach, 1)]
+
+
+def _used(values: Iterable[float]) -> list[float]:
+    return sorted({round(float(value), 4) for value in values})
