@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, DataError, RigError
 
 FloatArray = NDArray[np.float64]
 
@@ -70,8 +70,18 @@ class Effect:
         return (self.function.__doc__ or "").strip().partition("\n")[0]
 
     def __call__(self, run: Any, **parameters: Any) -> FloatArray:
-        """What the effect adds to `run.signal`."""
-        return self.function(run, **parameters)
+        """What the effect adds to `run.signal`; `DataError` when its function fails on these runs."""
+        try:
+            return self.function(run, **parameters)
+        except RigError:
+            raise
+        except Exception as error:
+            raise DataError(f"effect '{self.id}' fails{line_of(error, self.file)}: {said(error)}") from error
+
+    @property
+    def file(self) -> str:
+        """Where its function stands; "" when that is not known."""
+        return str(getattr(getattr(self.function, "__code__", None), "co_filename", ""))
 
 
 def effect(
@@ -116,6 +126,22 @@ def chosen(experiment: str, ids: Sequence[str], plugins: Sequence[Effect] = ()) 
         if name not in known:
             raise unknown_effect(name, known)
     return tuple(each for name, each in known.items() if name in ids)
+
+
+def line_of(error: Exception, file: str) -> str:
+    """Where in a file an error came from, the innermost of its lines: ", line 7", or "" from elsewhere."""
+    found, traceback = "", error.__traceback__
+    while traceback is not None:
+        if traceback.tb_frame.f_code.co_filename == file:
+            found = f", line {traceback.tb_lineno}"
+        traceback = traceback.tb_next
+    return found
+
+
+def said(error: Exception) -> str:
+    """An error in one line."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 def unknown_effect(name: str, known: Collection[str]) -> ConfigError:

@@ -7,9 +7,9 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import ModuleType
 
-from rigctl.effects.catalogue import Effect, catalogue, effects_in
+from rigctl.effects.catalogue import Effect, catalogue, effects_in, line_of, said
 from rigctl.effects.declaration import flaw_of_declaration
 from rigctl.effects.trial import flaw_of_function
 from rigctl.errors import ConfigError
@@ -61,7 +61,7 @@ def _executed(path: Path, source: bytes, name: str) -> ModuleType:
     try:
         exec(code, vars(module))  # noqa: S102 - a plug-in is code that its user hands over to be run
     except Exception as error:  # noqa: BLE001 - whatever a user's file may raise
-        raise ConfigError(f"{path}{_line(error.__traceback__, path)}: {_said(error)}") from None
+        raise ConfigError(f"{path}{line_of(error, str(path))}: {said(error)}") from None
     finally:
         del sys.modules[name]
     return module
@@ -79,19 +79,4 @@ def _flaw_of_trial(effect: Effect, path: Path) -> str | None:
     try:
         return flaw_of_function(effect)
     except Exception as error:  # noqa: BLE001 - whatever a user's function may raise
-        return f"its function fails{_line(error.__traceback__, path)}: {_said(error)}"
-
-
-def _line(traceback: TracebackType | None, path: Path) -> str:
-    """Where in the file an error came from: the innermost of its lines."""
-    found = ""
-    while traceback is not None:
-        if traceback.tb_frame.f_code.co_filename == str(path):
-            found = f", line {traceback.tb_lineno}"
-        traceback = traceback.tb_next
-    return found
-
-
-def _said(error: Exception) -> str:
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+        return f"its function fails{line_of(error, str(path))}: {said(error)}"

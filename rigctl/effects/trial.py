@@ -1,4 +1,8 @@
-"""Trying an effect out on made-up runs: shape, numbers, nothing at zero, something at its typical size."""
+"""Trying an effect out on made-up runs: shape, numbers, nothing at zero, every parameter used.
+
+Only what is wrong whatever the recording is a flaw here. Whether an effect is a number in every run, and whether it
+does anything there, a jump or a column of one's own for instance, is for the recording to say.
+"""
 
 from __future__ import annotations
 
@@ -53,20 +57,23 @@ class MadeUpReadings:
 def flaw_of_function(effect: Effect) -> str | None:
     """What is wrong with what the function returns; None when nothing is. Lets the function's own errors through."""
     run = made_up(effect)
-    shape = np.shape(run.t) if hasattr(run, "t") else run.signal.shape
-    sizes = {name: np.asarray(size, dtype=np.float64) for name, size in effect.typical.items()}
+    shape = _shape_of(run)
+    sizes = _sizes(effect)
     absent = {name: np.asarray(0.0) for name in sizes}
     before = run.signal.copy()
     for parameters, how in ((absent, "with its parameters at zero"), (sizes, "at its typical size")):
-        flaw = flaw_of_values(_returned(effect, run, parameters), shape)
+        added = _returned(effect, run, parameters)
+        flaw = _flaw_of_values(added, shape)
         if flaw:
             return f"{how} {flaw}"
+        if not run.columns.asked and not _is_a_number_somewhere(added, shape):
+            return f"{how} it returns nan or inf in every run"
     if not np.array_equal(before, run.signal):
         return "it changes run.signal in place; return what is added instead"
     if np.any(np.abs(_returned(effect, run, absent)) > _NOTHING * np.abs(run.signal).max()):
         return "it adds something with its parameters at zero; choose parameters so that zero means absent"
     for name in sizes:
-        if not _depends(effect, run, sizes, name):
+        if not _depends(effect, run, sizes, name) and not _uses(effect, run, sizes, name):
             return f"what it adds does not depend on {name}; use it, or leave it out"
     return None
 
@@ -74,11 +81,20 @@ def flaw_of_function(effect: Effect) -> str | None:
 def columns_of(effect: Effect) -> tuple[str, ...]:
     """The columns of a laboratory's own that an effect asks for, in the order in which it does."""
     run = made_up(effect)
-    _returned(effect, run, {name: np.asarray(size) for name, size in effect.typical.items()})
+    _returned(effect, run, _sizes(effect))
     return tuple(dict.fromkeys(run.columns.asked))
 
 
-def flaw_of_values(values: Any, shape: tuple[int, ...]) -> str | None:
+def _shape_of(run: Any) -> tuple[int, ...]:
+    """Runs by points of a period, or readings."""
+    return np.shape(run.t if hasattr(run, "t") else run.signal)
+
+
+def _sizes(effect: Effect) -> dict[str, FloatArray]:
+    return {name: np.asarray(size, dtype=np.float64) for name, size in effect.typical.items()}
+
+
+def _flaw_of_values(values: Any, shape: tuple[int, ...]) -> str | None:
     """Why values cannot be added to a signal of `shape`; None when they can."""
     try:
         numbers = np.asarray(values, dtype=np.float64)
@@ -90,9 +106,13 @@ def flaw_of_values(values: Any, shape: tuple[int, ...]) -> str | None:
         fits = False
     if not fits:
         return f"it returns an array of shape {numbers.shape}, which does not fit run.signal's {shape}"
-    if not np.isfinite(numbers).all():
-        return "it returns nan or inf"
     return None
+
+
+def _is_a_number_somewhere(values: Any, shape: tuple[int, ...]) -> bool:
+    """Whether there is a run, or a reading, all of whose values are finite."""
+    by_run = np.broadcast_to(np.asarray(values, dtype=np.float64), shape).reshape(shape[0], -1)
+    return bool(np.isfinite(by_run).all(axis=1).any())
 
 
 def made_up(effect: Effect) -> Any:
@@ -126,7 +146,7 @@ def _made_up_runs(point: str) -> Any:
         "laser_m": 0.9 * x,
     }
     start = column(120.0 * np.arange(len(rows)))
-    temperature = scattered(19.0, 21.0)
+    temperature = scattered(-10.0, 50.0)
     return Runs(
         t=t,
         x=x,
@@ -156,14 +176,28 @@ def _made_up_runs(point: str) -> Any:
 
 def _returned(effect: Effect, run: _Signalled, parameters: dict[str, FloatArray]) -> Any:
     with np.errstate(all="ignore"):
-        return effect(run, **parameters)
+        return effect.function(run, **parameters)
 
 
 def _depends(effect: Effect, run: _Signalled, sizes: dict[str, FloatArray], name: str) -> bool:
     """Whether doubling or dropping one parameter makes a difference."""
-    here = np.asarray(_returned(effect, run, sizes), dtype=np.float64)
-    for factor in (0.0, 2.0):
-        there = np.asarray(_returned(effect, run, {**sizes, name: factor * sizes[name]}), dtype=np.float64)
-        if np.any(np.abs(there - here) > _DIFFERENT * np.abs(here).max()):
-            return True
-    return False
+    here, *others = (
+        np.broadcast_to(_returned(effect, run, {**sizes, name: factor * sizes[name]}), _shape_of(run))
+        for factor in (1.0, 0.0, 2.0)
+    )
+    known = np.isfinite(here)
+    size = np.max(np.abs(here[known]), initial=0.0)
+    return any(np.any(np.abs(there[known] - here[known]) > _DIFFERENT * size) for there in others)
+
+
+class _Touchstone:
+    """No number: whatever works with it fails, or is none either."""
+
+
+def _uses(effect: Effect, run: Any, sizes: dict[str, FloatArray], name: str) -> bool:
+    """Whether the function works with a parameter at all, be it for other runs than these."""
+    parameters: dict[str, Any] = {**sizes, name: _Touchstone()}
+    try:
+        return np.asarray(_returned(effect, run, parameters)).dtype == np.dtype(object)
+    except Exception:  # noqa: BLE001 - it fails because it is used
+        return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -103,6 +104,26 @@ def test_effects_at_every_point_of_the_chain_are_taken(write: Write, on: str, bo
     assert load(write(declared(f'"{on}"', body=body))).effects["magnetic"].on == on
 
 
+STEPS = {
+    "a jump after all made-up runs": "return b * (run.start > 1e7)",
+    "chosen, not multiplied": "return np.where(run.start > 1e7, b, 0.0)",
+    "on one day": "return b * (run.column('day') == 3)",
+    "above a pressure": "return np.where(run.column('pressure_hpa') > 1000.0, b, 0.0)",
+    "a root that is none at room temperature": "return b * np.sqrt(run.temperature - 40.0)",
+    "a logarithm of a column": "return b * np.log(run.column('pressure_hpa') - 900.0)",
+    "since the beginning": "return b / run.start",
+    "in a filter that does nothing here": "return run.filtered(lambda s: 1 + b * 0.0) - run.signal",
+    "by a table": "return np.array([0.0, b, b])[run.column('bench').astype(int)]",
+}
+
+
+@pytest.mark.parametrize("body", STEPS.values(), ids=STEPS)
+def test_what_made_up_runs_cannot_tell_is_left_to_the_recording(write: Write, body: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert list(load(write(declared('"sensor_output_v"', body=body))).effects) == ["magnetic"]
+
+
 MISTAKES = {
     "syntax": ("def f(:\n", r"my_effects\.py, line 1: "),
     "import": ("import numpy\nimport no_such_module\n", r"my_effects\.py, line 2: ModuleNotFoundError"),
@@ -124,6 +145,7 @@ MISTAKES = {
     "exception": (declared(body="return b / 0 * run.nothing"), r"fails, line 7: "),
     "nan": (declared(body="return b * run.x * np.nan"), "at zero it returns nan or inf"),
     "inf": (declared(body="return b / (b - 1e-6) * run.x"), "at its typical size it returns nan or inf"),
+    "inf in every run": (declared(body="return b / run.x"), "nan or inf in every run"),
     "shape": (declared(body="return b * np.ones(7)"), r"shape \(7,\), which does not fit run\.signal's"),
     "no numbers": (declared(body="return None"), "nan or inf|not an array"),
     "not zero at zero": (declared(body="return run.x * (1 + b)"), "zero means absent"),

@@ -332,6 +332,60 @@ def test_a_plugin_whose_column_is_missing_says_which_there_are(tmp_path: Path) -
     assert "humidity unknown" in refused["humid"]
 
 
+JUMPS = '''\
+import numpy as np
+
+from rigctl.effects import effect
+
+
+@effect("early", on="sensor_output_v", parameters={"jump": "V"}, typical={"jump": 1e-3})
+def early(run, jump):
+    """The bias jumps after the second run."""
+    return np.where(run.start > 100.0, jump, 0.0)
+
+
+@effect("late", on="sensor_output_v", parameters={"later": "V"}, typical={"later": 1e-3})
+def late(run, later):
+    """The bias jumps after the last run."""
+    return later * (run.start > 1e5)
+
+
+@effect("twice", on="sensor_output_v", parameters={"one": "V", "two": "V"}, typical={"one": 1.0, "two": 1.0})
+def twice(run, one, two):
+    """The bias jumps after the second run and after the last."""
+    return one * (run.start > 100.0) + two * (run.start > 1e5)
+
+
+@effect("shelved", on="sensor_output_v", parameters={"shelf": "V"}, typical={"shelf": 1e-3})
+def shelved(run, shelf):
+    """Each bench its own bias."""
+    return shelf * np.array([0.0, 1.0, -1.0])[run.column("bench").astype(int)]
+'''
+
+
+def test_a_jump_counts_where_it_falls_into_the_recording(tmp_path: Path) -> None:
+    path = tmp_path / "jumps.py"
+    path.write_text(JUMPS)
+    study = SensingAxisStudy(recording(bench=lambda i: i % 3), [load(path)])
+    found, refused = candidates_of(study)
+    assert np.any(found["early"][0].derivative)
+    assert np.any(found["twice"][0].derivative[:, 0])
+    assert found["shelved"][0].names == ("shelf",)
+    assert refused["late"] == "it changes nothing in these runs"
+    result = fitted(study.model([Term("early")]))
+    assert abs(result.value("jump")) < 5.0 * result.sigma("jump")
+
+
+def test_a_plugin_that_fails_on_a_recording_is_told_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "jumps.py"
+    path.write_text(JUMPS)
+    study = SensingAxisStudy(recording(bench=lambda i: 7.0), [load(path)])
+    _, refused = candidates_of(study)
+    assert refused["shelved"].startswith("effect 'shelved' fails, line 27: IndexError: index 7 is out of bounds")
+    with pytest.raises(DataError, match="effect 'shelved' fails, line 27: IndexError"):
+        study.model([Term("shelved")])
+
+
 def test_unknown_effects_and_heads_are_named_with_what_they_may_be() -> None:
     study = SensingAxisStudy(recording())
     with pytest.raises(ConfigError, match=r"unknown effect 'warp'; the nearest are .*--plugin FILE"):

@@ -274,6 +274,33 @@ def test_a_plugin_acts_on_what_the_baseline_predicts() -> None:
     assert candidate.derivative[:, 0] == pytest.approx(y**2 * X, rel=1e-6, abs=1e-9)
 
 
+def _past(where: float) -> Effect:
+    def past(run: Any, size: FloatArray) -> FloatArray:
+        """It gives way."""
+        return np.asarray(size * (run.column("x") > where))
+
+    return Effect(f"past-{where:g}", "response", {"size": "V"}, {"size": 1e-3}, "", "recording", past)
+
+
+def test_a_plugin_that_does_nothing_here_or_fails_here_says_so() -> None:
+    def broken(run: Any, size: FloatArray) -> FloatArray:
+        """One per bench."""
+        return np.asarray(size * np.ones(3)[run.column("x").astype(int)])
+
+    effects = [
+        _past(5.0),
+        _past(50.0),
+        Effect("broken", "response", {"size": "V"}, {"size": 1.0}, "", "recording", broken),
+    ]
+    study = TableStudy(_recording({"y": 1.0 + 0.5 * X, "x": X}), effects)
+    found, refused = study.candidates(study.model([]), np.array([1.0, 0.5]))
+    reasons = {each.effect: each.reason for each in refused}
+    assert {"past-5"} == {each.term.effect for each in found} & {effect.id for effect in effects}
+    assert reasons["past-50"] == "it changes nothing in these readings"
+    assert "effect 'broken' fails, line " in reasons["broken"]
+    assert "IndexError" in reasons["broken"]
+
+
 @pytest.mark.parametrize(
     ("baseline", "spec", "message"),
     [

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigctl.effects.catalogue import Effect
-from rigctl.errors import ConfigError
+from rigctl.errors import RigError
 from rigctl.experiments.sensing_axis.chain import Runs
 from rigctl.experiments.sensing_axis.model import RecordingModel
 from rigctl.experiments.sensing_axis.observables import RunObservables
@@ -38,7 +38,7 @@ def _flaw(effect: Effect, model: RecordingModel) -> str | None:
         try:
             with np.errstate(all="ignore"):
                 added = effect(run, **effect.typical)
-        except ConfigError as error:
+        except RigError as error:
             return str(error)
         if not np.isfinite(added).all():
             unknown = [name for name, column in _conditions(run).items() if not np.isfinite(column).all()]

@@ -41,6 +41,8 @@ def plugin_candidate(piece: PluginPiece, signal: FloatArray) -> Candidate | NotT
         return NotTestable(piece.term.effect, str(error))
     if not np.isfinite(derivative).all():
         return NotTestable(piece.term.effect, "it gives no finite number in some readings")
+    if not derivative.any():
+        return NotTestable(piece.term.effect, "it changes nothing in these readings")
     return Candidate(piece.term, piece.names, piece.units, derivative, piece.typical)
 
 

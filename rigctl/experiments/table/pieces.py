@@ -162,9 +162,7 @@ class PluginPiece:
     def added(self, values: FloatArray, signal: FloatArray) -> FloatArray:
         """See `Piece`; `DataError` when the plug-in gives something else than a finite number per row."""
         given = {name: np.float64(value) for name, value in zip(self.effect.parameters, values, strict=True)}
-        found = np.asarray(
-            self.effect.function(ReadingsRun(signal, self.readings.numbers), **given), dtype=np.float64
-        )
+        found = np.asarray(self.effect(ReadingsRun(signal, self.readings.numbers), **given), dtype=np.float64)
         if found.shape not in {(), signal.shape}:
             raise DataError(
                 f"effect {self.effect.id} gives shape {found.shape} for {signal.size} readings; return one each"
