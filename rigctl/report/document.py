@@ -160,16 +160,15 @@ def page(evidence: Evidence) -> str:
     body = [
         html.heading(title, 1),
         html.paragraph(
-            f"{evidence.experiment}, {counted(evidence.data, 'datum', 'data')} of {counted(evidence.runs, 'run')}; "
-            f"model version {current['version']}: "
-            f"{model_name(current['effects'])}; {evidence.store.name}",
+            f"{evidence.experiment}, {_amount(evidence)}; "
+            f"model version {current['version']}: {model_name(current['effects'])}; {evidence.store.name}",
             "soft",
         ),
         html.paragraph(verdict_sentence(diagnosis), f"verdict {diagnosis['verdict']}"),
         html.paragraph("What to do next:", "soft"),
         html.command(advice(diagnosis, evidence.store.name)),
         html.heading("Error ladder"),
-        html.figure(evidence.ladder),
+        *([html.figure(evidence.ladder)] if len(evidence.rungs) > 1 else []),
         _ladder(evidence.rungs),
         html.heading("Residuals"),
         *_residuals(evidence),
@@ -179,6 +178,12 @@ def page(evidence: Evidence) -> str:
     body += [html.heading("Candidates"), *_candidates(evidence)]
     body += [html.heading("Result"), *_result(evidence)]
     return html.page(title, body)
+
+
+def _amount(evidence: Evidence) -> str:
+    if evidence.experiment == "table":
+        return counted(evidence.data, "reading")
+    return f"{counted(evidence.data, 'datum', 'data')} of {counted(evidence.runs, 'run')}"
 
 
 def _ladder(rungs: Sequence[Mapping[str, Any]]) -> str:
@@ -233,7 +238,7 @@ def _ranking(found: Mapping[str, Any]) -> str:
     rows = [
         [
             named(rank["effect"], rank["choice"]),
-            "\n".join(sizes(rank)),
+            "\n".join(size.removeprefix("= ") for size in sizes(rank)),
             probability(rank["p_value_corrected"]),
             number(rank["held_out_error_ratio"]),
             ", ".join(rank["equivalent_to"]),
@@ -247,8 +252,17 @@ def _ranking(found: Mapping[str, Any]) -> str:
     return text
 
 
+def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:
+    """Without those that show what an earlier one shows: the paper's figure 12 is that of one of the mountings."""
+    found: list[Plate[Any]] = []
+    for plate in plates:
+        if not any(plate.rows == other.rows for other in found):
+            found.append(plate)
+    return found
+
+
 def _result(evidence: Evidence) -> Iterator[str]:
-    yield from map(html.figure, evidence.own)
+    yield from map(html.figure, _distinct(evidence.own))
     yield html.listing(f"{what}: {reason}" for what, reason in evidence.left_out.items())
     yield html.table(
         ["parameter", "#value"],

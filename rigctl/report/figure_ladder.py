@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rigctl.report.figure_data import Plate
 from rigctl.report.style import INK, SOFT, new_figure, series_style
@@ -51,6 +52,9 @@ def draw_ladder(rows: Sequence[LadderRow]) -> Figure:
     errors = [e for row in rows for e in (row.error_fit, row.error_held_out) if e]
     if errors and max(errors) > 5.0 * min(errors):
         axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_minor_locator(NullLocator())
     axes.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
     axes.tick_params(axis="y", length=0.0)
     axes.legend(loc="best")

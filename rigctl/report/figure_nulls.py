@@ -66,7 +66,9 @@ def draw_nulls(rows: Sequence[NullRow]) -> Figure:
             below.plot(mountings, sigma, look.marker, color=look.color)
         above.set_title(f"axis {name}", loc="center")
         below.set_xlabel("mounting")
-        below.xaxis.set_major_locator(MaxNLocator(integer=True))
+        mounted = [row.mounting for row in rows if row.axis == name]
+        below.set_xlim(min(mounted) - 0.5, max(mounted) + 0.5)
+        below.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     panels[1, 0].set_ylim(0.0, 1.1 * max(row.theta0_sigma_arcsec for row in rows))
     panels[0, 0].set_ylabel("null angle θ₀ / deg")
     panels[1, 0].set_ylabel("σ(θ₀) / arcsec")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from rigctl.report.figure_data import Plate
 from rigctl.report.style import BLUE, INK, SOFT, VERMILION, new_figure
@@ -65,6 +66,7 @@ def draw_ranking(rows: Sequence[RankRow]) -> Figure:
     largest = max((row.significance_sigma for row in shown), default=0.0)
     if largest > 30.0:
         axes.set_xscale("symlog", linthresh=10.0)
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.set_xlim(0.0, 1.3 * max(largest, 5.0))
     axes.set_xlabel("significance, root of the fall of χ²")
     axes.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,15 @@ MAX_SERIES = 4
 
 LINEAR_SIGMA = 3.0
 """Up to here the scale is linear, beyond logarithmic: one picture for 1 sigma and for 1000."""
+
+CROWDED, TICKS_APART = 2.2, 3.5
+"""Decades on half an axis from which ticks at LINEAR_SIGMA and at 10 touch, and those at every decade."""
+
+MAX_TICKS = 5
+"""Values of a covariate, when there are no more, that have a tick each."""
+
+_SAME = 1e-3
+"""Values closer than this share of their range are one set-point."""
 
 
 @dataclass(frozen=True)
@@ -98,8 +108,13 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
         line[0].set_ylabel(f"{channel}\n{component}".strip(), fontsize=7)
     for (version, effects), panel in zip(versions, panels[0], strict=True):
         panel.set_title(_heading(version, effects), loc="left")
+    few = _few([row.value for row in rows])
     for panel in panels[-1]:
-        panel.xaxis.set_major_locator(MaxNLocator(5))
+        if few:
+            panel.xaxis.set_major_locator(FixedLocator(few))
+            panel.xaxis.set_major_formatter(FuncFormatter(_plain))
+        else:
+            panel.xaxis.set_major_locator(MaxNLocator(5))
         panel.set_xlabel(axis_label(rows[0].covariate))
     figure.align_ylabels(panels[:, 0])
     figure.supylabel("residual / σ", fontsize=8)
@@ -111,16 +126,32 @@ def _heading(version: int, effects: str) -> str:
     return f"version {version}: " + (f"… + {last[2]}" if last[0] else last[2] or "baseline")
 
 
+def _few(values: Sequence[float]) -> list[float]:
+    """Set-points that can be written below the axis one by one; none when they are too many or too close."""
+    rising = np.unique(values)
+    span = rising[-1] - rising[0]
+    groups = np.split(rising, np.flatnonzero(np.diff(rising) > _SAME * span) + 1)
+    found = [float(group.mean()) for group in groups]
+    close = bool(np.any(np.diff(found) < span / (2 * MAX_TICKS)))
+    return [] if close or len(found) > MAX_TICKS else found
+
+
+def _plain(value: float, _: object) -> str:
+    return f"{value:.4g}".replace("-", "−")
+
+
 def _scale(axes: Axes, residuals: Sequence[float]) -> None:
     largest = max(2.0 * LINEAR_SIGMA, 2.0 * max(map(abs, residuals), default=0.0))
     axes.set_yscale("symlog", linthresh=LINEAR_SIGMA)
     axes.set_ylim(-largest, largest)
-    decades = [10.0**k for k in range(1, int(np.log10(largest)) + 1)]
-    decades = decades[:: max(1, (len(decades) + 1) // 2)] if len(decades) > 2 else decades
-    ticks = [*(-d for d in reversed(decades)), -LINEAR_SIGMA, 0.0, LINEAR_SIGMA, *decades]
-    axes.yaxis.set_major_locator(FixedLocator(ticks))
+    half = 1.0 + math.log10(
+        largest / LINEAR_SIGMA
+    )  # of the axis, in decades: up to LINEAR_SIGMA it is as long as one
+    decades = [10.0**k for k in range(1, int(math.log10(largest)) + 1, math.ceil(half / TICKS_APART))]
+    upper = [LINEAR_SIGMA, *decades] if half <= CROWDED else decades
+    axes.yaxis.set_major_locator(FixedLocator([*(-tick for tick in reversed(upper)), 0.0, *upper]))
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "−")))
+    axes.yaxis.set_major_formatter(FuncFormatter(_plain))
 
 
 def axis_label(covariate: str) -> str:

@@ -10,28 +10,32 @@ from rigctl.report.figure_data import Plate, svg_element
 
 _STYLE = """
 :root { color-scheme: light dark;
-        --paper: #ffffff; --ink: #1a1a1a; --soft: #6b6b6b; --rule: #d0d0d0; --mark: #fff3d6; }
+        --paper: #ffffff; --ink: #1a1a1a; --soft: #6b6b6b; --rule: #d0d0d0; --mark: #fff3d6; --good: #e3f3ec; }
 @media (prefers-color-scheme: dark) {
-  :root { --paper: #16181c; --ink: #e4e4e4; --soft: #9a9a9a; --rule: #3b3f46; --mark: #3d3315; }
+  :root { --paper: #16181c; --ink: #e4e4e4; --soft: #9a9a9a; --rule: #3b3f46; --mark: #3d3315; --good: #15352a; }
 }
 body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper); max-width: 58rem;
        margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.5rem; margin-bottom: 0.2rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
+h3 { font-size: 1rem; margin-top: 1.6rem; }
 p.verdict { font-size: 1.15rem; padding: 0.7rem 1rem; border-left: 4px solid #D55E00; background: var(--mark); }
-p.verdict.adequate { border-color: #009E73; }
+p.verdict.adequate { border-color: #009E73; background: var(--good); }
 .soft, figcaption { color: var(--soft); font-size: 0.87rem; }
 figure { margin: 1.2rem 0; break-inside: avoid; } svg { width: 100%; height: auto; color: var(--ink); }
 table { border-collapse: collapse; font-size: 0.87rem; margin: 0.8rem 0; }
 .wide { overflow-x: auto; }
 th, td { padding: 0.2rem 0.7rem 0.2rem 0; text-align: left; vertical-align: top;
          border-bottom: 1px solid var(--rule); }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-td.l { white-space: nowrap; }
+th { vertical-align: bottom; } td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
+td.n, td.l { white-space: nowrap; }
 tr.mark td { background: var(--mark); } code { font-size: 0.95em; }
 svg text { fill: currentColor; }
 @media print {
-  :root { color-scheme: light; --paper: #ffffff; --ink: #000000; --soft: #444444; --rule: #bbbbbb; --mark: #f4f4f4; }
-  body { margin: 0; max-width: none; font-size: 10pt; } h2 { break-after: avoid; } tr { break-inside: avoid; }
+  :root { color-scheme: light; --paper: #ffffff; --ink: #000000; --soft: #444444; --rule: #bbbbbb;
+          --mark: #eeeeee; --good: #eeeeee; }
+  body { margin: 0; max-width: none; font-size: 10pt; } h2, h3 { break-after: avoid; }
+  table { font-size: 8pt; } tr, .wide { break-inside: avoid; } .wide { overflow: visible; }
+  svg { max-height: 10.5cm; } figure { margin: 0.8rem 0; }
 }
 """
 
@@ -57,7 +61,7 @@ def heading(text: str, level: int = 2) -> str:
 
 def paragraph(text: str, kind: str = "") -> str:
     """A paragraph of plain text."""
-    return f'<p class="{escape(kind)}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+    return f'<p class="{escape(kind)}">{_words(text)}</p>' if kind else f"<p>{_words(text)}</p>"
 
 
 def command(text: str) -> str:
@@ -67,7 +71,7 @@ def command(text: str) -> str:
 
 def listing(items: Iterable[str]) -> str:
     """A list of plain texts; "" when it is empty."""
-    inside = "".join(f"<li>{escape(item)}</li>" for item in items)
+    inside = "".join(f"<li>{_words(item)}</li>" for item in items)
     return f"<ul>{inside}</ul>" if inside else ""
 
 
@@ -91,8 +95,12 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], marked: Sequenc
 def figure(plate: Plate[Any]) -> str:
     """A figure with its caption, in the page's own ink on its own paper."""
     svg = svg_element(plate).replace("#000000", "currentColor").replace("#ffffff", "var(--paper)")
-    return f"<figure>{svg}<figcaption>{escape(plate.caption)}</figcaption></figure>"
+    return f"<figure>{svg}<figcaption>{_words(plate.caption)}</figcaption></figure>"
+
+
+def _words(text: str) -> str:
+    return escape(text.replace("+-", "±"))
 
 
 def _lines(text: str) -> str:
-    return "<br>".join(map(escape, text.replace("+-", "±").split("\n")))
+    return "<br>".join(map(_words, text.split("\n")))

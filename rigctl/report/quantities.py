@@ -35,6 +35,12 @@ def probability(p: float | None) -> str:
     return f"{p:.1e}" if p < 1e-3 else f"{p:.2g}"
 
 
+def p_value(p: float | None) -> str:
+    """The same as a statement: p = 0.012, p < 1e-300."""
+    told = probability(p)
+    return f"p < {told[1:]}" if told.startswith("<") else f"p = {told}"
+
+
 def share(p: float) -> str:
     """A level as people say it: 1 %."""
     return f"{100.0 * p:g} %"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rigctl.report.quantities import counted, number, probability, quantity, share
+from rigctl.report.quantities import counted, number, p_value, quantity, share
 
 Findings = Mapping[str, Any]
 
@@ -35,7 +35,7 @@ def comparison_sentence(found: Findings) -> str:
     p, reduced, dof = found["p_value"], found["chi2_per_dof"], found["dof"]
     if dof <= 0:
         return "There are no more data than parameters: nothing can be said of the model."
-    figures = f"chi2/dof = {number(reduced)} with {dof} degrees of freedom, p = {probability(p)}"
+    figures = f"chi2/dof = {number(reduced)} with {dof} degrees of freedom, {p_value(p)}"
     if p is not None and p < ADEQUATE_P:
         return f"The model does not describe the data: {figures}."
     return f"The model describes the data within their noise: {figures}."
@@ -73,7 +73,7 @@ def _beyond(unexplained: Findings | None) -> str:
     remains = "Something remains that none of the known effects explains"
     if unexplained is None:
         return remains
-    return f"{remains}: {unexplained['description'].rstrip('.')}, p = {probability(unexplained['p_value'])}"
+    return f"{remains}: {unexplained['description'].rstrip('.')}, {p_value(unexplained['p_value'])}"
 
 
 def _not_enough(suggested: Sequence[str]) -> str:

@@ -1,0 +1,224 @@
+"""The report as a page, of stores that no rig of ours made: a table of NIST's, and another laboratory's recording."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigctl.campaign.bundle import import_bundle
+from rigctl.campaign.store import Store
+from rigctl.report import html
+from rigctl.report.document import write_report
+from rigctl.report.figure_nulls import NullRow, draw_nulls
+from rigctl.report.figure_residuals import CROWDED, ResidualRow, draw_residuals
+from rigctl.report.quantities import p_value
+from rigctl.workbench.bench import Workbench
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+VOID = {"meta", "br"}
+
+
+class Page(HTMLParser):
+    """A page's text by heading, its tables as rows of cells, its figures' captions; tags must be closed in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.sections: dict[str, str] = {"": ""}
+        self.tables: list[list[list[str]]] = []
+        self.captions: list[str] = []
+        self.figures = 0
+        self._open: list[str] = []
+        self._heading = ""
+        self.feed(text)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attributes: Any) -> None:
+        if tag in VOID:
+            return
+        self._open.append(tag)
+        if tag == "table":
+            self.tables.append([])
+        if tag == "tr":
+            self.tables[-1].append([])
+        if tag in {"td", "th"}:
+            self.tables[-1][-1].append("")
+        if tag == "figcaption":
+            self.captions.append("")
+        if tag in {"h1", "h2", "h3"}:
+            self._heading = ""
+        self.figures += tag == "svg"
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+        if tag in {"h1", "h2", "h3"}:
+            self.sections[self._heading] = ""
+
+    def handle_data(self, data: str) -> None:
+        if {"svg", "style", "title"} & set(self._open):
+            return
+        if self._open and self._open[-1] in {"h1", "h2", "h3"}:
+            self._heading += data
+            return
+        if self._open and self._open[-1] in {"td", "th"}:
+            self.tables[-1][-1][-1] += data
+        if self._open and self._open[-1] == "figcaption":
+            self.captions[-1] += data
+        self.sections[self._heading] += data
+
+    def table(self, *columns: str) -> list[dict[str, str]]:
+        """The rows of the one table with these columns."""
+        (found,) = [rows for rows in self.tables if rows[0] == list(columns)]
+        return [dict(zip(columns, row, strict=True)) for row in found[1:]]
+
+
+def reported(example: str, directory: Path, *effects: str) -> tuple[Page, set[str]]:
+    """An example imported, effects added, its report read; and the figures that were written beside it."""
+    store = directory / f"{example}.rig.sqlite"
+    import_bundle(EXAMPLES / example, store).close()
+    with Store.open(store) as opened:
+        bench = Workbench(opened)
+        bench.add(effects)
+        written = write_report(bench, directory / "r.html", directory / "figures", lambda _: None)
+    assert all(path.is_file() for path in written)
+    text = (directory / "r.html").read_text(encoding="utf-8")
+    assert not re.search(r"\b(nan|None|inf)\b", re.sub(r"<svg.*?</svg>", "", text, flags=re.DOTALL))
+    assert "+-" not in text
+    return Page(text), {path.stem for path in written if path.suffix == ".svg"}
+
+
+@pytest.fixture(scope="module")
+def pontius(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, set[str]]:
+    return reported("pontius", tmp_path_factory.mktemp("pontius"), "power2[load_lb]")
+
+
+@pytest.fixture(scope="module")
+def unknown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, set[str]]:
+    return reported("unknown-effect", tmp_path_factory.mktemp("unknown"))
+
+
+def test_a_tables_report_tells_of_readings_and_of_nothing_that_a_table_has_not(
+    pontius: tuple[Page, set[str]],
+) -> None:
+    page, figures = pontius
+    assert "Calibration of a load cell: a line is not enough" in page.sections
+    assert "table, 40 readings; model version 2: baseline + power2[load_lb]" in " ".join(page.sections.values())
+    assert figures == {"ladder", "residuals_load_lb", "ranking"}
+    assert page.figures == 3
+    assert "What is left in the samples" not in page.sections
+    assert page.table("channel", "rms", "noise", "unit", "χ²/n")[0]["channel"] == "deflection_in"
+
+
+def test_a_tables_ladder_and_parameters_are_the_fits(pontius: tuple[Page, set[str]]) -> None:
+    page, _ = pontius
+    first, second = page.table("version", "change", "χ²/dof", "error", "held out", "result")
+    assert (first["change"], second["change"]) == ("baseline", "+ power2[load_lb]")
+    assert float(first["error"]) > 10.0
+    assert float(second["held out"]) == pytest.approx(0.98, abs=0.03)
+    values = {row["parameter"]: row["value"] for row in page.table("parameter", "value")}
+    # NIST's certified values: 6.73565789473684e-04, 7.32059160401003e-07, -3.16081871345029e-15.
+    assert values == {
+        "b0": "(6.7 ± 1.1)e-04",
+        "b1": "(7.3206 ± 0.0016)e-07",
+        "power2[load_lb]": "(-3.161 ± 0.049)e-15 in/lb2",
+    }
+
+
+def test_a_tables_candidates_have_sizes_without_their_name(pontius: tuple[Page, set[str]]) -> None:
+    page, _ = pontius
+    columns = ("effect", "size", "p, corrected", "held-out error ratio", "cannot be told from")
+    sizes = {row["effect"]: row["size"] for row in page.table(*columns)}
+    assert sizes["power3[load_lb]"].startswith("(")
+    assert any(size.startswith("cos = ") for size in sizes.values())
+    assert not any(size.startswith("=") for size in sizes.values())
+    assert "in no order" in page.sections["Cannot be tested with these data"]
+
+
+def test_an_imported_recordings_report_says_what_remains_once(unknown: tuple[Page, set[str]]) -> None:
+    page, _ = unknown
+    everything = " ".join(page.sections.values())
+    assert "840 data of 48 runs; model version 1: the baseline alone" in everything
+    assert everything.count("none of the known effects explains") == 1
+    assert everything.count("with pressure_hpa") == 1
+    assert "they do not suffice" in everything
+    assert "rigctl model add unknown-effect.rig.sqlite resonance roll-gravity" in everything
+    assert "p < 1e-300" in page.sections["Residuals"]
+
+
+def test_an_imported_recordings_figures_are_those_it_has_data_for(unknown: tuple[Page, set[str]]) -> None:
+    page, figures = unknown
+    assert {"residuals_pressure_hpa", "spectrum_accel_v", "spectrum_laser_1_mm", "fig12", "nulls"} <= figures
+    assert "residuals_mounting" not in figures
+    assert not {"budget", "fig15"} & figures
+    assert "budget: no axis was found" in page.sections["Result"]
+    assert "plane of axis X" in page.sections["Result"]
+
+
+def test_one_version_makes_no_ladder_and_one_mounting_one_figure_12(unknown: tuple[Page, set[str]]) -> None:
+    page, figures = unknown
+    assert not any("Error of each model version" in caption for caption in page.captions)
+    assert {"ladder", "fig12", "fig12_X_flag"} <= figures
+    assert sum("Response in phase" in caption for caption in page.captions) == 1
+    assert page.figures == len(figures) - 2
+
+
+def test_a_page_is_plain_text_made_safe() -> None:
+    text = html.table(["#n", "a & b", "nothing"], [["1 +- 2", "<x>\ny", ""]], [True])
+    page = Page(text)
+    assert page.table("n", "a & b") == [{"n": "1 ± 2", "a & b": "<x>y"}]
+    assert '<tr class="mark">' in text
+    assert html.paragraph("1 +- 2 <b>", "soft") == '<p class="soft">1 ± 2 &lt;b&gt;</p>'
+    assert html.listing([]) == ""
+
+
+def test_a_p_value_too_small_to_tell_is_below_a_bound() -> None:
+    assert [p_value(p) for p in (0.0123, 0.0, None)] == ["p = 0.012", "p < 1e-300", "p = -"]
+
+
+def rows(values: Any, residuals: Any) -> list[ResidualRow]:
+    pairs = zip(values, residuals, strict=True)
+    return [ResidualRow("c", float(x), 1, "", "v", "", str(i), float(r)) for i, (x, r) in enumerate(pairs)]
+
+
+@pytest.mark.parametrize(
+    ("values", "labels"),
+    [
+        ([-1.0, 1.0] * 8, ["−1", "1"]),
+        ([0.3, 0.3000001, 0.5, 0.6], ["0.3", "0.5", "0.6"]),
+    ],
+    ids=["directions", "frequencies as found"],
+)
+def test_a_few_set_points_have_a_tick_each(values: list[float], labels: list[str]) -> None:
+    figure = draw_residuals(rows(values, np.zeros(len(values))))
+    figure.draw_without_rendering()
+    assert [text.get_text() for text in figure.axes[0].xaxis.get_ticklabels()] == labels
+
+
+@pytest.mark.parametrize("values", [np.linspace(0.0, 1.0, 40), np.array([0.0, 0.01, 1.0])], ids=["many", "close"])
+def test_other_covariates_have_round_ticks(values: np.ndarray) -> None:
+    ticks = draw_residuals(rows(values, np.zeros(len(values)))).axes[0].get_xticks()
+    assert len(ticks) > 3
+    assert np.diff(ticks) == pytest.approx(ticks[1] - ticks[0])
+
+
+@pytest.mark.parametrize("largest", [2.0, 4.9, 20.0, 60.0, 400.0, 3e3, 5e4, 1e7])
+def test_ticks_of_residuals_do_not_touch(largest: float) -> None:
+    figure = draw_residuals(rows([0.0, 1.0], [largest, -largest]))
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    places = axes.transData.transform([(0.0, tick) for tick in axes.get_yticks()])[:, 1]
+    height_px = 7.0 / 72.0 * figure.dpi
+    assert len(places) >= 3
+    assert np.diff(places).min() > height_px
+    assert (3.0 in axes.get_yticks()) == (1.0 + np.log10(max(2.0 * largest, 6.0) / 3.0) <= CROWDED)
+
+
+def test_mountings_are_counted_in_whole_numbers() -> None:
+    figure = draw_nulls([NullRow("X", "flag", 4, 0.13, 0.35)])
+    low, high = figure.axes[1].get_xlim()
+    assert [tick for tick in figure.axes[1].get_xticks() if low <= tick <= high] == [4.0]
