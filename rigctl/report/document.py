@@ -47,7 +47,8 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Evidence:
-    """Everything a report shows. `result` is as `rigctl result --json`, `left_out` says why a figure is not there."""
+    """Everything a report shows. `result` is as `rigctl result --json`, empty where there are no sensing axes;
+    `left_out` says why a figure is not there."""
 
     store: Path
     title: str
@@ -63,6 +64,7 @@ class Evidence:
     residuals: Sequence[Plate[Any]]
     spectra: Sequence[Plate[Any]]
     own: Sequence[Plate[Any]]
+    result: Mapping[str, Any]
     left_out: Mapping[str, str]
 
     @property
@@ -102,7 +104,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
     tell("diagnosing")
     diagnosis = versions.kept_diagnosis(store, current, ALPHA) or bench.diagnose(ALPHA, tell).as_json()
     tell("drawing")
-    own, left_out = _own_figures(bench)
+    result, own, left_out = _sensing_axes(bench)
     last = comparisons[-1]
     spectra: list[Plate[Any]] = []
     if store.header.experiment == "sensing-axis":
@@ -123,6 +125,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
         residuals=list(residual_plates(comparisons)),
         spectra=spectra,
         own=own,
+        result=result,
         left_out=left_out,
     )
 
@@ -141,15 +144,16 @@ def _side_by_side(bench: Workbench, tell: Tell) -> Iterator[versions.ModelVersio
         yield version
 
 
-def _own_figures(bench: Workbench) -> tuple[list[Plate[Any]], dict[str, str]]:
-    """The figures of the experiment itself."""
+def _sensing_axes(bench: Workbench) -> tuple[dict[str, Any], list[Plate[Any]], dict[str, str]]:
+    """The result of the experiment itself, its figures, and why one is not there."""
     store = bench.store
     if store.header.experiment != "sensing-axis":
-        return [], {}
+        return {}, [], {}
     try:
-        return plates_of(results.analyse(bench), results.uncertainties_of(store))
+        found = results.analyse(bench)
+        return found.as_json(), *plates_of(found, results.uncertainties_of(store))
     except (ProcedureError, DataError) as error:
-        return [], {"figures of the sensing axes": str(error)}
+        return {}, [], {"figures of the sensing axes": str(error)}
 
 
 def page(evidence: Evidence) -> str:
@@ -252,6 +256,31 @@ def _ranking(found: Mapping[str, Any]) -> str:
     return text
 
 
+def _axes(result: Mapping[str, Any]) -> Iterator[str]:
+    """Sensing axes and the angles between them, as far as there are any."""
+    axes, angles = result.get("axes", {}), result.get("angles", {})
+    if axes:
+        yield html.paragraph("Sensing axes in the cube's frame, with their half-cone deviation at 2 sigma.")
+        yield html.table(
+            ["axis", "#x", "#y", "#z", "#half-cone / arcsec", "#required / arcsec", "#vectors", "verdict"],
+            [
+                [
+                    name,
+                    *(f"{component:+.6f}" for component in axis["coc"]),
+                    f"{axis['std_hc_2sigma_arcsec']:.2f}",
+                    number(axis["requirement_arcsec"]),
+                    str(axis["vectors"]),
+                    "pass" if axis["pass"] else "fail",
+                ]
+                for name, axis in axes.items()
+            ],
+            [not axis["pass"] for axis in axes.values()],
+        )
+    if angles:
+        rows = [[pair, quantity(angle["deg"], angle["sigma_deg"], "deg")] for pair, angle in angles.items()]
+        yield html.table(["axes", "#angle between them"], rows)
+
+
 def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:
     """Without those that show what an earlier one shows: the paper's figure 12 is that of one of the mountings."""
     found: list[Plate[Any]] = []
@@ -262,6 +291,7 @@ def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:
 
 
 def _result(evidence: Evidence) -> Iterator[str]:
+    yield from _axes(evidence.result)
     yield from map(html.figure, _distinct(evidence.own))
     yield html.listing(f"{what}: {reason}" for what, reason in evidence.left_out.items())
     yield html.table(

@@ -260,6 +260,15 @@ def test_figures_of_a_campaign_are_written_by_a_command(desk: Any, measured: Pat
     desk.rigctl("report", measured).refused(2, "nothing to write", "--figures")
 
 
+def test_a_report_holds_the_axis_itself(desk: Any, measured: Path) -> None:
+    axis = desk.rigctl("result", measured, "--json").json["axes"]["X"]
+    assert desk.rigctl("report", measured, "--out", "x.html").status == 0
+    page = (desk.directory / "x.html").read_text()
+    found = page[page.index("<h2>Result</h2>") :]
+    for text in (*(f"{component:+.6f}" for component in axis["coc"]), f"{axis['std_hc_2sigma_arcsec']:.2f}", "pass"):
+        assert f">{text}</td>" in found
+
+
 def test_json_has_no_infinities(desk: Any, measured: Path) -> None:
     def refuse(constant: str) -> None:
         raise AssertionError(f"{constant} is no JSON")
