@@ -24,7 +24,9 @@ EXPONENTS = (1.0, 1.64, 2.4)
 """Of power laws 1/f^a: flicker; what precision accelerometers show; near a random walk."""
 
 TIME_CONSTANTS = 6
-WHITE_ODDS = 1.0
+WHITE_ODDS = 3.0
+"""How much likelier white noise is beforehand than all correlated kinds together."""
+
 SATURATED_SHARE = 2.0 / 3.0
 """At least this share of a pool's data is left to tell its noise."""
 
@@ -181,7 +183,7 @@ class _Pool:
     def estimate(self, residuals: FloatArray) -> tuple[float, list[tuple[float, Correlation]]]:
         """Scale, and correlations with their weights, `residuals` in units of the given sigma.
 
-        Weights are restricted likelihoods; white noise counts as much beforehand as all others together.
+        Weights are restricted likelihoods; white noise is the likelier beforehand.
         """
         if self._free <= 0:
             return 1.0, [(1.0, _WHITE)]
