@@ -277,7 +277,7 @@ class Attempt:
             counts[candidate.term.effect] = counts.get(candidate.term.effect, 0) + 1
         few = [c.derivative for c in self.candidates if counts[c.term.effect] <= _SCANNED]
 
-        def possible(where: IntArray) -> FloatArray:
-            return stacked([*(columns[where] for columns in few), self.generic.main_columns(where)], len(where))
+        def possible(where: IntArray) -> list[FloatArray]:
+            return [stacked([columns[where] for columns in few], len(where)), self.generic.main_columns(where)]
 
         return NoiseEstimator(given, required, possible)

@@ -24,7 +24,10 @@ EXPONENTS = (1.0, 1.64, 2.4)
 """Of power laws 1/f^a: flicker; what precision accelerometers show; near a random walk."""
 
 TIME_CONSTANTS = 6
-SATURATED_SHARE = 1.0 / 3.0
+WHITE_ODDS = 3.0
+"""How much likelier white noise is beforehand than all correlated kinds together."""
+
+SATURATED_SHARE = 2.0 / 3.0
 """At least this share of a pool's data is left to tell its noise."""
 
 LARGEST_POOL = 400
@@ -96,12 +99,13 @@ class Noise:
 class NoiseEstimator:
     """Estimates the noise of one set of observations from residuals, again and again.
 
-    `required` (n, m) are the derivatives of what is fitted, `possible` gives those of what might be hidden (data, k)
-    at some of the data; both are projected out of each pool that needs its scatter, the latter as far as possible.
+    `required` (n, m) are the derivatives of what is fitted, `possible` gives those of what might be hidden at
+    some of the data, matrices (data, k) in order of precedence; both are projected out of each pool that needs its
+    scatter, the latter as far as there is room.
     """
 
     def __init__(
-        self, observations: Observations, required: FloatArray, possible: Callable[[IntArray], FloatArray]
+        self, observations: Observations, required: FloatArray, possible: Callable[[IntArray], Sequence[FloatArray]]
     ) -> None:
         self._given = observations
         self._pools = [
@@ -159,14 +163,14 @@ class _Pool:
         given: Observations,
         where: IntArray,
         required: FloatArray,
-        possible: Callable[[IntArray], FloatArray],
+        possible: Callable[[IntArray], Sequence[FloatArray]],
         order: str | None,
     ) -> None:
         self.where = where
         self._group = given.group_of[where]
         self._at = _usable(given.of_runs(order)[where]) if order is not None else None
         weights = given.sigma[where][:, None]
-        self.basis = saturated(required[where] / weights, possible(where) / weights)
+        self.basis = saturated(required[where] / weights, [columns / weights for columns in possible(where)])
         self.dof = max(len(where) - self.basis.shape[1], _FLOOR_DOF)
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
@@ -179,7 +183,7 @@ class _Pool:
     def estimate(self, residuals: FloatArray) -> tuple[float, list[tuple[float, Correlation]]]:
         """Scale, and correlations with their weights, `residuals` in units of the given sigma.
 
-        Weights are restricted likelihoods; white noise counts as much beforehand as all others together.
+        Weights are restricted likelihoods; white noise is the likelier beforehand.
         """
         if self._free <= 0:
             return 1.0, [(1.0, _WHITE)]
@@ -187,7 +191,7 @@ class _Pool:
         rss = np.array([max(trial.rss(near), np.finfo(float).tiny) for trial in self._trials])
         cost = self._free * np.log(rss) + np.array([trial.penalty for trial in self._trials])
         weight = np.exp(-0.5 * (cost - cost.min()))
-        weight[1:] /= max(len(self._trials) - 1, 1)
+        weight[1:] /= WHITE_ODDS * max(len(self._trials) - 1, 1)
         weight = np.where(weight > _NEGLIGIBLE * weight.max(), weight, 0.0)
         if len(self.where) > LARGEST_POOL:  # so many data have decided; sums of large matrices are not worth it
             weight = np.where(weight == weight.max(), weight, 0.0)
@@ -282,19 +286,24 @@ class _Trial:
         return float(turned @ (self._precision * turned) - along @ self._inverse @ along)
 
 
-def saturated(required: FloatArray, possible: FloatArray) -> FloatArray:
-    """Orthonormal basis of all that is fitted and, as far as enough data remain, of all that might be hidden."""
+def saturated(required: FloatArray, possible: Sequence[FloatArray]) -> FloatArray:
+    """Orthonormal basis of all that is fitted and, as far as enough data remain, of all that might be hidden.
+
+    `possible` in the order of precedence: what has no place poses as noise.
+    """
     data = len(required)
     basis = orthonormal(required, 1e-9)
-    room = int(min(data * (1.0 - SATURATED_SHARE), data - 8)) - basis.shape[1]
-    norms = np.linalg.norm(possible, axis=0)
-    seen = possible[:, norms > 0.0] / norms[norms > 0.0]
-    if room <= 0 or not seen.shape[1]:
-        return basis
-    left = seen - basis @ (basis.T @ seen)
-    further, triangle, _ = qr(left, mode="economic", pivoting=True)
-    size = np.abs(np.diag(triangle))
-    return np.hstack([basis, further[:, : min(room, int(np.sum(size > _INDEPENDENT)))]])
+    most = int(min(data * (1.0 - SATURATED_SHARE), data - 8))
+    for columns in possible:
+        norms = np.linalg.norm(columns, axis=0)
+        seen = columns[:, norms > 0.0] / norms[norms > 0.0]
+        room = most - basis.shape[1]
+        if room <= 0 or not seen.shape[1]:
+            continue
+        further, triangle, _ = qr(seen - basis @ (basis.T @ seen), mode="economic", pivoting=True)
+        size = np.abs(np.diag(triangle))
+        basis = np.hstack([basis, further[:, : min(room, int(np.sum(size > _INDEPENDENT)))]])
+    return basis
 
 
 def orthonormal(columns: FloatArray, tolerance: float) -> FloatArray:

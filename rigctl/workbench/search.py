@@ -10,9 +10,10 @@ import numpy as np
 
 from rigctl.errors import RigError
 from rigctl.workbench.attempt import Attempt, Scored
+from rigctl.workbench.fit import chi2_p_value
 from rigctl.workbench.generic import Best, Generic
 from rigctl.workbench.held_out import HeldOut
-from rigctl.workbench.noise import orthonormal
+from rigctl.workbench.noise import Noise, orthonormal
 from rigctl.workbench.score import UNDETERMINED, Projector, contained, corrected, p_of
 from rigctl.workbench.study import IntArray, Line, Study, Term
 
@@ -70,6 +71,7 @@ class Search:
         self.moves = [Move(self.given, None, ())]
         self.unexplained: Best | None = None
         self.lines: list[Line] = []
+        self._barred: str | None = None
 
     def attempt(self, terms: Sequence[Term]) -> Attempt:
         """The model with these terms, fitted and scored once."""
@@ -87,6 +89,26 @@ class Search:
 
     def run(self) -> None:
         """Add and drop until nothing that is left can be explained."""
+        self._climb()
+        final = self.attempt(self.terms)
+        if self.unexplained is None and not chi2_p_value(final) < self.alpha:
+            return
+        for term in self.suggested:
+            detour = self._without(term.effect)
+            if detour.unexplained is None and detour.price(final.noise) < self.price(final.noise):
+                self.terms, self.moves = detour.terms, detour.moves
+                self.lines, self.unexplained = detour.lines, None
+                return
+
+    def price(self, noise: Noise) -> float:
+        """Chi-square of what was found, with one noise for all that is compared, and what its parameters cost."""
+        attempt = self.attempt(self.terms)
+        white = noise.whiten(attempt.unexplained())
+        pulls = attempt.left[len(white) :]
+        added = sum(owner in {term.effect for term in self.suggested} for owner in attempt.model.owners)
+        return float(white @ white + pulls @ pulls) + added * float(np.log(len(white)))
+
+    def _climb(self) -> None:
         while len(self.suggested) < MOST_TERMS:
             attempt = self.attempt(self.terms)
             self._progress(f"effects added: {len(self.suggested)}, candidates: {len(attempt.candidates)}")
@@ -98,13 +120,21 @@ class Search:
                 break
             self.terms = terms
             self.moves.append(Move(terms, chosen.effect, dropped))
-        final = self.attempt(self.terms)
-        self._add_lines(final)
+        self._add_lines(self.attempt(self.terms))
         self.unexplained = self._unexplained(self.attempt(self.terms))
+
+    def _without(self, effect: str) -> Search:
+        """The search with one effect barred: what stands in for two others keeps either of them out."""
+        detour = Search(self.study, self.given, self.alpha, self._seed, self._progress)
+        detour._attempts, detour._shapes, detour._values = self._attempts, self._shapes, self._values
+        detour._barred = effect
+        detour._climb()
+        return detour
 
     def _choose(self, attempt: Attempt) -> Term | None:
         """The term to add; None when nothing in the catalogue is significant, or a plain shape explains it better."""
-        significant = [each for each in attempt.scored if self._significant(attempt, each)]
+        allowed = [each for each in attempt.scored if each.candidate.term.effect != self._barred]
+        significant = [each for each in allowed if self._significant(attempt, each)]
         if not significant:
             return None
         if self._foreign(attempt, max(significant, key=attempt.evidence)):

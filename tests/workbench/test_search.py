@@ -35,14 +35,14 @@ def free_column(made_up: Any, effect: FloatArray) -> FloatArray:
     return np.asarray(left / np.linalg.norm(left))
 
 
-def imitation(made_up: Any) -> dict[str, FloatArray]:
-    """Two effects and a proxy, nearly their sum."""
+def imitation(made_up: Any, share: float = 0.6) -> dict[str, FloatArray]:
+    """Two effects and a proxy: their sum, and a share of something else."""
     catalogue = made_up.catalogue()
     a, b = free_column(made_up, catalogue["lag"]), free_column(made_up, catalogue["hysteresis"])
     other = free_column(made_up, np.random.default_rng(8).standard_normal((144, 1)) * (np.arange(144) < 96)[:, None])
     return {
         **{name: catalogue[name] for name in ("roll", "pitch", "square", "lag", "hysteresis")},
-        "proxy": (a + b + 0.6 * other)[:, None],
+        "proxy": (a + b + share * other)[:, None],
     }
 
 
@@ -55,6 +55,15 @@ def test_a_proxy_is_dropped_once_what_it_stood_for_is_in(made_up: Any, at_least:
         dropped += any("proxy" in move.dropped for move in search.moves)
     assert at_least(exact, 10, 0.95)
     assert at_least(dropped, 10, 0.95)
+
+
+def test_a_proxy_that_keeps_out_both_it_stands_for_is_barred_for_once(made_up: Any) -> None:
+    """Beside the proxy neither of the two is significant: one step at a time does not get there."""
+    effects = imitation(made_up, 0.35)
+    a, b = free_column(made_up, effects["lag"]), free_column(made_up, effects["hysteresis"])
+    for seed in range(4):
+        search = searched(made_up.study(seed, foreign=40.0 * (a + b), effects=effects))
+        assert names(search) == {"lag", "hysteresis"}
 
 
 def test_two_that_imitate_a_third_leave_when_it_comes(made_up: Any, at_least: Any) -> None:
