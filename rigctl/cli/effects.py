@@ -86,7 +86,7 @@ def _print_catalogue(found: Sequence[Effect]) -> None:
     for each in found:
         say(f"{each.id:{width}}  {each.summary}")
     say("A `table` recording has a catalogue made from its columns: linear[C], power2[C], power3[C], inverse[C],")
-    say("exponential[C], periodic[C], step[C], interaction[A,B], drift.")
+    say("exponential[C], periodic[C], step[C], interaction[A,B], drift; of its words level[C].")
 
 
 def _print_effect(effect: Effect) -> None:

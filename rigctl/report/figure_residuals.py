@@ -26,6 +26,9 @@ LINEAR_SIGMA = 3.0
 CROWDED, TICKS_APART = 2.2, 3.5
 """Decades on half an axis from which ticks at LINEAR_SIGMA and at 10 touch, and those at every decade."""
 
+LETTERS = 80
+"""Of words below all panels side by side, as many as have room."""
+
 MAX_TICKS = 5
 """Values of a covariate, when there are no more, that have a tick each."""
 
@@ -35,10 +38,11 @@ _SAME = 1e-3
 
 @dataclass(frozen=True)
 class ResidualRow:
-    """One datum under one version of the model."""
+    """One datum under one version of the model; `level` is the word that `value` stands for, "" for a number."""
 
     covariate: str
     value: float
+    level: str
     version: int
     effects: str
     channel: str
@@ -76,12 +80,13 @@ def residual_plate(covariate: str, comparisons: Sequence[Comparison]) -> Plate[R
 def _rows(covariate: str, comparison: Comparison) -> Iterator[ResidualRow]:
     given = comparison.observations
     effects = " + ".join(term.effect for term in comparison.terms)
-    values = given.of_runs(covariate)
+    values, levels = given.of_runs(covariate), given.levels.get(covariate, ())
     for i in np.flatnonzero(np.isfinite(values)):
         series = given.series[given.series_of[i]]
         yield ResidualRow(
             covariate,
             float(values[i]),
+            levels[int(values[i])] if levels else "",
             comparison.version,
             effects,
             series.channel,
@@ -108,9 +113,13 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
         line[0].set_ylabel(f"{channel}\n{component}".strip(), fontsize=7)
     for (version, effects), panel in zip(versions, panels[0], strict=True):
         panel.set_title(_heading(version, effects), loc="left")
+    words = {row.value: row.level for row in rows if row.level}
+    upright = sum(len(word) + 1 for word in words.values()) * len(versions) > LETTERS
     few = _few([row.value for row in rows])
     for panel in panels[-1]:
-        if few:
+        if words:
+            panel.set_xticks(list(words), list(words.values()), rotation=90.0 if upright else 0.0)
+        elif few:
             panel.xaxis.set_major_locator(FixedLocator(few))
             panel.xaxis.set_major_formatter(FuncFormatter(_plain))
         else:

@@ -214,7 +214,7 @@ def _print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str
     if not rows:
         return
     told = [place for place in range(len(columns)) if any(row[place] for row in rows)]
-    table = Table(title=title, title_justify="left", padding=(0, 1))
+    table = Table(title=Text(title), title_justify="left", padding=(0, 1))
     for place in told:
         name = columns[place]
         table.add_column(name, justify="left" if name in _LEFT else "right", overflow="fold")

@@ -86,7 +86,7 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
         rows = np.flatnonzero(given.series_of == number)
         for name in covariates:
             values = given.of_runs(name)[rows]
-            columns = _steps(values)
+            columns = _steps(values, bins=max(BINS, len(given.levels.get(name, ()))))
             if columns is None:
                 continue
             whole = np.zeros((len(given.value), columns.shape[1]))
@@ -113,11 +113,13 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
     )
 
 
-def _steps(values: FloatArray) -> FloatArray | None:
-    """Indicators of a covariate's values, or of five bins of equal count, less their mean; None when constant."""
+def _steps(values: FloatArray, bins: int) -> FloatArray | None:
+    """Indicators of a covariate's values, or of so many bins of equal count, less their mean; None when constant."""
     if not np.isfinite(values).all() or np.ptp(values) <= 0.0:
         return None
-    edges = np.unique(values) if len(np.unique(values)) <= BINS else np.quantile(values, np.linspace(0, 1, BINS + 1))
+    edges = np.unique(values)
+    if len(edges) > bins:
+        edges = np.quantile(values, np.linspace(0, 1, bins + 1))
     where: IntArray = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 1)
     indicator = np.equal.outer(where, np.unique(where)).astype(np.float64)
     indicator = indicator[:, indicator.sum(axis=0) >= 1]

@@ -273,7 +273,7 @@ def _covariates(given: Observations, rows: IntArray) -> list[str]:
     used = [given.of_runs(name)[rows] for name in (given.angle, given.frequency) if name is not None]
     for name in given.covariates:
         own = given.of_runs(name)[rows]
-        if name in (given.angle, given.frequency) or not np.isfinite(own).all() or np.ptp(own) <= 0.0:
+        if name in (given.angle, given.frequency, *given.levels) or not np.isfinite(own).all() or np.ptp(own) <= 0.0:
             continue
         if any(np.ptp(each) > 0.0 and abs(np.corrcoef(own, each)[0, 1]) > _COPY for each in used):
             continue

@@ -54,9 +54,10 @@ class Observations:
     Shapes: `value`, `sigma` (standard uncertainty, or relative weight; in the series' unit), `series_of`, `run_of`,
     `pool_of`, `group_of` (which data's noise may be correlated at all: one sensor's) are all (n,), the latter four
     indices. `covariates` are columns over the runs, (runs,), NaN where unknown: set-points, temperature, time, the
-    recording's own extra columns. `block_of` (runs,) numbers the blocks that are held out together: mountings, else
-    stretches of time. `angle` and `frequency` name the covariates, in degrees and hertz, in which the experiment's
-    signals are periodic or go as powers; None when it has none.
+    recording's own extra columns. One of words has its `levels`, and its values are places among these. `block_of`
+    (runs,) numbers the blocks that are held out together: mountings, else stretches of time. `angle` and `frequency`
+    name the covariates, in degrees and hertz, in which the experiment's signals are periodic or go as powers; None
+    when it has none.
     """
 
     run_ids: tuple[str, ...]
@@ -70,6 +71,7 @@ class Observations:
     group_of: IntArray
     block_of: IntArray
     covariates: Mapping[str, FloatArray] = field(default_factory=dict)
+    levels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     angle: str | None = None
     frequency: str | None = None
 

@@ -182,7 +182,7 @@ def test_a_p_value_too_small_to_tell_is_below_a_bound() -> None:
 
 def rows(values: Any, residuals: Any) -> list[ResidualRow]:
     pairs = zip(values, residuals, strict=True)
-    return [ResidualRow("c", float(x), 1, "", "v", "", str(i), float(r)) for i, (x, r) in enumerate(pairs)]
+    return [ResidualRow("c", float(x), "", 1, "", "v", "", str(i), float(r)) for i, (x, r) in enumerate(pairs)]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 
 from rigctl.effects.catalogue import unknown_effect
 from rigctl.errors import ConfigError
-from rigctl.experiments.table.forms import Drift, Form, Interaction, Power
+from rigctl.experiments.table.forms import Drift, Form, Interaction, Level, Power
 from rigctl.experiments.table.readings import Column, Readings
 from rigctl.experiments.table.scanned import Exponential, Periodic, Scanned, Step
 
@@ -20,16 +20,19 @@ def generic(readings: Readings) -> dict[str, Form]:
     for name, exponent in (("linear", 1), ("power2", 2), ("power3", 3), ("inverse", -1)):
         forms += [Power(f"{name}[{column.name}]", column, exponent) for column in columns]
     forms += [Interaction(one, other) for one, other in combinations(columns, 2)]
+    forms += [Level(category) for category in readings.categories.values()]
     forms += [kind(column) for kind in (Step, Exponential, Periodic) for column in columns]
     return {form.id: form for form in forms}
 
 
 def columns_of(form: Form) -> tuple[Column, ...]:
-    """The columns a form looks at."""
+    """The columns of numbers a form looks at."""
     if isinstance(form, Interaction):
         return (form.one, form.other)
     if isinstance(form, Drift):
         return (form.column,) if form.column else ()
+    if isinstance(form, Level):
+        return ()
     assert isinstance(form, Power | Scanned)
     return (form.column,)
 

@@ -9,10 +9,12 @@ from typing import Protocol
 
 import numpy as np
 
-from rigctl.experiments.table.readings import Column
+from rigctl.experiments.table.readings import Category, Column
 from rigctl.interfaces import FloatArray
 
 Choice = Mapping[str, float]
+
+_READINGS_OF_A_LEVEL = 2
 
 
 class Form(Protocol):
@@ -194,6 +196,59 @@ class Interaction:
         """A constant, and each column alone."""
         x, y = self.one.values - self.one.middle, self.other.values - self.other.middle
         return [np.ones(x.size), x, y]
+
+
+@dataclass(frozen=True)
+class Level:
+    """One number for each level of a column of words but the first, which it is counted from: `level[C]`."""
+
+    category: Category
+
+    @property
+    def id(self) -> str:
+        """As in commands."""
+        return f"level[{self.category.name}]"
+
+    @property
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+        return f"Something is different for each {self.category.name}."
+
+    def untestable(self) -> str:
+        """Why not, or ""."""
+        name, levels, counts = self.category.name, self.category.levels, self.category.counts
+        if missing := np.count_nonzero(self.category.values == ""):
+            return f"{name} has no value in {missing} readings"
+        if len(levels) == 1:
+            return f"{name} is {levels[0]} in all readings"
+        if not self.category.names_groups:
+            return f"{name} takes {len(levels)} different values in {sum(counts)} readings: too many for levels"
+        lonely = [level for level, count in zip(levels, counts, strict=True) if count < _READINGS_OF_A_LEVEL]
+        if lonely:
+            return f"{name} is {lonely[0]} in fewer than {_READINGS_OF_A_LEVEL} readings"
+        return ""
+
+    def names(self) -> tuple[str, ...]:
+        """What a level has more than the first, such as .B-A."""
+        first, *others = self.category.levels
+        return tuple(f".{level}-{first}" for level in others)
+
+    def units(self, response: str) -> tuple[str, ...]:
+        """The response's."""
+        return (response,) * (len(self.category.levels) - 1)
+
+    def basis(self, choice: Choice) -> FloatArray:
+        """1 where a reading is of the level, shape (n, levels - 1)."""
+        del choice
+        return np.asarray(self.category.codes[:, None] == np.arange(1, len(self.category.levels)), dtype=np.float64)
+
+    def parts(self, choice: Choice) -> list[FloatArray]:
+        """The basis in one piece."""
+        return [self.basis(choice)]
+
+    def trivial(self) -> list[FloatArray]:
+        """A constant."""
+        return [np.ones(self.category.values.size)]
 
 
 def too_few(column: Column, needed: int) -> str:

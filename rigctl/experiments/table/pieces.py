@@ -11,7 +11,7 @@ import numpy as np
 from rigctl.effects.catalogue import Effect
 from rigctl.errors import DataError
 from rigctl.experiments.table.forms import Choice, Form
-from rigctl.experiments.table.readings import Readings
+from rigctl.experiments.table.readings import Readings, TextArray
 from rigctl.experiments.table.scanned import Periodic, Scanned, Step
 from rigctl.fitting.least_squares import Parameter
 from rigctl.interfaces import FloatArray
@@ -123,12 +123,12 @@ class ReadingsRun:
     """What a plug-in effect is given: `signal` is the response as the baseline predicts it, shape (n,)."""
 
     signal: FloatArray
-    columns: Mapping[str, FloatArray]
+    columns: Mapping[str, FloatArray | TextArray]
 
-    def column(self, name: str) -> FloatArray:
-        """A column of readings.csv over the rows in use; `DataError` when there is none."""
+    def column(self, name: str) -> FloatArray | TextArray:
+        """A column of readings.csv over the rows in use, of numbers or of words; `DataError` when there is none."""
         if name not in self.columns:
-            raise DataError(f"readings.csv has no column {name} of numbers; it has {', '.join(self.columns)}")
+            raise DataError(f"readings.csv has no column {name}; it has {', '.join(self.columns)}")
         return self.columns[name]
 
 
@@ -162,7 +162,7 @@ class PluginPiece:
     def added(self, values: FloatArray, signal: FloatArray) -> FloatArray:
         """See `Piece`; `DataError` when the plug-in gives something else than a finite number per row."""
         given = {name: np.float64(value) for name, value in zip(self.effect.parameters, values, strict=True)}
-        found = np.asarray(self.effect(ReadingsRun(signal, self.readings.numbers), **given), dtype=np.float64)
+        found = np.asarray(self.effect(ReadingsRun(signal, self.readings.given), **given), dtype=np.float64)
         if found.shape not in {(), signal.shape}:
             raise DataError(
                 f"effect {self.effect.id} gives shape {found.shape} for {signal.size} readings; return one each"

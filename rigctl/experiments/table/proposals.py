@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigctl.experiments.table.readings import Column, Readings
+from rigctl.experiments.table.readings import Category, Column, Readings
 from rigctl.interfaces import FloatArray
 from rigctl.workbench.study import Proposal
 
@@ -49,6 +49,7 @@ def with_proposals(readings: Readings, proposals: Sequence[Proposal]) -> Reading
         readings,
         response=replace(response, values=_joined(response.values, np.full(count, response.values.mean()))),
         columns=columns,
+        categories={name: _as_last(category, count) for name, category in readings.categories.items()},
         labels=(*readings.labels, *(f"proposed {i + 1}" for i in range(count))),
         sigma=_joined(readings.sigma, np.full(count, float(np.median(readings.sigma)))),
         block_of=np.concatenate([readings.block_of, np.full(count, readings.block_of[-1])]),
@@ -89,6 +90,10 @@ def _following(column: Column) -> float:
 def _longer(column: Column, proposals: Sequence[Proposal]) -> Column:
     more = [float(each.settings.get(column.name, column.values[-1])) for each in proposals]
     return replace(column, values=_joined(column.values, np.array(more)))
+
+
+def _as_last(category: Category, count: int) -> Category:
+    return replace(category, values=np.append(category.values, np.repeat(category.values[-1:], count)))
 
 
 def _joined(values: FloatArray, more: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.campaign.recording import READINGS, Header, RunSource, TableSpec
 from rigctl.campaign.units import unit_of_column
@@ -14,6 +15,8 @@ from rigctl.experiments.table.expression import Expression
 from rigctl.experiments.table.syntax import CONSTANTS, flaw
 from rigctl.interfaces import FloatArray
 from rigctl.workbench.study import IntArray
+
+TextArray = NDArray[np.str_]
 
 _WINDOW_POINTS = 10_000_000
 _DARK, _BRIGHT = 0.25, 0.5
@@ -79,12 +82,42 @@ class Column:
 
 
 @dataclass(frozen=True)
+class Category:
+    """A column of words, shape (n,); "" where one is missing."""
+
+    name: str
+    values: TextArray
+
+    @cached_property
+    def levels(self) -> tuple[str, ...]:
+        """Its different words, in alphabetical order."""
+        return tuple(str(level) for level in np.unique(self.values) if level)
+
+    @cached_property
+    def counts(self) -> tuple[int, ...]:
+        """Readings at each level."""
+        return tuple(int(np.sum(self.values == level)) for level in self.levels)
+
+    @cached_property
+    def codes(self) -> FloatArray:
+        """The place of each reading's word among the levels, shape (n,); NaN where it is missing."""
+        places = {level: float(place) for place, level in enumerate(self.levels)}
+        return np.array([places.get(str(value), np.nan) for value in self.values])
+
+    @property
+    def names_groups(self) -> bool:
+        """Whether its words are levels of something, and not a remark or a number for each reading."""
+        return 1 < len(self.levels) <= self.values.size // 2
+
+
+@dataclass(frozen=True)
 class Readings:
     """Rows with a response and all that the baseline needs; n of them, `labels` say which ("row 7")."""
 
     spec: TableSpec
     response: Column
     columns: dict[str, Column]
+    categories: dict[str, Category]
     expression: Expression
     labels: tuple[str, ...]
     sigma: FloatArray
@@ -95,6 +128,11 @@ class Readings:
     def numbers(self) -> dict[str, FloatArray]:
         """Every numeric column but the response, by name."""
         return {name: column.values for name, column in self.columns.items()}
+
+    @property
+    def given(self) -> dict[str, FloatArray | TextArray]:
+        """Every column but the response, by name: numbers and words."""
+        return {**self.numbers, **{name: category.values for name, category in self.categories.items()}}
 
     @property
     def order(self) -> Column | None:
@@ -120,14 +158,16 @@ def read(source: RunSource) -> Readings:
         name: Column(name, values[rows].astype(np.float64), _unit(header, name)) for name, values in samples.items()
     }
     response = columns.pop(spec.response)
+    categories = {name: Category(name, np.array(text, dtype=np.str_)[rows]) for name, text in texts.items()}
     return Readings(
         spec,
         response,
         columns,
+        categories,
         expression,
         tuple(f"row {i + 1}" for i in rows),
         np.full(rows.size, _weight(header, response)),
-        _blocks(spec, columns, {name: np.array(text)[rows] for name, text in texts.items()}, rows.size),
+        _blocks(spec, columns, categories, rows.size),
     )
 
 
@@ -174,10 +214,10 @@ def _weight(header: Header, response: Column) -> float:
     return believed or _FINE * response.spread or 1.0
 
 
-def _blocks(spec: TableSpec, columns: dict[str, Column], texts: dict[str, FloatArray], rows: int) -> IntArray:
+def _blocks(spec: TableSpec, columns: dict[str, Column], categories: dict[str, Category], rows: int) -> IntArray:
     if spec.block is not None:
-        values = texts[spec.block] if spec.block in texts else columns[spec.block].values
-        blocks = np.unique(values, return_inverse=True)[1]
+        named = categories[spec.block] if spec.block in categories else columns[spec.block]
+        blocks = np.unique(named.values, return_inverse=True)[1]
         if blocks.max() == 0:
             raise DataError(
                 f"readings.csv: column {spec.block} holds one value only, but [table] block needs two blocks or more;"

@@ -221,6 +221,7 @@ def _is_placed(piece: ColumnPiece) -> bool:
 def _observations(readings: Readings) -> Observations:
     n = readings.response.values.size
     none = np.zeros(n, dtype=np.intp)
+    grouped = [category for category in readings.categories.values() if category.names_groups]
     return Observations(
         run_ids=readings.labels,
         series=(Series(readings.response.name, "", readings.response.unit),),
@@ -232,5 +233,6 @@ def _observations(readings: Readings) -> Observations:
         pool_of=none,
         group_of=none,
         block_of=readings.block_of,
-        covariates=readings.numbers,
+        covariates={**readings.numbers, **{category.name: category.codes for category in grouped}},
+        levels={category.name: category.levels for category in grouped},
     )
