@@ -81,7 +81,8 @@ def test_many_words_are_each_looked_at() -> None:
     table = study(operator=np.where(bench == "b3", "Ben", bench))
     first = compare(table, ()).trends[0]
     assert first.covariate == "operator"
-    assert first.rms_explained == pytest.approx(0.05 * 0.3 / 0.01, rel=0.35)
+    # 0.05 in a tenth of the readings is 1.5 sigma rms in all; halved by a neighbour it were 1.1.
+    assert 1.35 < first.rms_explained < 2.0
 
 
 def test_words_are_no_polynomials() -> None:
