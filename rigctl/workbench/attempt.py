@@ -14,7 +14,7 @@ from rigctl.workbench.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.findings import Estimate
 from rigctl.workbench.generic import Best, Generic
 from rigctl.workbench.held_out import HeldOut
-from rigctl.workbench.noise import Noise, NoiseEstimator, stacked
+from rigctl.workbench.noise import Noise, NoiseEstimator, felt, stacked
 from rigctl.workbench.score import ABSORBED, Projector, Score, corrected, p_of, trials
 from rigctl.workbench.study import Candidate, FloatArray, IntArray, Model, NotTestable, Study, Term
 
@@ -275,9 +275,9 @@ class Attempt:
         counts: dict[str, int] = {}
         for candidate in self.candidates:
             counts[candidate.term.effect] = counts.get(candidate.term.effect, 0) + 1
-        few = [c.derivative for c in self.candidates if counts[c.term.effect] <= _SCANNED]
+        few = stacked([c.derivative for c in self.candidates if counts[c.term.effect] <= _SCANNED], len(given.value))
 
         def possible(where: IntArray) -> list[FloatArray]:
-            return [stacked([columns[where] for columns in few], len(where)), self.generic.main_columns(where)]
+            return [felt(few, where, given.sigma), self.generic.main_columns(where)]
 
         return NoiseEstimator(given, required, possible)

@@ -36,6 +36,8 @@ LARGEST_POOL = 400
 _INDEPENDENT = 1e-3
 _NEGLIGIBLE = 1e-3
 _FLOOR_DOF = 1.0
+_DIFFERENCES = 1e-6
+"""Of a column's length: what is left where a derivative by differences should be none."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +172,8 @@ class _Pool:
         self._group = given.group_of[where]
         self._at = _usable(given.of_runs(order)[where]) if order is not None else None
         weights = given.sigma[where][:, None]
-        self.basis = saturated(required[where] / weights, [columns / weights for columns in possible(where)])
+        fitted = felt(required, where, given.sigma)
+        self.basis = saturated(fitted / weights, [columns / weights for columns in possible(where)])
         self.dof = max(len(where) - self.basis.shape[1], _FLOOR_DOF)
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
@@ -304,6 +307,16 @@ def saturated(required: FloatArray, possible: Sequence[FloatArray]) -> FloatArra
         size = np.abs(np.diag(triangle))
         basis = np.hstack([basis, further[:, : min(room, int(np.sum(size > _INDEPENDENT)))]])
     return basis
+
+
+def felt(columns: FloatArray, where: IntArray, sigma: FloatArray) -> FloatArray:
+    """At some of the data, those of the columns (n, k) that are more there than differences leave of nothing.
+
+    Scaled to unit length, a derivative's rounding would take the place of a shape.
+    """
+    whole = np.linalg.norm(columns / sigma[:, None], axis=0)
+    here = np.linalg.norm(columns[where] / sigma[where][:, None], axis=0)
+    return columns[where][:, here > _DIFFERENCES * whole]
 
 
 def orthonormal(columns: FloatArray, tolerance: float) -> FloatArray:

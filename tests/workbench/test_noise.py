@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from rigctl.workbench.noise import Correlation, Noise, NoiseEstimator, orthonormal, saturated
+from rigctl.workbench.noise import Correlation, Noise, NoiseEstimator, felt, orthonormal, saturated
 from rigctl.workbench.study import FloatArray, IntArray, NoisePool, Observations, Series
 
 MINUTE = 60.0
@@ -112,6 +112,15 @@ def test_at_least_two_thirds_of_the_data_are_left_to_tell_the_noise(count: int) 
     assert count - basis.shape[1] >= min(2.0 * count / 3.0, count - 2)
     np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
     np.testing.assert_allclose(basis @ (basis.T @ line(count)), line(count), atol=1e-9)
+
+
+def test_rounding_takes_no_place() -> None:
+    """A derivative by differences is hardly ever zero where it should be."""
+    columns = np.random.default_rng(5).standard_normal((60, 3))
+    columns[:20, 1] *= 1e-10
+    columns[:20, 2] *= 1e-3
+    where = np.arange(20)
+    np.testing.assert_array_equal(felt(columns, where, np.ones(60)), columns[:20][:, [0, 2]])
 
 
 def test_everything_possible_is_projected_out_when_there_is_room() -> None:
