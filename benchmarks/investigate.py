@@ -37,6 +37,9 @@ VISIBLE = 0.05
 """The least share of an effect that no fitted parameter imitates, for a scan to be said to show it."""
 
 LIKE = 0.9
+LARGEST = 30.0
+"""In typical sizes: what would have to be larger to be seen, a rig does not have."""
+
 TARGET = 0.9
 KNOWN_TERMS = ("roll-gravity", "resonance")
 """What the campaign's model has."""
@@ -79,8 +82,10 @@ def _lengths() -> dict[str, dict[str, Any]]:
         rivals = (other for each, other in pairs if each.term.effect != candidate.term.effect)
         if not score.dimension or any(likeness(score.basis, other.basis) >= LIKE for other in rivals):
             continue
-        for name, keep, sigma in zip(candidate.names, score.keep, score.sigma, strict=True):
-            if keep > VISIBLE and np.isfinite(sigma):
+        for name, keep, sigma, typical in zip(
+            candidate.names, score.keep, score.sigma, candidate.typical, strict=True
+        ):
+            if keep > VISIBLE and SIGMA * sigma < LARGEST * abs(typical):
                 head = candidate.term.choice.get("head")
                 key = f"{_bare(name)}[{head}]" if head else _bare(name)
                 found[f"{candidate.term.effect} {key}"] = {

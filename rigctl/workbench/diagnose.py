@@ -41,7 +41,8 @@ def diagnose(
     """
     search = Search(study, terms, alpha, seed, progress or (lambda _: None))
     search.run()
-    rivals = [rival for term in search.suggested for rival in search.rivals(term)]
+    alike = [rival for term in search.suggested for rival in search.rivals(term)]
+    rivals = [each for each in alike if not each.wider]
     first, final = search.attempt(search.given), search.attempt(search.terms)
     unexplained = None
     if search.unexplained is not None:
@@ -51,7 +52,7 @@ def diagnose(
         alpha=alpha,
         terms=search.given,
         suggested=_by_significance(search, rivals),
-        ranking=_ranking(search, rivals),
+        ranking=_ranking(search, alike),
         inseparable=_inseparable(first),
         unexplained=unexplained,
         not_testable={each.effect: each.reason for each in first.not_testable},

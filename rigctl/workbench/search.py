@@ -49,10 +49,11 @@ class Move:
 
 @dataclass(frozen=True)
 class Rival:
-    """`term` explains the data as well as the suggested `instead_of`; `same_class` where no data could tell."""
+    """`term` explains the data as well as the suggested `instead_of`; `wider`: it can do all that one does, and more."""
 
     instead_of: str
     term: Term
+    wider: bool
 
 
 class Search:
@@ -294,22 +295,20 @@ class Search:
                 continue
             if each.score.statistic < 0.25 * own.score.statistic:
                 continue
-            if self._substitutes(others, each, own):
-                found.append(Rival(term.effect, each.candidate.term))
+            if (instead := self._substituted(others, each, own)) is not None:
+                found.append(Rival(term.effect, each.candidate.term, self._contains(instead, effect, own)))
         return found
 
-    def _substitutes(self, others: tuple[Term, ...], rival: Scored, simpler: Scored) -> bool:
+    def _substituted(self, others: tuple[Term, ...], rival: Scored, simpler: Scored) -> Attempt | None:
         term = simpler.candidate.term
         try:
             instead = self.attempt((*others, rival.candidate.term))
             own = next((each for each in instead.scored if each.candidate.term.effect == term.effect), None)
         except RigError:
-            return False
+            return None
         if own is not None and own.score.dimension and own.score.p_value < RIVAL_LEVEL * self.alpha:
-            return False
-        if self._contains(instead, rival.candidate.term.effect, simpler):
-            return False
-        return self.adequate((*others, rival.candidate.term))
+            return None
+        return instead if self.adequate((*others, rival.candidate.term)) else None
 
     @staticmethod
     def _contains(attempt: Attempt, effect: str, simpler: Scored) -> bool:

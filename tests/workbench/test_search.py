@@ -188,16 +188,17 @@ def test_levels_grow_what_is_found(made_up: Any) -> None:
     assert names(searched(study, alpha=0.5 * p_value)) == set()
 
 
-def test_rivals_are_those_of_the_same_class_and_never_what_contains_the_simpler(made_up: Any) -> None:
+def test_rivals_are_those_of_the_same_class_and_what_contains_the_simpler_is_wider(made_up: Any) -> None:
     effects = made_up.catalogue()
     effects["late-bias"] = effects["square"] * 2.0
     search = searched(made_up.study(12, {"square": 20.0}, effects=effects))
     (term,) = search.suggested
     (rival,) = search.rivals(term)
     assert {term.effect, rival.term.effect} == {"square", "late-bias"}
+    assert not rival.wider
     lag = searched(made_up.study(13, {"lag": 20.0}))
     assert names(lag) == {"lag"}
-    assert lag.rivals(Term("lag")) == []
+    assert all(rival.wider for rival in lag.rivals(Term("lag")))
     scores = {each.candidate.term.effect: each.score for each in lag.attempt(()).scored}
     assert likeness(scores["lag"].basis, scores["resonance"].basis) > 0.99
     assert contained(scores["lag"].basis, scores["resonance"].basis) > 0.99
