@@ -50,7 +50,7 @@ class Design:
 
     axes: tuple[str, ...] = ("X", "Y")
     configurations: tuple[str, ...] = ("pendulum", "flag")
-    angles_deg: tuple[float, ...] = (-30.0, -1.5, -0.7, 0.7, 1.5, 30.0)
+    angles_deg: tuple[float, ...] = (-30.0, -20.0, -10.0, -3.0, -1.5, -0.7, 0.7, 1.5, 3.0, 10.0, 20.0, 30.0)
     frequencies_hz: tuple[float, ...] = (0.3, 0.5, 0.6)
     approaches: tuple[int, ...] = (1, -1)
     amplitudes_mm: tuple[float, ...] = (5.0,)
