@@ -274,28 +274,18 @@ def _run(*arguments: str) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def notebook(desk: Path) -> dict[str, Any]:
-    """The names the blocks of docs/python.md leave behind, run one after the other."""
-    names: dict[str, Any] = {}
-    for block in re.findall(r"^```python\n(.*?)^```", _doc("python.md"), re.DOTALL | re.MULTILINE):
-        exec(compile(block, "docs/python.md", "exec"), names)
-    return names
-
-
-def test_python_examples_run_and_find_what_they_promise(notebook: dict[str, Any], desk: Path) -> None:
-    assert notebook["axis"].passed
-    with_roll, without = (found.fit.result for found in notebook["fits"].values())
-    assert without.chi2 - with_roll.chi2 > 5.0**2
-    assert (desk / "notebook-bundle" / "runs.csv").exists()
+def measured(desk: Path) -> str:
+    """The store of a shipped campaign."""
+    _run("run", "campaigns/one-axis.toml", "--store", "measured.rig.sqlite", "--yes")
+    return "measured.rig.sqlite"
 
 
 def _keys_said(marker: str) -> set[str]:
     return {row[0].strip("`") for row in _rows(_doc("commands.md"), f"json: {marker}")}
 
 
-def test_keys_of_the_result_are_as_documented(notebook: dict[str, Any]) -> None:
-    assert notebook
-    result = _run("result", "notebook.rig.sqlite")
+def test_keys_of_the_result_are_as_documented(measured: str) -> None:
+    result = _run("result", measured)
     assert _keys_said("result") - {"quick_check"} == set(result)
     assert _keys_said("result axes") == set(result["axes"]["Y"])
     assert _keys_said("result budget") == set(result["budget"]["Y"])
@@ -328,8 +318,6 @@ def test_keys_of_instrument_commands_are_as_documented(desk: Path) -> None:
     assert _json_keys_said("stop") == set(_run("stop", rig))
 
 
-def test_keys_of_store_commands_are_as_documented(notebook: dict[str, Any]) -> None:
-    assert notebook
-    store = "notebook.rig.sqlite"
-    assert _json_keys_said("mark") == set(_run("mark", store, "2", "looked at", "--valid"))
-    assert _json_keys_said("export") == set(_run("export", store, "exported"))
+def test_keys_of_store_commands_are_as_documented(measured: str) -> None:
+    assert _json_keys_said("mark") == set(_run("mark", measured, "2", "looked at", "--valid"))
+    assert _json_keys_said("export") == set(_run("export", measured, "exported"))
