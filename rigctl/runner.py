@@ -22,6 +22,7 @@ from rigctl.campaign.control import Control, RequestWatcher, forget_requests
 from rigctl.campaign.operator import Operator, SimulatedOperator, TerminalOperator, TypedLines
 from rigctl.campaign.parts import PLUGINS, Part, Plugins, begin_part, next_part, parts_of
 from rigctl.campaign.progress import Display, Progress
+from rigctl.campaign.questions import Questions
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
@@ -268,7 +269,7 @@ def _carry_out(
     store: Store, rig: Rig, bench: Bench, plan: sensing_axes.Plan, control: Control, options: Options, part: Part
 ) -> None:
     progress = Progress(store, options.display, part.runs_before)
-    session = Session(store, rig.clock, _operator(rig, control, options), control, progress, part.number)
+    session = Session(store, rig.clock, _operator(store, rig, control, options), control, progress, part.number)
     progress.state("running")
     try:
         with RequestWatcher(store.path, control):
@@ -288,10 +289,11 @@ def _carry_out(
     session.event("done")
 
 
-def _operator(rig: Rig, control: Control, options: Options) -> Operator:
+def _operator(store: Store, rig: Rig, control: Control, options: Options) -> Operator:
     if options.unattended:
         return SimulatedOperator(rig.operator_link)
-    return TerminalOperator(rig.operator_link, TypedLines(control.raise_if_aborted))
+    board = Questions(store)
+    return TerminalOperator(rig.operator_link, TypedLines(control.raise_if_aborted, board.heard), board)
 
 
 @contextmanager

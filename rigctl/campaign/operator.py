@@ -24,6 +24,18 @@ class Levelled:
     angle_deg: float
 
 
+class Board(Protocol):
+    """Where questions are also put up, for whoever else looks after the campaign."""
+
+    def post(self, text: str) -> None:
+        """A question."""
+        ...
+
+    def close(self, answer: str) -> None:
+        """Its answer."""
+        ...
+
+
 class OperatorLink(Protocol):
     """The hands of a simulated rig: what a person would do, done by the world. Nobody measures through it."""
 
@@ -106,15 +118,21 @@ class SimulatedOperator:
 
 
 class TypedLines:
-    """Lines somebody types on the standard input; `heed` is called several times a second while nobody does."""
+    """Lines somebody types on the standard input; `heed` is called several times a second while nobody does.
 
-    def __init__(self, heed: Callable[[], None]) -> None:
+    `elsewhere` gives a line that was typed somewhere else, None while there is none.
+    """
+
+    def __init__(self, heed: Callable[[], None], elsewhere: Callable[[], str | None] = lambda: None) -> None:
         self._heed = heed
+        self._elsewhere = elsewhere
         self._typed = bytearray()
 
     def __call__(self) -> str:
         """The next line; `EOFError` at the end, or when the terminal is gone."""
         while b"\n" not in self._typed:
+            if (elsewhere := self._elsewhere()) is not None:
+                return elsewhere
             self._typed += self._read()
         line, _, rest = self._typed.partition(b"\n")
         self._typed = rest
@@ -122,8 +140,9 @@ class TypedLines:
 
     def _read(self) -> bytes:
         try:
-            while not select.select([sys.stdin], [], [], HEED_S)[0]:
+            if not select.select([sys.stdin], [], [], HEED_S)[0]:
                 self._heed()
+                return b""
             data = os.read(sys.stdin.fileno(), 4096)
         except (OSError, ValueError, TypeError):  # hung up, closed, or never there
             data = b""
@@ -138,6 +157,7 @@ class TerminalOperator:
 
     link: OperatorLink | None
     ask: Callable[[], str]
+    board: Board | None = None
     name: str = "operator"
 
     def remount(self, axis: str, configuration: str, mounting: int) -> None:
@@ -189,8 +209,13 @@ class TerminalOperator:
     def _read(self, prompt: str) -> str:
         try:
             print(prompt, end="", file=sys.stderr, flush=True)  # noqa: T201 - stdout belongs to --json
-            return self.ask()
+            if self.board is not None:
+                self.board.post(prompt)
+            answer = self.ask()
         except EOFError:
             raise ProcedureError(
                 f"nobody at the terminal to answer: {prompt.strip()} Run with --yes, or at a terminal"
             ) from None
+        if self.board is not None:
+            self.board.close(answer)
+        return answer

@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import typer
 
-from rigctl.cli import campaigns, effects, exchange, instruments, planning, results, workbench
+from rigctl.cli import campaigns, console, effects, exchange, instruments, planning, results, workbench
 from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
 
 app = typer.Typer(
@@ -20,7 +20,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for part in (campaigns, results, workbench, planning, effects, exchange, instruments):
+for part in (campaigns, results, workbench, planning, effects, exchange, instruments, console):
     app.add_typer(part.app)
 
 # The matrices here are small: a second thread only waits, and the other core belongs to the console.

@@ -106,6 +106,29 @@ def abort(store: StoreFile, as_json: Json = False) -> None:
     _request(store, "abort", as_json=as_json)
 
 
+@app.command()
+def answer(
+    store: StoreFile,
+    text: Annotated[str, typer.Argument(metavar="TEXT", help="done or abort; yes or no.")],
+    as_json: Json = False,
+) -> None:
+    """Answer what a running campaign asks the operator."""
+    from rigctl.campaign.locks import is_held, store_lock
+    from rigctl.campaign.questions import answer as answer_to
+    from rigctl.campaign.questions import open_question
+    from rigctl.campaign.store import Store
+
+    with Store.open(store) as opened:
+        question = open_question(opened) if is_held(store_lock(store)) else None
+        if question is None:
+            raise RigError(f"{store}: nothing is being asked; `rigctl status` tells how far it is")
+        answer_to(opened, question.number, text)
+    if as_json:
+        print_json({"question": question.text, "answer": text})
+    else:
+        say(f"{question.text.strip()} {text}")
+
+
 def _request(store: Path, kind: str, *, as_json: bool) -> None:
     from rigctl.campaign.locks import is_held, store_lock
     from rigctl.campaign.store import Store

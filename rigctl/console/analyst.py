@@ -1,0 +1,66 @@
+"""Has things worked out in processes of its own, so that nothing the analysis does keeps the screen waiting."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import Any
+
+from rigctl.console import analysis
+
+NICE = 5
+"""A campaign in this computer's own time goes first."""
+
+
+class Analyst:
+    """One process for what takes long, one for what is shown live; made when they are first asked."""
+
+    def __init__(self, plugins: Sequence[Path] = ()) -> None:
+        self._plugins = tuple(plugins)
+        self._pools: dict[bool, ProcessPoolExecutor] = {}
+
+    async def ask(self, what: str, *arguments: Any, live: bool = False) -> Any:
+        """The outcome of a function of `rigctl.console.analysis`; raises what it raises."""
+        import asyncio
+
+        function: Callable[[], Any] = partial(getattr(analysis, what), *arguments, self._plugins)
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._pool(live), function)
+        except BrokenProcessPool:
+            self._pools.pop(live, None)
+            raise
+
+    def close(self) -> None:
+        """End the processes, whatever they are at."""
+        for pool in self._pools.values():
+            for process in list(pool._processes.values()):
+                process.terminate()
+            pool.shutdown(wait=False, cancel_futures=True)
+        self._pools = {}
+
+    def _pool(self, live: bool) -> ProcessPoolExecutor:
+        if live not in self._pools:
+            context = multiprocessing.get_context("spawn")
+            with contextlib.redirect_stderr(sys.__stderr__):  # its children need a real one, not the console's
+                resource_tracker.ensure_running()
+            self._pools[live] = ProcessPoolExecutor(1, mp_context=context, initializer=_begin)
+        return self._pools[live]
+
+
+def _begin() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.nice(NICE)
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):  # the screen is the console's
+        os.dup2(nowhere, stream)

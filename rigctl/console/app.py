@@ -1,0 +1,650 @@
+"""The console: screens, keys, and what passes between them and the threads."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from textual import work
+from textual.app import App, ComposeResult, SystemCommand
+from textual.binding import Binding, BindingType
+from textual.events import Resize
+from textual.screen import Screen
+from textual.widget import Widget
+from textual.widgets import ContentSwitcher, Footer, Static
+
+from rigctl.console import campaigns, state
+from rigctl.console import messages as say
+from rigctl.console.analyst import Analyst
+from rigctl.console.feed import Feed, StoreView
+from rigctl.console.palette import Commands
+from rigctl.console.screens.campaign import CampaignPane
+from rigctl.console.screens.log import LogPane
+from rigctl.console.screens.results import ResultsPane
+from rigctl.console.screens.rig import RigPane
+from rigctl.console.screens.workbench import WorkbenchPane
+from rigctl.console.themes import DARK, LIGHT
+from rigctl.console.widgets.bars import SCREENS, Banner, Standing, TabBar, TopBar
+from rigctl.console.widgets.dialogs import ConfirmDialog, HelpDialog, OpenDialog, QuestionDialog
+
+if TYPE_CHECKING:
+    from rigctl.console.bench import LiveBench
+
+SMALLEST = (80, 24)
+DRAW_S = 0.1
+LIVE_S = 1.0
+"""Least time between two null searches that are worked out while a campaign runs."""
+
+
+@dataclass(frozen=True)
+class Panes:
+    """The five screens."""
+
+    rig: RigPane
+    campaign: CampaignPane
+    results: ResultsPane
+    workbench: WorkbenchPane
+    log: LogPane
+
+
+class Console(App[None]):
+    """The operator's console; `directory` is where its state is kept."""
+
+    TITLE = "rigctl"
+    CSS_PATH = "console.tcss"
+    COMMANDS: ClassVar[set[Any]] = {Commands}
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f8,ctrl+x", "stop", "STOP", priority=True, key_display="F8"),
+        Binding("f1", "help", "Help", key_display="F1"),
+        Binding("o", "open", "Open"),
+        Binding("q", "leave", "Quit"),
+        Binding("f9", "answer", "Answer", show=False),
+        Binding("b", "mute", "Bell", show=False),
+        Binding("t", "theme", "Theme", show=False),
+        *(
+            Binding(f"{number},f{number + 1}", f"screen('{name}')", title, show=False)
+            for number, (name, title) in enumerate(SCREENS.items(), 1)
+        ),
+    ]
+
+    def __init__(
+        self, place: Path | None = None, plugins: Sequence[Path] = (), directory: Path | None = None
+    ) -> None:
+        super().__init__()
+        self.directory = directory or state.state_directory()
+        self.kept = state.load(self.directory)
+        self._place = place
+        self._analyst = Analyst(plugins)
+        self._feed = Feed(self.post_message)
+        self._campaigns = campaigns.Campaigns(self.post_message)
+        self._bench: LiveBench | None = None
+        self._rig: Path | None = None
+        self._view: StoreView | None = None
+        self._panes = Panes(
+            RigPane(self.kept.jog_step), CampaignPane(), ResultsPane(), WorkbenchPane(self.kept.covariate), LogPane()
+        )
+        self._alarms = 0
+        self._asked = 0
+        self._searched: tuple[object, ...] = ()
+        self._searched_s = 0.0
+        self._searching = False
+        self._shown_view: StoreView | None = None
+        self.register_theme(DARK)
+        self.register_theme(LIGHT)
+        self.theme = self.kept.theme if self.kept.theme in {DARK.name, LIGHT.name} else DARK.name
+
+    def compose(self) -> ComposeResult:
+        """Top line, tabs, banner, the five screens, keys."""
+        yield TopBar()
+        yield TabBar()
+        yield Banner()
+        with ContentSwitcher(initial=self.kept.screen):
+            yield from vars(self._panes).values()
+        yield Static(id="too-small")
+        yield Footer(show_command_palette=False, compact=True)
+
+    # Beginning and end
+
+    def on_mount(self) -> None:
+        """Draw first, then open what is to be opened."""
+        self._feed.start()
+        self.set_interval(DRAW_S, self._draw)
+        self.action_screen(self.kept.screen)
+        with suppress(ValueError, RuntimeError):  # not in the main thread: whoever runs us handles signals
+            asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, self._terminal_lost)
+        self.call_after_refresh(self._open_first)
+
+    def _open_first(self) -> None:
+        if self.kept.notice:
+            self._note(self.kept.notice, "warning")
+            self.kept.notice = ""
+        for path in (
+            [self._place] if self._place else [Path(p) for p in (self.kept.rig, self.kept.campaign, self.kept.store)]
+        ):
+            if path is not None and path.is_file():
+                self._open(path)
+        self._tell_standing()
+
+    def on_unmount(self) -> None:
+        """Leave everything in order: instruments at rest, state kept."""
+        self._feed.close()
+        self._analyst.close()
+        if self._bench is not None:
+            self._bench.close()
+        self._keep_state()
+
+    def _keep_state(self) -> None:
+        self.kept.theme = self.theme
+        self.kept.jog_step = self._panes.rig.jog_step
+        self.kept.covariate = self._panes.workbench.covariate
+        state.save(self.directory, self.kept)
+
+    def _terminal_lost(self) -> None:
+        """The terminal is gone: the campaign does what its file chose, a rig of ours comes to rest."""
+        told = "The terminal was lost"
+        if self._bench is not None:
+            self._bench.stop()
+            told += "; the rig was brought to rest"
+        view = self._view
+        if view is not None and view.alive and self._campaigns.signal(view.path, signal.SIGHUP):
+            stops = 'on_terminal_lost = "stop"' in view.campaign_toml
+            told += f"; the campaign {'was stopped' if stops else 'went on'}, as its file chose ({view.path})"
+        elif view is not None and view.alive:
+            told += f"; the campaign went on, it was not this console's ({view.path})"
+        self.kept.notice = f"{told}, {state.now()}"
+        self._act(told)
+        self._keep_state()
+        self.exit()
+
+    # Opening
+
+    def _open(self, path: Path) -> None:
+        from rigctl.console.start import kind_of
+        from rigctl.errors import RigError
+
+        if path.suffix != ".toml":
+            self._watch(path)
+            return
+        try:
+            kind, text = kind_of(path)
+        except RigError as error:
+            self._note(str(error), "error")
+            return
+        if kind == "rig":
+            self._rig = path
+            self.kept.rig = str(path.absolute())
+            self._take_bench()
+        else:
+            self._show_campaign_file(path, text)
+
+    @work(exclusive=True, group="campaign-file")
+    async def _show_campaign_file(self, path: Path, text: str) -> None:
+        await asyncio.to_thread(_load_forms)
+        self.kept.campaign = str(path.absolute())
+        await self._panes.campaign.show_file(path, text)
+
+    def _watch(self, store: Path) -> None:
+        self.kept.store = str(store.absolute())
+        self._view = self._shown_view = None
+        self._searched = ()
+        self._panes.results.clear()
+        self._feed.watch(store)
+
+    @work(thread=True, exclusive=True, group="bench")
+    def _take_bench(self) -> None:
+        from rigctl.console.bench import open_bench
+        from rigctl.errors import RigError
+
+        if self._rig is None:
+            return
+        if self._bench is not None:
+            self._bench.close()
+            self._bench = None
+        try:
+            self._bench = open_bench(self._rig, self.post_message)
+        except RigError as error:
+            self.post_message(say.Noted(str(error), "error"))
+
+    @work(thread=True, group="bench")
+    def _give_bench(self, then: Callable[[], None] = lambda: None) -> None:
+        bench, self._bench = self._bench, None
+        if bench is not None:
+            bench.close()
+        self.call_from_thread(then)
+
+    # Ten times a second
+
+    def _draw(self) -> None:
+        """Show what has changed on the screen that is looked at."""
+        if not self._panes.log.is_attached:  # on the way out
+            return
+        self._keep_focus()
+        current = self.kept.screen
+        bench, view = self._bench, self._view
+        held = view is not None and view.alive
+        if current == "rig" and bench is not None and not held:
+            self._panes.rig.show_bench(bench.views(), bench.strips())
+        if view is None or view is self._shown_view:
+            return
+        self._shown_view = view
+        if current == "rig" and (held or bench is None):
+            self._panes.rig.show_store(view)
+        self._panes.campaign.show_store(view)
+        self._panes.log.show_store(view)
+        self._tell_standing()
+        self._ask_null_search(view)
+
+    def _ask_null_search(self, view: StoreView) -> None:
+        """While a campaign runs, and its screen is looked at, the response is worked out anew after every run."""
+        if self.kept.screen != "campaign" or view.experiment != "sensing-axis" or not view.runs:
+            return
+        signs = (view.path, len(view.runs))
+        if signs == self._searched or self._searching or time.monotonic() - self._searched_s < LIVE_S:
+            return
+        self._searched, self._searched_s = signs, time.monotonic()
+        self._search(view.path)
+
+    @work(group="null-search")
+    async def _search(self, store: Path) -> None:
+        self._searching = True
+        try:
+            found = await self._analyst.ask("null_search", store, live=True)
+        except Exception as error:  # noqa: BLE001 - too few runs, or a model of one's own: the picture waits
+            self.log(error)
+        else:
+            self._panes.campaign.show_null_search(found)
+        finally:
+            self._searching = False
+            self._shown_view = None
+
+    def _tell_standing(self) -> None:
+        view = self._view
+        names = [str(path) for path in (self._rig, view.path if view else None) if path]
+        campaign = ""
+        if view is not None:
+            done, planned = view.status.get("runs_done"), view.status.get("runs_planned")
+            campaign = f"{view.state.upper()} {done}/{planned}"
+        self._base.query_one(TopBar).standing = Standing(
+            " · ".join(names) or "no rig, no store", campaign, self._alarms, self.kept.bell
+        )
+
+    # What threads tell
+
+    def on_store_seen(self, message: say.StoreSeen) -> None:
+        """The store has changed."""
+        before, self._view = self._view, message.view
+        ended = before is not None and before.path == message.view.path and before.alive and not message.view.alive
+        if before is None or before.path != message.view.path:
+            self._analyse("model", quiet=True)
+        if (before is None or ended) and message.view.runs and not message.view.alive:
+            self._analyse("result", quiet=True)
+        if ended:
+            self._note(f"the campaign is {message.view.state}")
+        question = message.view.question
+        banner = self._base.query_one(Banner)
+        if question is None:
+            banner.say("")
+            self._close_question()
+        elif question.number != self._asked:
+            self._asked = question.number
+            banner.say(f"! OPERATOR: {question.text.partition(' Type ')[0]}  (F9 answers)")
+            self.action_ring()
+            self.action_answer()
+
+    def _close_question(self) -> None:
+        """Somebody else has answered, or the campaign is gone."""
+        for screen in list(self.screen_stack):
+            if isinstance(screen, QuestionDialog):
+                screen.dismiss(None)
+
+    def on_campaign_ended(self, message: say.CampaignEnded) -> None:
+        """A process of ours has ended."""
+        if message.status not in {0, 130}:
+            self._note(message.said or f"the campaign's process ended with status {message.status}", "error")
+        if self._rig is not None and self._bench is None:
+            self._take_bench()
+
+    def on_stopped(self, message: say.Stopped) -> None:
+        """What came of a STOP."""
+        if message.failures:
+            self._note(f"NOT known to be at rest: {'; '.join(message.failures)}", "error")
+        else:
+            self._note(f"all instruments at rest after {1e3 * message.took_s:.0f} ms", "warning")
+
+    def on_noted(self, message: say.Noted) -> None:
+        """Tell the operator."""
+        self._note(message.text, message.severity)
+
+    def _note(self, text: str, severity: say.Severity = "information") -> None:
+        self.notify(text, severity=severity, timeout=8, markup=False)
+        self._panes.log.add(state.now(), "alarm" if severity == "error" else "note", text)
+        if severity == "error":
+            self._alarms += 1
+            self.action_ring()
+            self._tell_standing()
+
+    def _act(self, action: str) -> None:
+        """Record what the operator does: here, in the user's file, and in the store it is for."""
+        self._panes.log.add(state.now(), "action", action)
+        view = self._view
+        self._record(action, view.path if view is not None and view.alive else None)
+
+    @work(thread=True, group="record")
+    def _record(self, action: str, store: Path | None) -> None:
+        from rigctl.errors import RigError
+
+        state.record_action(self.directory, action)
+        if store is not None:
+            try:
+                campaigns.note(store, action)
+            except RigError as error:
+                self.post_message(say.Noted(str(error), "warning"))
+
+    # What the operator asks
+
+    def action_stop(self) -> None:
+        """STOP: from every screen and dialog, whatever else is going on."""
+        bench, view = self._bench, self._view
+        if bench is not None:
+            bench.stop()
+        if view is not None and view.alive:
+            self._campaigns.signal(view.path, signal.SIGTERM)
+            self._stop_campaign(view.path)
+        self._act("STOP")
+        if bench is None and (view is None or not view.alive):
+            self._note("STOP: no rig is held here, and no campaign runs", "warning")
+
+    @work(thread=True, group="stop")
+    def _stop_campaign(self, store: Path) -> None:
+        """Second connections to what it holds, as `rigctl stop`; and the request to abort."""
+        from rigctl.console.bench import stop_from_outside
+        from rigctl.errors import RigError
+
+        try:
+            campaigns.request(store, "abort")
+            if self._rig is not None:
+                stop_from_outside(self._rig, self.post_message)
+        except RigError as error:
+            self.post_message(say.Noted(str(error), "warning"))
+
+    def on_stop_button_pressed(self) -> None:
+        """By mouse."""
+        self.action_stop()
+
+    def on_tab_bar_chosen(self, message: TabBar.Chosen) -> None:
+        """By mouse."""
+        self.action_screen(message.screen)
+
+    def on_banner_clicked(self) -> None:
+        """By mouse."""
+        self.action_answer()
+
+    def action_screen(self, name: str) -> None:
+        """Show one of the five."""
+        if len(self.screen_stack) > 1:
+            return
+        self._base.query_one(ContentSwitcher).current = name
+        self._base.query_one(TabBar).current = name
+        self.kept.screen = name  # type: ignore[assignment]
+        self._shown_view = None
+        self._focus_pane()
+
+    def _focus_pane(self) -> None:
+        """Keys belong to the screen that is shown: something on it has to have the focus."""
+        pane = self._base.query_one(f"#{self.kept.screen}")
+        for widget in pane.query("Tabs, DataTable, RichLog").results(Widget):
+            if widget.focusable:
+                widget.focus()
+                break
+
+    def on_descendant_blur(self) -> None:
+        """What had the focus may be hidden now."""
+        self.call_after_refresh(self._keep_focus)
+
+    def _keep_focus(self) -> None:
+        if len(self.screen_stack) == 1 and self._base.focused is None:
+            self._focus_pane()
+
+    def action_pane(self, name: str, action: str, *arguments: str) -> None:
+        """An action of a screen, from the palette."""
+        self.action_screen(name)
+        pane = self._base.query_one(f"#{name}")
+        getattr(pane, f"action_{action}")(*arguments)
+
+    def action_help(self) -> None:
+        """Keys."""
+        from rigctl.console.help import TEXT
+
+        self.push_screen(HelpDialog(TEXT))
+
+    def action_open(self) -> None:
+        """Ask which file."""
+
+        def go(path: Path | None) -> None:
+            if path is not None:
+                self._act(f"open {path}")
+                self._open(path)
+
+        near = [
+            p
+            for pattern in ("*.rig.sqlite", "*.toml", "campaigns/*.toml", "out/*.rig.sqlite")
+            for p in sorted(Path().glob(pattern))
+        ]
+        self.push_screen(OpenDialog("Open a rig file, a campaign file or a store", near), go)
+
+    def action_answer(self) -> None:
+        """What the campaign asks."""
+        question = self._view.question if self._view else None
+        if question is None or any(isinstance(screen, QuestionDialog) for screen in self.screen_stack):
+            return
+        store = self._view.path if self._view else Path()
+
+        def go(text: str | None) -> None:
+            if text is not None:
+                self._act(f"answer '{text}' to: {question.text.partition(' Type ')[0]}")
+                self._send(lambda: campaigns.answer(store, question.number, text))
+
+        self.push_screen(QuestionDialog(question.number, question.text, question.choices), go)
+
+    def action_ring(self) -> None:
+        """Ring, unless the bell is off."""
+        if self.kept.bell:
+            self.bell()
+
+    def action_mute(self) -> None:
+        """On or off."""
+        self.kept.bell = not self.kept.bell
+        self._tell_standing()
+
+    def action_theme(self) -> None:
+        """Light or dark."""
+        self.theme = LIGHT.name if self.theme == DARK.name else DARK.name
+
+    def action_bench(self) -> None:
+        """Hold the rig."""
+        self._take_bench()
+
+    def action_release(self) -> None:
+        """Give it free."""
+        self._act("release the rig")
+        self._give_bench()
+
+    def action_leave(self) -> None:
+        """Quit; a campaign goes on."""
+        view = self._view
+        if view is None or not view.alive:
+            self.exit()
+            return
+
+        def go(agreed: bool | None) -> None:
+            if agreed:
+                self.exit()
+
+        told = (
+            f"A campaign runs ({view.path}). It goes on without the console; "
+            f"`rigctl console {view.path}` attaches to it again."
+        )
+        self.push_screen(ConfirmDialog("Quit the console?", told), go)
+
+    def on_move_asked(self, message: say.MoveAsked) -> None:
+        """Move a stage of the rig that is held."""
+        if self._bench is None:
+            self._note("no rig is held here; the campaign moves it", "warning")
+            return
+        self._act(f"move {message.name} to {message.value:g}")
+        self._bench.move(message.name, message.value)
+
+    def on_home_asked(self, message: say.HomeAsked) -> None:
+        """Home a stage of the rig that is held."""
+        if self._bench is None:
+            self._note("no rig is held here; the campaign moves it", "warning")
+            return
+        self._act(f"home {message.name}")
+        self._bench.home(message.name)
+
+    def on_reconnect_asked(self) -> None:
+        """Try again."""
+        if self._bench is None:
+            self._take_bench()
+        else:
+            self._bench.reconnect()
+
+    def on_start_asked(self, message: say.StartAsked) -> None:
+        """Give the rig free, then start a campaign on it and watch its store."""
+        launch = message.launch
+        self._act(f"start {launch.campaign} into {launch.store}")
+
+        def go() -> None:
+            self._campaigns.start(launch)
+            self._watch(launch.store)
+
+        self._give_bench(go)
+
+    def on_dry_run_asked(self, message: say.DryRunAsked) -> None:
+        """Have it worked out."""
+        self._dry_run(message.campaign, message.rig)
+
+    @work(exclusive=True, group="dry-run")
+    async def _dry_run(self, campaign: Path, rig: Path | None) -> None:
+        from rigctl.console.form import plan_told
+
+        pane = self._panes.campaign
+        pane.show_plan("… checking")
+        try:
+            pane.show_plan(plan_told(await self._analyst.ask("dry_run", campaign, rig)))
+        except Exception as error:  # noqa: BLE001 - told to the operator
+            pane.show_plan(f"✗ {_told(error)}")
+
+    def on_request_asked(self, message: say.RequestAsked) -> None:
+        """Pause, resume, abort."""
+        view = self._view
+        if view is None:
+            self._note("no campaign is watched; o opens a store", "warning")
+            return
+        self._act(f"{message.kind} {view.path}")
+        if message.kind == "resume" and not view.alive:
+            self._give_bench(lambda: self._campaigns.resume(view.path))
+            return
+        self._send(lambda: campaigns.request(view.path, message.kind))
+
+    @work(thread=True, group="send")
+    def _send(self, act: Callable[[], None]) -> None:
+        from rigctl.errors import RigError
+
+        try:
+            act()
+        except RigError as error:
+            self.post_message(say.Noted(str(error), "error"))
+
+    def on_analysis_asked(self, message: say.AnalysisAsked) -> None:
+        """Have something worked out from the store that is open."""
+        if self._view is None:
+            self._note("open a store first: o", "warning")
+            return
+        if message.what in {"add", "remove"}:
+            self._act(f"model {message.what} {' '.join(message.arguments[0])}")
+        self._analyse(message.what, *message.arguments)
+
+    @work(group="analysis")
+    async def _analyse(self, what: str, *arguments: Any, quiet: bool = False) -> None:
+        view = self._view
+        if view is None:
+            return
+        bench = self._panes.workbench
+        if not quiet:
+            bench.show_busy(f"{what.replace('_', ' ')} of {view.path.name} …")
+        try:
+            found = await self._analyst.ask(what, view.path, *arguments)
+        except Exception as error:  # noqa: BLE001 - told to the operator
+            if not quiet:
+                self._note(_told(error), "error")
+            return
+        finally:
+            if not quiet and what not in {"model"}:
+                self._analyse("model", quiet=True)
+        await self._show_found(what, found)
+
+    async def _show_found(self, what: str, found: Any) -> None:
+        bench, results = self._panes.workbench, self._panes.results
+        if what == "result":
+            await results.show_result(found)
+        elif what == "compare_with":
+            results.show_comparison(found)
+        elif what == "model":
+            bench.show_model(found)
+        elif what == "fit":
+            bench.show_fit(found)
+            self._analyse("history", quiet=True)
+            self._analyse("residuals", bench.covariate, quiet=True)
+        elif what == "diagnose":
+            bench.show_diagnosis(found)
+        elif what == "recommend":
+            bench.show_next(found)
+        elif what == "history":
+            bench.show_history(found)
+        elif what == "residuals":
+            bench.show_residuals(found)
+        elif what in {"add", "remove"}:
+            self._note(f"model version {found[-1]['version']}: {' + '.join(['baseline', *found[-1]['effects']])}")
+            self._analyse("fit")
+
+    def on_resize(self, event: Resize) -> None:
+        """A terminal that is too small says so."""
+        width, height = event.size
+        small = width < SMALLEST[0] or height < SMALLEST[1]
+        self._base.set_class(small, "too-small")
+        told = (
+            f"This terminal has {width} x {height}; the console needs {SMALLEST[0]} x {SMALLEST[1]}.\n"
+            "F8 still stops everything."
+        )
+        self._base.query_one("#too-small", Static).update(told)
+
+    def get_system_commands(self, screen: Screen[Any]) -> Any:
+        """Ours are complete."""
+        del screen
+        empty: list[SystemCommand] = []
+        return iter(empty)
+
+    @property
+    def _base(self) -> Screen[Any]:
+        """The screens are below whatever dialog is open."""
+        return self.screen_stack[0]
+
+
+def _load_forms() -> None:
+    """What the form needs takes most of a second to import."""
+    import rigctl.config  # noqa: F401
+
+
+def _told(error: Exception) -> str:
+    from rigctl.errors import RigError
+
+    if isinstance(error, RigError):
+        return str(error)
+    return f"internal error: {type(error).__name__}: {error}"

@@ -1,0 +1,373 @@
+"""The rig open in this process: every instrument is asked, moved and stopped on threads of its own.
+
+So one that hangs keeps nobody waiting: not the screen, not the others, and not the STOP.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rigctl.console.messages import Noted, Stopped
+
+if TYPE_CHECKING:
+    from textual.message import Message
+
+    from rigctl.config import RigFile
+    from rigctl.interfaces import Instrument, Reading
+    from rigctl.rig import Rig
+
+POLL_S = 0.1
+AGAIN_S = 2.0
+STRIP_LENGTH = 600
+STOP_WAIT_S = 3.0
+"""How long an instrument has to confirm that it stopped, until it is said that it has not."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A reading as shown: `taken_s` on this computer's monotonic clock."""
+
+    label: str
+    value: float
+    unit: str
+    taken_s: float
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where a stage may go."""
+
+    low: float
+    high: float
+    unit: str
+    speed: float
+
+    def refusal(self, value: float) -> str:
+        """Why a stage is not sent to `value`; empty when it may go there."""
+        if self.low <= value <= self.high:
+            return ""
+        return f"{value:g} {self.unit} is outside {self.low:g} .. {self.high:g} {self.unit}"
+
+    def __str__(self) -> str:
+        return f"{self.low:g} .. {self.high:g} {self.unit}, up to {self.speed:g} {self.unit}/s"
+
+
+@dataclass(frozen=True)
+class InstrumentView:
+    """An instrument at one moment; `state` is connecting, ready, moving, homing, stopped, silent or lost."""
+
+    name: str
+    role: str
+    driver: str
+    address: str
+    state: str
+    identity: str
+    values: tuple[Value, ...]
+    error: str
+    limits: Limits | None = None
+
+
+@dataclass(frozen=True)
+class Strip:
+    """The last values of one quantity; times are seconds before now, so at most 0."""
+
+    name: str
+    unit: str
+    ago_s: Any
+    values: Any
+
+
+@dataclass
+class _Station:
+    """What the threads know of one instrument."""
+
+    name: str
+    role: str
+    driver: str
+    address: str
+    instrument: Instrument
+    state: str = "connecting"
+    identity: str = ""
+    error: str = ""
+    busy_since_s: float = 0.0
+    values: dict[str, Value] = field(default_factory=dict)
+    limits: Limits | None = None
+    wake: threading.Event = field(default_factory=threading.Event)
+
+
+class LiveBench:
+    """A rig held by this console; made by `open_bench`, given back by `close`."""
+
+    def __init__(self, file: RigFile, rig: Rig, held: ExitStack, post: Callable[[Message], object]) -> None:
+        self.file = file
+        self._rig = rig
+        self._held = held
+        self._post = post
+        self._closing = threading.Event()
+        self._strips: dict[str, deque[Value]] = {}
+        self._stations = {
+            name: _Station(name, table.role, table.driver, table.address, rig.instruments[name])
+            for name, table in file.instruments.items()
+        }
+        self._threads = [
+            threading.Thread(target=self._attend, args=(station,), name=f"poll {name}", daemon=True)
+            for name, station in self._stations.items()
+        ]
+        for station in self._stations.values():
+            station.limits = _limits(station.instrument)
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def stages(self) -> list[str]:
+        """Names of what can be moved."""
+        return [name for name, station in self._stations.items() if station.limits is not None]
+
+    def views(self) -> tuple[InstrumentView, ...]:
+        """All instruments now; asks none of them."""
+        now_s = time.monotonic()
+        return tuple(
+            InstrumentView(
+                s.name,
+                s.role,
+                s.driver,
+                s.address,
+                "silent" if s.state == "ready" and now_s - s.busy_since_s > AGAIN_S else s.state,
+                s.identity,
+                tuple(s.values.values()),
+                s.error,
+                s.limits,
+            )
+            for s in self._stations.values()
+        )
+
+    def strips(self) -> dict[str, Strip]:
+        """What the strip charts show, by quantity."""
+        now_s = time.monotonic()
+        found = {}
+        for name, values in list(self._strips.items()):
+            kept = list(values)
+            found[name] = Strip(
+                name,
+                kept[-1].unit,
+                np.array([each.taken_s - now_s for each in kept]),
+                np.array([each.value for each in kept]),
+            )
+        return found
+
+    def move(self, name: str, value: float) -> None:
+        """`rigctl move`: home the stage if needed and move it, on a thread of its own."""
+        stage: Any = self._stations[name].instrument
+
+        def act() -> None:
+            stage.home()
+            stage.move_to(value)
+
+        self._set_out(name, "moving", act)
+
+    def home(self, name: str) -> None:
+        """`rigctl home`, on a thread of its own."""
+        stage: Any = self._stations[name].instrument
+        self._set_out(name, "homing", stage.home)
+
+    def reconnect(self) -> None:
+        """Try again now what does not answer."""
+        for station in self._stations.values():
+            station.wake.set()
+
+    def stop(self) -> None:
+        """Bring every instrument to rest, all at once; returns at once, what came of it is posted."""
+        began_s = time.monotonic()
+        failures: dict[str, str] = dict.fromkeys(self._stations, "does not answer")
+
+        def halt(station: _Station) -> None:
+            try:
+                station.instrument.stop()
+            except Exception as error:  # noqa: BLE001 - said to the operator, whatever it is
+                failures[station.name] = str(error)
+            else:
+                del failures[station.name]
+
+        threads = [threading.Thread(target=halt, args=(s,), daemon=True) for s in self._stations.values()]
+        for thread in threads:
+            thread.start()
+        threading.Thread(target=self._tell_stopped, args=(threads, began_s, failures), daemon=True).start()
+
+    def close(self) -> None:
+        """Bring everything to rest, disconnect, and give the instruments free for others; may be called twice."""
+        self._closing.set()
+        self.reconnect()
+        halts = [threading.Thread(target=_quietly, args=(s.instrument.stop,)) for s in self._stations.values()]
+        for thread in halts:
+            thread.daemon = True
+            thread.start()
+        for thread in (*halts, *self._threads):
+            thread.join(STOP_WAIT_S)
+        closing = threading.Thread(target=self._rig.close, daemon=True)
+        closing.start()
+        closing.join(STOP_WAIT_S)
+        self._held.close()
+
+    def _tell_stopped(self, threads: list[threading.Thread], began_s: float, failures: dict[str, str]) -> None:
+        deadline_s = began_s + STOP_WAIT_S
+        for thread in threads:
+            thread.join(max(deadline_s - time.monotonic(), 0.0))
+        told = tuple(f"{name}: {why}" for name, why in sorted(failures.items()))
+        self._post(Stopped(time.monotonic() - began_s, told))
+
+    def _set_out(self, name: str, state: str, act: Callable[[], None]) -> None:
+        from rigctl.errors import RigError
+
+        station = self._stations[name]
+        if station.state in {"moving", "homing"}:
+            self._post(Noted(f"{name}: still {station.state}; stop it first", "warning"))
+            return
+        if station.state not in {"ready", "stopped"}:
+            self._post(Noted(f"{name}: {station.state}; it cannot be moved now", "warning"))
+            return
+        station.state = state
+
+        def carry_out() -> None:
+            try:
+                act()
+            except RigError as error:
+                station.state, station.error = "stopped", str(error)
+                self._post(Noted(str(error), "warning"))
+            else:
+                station.state, station.error = "ready", ""
+
+        threading.Thread(target=carry_out, name=f"{state} {name}", daemon=True).start()
+
+    def _attend(self, station: _Station) -> None:
+        from rigctl.errors import RigError
+
+        while not self._closing.is_set():
+            station.busy_since_s = time.monotonic()
+            try:
+                if station.state in {"connecting", "lost"}:
+                    self._connect(station)
+                for reading in _readings(station.instrument):
+                    self._keep(station, *reading)
+                if station.state not in {"moving", "homing", "stopped"}:
+                    station.error = ""
+            except RigError as error:
+                self._lose(station, str(error))
+            except Exception as error:  # noqa: BLE001 - a thread that ends in silence shows an old value for ever
+                self._lose(station, f"{station.name}: internal error: {type(error).__name__}: {error}")
+            station.busy_since_s = time.monotonic()
+            station.wake.wait(AGAIN_S if station.state == "lost" else POLL_S)
+            station.wake.clear()
+
+    def _connect(self, station: _Station) -> None:
+        station.state = "connecting"
+        station.instrument.open()
+        identity = station.instrument.identify()
+        station.identity = " ".join(part for part in (identity.model, identity.serial, identity.firmware) if part)
+        station.state, station.error = "ready", ""
+
+    def _lose(self, station: _Station, why: str) -> None:
+        if self._closing.is_set():
+            return
+        if station.error != why:
+            self._post(Noted(why, "error"))
+        station.error = why
+        if station.state not in {"moving", "homing"}:
+            station.state = "lost"
+            _quietly(station.instrument.close)
+
+    def _keep(self, station: _Station, label: str, reading: Reading) -> None:
+        value = Value(label, reading.value, reading.unit, time.monotonic())
+        station.values[label] = value
+        self._strips.setdefault(label, deque(maxlen=STRIP_LENGTH)).append(value)
+
+
+def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
+    """Hold a rig and connect to all of it; `ConfigError`, or `RigError` when a campaign holds it. Moves nothing."""
+    from rigctl import config
+    from rigctl.rig import Rig
+    from rigctl.runner import rig_of_ones_own
+
+    file = config.read_rig(path)
+    held = ExitStack()
+    held.enter_context(rig_of_ones_own(file))
+    try:
+        return LiveBench(file, Rig(file), held, post)
+    except BaseException:
+        held.close()
+        raise
+
+
+def stop_from_outside(path: Path, post: Callable[[Message], object]) -> None:
+    """`rigctl stop` of a rig that a campaign holds: second connections, every instrument on its own thread."""
+    from rigctl import config
+    from rigctl.rig import Rig
+
+    began_s = time.monotonic()
+    file = config.read_rig(path)
+    if all(table.simulated for table in file.instruments.values()):
+        return  # they live in the campaign's process, which is asked to abort
+    rig = Rig(file)
+    failures: dict[str, str] = dict.fromkeys(rig.instruments, "does not answer")
+
+    def halt(name: str, instrument: Instrument) -> None:
+        try:
+            instrument.open()
+            instrument.stop()
+        except Exception as error:  # noqa: BLE001 - said to the operator, whatever it is
+            failures[name] = str(error)
+        else:
+            del failures[name]
+        finally:
+            _quietly(instrument.close)
+
+    threads = [threading.Thread(target=halt, args=each, daemon=True) for each in rig.instruments.items()]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(max(began_s + STOP_WAIT_S - time.monotonic(), 0.0))
+    told = tuple(f"{name}: {why}" for name, why in sorted(failures.items()))
+    post(Stopped(time.monotonic() - began_s, told))
+
+
+def _limits(instrument: Instrument) -> Limits | None:
+    from rigctl.interfaces import LinearStage, RotationStage
+
+    if isinstance(instrument, RotationStage):
+        turn = instrument.limits
+        return Limits(turn.angle_min_deg, turn.angle_max_deg, "deg", turn.speed_deg_s)
+    if isinstance(instrument, LinearStage):
+        travel = instrument.limits
+        return Limits(travel.position_min_mm, travel.position_max_mm, "mm", travel.speed_mm_s)
+    return None
+
+
+def _readings(instrument: Instrument) -> Iterator[tuple[str, Reading]]:
+    from rigctl.interfaces import DisplacementMeter, LinearStage, RotationStage, Thermometer, Voltmeter
+
+    if isinstance(instrument, RotationStage):
+        yield "angle", instrument.angle()
+    elif isinstance(instrument, LinearStage):
+        yield "position", instrument.position()
+    elif isinstance(instrument, DisplacementMeter):
+        names = [channel.name for channel in instrument.channels()]
+        yield from zip(names, instrument.displacements(), strict=True)
+    elif isinstance(instrument, Thermometer):
+        yield "temperature", instrument.temperature()
+    elif isinstance(instrument, Voltmeter):
+        yield "voltage", instrument.voltage()
+
+
+def _quietly(action: Callable[[], None]) -> None:
+    try:
+        action()
+    except Exception:  # noqa: BLE001 - tried on the way out; whoever is told of failures has been told
+        return

@@ -1,0 +1,107 @@
+"""Campaigns in processes of their own: started, asked to do something, told that the terminal is lost."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rigctl.console.messages import CampaignEnded, Launch, Request
+
+if TYPE_CHECKING:
+    from textual.message import Message
+
+
+class Campaigns:
+    """The campaigns this console has started; they outlive it."""
+
+    def __init__(self, post: Callable[[Message], object]) -> None:
+        self._post = post
+        self._running: dict[Path, subprocess.Popen[bytes]] = {}
+
+    def start(self, launch: Launch) -> None:
+        """`rigctl run`, detached from this terminal."""
+        arguments = ["run", str(launch.campaign), "--store", str(launch.store)]
+        arguments += ["--rig", str(launch.rig)] if launch.rig else []
+        arguments += ["--seed", str(launch.seed)] if launch.seed is not None else []
+        arguments += ["--yes"] if launch.unattended else []
+        self._spawn(launch.store, arguments)
+
+    def resume(self, store: Path) -> None:
+        """`rigctl resume` of a campaign whose process has ended, detached."""
+        self._spawn(store, ["resume", str(store)])
+
+    def signal(self, store: Path, number: signal.Signals) -> bool:
+        """Pass a signal on to the campaign this console started into `store`; False when there is none."""
+        process = self._running.get(store)
+        if process is None or process.poll() is not None:
+            return False
+        process.send_signal(number)
+        return True
+
+    def started(self, store: Path) -> bool:
+        """True while a campaign runs that this console started."""
+        process = self._running.get(store)
+        return process is not None and process.poll() is None
+
+    def _spawn(self, store: Path, arguments: list[str]) -> None:
+        # It answers through the store. Its standard input has a writer as long as it lives, itself, and so no end.
+        read, write = os.pipe()
+        log = log_of(store)
+        with log.open("ab") as said:
+            process = subprocess.Popen(  # noqa: S603
+                [sys.executable, "-m", "rigctl.cli", *arguments],
+                stdin=read,
+                stdout=subprocess.DEVNULL,
+                stderr=said,
+                pass_fds=(write,),
+                start_new_session=True,
+            )
+        os.close(read)
+        os.close(write)
+        self._running[store] = process
+        threading.Thread(target=self._wait, args=(store, process, log), daemon=True).start()
+
+    def _wait(self, store: Path, process: subprocess.Popen[bytes], log: Path) -> None:
+        status = process.wait()
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
+        self._post(CampaignEnded(store, status, lines[-1] if lines else ""))
+
+
+def log_of(store: Path) -> Path:
+    """Where a campaign that was started here says what it would say on a terminal."""
+    return store.with_name(store.name + ".log")
+
+
+def request(store: Path, kind: Request) -> None:
+    """`rigctl pause`, `resume` or `abort` of a campaign that runs; `RigError` when none does."""
+    from rigctl.campaign.locks import is_held, store_lock
+    from rigctl.campaign.store import Store
+    from rigctl.errors import RigError
+
+    with Store.open(store) as opened:
+        if not is_held(store_lock(store)):
+            raise RigError(f"{store}: no campaign is running on it; `rigctl status` tells how it ended")
+        opened.add_request(kind)
+
+
+def answer(store: Path, number: int, text: str) -> None:
+    """`rigctl answer`."""
+    from rigctl.campaign.questions import answer as answer_to
+    from rigctl.campaign.store import Store
+
+    with Store.open(store) as opened:
+        answer_to(opened, number, text)
+
+
+def note(store: Path, action: str) -> None:
+    """Keep an operator's action in the store it was for."""
+    from rigctl.campaign.store import Store
+
+    with Store.open(store) as opened:
+        opened.add_event("operator", {"action": action})

@@ -1,0 +1,335 @@
+"""Screen 1: the instruments, jog and home, strip charts and spectrum."""
+
+from __future__ import annotations
+
+import math
+import time
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Grid, Vertical
+from textual.widgets import DataTable, Static
+
+from rigctl.console.bench import InstrumentView, Limits, Strip, Value
+from rigctl.console.messages import HomeAsked, MoveAsked, Noted, ReconnectAsked
+from rigctl.console.widgets.dialogs import MoveDialog, TextDialog
+from rigctl.console.widgets.plot import Line, Picture, Plot
+
+if TYPE_CHECKING:
+    from rigctl.console.feed import StoreView
+    from rigctl.interfaces import FloatArray
+
+COLUMNS = ("instrument", "state", "value", "age", "identity")
+MARKS = {"ready": "●", "moving": "▶", "homing": "▶", "stopped": "■", "lost": "✗", "silent": "?", "connecting": "…"}
+STALE_S = 3.0
+
+
+class RigPane(Vertical):
+    """Instruments on top, charts below."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("m", "move", "Move"),
+        Binding("h", "home", "Home"),
+        Binding("left_square_bracket", "jog(-1)", "Jog-", key_display="["),
+        Binding("right_square_bracket", "jog(1)", "Jog+", key_display="]"),
+        Binding("j", "step", "Step"),
+        Binding("c", "reconnect", "Connect"),
+    ]
+
+    def __init__(self, jog_step: float) -> None:
+        super().__init__(id="rig")
+        self.jog_step = jog_step
+        self._views: dict[str, InstrumentView] = {}
+
+    def compose(self) -> ComposeResult:
+        """Table, line of details, charts."""
+        yield DataTable(id="instruments", cursor_type="row", zebra_stripes=False)
+        yield Static(id="detail")
+        with Grid(id="charts"):
+            for name in ("accelerometer", "lasers", "stage", "angle"):
+                yield Plot(Picture(name), id=f"chart-{name}")
+            yield Plot(Picture("spectrum"), id="chart-spectrum")
+            yield Static(id="noise")
+
+    def on_mount(self) -> None:
+        """Columns once, rows as instruments come."""
+        table = self.query_one(DataTable)
+        for name, width in zip(COLUMNS, (13, 12, 23, 6, None), strict=True):
+            table.add_column(name, key=name, width=width)
+
+    def show_bench(self, views: Sequence[InstrumentView], strips: Mapping[str, Strip]) -> None:
+        """The rig this console holds."""
+        self._show_instruments(views)
+        lasers = [
+            strip for name, strip in strips.items() if name not in {"angle", "position", "voltage", "temperature"}
+        ]
+        self._chart("accelerometer", "V", [_line(strips.get("voltage"))])
+        self._chart("lasers", "mm", [_line(strip, _short(strip.name), i) for i, strip in enumerate(lasers)])
+        self._chart("stage", "mm", [_line(strips.get("position"))])
+        self._chart("angle", "deg", [_line(strips.get("angle"))])
+        voltage = strips.get("voltage")
+        if voltage is not None and len(voltage.values) > 32:
+            span_s = float(voltage.ago_s[-1] - voltage.ago_s[0])
+            self._show_spectrum(
+                *density(voltage.values, (len(voltage.values) - 1) / max(span_s, 1e-3)), 1.0, "V", None
+            )
+
+    def show_store(self, view: StoreView) -> None:
+        """The rig as the campaign that holds it tells."""
+        rig = _tables(view.rig_toml)
+        self._show_instruments(_from_store(view, rig))
+        samples = view.samples
+        t_s = samples.get("t_s")
+        columns = {name: values for name, values in samples.items() if name != "t_s"}
+
+        def line(column: str, name: str = "", colour: int = 0) -> Line | None:
+            values = columns.get(column)
+            if values is None or t_s is None or not len(values):
+                return None
+            return Line(t_s[: len(values)], values[: len(t_s)], name, colour=colour)
+
+        heads = [name for name in columns if name.startswith("laser")]
+        told = f"run {view.run_id}, t / s"
+        self._chart("accelerometer", "V", [line("accel_v")], told)
+        self._chart("lasers", "mm", [line(name, _short(name), i) for i, name in enumerate(heads)], told)
+        self._chart("stage", "mm", [line("stage_x_mm")], told)
+        turns = [run for run in view.runs[-200:] if "theta_deg" in run.conditions]
+        angles = np.array([float(run.conditions["theta_deg"]) for run in turns])
+        numbers = np.arange(len(view.runs) - len(turns) + 1, len(view.runs) + 1, dtype=float)
+        self._chart("angle", "deg", [Line(numbers, angles, mark="o")] if len(angles) else [], "run")
+        self._show_run_spectrum(view, rig)
+
+    def _show_run_spectrum(self, view: StoreView, rig: Mapping[str, Any]) -> None:
+        volts, t_s = view.samples.get("accel_v"), view.samples.get("t_s")
+        if volts is None or t_s is None or len(volts) < 64 or not view.runs:
+            return
+        gain = _gain(rig, view.runs[-1].conditions)
+        target = _tables(view.campaign_toml).get("targets", {}).get("noise_m_s2_rthz")
+        rate_hz = (len(t_s) - 1) / float(t_s[-1] - t_s[0])
+        self._show_spectrum(*density(volts, rate_hz), gain, "m/s²" if gain != 1.0 else "V", target)
+
+    def _chart(self, name: str, unit: str, lines: Sequence[Line | None], x_label: str = "t / s") -> None:
+        shown = tuple(line for line in lines if line is not None)
+        self.query_one(f"#chart-{name}", Plot).show(Picture(f"{name} / {unit}", shown, x_label))
+
+    def _show_spectrum(
+        self, frequency_hz: FloatArray, density_v: FloatArray, gain: float, unit: str, target: float | None
+    ) -> None:
+        with np.errstate(divide="ignore"):
+            x, y = np.log10(frequency_hz), np.log10(density_v / gain)
+        keep = np.isfinite(y)
+        levels = ((math.log10(target), "required"),) if target else ()
+        line = Line(x[keep], y[keep])
+        picture = Picture(f"spectrum / {unit}/√Hz, log", (line,), "log f / Hz", levels=levels)
+        if target and keep.any():
+            low, high = float(y[keep].min()), float(y[keep].max())
+            picture = Picture(
+                picture.title,
+                (line,),
+                picture.x_label,
+                y_range=(min(low, math.log10(target)), max(high, math.log10(target))),
+                levels=levels,
+            )
+        self.query_one("#chart-spectrum", Plot).show(picture)
+        self.query_one("#noise", Static).update(_noise_told(frequency_hz, density_v / gain, unit, target))
+
+    def _show_instruments(self, views: Sequence[InstrumentView]) -> None:
+        table = self.query_one(DataTable)
+        if list(self._views) != [view.name for view in views]:
+            table.clear()
+            for view in views:
+                table.add_row(*_row(view), key=view.name)
+        else:
+            for view in views:
+                old = _row(self._views[view.name])
+                for column, before, cell in zip(COLUMNS, old, _row(view), strict=True):
+                    if cell != before or column == "age":
+                        table.update_cell(view.name, column, cell)
+        self._views = {view.name: view for view in views}
+        self._show_detail()
+
+    def _show_detail(self) -> None:
+        view = self._chosen()
+        if view is None:
+            self.query_one("#detail", Static).update("No rig is open: o opens a rig file or a store.")
+            return
+        limits = f"  limits {view.limits}  jog step {self.jog_step:g} {view.limits.unit}" if view.limits else ""
+        text = Text(f"{view.name}: {view.role}, {view.driver}, {view.address}{limits}", no_wrap=True)
+        if view.error:
+            text = Text(f"✗ {view.error}", style="bold", no_wrap=False)
+        self.query_one("#detail", Static).update(text)
+
+    def on_data_table_row_highlighted(self) -> None:
+        """Another instrument's details."""
+        self._show_detail()
+
+    def _chosen(self) -> InstrumentView | None:
+        table = self.query_one(DataTable)
+        names = list(self._views)
+        return self._views[names[table.cursor_row]] if 0 <= table.cursor_row < len(names) else None
+
+    def _stage(self) -> tuple[InstrumentView, Limits] | None:
+        view = self._chosen()
+        if view is None or view.limits is None:
+            self.post_message(Noted("choose a stage in the table first: ↑ ↓", "warning"))
+            return None
+        return view, view.limits
+
+    def action_move(self) -> None:
+        """Ask where to, then move."""
+        if (chosen := self._stage()) is None:
+            return
+        view, limits = chosen
+
+        def go(value: float | None) -> None:
+            if value is not None:
+                self.post_message(MoveAsked(view.name, value))
+
+        self.app.push_screen(MoveDialog(view.name, limits, _values_told(view)), go)
+
+    def action_home(self) -> None:
+        """Home the stage that is chosen."""
+        if (chosen := self._stage()) is not None:
+            self.post_message(HomeAsked(chosen[0].name))
+
+    def action_jog(self, direction: int) -> None:
+        """One step; refused where it would leave the limits."""
+        if (chosen := self._stage()) is None:
+            return
+        view, limits = chosen
+        if not view.values or not math.isfinite(view.values[0].value):
+            self.post_message(Noted(f"{view.name}: its position is not known", "warning"))
+            return
+        value = view.values[0].value + direction * self.jog_step
+        if refusal := limits.refusal(value):
+            self.post_message(Noted(f"{view.name}: {refusal}", "warning"))
+        else:
+            self.post_message(MoveAsked(view.name, value))
+
+    def action_step(self) -> None:
+        """Another size of the jog's steps."""
+
+        def keep(text: str | None) -> None:
+            if text is not None:
+                self.jog_step = float(text)
+
+        self.app.push_screen(TextDialog("Jog step", "deg or mm per step", f"{self.jog_step:g}", _no_step), keep)
+
+    def action_reconnect(self) -> None:
+        """Try what does not answer again."""
+        self.post_message(ReconnectAsked())
+
+
+def _no_step(text: str) -> str:
+    try:
+        return "" if 0.0 < float(text) <= 90.0 else "a step is more than 0 and at most 90"
+    except ValueError:
+        return f"'{text}' is not a number"
+
+
+def density(volts: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    """One-sided amplitude density of evenly spaced samples by frequency, the mean of overlapping Hann windows."""
+    values = volts[np.isfinite(volts)]
+    size = min(len(values), 4096)
+    if size < 16:
+        return np.zeros(0), np.zeros(0)
+    window = np.hanning(size)
+    starts = range(0, len(values) - size + 1, max(size // 2, 1))
+    power = [
+        np.abs(np.fft.rfft(window * (part - part.mean()))) ** 2 for part in (values[s : s + size] for s in starts)
+    ]
+    scale = 2.0 / (rate_hz * float(np.sum(window**2)))
+    frequency_hz = np.asarray(np.fft.rfftfreq(size, 1.0 / rate_hz)[1:], dtype=np.float64)
+    return frequency_hz, np.asarray(np.sqrt(scale * np.mean(power, axis=0))[1:], dtype=np.float64)
+
+
+def _noise_told(frequency_hz: FloatArray, found: FloatArray, unit: str, target: float | None) -> Text:
+    """The median density between 0.2 and 2 Hz: lines such as the drive's do not move it."""
+    band = (frequency_hz > 0.2) & (frequency_hz < 2.0)
+    if not band.any():
+        return Text("noise: no band of 0.2 .. 2 Hz yet", style="dim")
+    level = float(np.median(found[band]))
+    text = Text(f"noise 0.2 .. 2 Hz\n{level:.1e} {unit}/√Hz\n")
+    if target is None:
+        text.append("no requirement known", style="dim")
+    else:
+        text.append(f"required {target:.1e}\n")
+        text.append("✓ within" if level <= target else "✗ ABOVE", style="bold")
+    return text
+
+
+def _line(strip: Strip | None, name: str = "", colour: int = 0) -> Line | None:
+    return None if strip is None else Line(strip.ago_s, strip.values, name, colour=colour)
+
+
+def _short(name: str) -> str:
+    return name.removeprefix("laser_").removesuffix("_mm")
+
+
+def _row(view: InstrumentView) -> tuple[str, ...]:
+    now_s = time.monotonic()
+    age_s = max((now_s - each.taken_s for each in view.values), default=math.nan)
+    age = "" if math.isnan(age_s) else f"{age_s:.1f} s{'!' if age_s > STALE_S else ''}"
+    return (view.name, f"{MARKS.get(view.state, ' ')} {view.state}", _values_told(view), age, view.identity)
+
+
+def _values_told(view: InstrumentView) -> str:
+    if not view.values:
+        return "-"
+    digits = 4 if view.values[0].unit in {"deg", "mm", "V"} else 2
+    if len(view.values) > 1:
+        digits = 3
+    told = (f"{each.value:.{digits}f}" if math.isfinite(each.value) else "--" for each in view.values)
+    return f"{' '.join(told)} {view.values[0].unit}"
+
+
+@lru_cache(maxsize=4)
+def _tables(text: str) -> dict[str, Any]:
+    """A file kept in a store, which was checked when it was put there."""
+    return tomllib.loads(text)
+
+
+def _gain(rig: Mapping[str, Any], conditions: Mapping[str, Any]) -> float:
+    """V/(m/s2) of the sensor that is mounted; 1 where the rig file does not say."""
+    try:
+        sensor = rig["package"]["axes"][conditions["axis"]]["sensor"][conditions["configuration"]]
+        return float(sensor["gain_v_per_m_s2"])
+    except (KeyError, TypeError):
+        return 1.0
+
+
+def _from_store(view: StoreView, rig: Mapping[str, Any]) -> list[InstrumentView]:
+    """The instruments as the store tells: identity, and the last value of each that was recorded."""
+    found = []
+    now_s = time.monotonic()
+    state = "campaign" if view.alive else "at rest"
+    for name, table in rig.get("instruments", {}).items():
+        identity = view.identities.get(name, {})
+        who = " ".join(str(identity[key]) for key in ("model", "serial", "firmware") if identity.get(key))
+        values = tuple(
+            Value(label, value, unit, now_s) for label, value, unit in _recorded(view, table) if math.isfinite(value)
+        )
+        driver, address = str(table["driver"]), str(table["address"])
+        found.append(InstrumentView(name, str(table["role"]), driver, address, state, who, values, ""))
+    return found
+
+
+def _recorded(view: StoreView, table: Mapping[str, Any]) -> list[tuple[str, float, str]]:
+    conditions = view.runs[-1].conditions if view.runs else {}
+    last = {name: float(values[-1]) for name, values in view.samples.items() if len(values)}
+    role = table["role"]
+    if role == "rotation" and "theta_deg" in conditions:
+        return [("angle", float(conditions["theta_deg"]), "deg")]
+    if role == "thermometer" and "temperature_c" in conditions:
+        return [("temperature", float(conditions["temperature_c"]), "degC")]
+    if role == "linear" and "stage_x_mm" in last:
+        return [("position", last["stage_x_mm"], "mm")]
+    if role == "readout" and "accel_v" in last:
+        return [("voltage", last["accel_v"], "V")]
+    return [(head, last[head], "mm") for head in table.get("heads", {}) if head in last]

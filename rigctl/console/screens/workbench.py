@@ -1,0 +1,253 @@
+"""Screen 4: where the model fails, which effect is missing, and what adding it brought."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.widgets import DataTable, Static, TabbedContent, TabPane
+
+from rigctl.console.messages import AnalysisAsked, Noted
+from rigctl.console.widgets.dialogs import PickDialog
+from rigctl.console.widgets.plot import MARKS, Line, Picture, Plot
+
+Found = Mapping[str, Any]
+MAX_SERIES = 3
+
+
+class WorkbenchPane(Vertical):
+    """Model, residuals, ranking and ladder of the store that is open."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f", "fit", "Fit"),
+        Binding("g", "diagnose", "Diagnose"),
+        Binding("a", "add", "Add"),
+        Binding("x", "remove", "Remove"),
+        Binding("n", "next", "Next"),
+        Binding("v", "covariate", "Covariate"),
+    ]
+
+    def __init__(self, covariate: str) -> None:
+        super().__init__(id="workbench")
+        self.covariate = covariate
+        self._effects: list[str] = []
+        self._catalogue: dict[str, str] = {}
+        self._covariates: list[str] = []
+        self._suggested: list[str] = []
+        self._ranked: list[Found] = []
+
+    def compose(self) -> ComposeResult:
+        """A line that says where one stands, and four tabs."""
+        yield Static("", id="model-line")
+        with TabbedContent(id="workbench-tabs"):
+            with TabPane("Model", id="tab-model"), VerticalScroll():
+                yield Static("f fits the current model of the store that is open.", id="fit")
+            with TabPane("Residuals", id="tab-residuals"):
+                yield Static("v picks what the residuals are shown against.", id="residual-line")
+                yield Plot(Picture("residuals / σ"), id="residuals")
+            with TabPane("Ranking", id="tab-ranking"):
+                yield Static("g diagnoses: which physical effect is missing?", id="verdict")
+                yield DataTable(id="ranking", cursor_type="row")
+                yield Static("", id="rank-detail")
+            with TabPane("Ladder", id="tab-ladder"):
+                yield Static("", id="ladder")
+                yield Plot(Picture("error, 1.00 = noise"), id="ladder-plot")
+            with TabPane("Next", id="tab-next"), VerticalScroll():
+                yield Static("n asks what to measure next.", id="next")
+
+    def on_mount(self) -> None:
+        """The ranking's columns."""
+        table = self.query_one(DataTable)
+        for name, width in (("effect", 27), ("p corr.", 8), ("size", 24), ("held out", 8)):
+            table.add_column(name, key=name, width=width)
+
+    # What is shown
+
+    def show_busy(self, what: str) -> None:
+        """Something is being worked out."""
+        self._tell(f"… {what}")
+
+    def show_model(self, found: Found) -> None:
+        """`rigctl model show`."""
+        self._effects = list(found["effects"])
+        self._catalogue = dict(found["catalogue"])
+        self._tell(f"model version {found['version']}: {' + '.join(['baseline', *self._effects])}")
+
+    def show_fit(self, found: Found) -> None:
+        """`rigctl fit`."""
+        from rigctl.report.quantities import number, quantity
+        from rigctl.report.verdicts import comparison_sentence
+
+        table = Table(box=None, padding=(0, 1), pad_edge=False)
+        for name in ("parameter", "value", "unit"):
+            table.add_column(name, no_wrap=True)
+        for name, each in found["parameters"].items():
+            table.add_row(Text(name), quantity(each["value"], each["sigma"]), each["unit"])
+        held = (
+            f"error {number(found['error_fit'])}, on held-out runs {number(found['error_held_out'])} (1.00 = noise)"
+        )
+        self.query_one("#fit", Static).update(Group(Text(comparison_sentence(found)), Text(held), Text(), table))
+        self._go("tab-model")
+
+    def show_residuals(self, found: Found) -> None:
+        """`rigctl compare`, against one covariate."""
+        self._covariates = list(found["covariates"])
+        self.covariate = str(found["covariate"])
+        self.query_one("#residual-line", Static).update(Text(found["sentence"]))
+        lines = []
+        for place, (name, points) in enumerate(list(found["series"].items())[:MAX_SERIES]):
+            x, y = (np.array([point[i] for point in points]) for i in (0, 1))
+            lines.append(Line(x, np.sign(y) * np.log10(1.0 + np.abs(y)), name, MARKS[place], place))
+        levels = tuple(
+            (float(np.sign(s) * np.log10(1 + abs(s))), f"{s:+d}σ" if s else "0")
+            for s in (-100, -10, -3, 0, 3, 10, 100)
+        )
+        picture = Picture("residuals, ±log(1+σ)", tuple(lines), found["label"], levels=levels)
+        self.query_one("#residuals", Plot).show(picture)
+
+    def show_diagnosis(self, found: Found) -> None:
+        """`rigctl diagnose`."""
+        from rigctl.report.quantities import number, probability
+        from rigctl.report.verdicts import named, sizes
+
+        self._suggested = list(found["suggested"])
+        self._ranked = list(found["ranking"])
+        told = Text(found["sentence"])
+        if self._suggested:
+            told.append(f"  a adds {', '.join(self._suggested)}.", style="bold")
+        if found["unexplained"]:
+            told.append(f"\nunexplained: {found['unexplained']['description']}")
+        self.query_one("#verdict", Static).update(told)
+        table = self.query_one(DataTable)
+        table.clear()
+        for rank in self._ranked:
+            star = "*" if rank["effect"] in self._suggested else " "
+            size = "; ".join(sizes(rank)) or "-"
+            table.add_row(
+                Text(f"{star} {named(rank['effect'], rank['choice'])}"),
+                probability(rank["p_value_corrected"]),
+                Text(size),
+                number(rank["held_out_error_ratio"]),
+            )
+        self._go("tab-ranking")
+        self._show_rank(0)
+        table.focus()
+
+    def show_history(self, rungs: Sequence[Found]) -> None:
+        """`rigctl model history`."""
+        from rigctl.report.quantities import number
+        from rigctl.report.verdicts import change_of
+
+        table = Table(box=None, padding=(0, 1), pad_edge=False)
+        for name in ("version", "change", "chi2/dof", "error", "held out"):
+            table.add_column(name, no_wrap=True, justify="left" if name == "change" else "right")
+        for rung in rungs:
+            numbers = (number(rung[key]) for key in ("chi2_per_dof", "error_fit", "error_held_out"))
+            table.add_row(str(rung["version"]), Text(change_of(rung)), *numbers)
+        self.query_one("#ladder", Static).update(table)
+        lines = []
+        for place, (key, name) in enumerate((("error_fit", "fitted"), ("error_held_out", "held out"))):
+            known = [(float(rung["version"]), float(rung[key])) for rung in rungs if rung[key]]
+            if known:
+                x, y = (np.array([point[i] for point in known]) for i in (0, 1))
+                lines += [Line(x, np.log10(y), "", "", place), Line(x, np.log10(y), name, MARKS[place], place)]
+        picture = Picture("log error, 0 = noise", tuple(lines), "version", levels=((0.0, "noise"),))
+        self.query_one("#ladder-plot", Plot).show(picture)
+
+    def show_next(self, found: Found) -> None:
+        """`rigctl next`."""
+        from rigctl.report.terminal_planning import runs_table
+
+        parts: list[RenderableType] = [Text(found["description"])]
+        if found["runs"]:
+            parts += [Text(), runs_table(found["runs"])]
+        self.query_one("#next", Static).update(Group(*parts))
+        self._go("tab-next")
+
+    def _tell(self, text: str) -> None:
+        self.query_one("#model-line", Static).update(Text(text, no_wrap=True, overflow="ellipsis"))
+
+    def _go(self, tab: str) -> None:
+        self.query_one("#workbench-tabs", TabbedContent).active = tab
+
+    def on_data_table_row_highlighted(self, event: DataTable.RowHighlighted) -> None:
+        """More of the effect under the cursor."""
+        self._show_rank(event.cursor_row)
+
+    def _show_rank(self, row: int) -> None:
+        from rigctl.report.quantities import number
+
+        if not 0 <= row < len(self._ranked):
+            return
+        rank = self._ranked[row]
+        like = f"  cannot be told from {', '.join(rank['equivalent_to'])}" if rank["equivalent_to"] else ""
+        own = f"{100 * rank['keep']:.0f} % of it its own"
+        told = f"{rank['effect']}: chi2 falls by {number(rank['chi2_fall'])}, {own}{like}"
+        self.query_one("#rank-detail", Static).update(Text(told))
+
+    # What the operator asks
+
+    def action_fit(self) -> None:
+        """Fit the current model."""
+        self.post_message(AnalysisAsked("fit"))
+
+    def action_diagnose(self) -> None:
+        """Which effect is missing?"""
+        self.post_message(AnalysisAsked("diagnose"))
+
+    def action_next(self) -> None:
+        """What to measure next?"""
+        self.post_message(AnalysisAsked("recommend"))
+
+    def action_add(self) -> None:
+        """Pick an effect: what is suggested first, then the one under the cursor, then the catalogue."""
+        ranked = [str(rank["effect"]) for rank in self._ranked]
+        row = self.query_one(DataTable).cursor_row
+        under = (
+            ranked[row : row + 1] if self.query_one("#workbench-tabs", TabbedContent).active == "tab-ranking" else []
+        )
+        order = dict.fromkeys([*self._suggested, *under, *ranked, *self._catalogue])
+        options = [
+            (name, ("suggested: " if name in self._suggested else "") + self._catalogue.get(name, ""))
+            for name in order
+            if name not in self._effects
+        ]
+        if not options:
+            self.post_message(Noted("open a store first: o", "warning"))
+            return
+        self.app.push_screen(PickDialog("Add which effect?", options), lambda name: self._send("add", name))
+
+    def action_remove(self) -> None:
+        """Pick one that is in the model."""
+        if not self._effects:
+            self.post_message(Noted("the model has no effects to remove", "warning"))
+            return
+        options = [(name, self._catalogue.get(name, "")) for name in self._effects]
+        self.app.push_screen(PickDialog("Remove which effect?", options), lambda name: self._send("remove", name))
+
+    def action_covariate(self) -> None:
+        """Pick what the residuals are shown against."""
+        options = [(name, "") for name in self._covariates]
+        if not options:
+            self.post_message(AnalysisAsked("residuals", self.covariate))
+            self._go("tab-residuals")
+            return
+
+        def go(name: str | None) -> None:
+            if name is not None:
+                self.covariate = name
+                self.post_message(AnalysisAsked("residuals", name))
+                self._go("tab-residuals")
+
+        self.app.push_screen(PickDialog("Residuals against what?", options), go)
+
+    def _send(self, what: str, name: str | None) -> None:
+        if name is not None:
+            self.post_message(AnalysisAsked(what, [name]))

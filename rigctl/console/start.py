@@ -1,0 +1,52 @@
+"""Opens the console; what is wrong with its argument is told as any command tells it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def start(place: Path | None, plugins: Sequence[Path]) -> None:
+    """Run the console on this terminal until the operator quits; `ConfigError`, `DataError` before it is drawn."""
+    if place is not None:
+        check(place)
+    from rigctl.console.app import Console
+
+    Console(place, plugins).run()
+
+
+def check(place: Path) -> None:
+    """Raise what the commands raise for a rig file, campaign file or store that cannot be used."""
+    if place.suffix == ".toml":
+        kind, text = kind_of(place)
+        from rigctl import config
+
+        if kind == "rig":
+            config.parse_rig(text, place)
+        else:
+            config.parse_campaign(text, place)
+        return
+    from rigctl.campaign.store import Store
+
+    Store.open(place, readonly=True).close()
+
+
+def kind_of(path: Path) -> tuple[str, str]:
+    """Whether a TOML file is a `rig` or a `campaign`, and its text; `ConfigError` when it cannot be read."""
+    from rigctl.errors import ConfigError
+
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file; check the name") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    import tomllib
+
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from None
+    return ("campaign" if "experiment" in tables or "procedure" in tables else "rig"), text

@@ -1,0 +1,68 @@
+"""What the console keeps across restarts: the place it was left at, and every action of the operator."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+
+import platformdirs
+from pydantic import BaseModel, ValidationError
+
+ACTIONS = "actions.jsonl"
+
+
+class ConsoleState(BaseModel):
+    """Settings and the last place; what a newer or damaged file holds is forgotten."""
+
+    screen: Literal["rig", "campaign", "results", "workbench", "log"] = "rig"
+    theme: str = "rigctl-dark"
+    bell: bool = True
+    rig: str = ""
+    campaign: str = ""
+    store: str = ""
+    covariate: str = ""
+    jog_step: float = 1.0
+    notice: str = ""
+    """What the operator could not be told when the terminal was lost; shown at the next start."""
+
+
+def state_directory() -> Path:
+    """Where this user's console keeps its files."""
+    return platformdirs.user_state_path("rigctl")
+
+
+def load(directory: Path) -> ConsoleState:
+    """The state as it was left; the defaults where there is none that can be read."""
+    try:
+        return ConsoleState.model_validate_json((directory / "console.json").read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValidationError):
+        return ConsoleState()
+
+
+def save(directory: Path, state: ConsoleState) -> None:
+    """Keep the state, whole or not at all; a directory that cannot be written is no reason to fail."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=directory, delete=False, encoding="utf-8") as file:
+            file.write(state.model_dump_json(indent=1))
+        Path(file.name).replace(directory / "console.json")
+    except OSError:
+        return
+
+
+def record_action(directory: Path, action: str) -> None:
+    """Add an operator's action, with the time, to the file of all of them."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with (directory / ACTIONS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"time": now(), "action": action}, ensure_ascii=False) + "\n")
+    except OSError:
+        return
+
+
+def now() -> str:
+    """UTC, ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

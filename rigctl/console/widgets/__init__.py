@@ -1,0 +1,1 @@
+"""Widgets that receive state and send messages; none holds an instrument or a store."""

@@ -1,0 +1,129 @@
+"""What every screen has: the state and STOP on top, and what the operator must not miss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.containers import Horizontal
+from textual.events import Click
+from textual.message import Message
+from textual.reactive import reactive
+from textual.widgets import Static
+
+SCREENS = {"rig": "Rig", "campaign": "Campaign", "results": "Results", "workbench": "Workbench", "log": "Log"}
+
+
+class StopButton(Static):
+    """The STOP, for the mouse; F8 is its key."""
+
+    DEFAULT_CSS = "StopButton { width: 11; text-style: bold; background: $error; color: $stop-text; }"
+
+    class Pressed(Message):
+        """Somebody clicked it."""
+
+    def __init__(self) -> None:
+        super().__init__(" ■ STOP F8 ", id="stop")
+
+    def on_click(self, event: Click) -> None:
+        """The click is the wish."""
+        event.stop()
+        self.post_message(self.Pressed())
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What the top line says."""
+
+    name: str = "no rig, no store"
+    campaign: str = ""
+    alarms: int = 0
+    bell: bool = True
+
+
+class TopBar(Horizontal):
+    """One line: what is open, how the campaign stands, alarms, STOP."""
+
+    DEFAULT_CSS = "TopBar { height: 1; background: $panel; } TopBar #standing { width: 1fr; }"
+    standing = reactive(Standing())
+
+    def compose(self) -> ComposeResult:
+        """A line of text and the button."""
+        yield Static(id="standing")
+        yield StopButton()
+
+    def watch_standing(self, standing: Standing) -> None:
+        """Say it."""
+        if not self.is_mounted:
+            return
+        alarms = f" ! {standing.alarms} alarm{'s' if standing.alarms != 1 else ''}" if standing.alarms else ""
+        bell = "" if standing.bell else " bell off"
+        right = f"{standing.campaign}{alarms}{bell} "
+        room = max(self.size.width - 12 - len(right), 8)
+        name = standing.name if len(standing.name) < room else standing.name[: room - 2] + "…"
+        text = Text(f" {name:<{room - 1}}", no_wrap=True)
+        text.append(standing.campaign, style="bold")
+        text.append(alarms, style="bold reverse" if alarms else "")
+        text.append(bell, style="dim")
+        self.query_one("#standing", Static).update(text)
+
+    def on_resize(self) -> None:
+        """The room has changed."""
+        self.watch_standing(self.standing)
+
+
+class TabBar(Horizontal):
+    """The five screens; the one that is shown is in brackets as well as coloured."""
+
+    DEFAULT_CSS = "TabBar { height: 1; } TabBar Static { width: auto; }"
+    current = reactive("rig")
+
+    class Chosen(Message):
+        """A screen was clicked."""
+
+        def __init__(self, screen: str) -> None:
+            super().__init__()
+            self.screen = screen
+
+    def compose(self) -> ComposeResult:
+        """One label each."""
+        for name in SCREENS:
+            yield Static(id=f"tab-{name}")
+
+    def on_mount(self) -> None:
+        """Labels need to know which is shown."""
+        self.watch_current(self.current)
+
+    def watch_current(self, current: str) -> None:
+        """Mark it."""
+        for number, (name, title) in enumerate(SCREENS.items(), 1):
+            label = f"[{number} {title}]" if name == current else f" {number} {title} "
+            for tab in self.query(f"#tab-{name}").results(Static):
+                tab.update(Text(label, style="bold reverse" if name == current else ""))
+
+    def on_click(self, event: Click) -> None:
+        """Which one was it?"""
+        if event.widget is not None and (event.widget.id or "").startswith("tab-"):
+            self.post_message(self.Chosen(str(event.widget.id).removeprefix("tab-")))
+
+
+class Banner(Static):
+    """A line that stays until it is dealt with; hidden when there is nothing."""
+
+    DEFAULT_CSS = """
+    Banner { height: auto; max-height: 2; display: none; background: $warning; color: $stop-text; text-style: bold; }
+    Banner.shown { display: block; }
+    """
+
+    class Clicked(Message):
+        """The operator wants to deal with it."""
+
+    def say(self, text: str) -> None:
+        """Show a text; none hides it."""
+        self.set_class(bool(text), "shown")
+        self.update(Text(text))
+
+    def on_click(self) -> None:
+        """Deal with it."""
+        self.post_message(self.Clicked())

@@ -1,0 +1,52 @@
+"""Dots in a terminal: a cell of braille holds two by four of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+BLANK = 0x2800
+_BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.int64)
+
+
+def scaled(values: FloatArray, low: float, high: float, dots: int) -> FloatArray:
+    """Where values stand on an axis of `dots` dots from `low` to `high`; not clipped."""
+    span = high - low
+    return np.asarray((values - low) / (span if span else 1.0) * (dots - 1))
+
+
+def dotted(x: FloatArray, y: FloatArray, width: int, height: int) -> NDArray[np.int64]:
+    """Code points, shape (height, width), of dots at x in [0, 2 width), y in [0, 4 height) counted from below."""
+    cells = np.zeros((height, width), dtype=np.int64)
+    finite = np.isfinite(x) & np.isfinite(y)
+    column, row = np.rint(x[finite]).astype(int), np.rint(4 * height - 1 - y[finite]).astype(int)
+    inside = (column >= 0) & (column < 2 * width) & (row >= 0) & (row < 4 * height)
+    column, row = column[inside], row[inside]
+    np.bitwise_or.at(cells, (row // 4, column // 2), _BITS[row % 4, column % 2])
+    return cells
+
+
+def joined(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points along the straight lines between points given in dots, close enough to leave no gap."""
+    if len(x) < 2:
+        return x, y
+    steps = np.maximum(np.abs(np.diff(x)), np.abs(np.diff(y)))
+    counts = np.clip(np.nan_to_num(np.ceil(steps)), 1, 400).astype(int)
+    start = np.repeat(np.arange(len(counts)), counts)
+    share = (np.arange(len(start)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[start]
+    along = [np.append(v[start] + share * (v[start + 1] - v[start]), v[-1]) for v in (x, y)]
+    return along[0], along[1]
+
+
+def thinned(x: FloatArray, y: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
+    """At most two points per column, the least and the greatest: a strip of 60000 samples looks the same."""
+    if len(x) <= 4 * columns:
+        return x, y
+    size = len(x) // (2 * columns) + 1
+    count = len(x) // size
+    low = y[: count * size].reshape(count, size)
+    middle = x[: count * size].reshape(count, size)[:, size // 2]
+    ends = np.stack([np.nanmin(low, axis=1), np.nanmax(low, axis=1)], axis=1)
+    return np.repeat(middle, 2), ends.ravel()

@@ -1,0 +1,321 @@
+"""Dialogs. STOP works in all of them; Escape leaves without doing anything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import ClassVar, Generic, TypeVar
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.screen import ModalScreen
+from textual.widgets import Checkbox, Input, OptionList, Static
+from textual.widgets.option_list import Option
+
+from rigctl.console.bench import Limits
+from rigctl.console.messages import Launch
+
+MISSED_BY_S = 10.0
+"""An operator's prompt rings again after so long."""
+
+
+Answer = TypeVar("Answer")
+
+
+class Dialog(ModalScreen[Answer | None], Generic[Answer]):
+    """A box in the middle of the screen."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "Leave")]
+    HINT = "Esc leaves   F8 stops everything"
+
+    def compose(self) -> ComposeResult:
+        """Title, what the dialog is about, hints."""
+        with Vertical(classes="dialog"):
+            yield Static(Text(self.title or ""), classes="dialog-title")
+            yield from self.contents()
+            yield Static(Text(self.HINT), classes="hint")
+
+    def contents(self) -> ComposeResult:
+        """What is between title and hints."""
+        yield from ()
+
+    def action_leave(self) -> None:
+        """Do nothing."""
+        self.dismiss(None)
+
+
+class MoveDialog(Dialog[float]):
+    """Where a stage is to go; what is outside its limits is refused here."""
+
+    HINT = "Enter moves   Esc leaves   F8 stops everything"
+
+    def __init__(self, name: str, limits: Limits, now: str) -> None:
+        super().__init__()
+        self.title = f"Move {name}"
+        self._limits = limits
+        self._now = now
+
+    def contents(self) -> ComposeResult:
+        """Limits, entry, refusal."""
+        yield Static(Text(f"now {self._now}; limits {self._limits}"))
+        yield Input(placeholder=f"position / {self._limits.unit}", compact=True, id="value")
+        yield Static("", classes="refusal")
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Say at once what cannot be done."""
+        self.query_one(".refusal", Static).update(Text(self._refusal(event.value)))
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Go, unless it is refused."""
+        if event.value.strip() and not self._refusal(event.value):
+            self.dismiss(float(event.value))
+
+    def _refusal(self, text: str) -> str:
+        if not text.strip():
+            return ""
+        try:
+            value = float(text)
+        except ValueError:
+            return f"✗ '{text}' is not a number; write {self._limits.unit}, such as {self._limits.high / 2:g}"
+        refusal = self._limits.refusal(value)
+        return f"✗ {refusal}" if refusal else ""
+
+
+class OpenDialog(Dialog[Path]):
+    """Which file to open: what is near, and anything else by its path."""
+
+    HINT = "Enter opens   Tab between entry and list   Esc leaves   F8 stops everything"
+
+    def __init__(self, title: str, candidates: Sequence[Path], suggested: str = "") -> None:
+        super().__init__()
+        self.title = title
+        self._candidates = [str(path) for path in candidates]
+        self._suggested = suggested
+
+    def contents(self) -> ComposeResult:
+        """Entry, fault, list."""
+        yield Input(self._suggested, placeholder="path of a file", compact=True, id="path")
+        yield Static("", classes="refusal")
+        yield OptionList(*self._candidates, compact=True)
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """A list that shrinks with what is typed."""
+        shown = [each for each in self._candidates if event.value.lower() in each.lower()] or self._candidates
+        self.query_one(OptionList).set_options(shown)
+        self.query_one(".refusal", Static).update("")
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """The path, or the only one that matches."""
+        path = Path(event.value).expanduser()
+        matching = [each for each in self._candidates if event.value and event.value.lower() in each.lower()]
+        if path.is_file():
+            self.dismiss(path)
+        elif len(matching) == 1:
+            self.dismiss(Path(matching[0]))
+        else:
+            self.query_one(".refusal", Static).update(Text(f"✗ {event.value or 'nothing'}: no such file"))
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """The one that was chosen."""
+        self.dismiss(Path(str(event.option.prompt)))
+
+
+class PickDialog(Dialog[str]):
+    """One of a list; typing makes it shorter."""
+
+    HINT = "type to search   ↓ Enter picks   Esc leaves   F8 stops everything"
+
+    def __init__(self, title: str, options: Sequence[tuple[str, str]]) -> None:
+        super().__init__()
+        self.title = title
+        self._options = list(options)
+
+    def contents(self) -> ComposeResult:
+        """Search and list."""
+        yield Input(placeholder="search", compact=True)
+        yield OptionList(*self._shown(""), compact=True)
+
+    def _shown(self, typed: str) -> list[Option]:
+        width = max((len(name) for name, _ in self._options), default=0)
+        found = [each for each in self._options if typed.lower() in " ".join(each).lower()]
+        return [
+            Option(Text(f"{name:{width}}  {told}", no_wrap=True, overflow="ellipsis"), id=name)
+            for name, told in found
+        ]
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Shorten the list."""
+        self.query_one(OptionList).set_options(self._shown(event.value))
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """The first that is left."""
+        event.stop()
+        shown = self._shown(self.query_one(Input).value)
+        if shown:
+            self.dismiss(shown[0].id)
+
+    def on_key(self, event: object) -> None:
+        """Down goes from the search into the list."""
+        if getattr(event, "key", "") == "down" and isinstance(self.focused, Input):
+            self.query_one(OptionList).focus()
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """The one that was chosen."""
+        self.dismiss(event.option.id)
+
+
+class TextDialog(Dialog[str]):
+    """A line of text; `refusal` says what is wrong with it."""
+
+    HINT = "Enter accepts   Esc leaves   F8 stops everything"
+
+    def __init__(self, title: str, told: str, value: str, refusal: Callable[[str], str]) -> None:
+        super().__init__()
+        self.title = title
+        self._told = told
+        self._value = value
+        self._refusal = refusal
+
+    def contents(self) -> ComposeResult:
+        """What it is for, entry, refusal."""
+        yield Static(Text(self._told))
+        yield Input(self._value, compact=True)
+        yield Static("", classes="refusal")
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Say at once what is wrong."""
+        why = self._refusal(event.value)
+        self.query_one(".refusal", Static).update(Text(f"✗ {why}" if why else ""))
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Accept what is not refused."""
+        if not self._refusal(event.value):
+            self.dismiss(event.value)
+
+
+class StartDialog(Dialog[Launch]):
+    """How a campaign is started; `fault` says what is wrong with a launch."""
+
+    HINT = "Enter starts   Tab next entry   Space ticks   Esc leaves   F8 stops everything"
+
+    def __init__(self, launch: Launch, fault: Callable[[Launch], str]) -> None:
+        super().__init__()
+        self.title = "Start a campaign"
+        self._launch = launch
+        self._fault = fault
+
+    def contents(self) -> ComposeResult:
+        """The options of `rigctl run`."""
+        yield Static("campaign file")
+        yield Input(str(self._launch.campaign), compact=True, id="campaign")
+        yield Static("store to make")
+        yield Input(str(self._launch.store), compact=True, id="store")
+        yield Static("rig file (empty: as the campaign file says)")
+        yield Input(str(self._launch.rig or ""), compact=True, id="rig")
+        yield Static("seed of a simulated world (empty: as its file says)")
+        yield Input("", compact=True, id="seed", type="integer")
+        yield Checkbox("the simulated operator answers (nobody is asked)", compact=True, id="unattended")
+        yield Static("", classes="refusal")
+
+    def on_mount(self) -> None:
+        """The store is what is most often changed."""
+        self.query_one("#store", Input).focus()
+        self._judge()
+
+    def on_input_changed(self) -> None:
+        """Say at once what is wrong."""
+        self._judge()
+
+    def on_input_submitted(self) -> None:
+        """Start, unless something is wrong."""
+        if not self._judge():
+            self.dismiss(self._entered())
+
+    def _judge(self) -> str:
+        why = self._fault(self._entered())
+        self.query_one(".refusal", Static).update(Text(f"✗ {why}" if why else ""))
+        return why
+
+    def _entered(self) -> Launch:
+        def text(name: str) -> str:
+            return self.query_one(f"#{name}", Input).value.strip()
+
+        seed = text("seed")
+        return Launch(
+            campaign=Path(text("campaign")),
+            store=Path(text("store")),
+            rig=Path(text("rig")) if text("rig") else None,
+            unattended=self.query_one("#unattended", Checkbox).value,
+            seed=int(seed) if seed.lstrip("-").isdigit() else None,
+        )
+
+
+class QuestionDialog(Dialog[str]):
+    """What the campaign asks the operator: answered by writing the word, never by a key alone."""
+
+    HINT = "write the answer, then Enter   Esc: later (F9 comes back)   F8 stops everything"
+
+    def __init__(self, number: int, text: str, choices: Sequence[str]) -> None:
+        super().__init__()
+        self.title = "THE CAMPAIGN WAITS FOR YOU"
+        self.number = number
+        self._text = text
+        self._choices = choices
+
+    def contents(self) -> ComposeResult:
+        """The question, the words, the entry."""
+        yield Static(Text(self._text.partition(" Type '")[0].removesuffix(" [y/n] ")), classes="question")
+        yield Static(Text(f"Write {' or '.join(self._choices)}:"))
+        yield Input(compact=True)
+        yield Static("", classes="refusal")
+
+    def on_mount(self) -> None:
+        """It rings until it is dealt with."""
+        self.set_interval(MISSED_BY_S, lambda: self.app.run_action("ring"))
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Only one of the words is an answer."""
+        typed = event.value.strip().lower()
+        if typed in self._choices:
+            self.dismiss(typed)
+        else:
+            told = f"✗ '{event.value}' is no answer; write {' or '.join(self._choices)}"
+            self.query_one(".refusal", Static).update(Text(told))
+
+
+class ConfirmDialog(Dialog[bool]):
+    """Yes or no."""
+
+    HINT = "y yes   n or Esc no   F8 stops everything"
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("y", "agree", "Yes"), Binding("n", "leave", "No")]
+
+    def __init__(self, title: str, text: str) -> None:
+        super().__init__()
+        self.title = title
+        self._text = text
+
+    def contents(self) -> ComposeResult:
+        """What would happen."""
+        yield Static(Text(self._text), classes="question")
+
+    def action_agree(self) -> None:
+        """Do it."""
+        self.dismiss(True)
+
+
+class HelpDialog(Dialog[bool]):
+    """Keys and what they do."""
+
+    HINT = "Esc leaves   ↑ ↓ scroll   F8 stops everything"
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.title = "Help"
+        self._text = text
+
+    def contents(self) -> ComposeResult:
+        """The text, which can be scrolled."""
+        with VerticalScroll(classes="help"):
+            yield Static(Text(self._text))

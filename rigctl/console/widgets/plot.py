@@ -1,0 +1,213 @@
+"""A plot of lines and marks in a terminal, with axes that say their units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from rich.style import Style
+from rich.text import Text
+from textual.widget import Widget
+
+from rigctl.console.widgets.braille import BLANK, FloatArray, dotted, joined, scaled, thinned
+
+MARKS = ("o", "x", "+", "#", "*", "@")
+COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
+"""Okabe and Ito's palette: each series also has a mark or a name of its own."""
+
+_LABEL_WIDTH = 8
+_FLAT = 1e-3
+"""Half the height of an axis on which nothing changes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One series: joined points, or with `mark` single ones; `name` is written in the legend."""
+
+    x: FloatArray
+    y: FloatArray
+    name: str = ""
+    mark: str = ""
+    colour: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What a plot shows; ranges are found from the data where none are given."""
+
+    title: str
+    lines: tuple[Line, ...] = ()
+    x_label: str = ""
+    x_range: tuple[float, float] | None = None
+    y_range: tuple[float, float] | None = None
+    levels: tuple[tuple[float, str], ...] = ()
+    """Horizontal dotted lines, each with what it means."""
+    empty: str = "no data yet"
+
+
+@dataclass(frozen=True)
+class _Area:
+    width: int
+    height: int
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+
+@dataclass
+class _Sheet:
+    """Characters and colours of the plot area."""
+
+    area: _Area
+    cells: list[list[str]] = field(default_factory=list)
+    colours: list[list[int | None]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.cells = [[" "] * self.area.width for _ in range(self.area.height)]
+        self.colours = [[None] * self.area.width for _ in range(self.area.height)]
+
+    def put(self, row: int, column: int, text: str, colour: int | None) -> None:
+        for offset, character in enumerate(text):
+            if 0 <= row < self.area.height and 0 <= column + offset < self.area.width:
+                self.cells[row][column + offset] = character
+                self.colours[row][column + offset] = colour
+
+
+class Plot(Widget):
+    """Shows a `Picture`; given another one it draws that."""
+
+    DEFAULT_CSS = "Plot { height: 1fr; width: 1fr; min-height: 4; }"
+
+    def __init__(self, picture: Picture, *, id: str | None = None, classes: str | None = None) -> None:  # noqa: A002
+        super().__init__(id=id, classes=classes)
+        self.picture = picture
+
+    def show(self, picture: Picture) -> None:
+        """Draw another picture."""
+        self.picture = picture
+        self.refresh()
+
+    def render(self) -> Text:
+        """The picture at the size the widget has."""
+        return drawn(self.picture, self.size.width, self.size.height)
+
+
+def drawn(picture: Picture, width: int, height: int) -> Text:
+    """A picture as text of `height` lines, each `width` wide."""
+    lines = [line for line in picture.lines if np.isfinite(line.y).any()]
+    rows = height - 1 - (1 if picture.x_label or picture.x_range else 0)
+    columns = width - _LABEL_WIDTH - 1
+    if rows < 1 or columns < 4:
+        return Text(picture.title[:width])
+    text = Text(no_wrap=True, overflow="crop")
+    text.append(_heading(picture, lines, width))
+    if not lines:
+        text.append(Text(f"\n{'':{_LABEL_WIDTH}} {picture.empty}"[: width + 1], style="dim"))
+        return text
+    area = _Area(columns, rows, _range(picture.x_range, [line.x for line in lines], 0.0), _y_range(picture, lines))
+    sheet = _Sheet(area)
+    _draw_levels(sheet, picture.levels)
+    for line in lines:
+        _draw_line(sheet, line)
+    for line in lines:
+        _draw_marks(sheet, line)
+    labels = _labels(area)
+    for row in range(rows):
+        text.append(f"\n{labels.get(row, ''):>{_LABEL_WIDTH}}", style="dim")
+        text.append("┤" if row in labels else "│", style="dim")
+        text.append(_coloured(sheet.cells[row], sheet.colours[row]))
+    if height - 1 > rows:
+        text.append(f"\n{_x_axis(picture, area)}", style="dim")
+    return text
+
+
+def _heading(picture: Picture, lines: Sequence[Line], width: int) -> Text:
+    text = Text(picture.title, style="bold", no_wrap=True)
+    for line in lines:
+        if line.name:
+            text.append(f"  {line.mark or '─'} {line.name}", style=Style(color=COLOURS[line.colour % len(COLOURS)]))
+    text.truncate(width)
+    return text
+
+
+def _coloured(cells: Sequence[str], colours: Sequence[int | None]) -> Text:
+    text = Text()
+    start = 0
+    for end in range(1, len(cells) + 1):
+        if end == len(cells) or colours[end] != colours[start]:
+            colour = colours[start]
+            style = Style(dim=True) if colour is None else Style(color=COLOURS[colour % len(COLOURS)])
+            text.append("".join(cells[start:end]), style=style)
+            start = end
+    return text
+
+
+def _range(given: tuple[float, float] | None, values: Sequence[FloatArray], margin: float) -> tuple[float, float]:
+    if given is not None:
+        return given
+    known = np.concatenate([each[np.isfinite(each)] for each in values])
+    low, high = float(known.min()), float(known.max())
+    spread = (high - low) or max(abs(high) * 1e-3, _FLAT)
+    return (low, high) if high > low and not margin else (low - margin * spread, high + margin * spread or spread)
+
+
+def _y_range(picture: Picture, lines: Sequence[Line]) -> tuple[float, float]:
+    return _range(picture.y_range, [line.y for line in lines], 0.05)
+
+
+def _draw_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
+    area = sheet.area
+    for level, meaning in levels:
+        row = _row(level, area)
+        if 0 <= row < area.height:
+            sheet.put(row, 0, "╌" * area.width, None)
+            sheet.put(row, area.width - len(meaning) - 1, meaning, None)
+
+
+def _row(value: float, area: _Area) -> int:
+    return area.height - 1 - round(float(scaled(np.array(value), *area.y, area.height)))
+
+
+def _draw_line(sheet: _Sheet, line: Line) -> None:
+    if line.mark:
+        return
+    area = sheet.area
+    x, y = thinned(line.x, line.y, area.width)
+    at = joined(scaled(x, *area.x, 2 * area.width), scaled(y, *area.y, 4 * area.height))
+    for row, column in np.argwhere(points := dotted(*at, area.width, area.height)):
+        sheet.put(int(row), int(column), chr(BLANK + int(points[row, column])), line.colour)
+
+
+def _draw_marks(sheet: _Sheet, line: Line) -> None:
+    if not line.mark:
+        return
+    area = sheet.area
+    columns = scaled(line.x, *area.x, area.width)
+    for column, value in zip(columns, line.y, strict=True):
+        if math.isfinite(column) and math.isfinite(value):
+            sheet.put(_row(float(value), area), round(float(column)), line.mark, line.colour)
+
+
+def _labels(area: _Area) -> dict[int, str]:
+    low, high = area.y
+    rows = (0, area.height - 1) if area.height < 5 else (0, area.height // 2, area.height - 1)
+    if area.height < 2:
+        return {0: _short(0.5 * (low + high), high - low)}
+    return {row: _short(high - row / (area.height - 1) * (high - low), high - low) for row in rows}
+
+
+def _x_axis(picture: Picture, area: _Area) -> str:
+    low, high = (_short(each, area.x[1] - area.x[0]) for each in area.x)
+    middle = picture.x_label[: max(area.width - len(low) - len(high) - 2, 0)]
+    gap = area.width - len(low) - len(high)
+    return f"{'':{_LABEL_WIDTH}} {low}{middle:^{max(gap, 0)}}{high}"
+
+
+def _short(value: float, span: float) -> str:
+    """With as many digits as the axis' span asks for, in at most seven characters."""
+    digits = max(0, 2 - math.floor(math.log10(span))) if span > 0 else 3
+    text = f"{value:.{min(digits, 6)}f}"
+    if float(text) == 0.0:
+        text = "0" if abs(value) < 1e-3 * span else text
+    return text if len(text) <= 7 and (float(text) != 0.0 or text == "0") else f"{value:.1e}"
