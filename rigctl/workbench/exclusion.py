@@ -11,9 +11,10 @@ import numpy as np
 from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.imagined import Imagined
 from rigctl.workbench.information import Asked, Information
-from rigctl.workbench.plan import Plan, rig_time_s
+from rigctl.workbench.plan import Plan
 from rigctl.workbench.promise import needed
 from rigctl.workbench.questions import Question
+from rigctl.workbench.rig_time import RigTime
 from rigctl.workbench.search import CATALOGUE_SHARE
 from rigctl.workbench.study import Candidate, FloatArray, Plannable, Proposal, Term
 from rigctl.workbench.threads import one_thread
@@ -80,7 +81,7 @@ def sensitivity(
             questions.append(_parameter(information, candidate, size))
             wanted.append(needed(level, dof.get(candidate.term.effect, np.inf)))
             found.append((candidate.term.effect, name, float(size[number]), candidate.units[number]))
-    plan = Plan(information, questions, wanted, rig_time_s(options) + run_price_s, batch)
+    plan = Plan(information, questions, wanted, RigTime(options, run_price_s), batch)
     shares = [value / enough for value, enough in zip(plan.course[0], wanted, strict=True)]
     parameters = [Excluded(*each, share=float(share)) for each, share in zip(found, shares, strict=True)]
     return Sensitivity(tuple(parameters), tuple(options[i] for i in plan.runs))

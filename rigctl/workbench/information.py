@@ -35,9 +35,9 @@ class Information:
 
     def __init__(self, triangle: Triangle) -> None:
         self._triangle = triangle
-        self._fitted = len(triangle.names)
+        self._free = triangle.free
         self._root = triangle.root
-        terms = triangle.settled[:, self._fitted :]
+        terms = triangle.settled[:, self._free :]
         self._settled = terms.T @ terms
 
     def asked(self, question: Question) -> Asked | None:
@@ -45,7 +45,7 @@ class Information:
         own, rival = self._place(question.term), self._place(question.rival)
         if own is None or rival is None or len(own) != len(question.size):
             return None
-        length = self._triangle.length[self._fitted :]
+        length = self._triangle.length[self._free :]
         size = np.zeros(len(length))
         size[own] = question.size * length[own]
         beside = np.concatenate([own[question.size == 0.0], rival])
@@ -57,9 +57,9 @@ class Information:
 
     def lambdas_with_each(self, questions: Sequence[Asked]) -> FloatArray:
         """The same with one run more, for each that could be made: (questions, runs)."""
-        own = self._triangle.ahead[..., self._fitted :]
-        along = _over(self._root[: self._fitted, : self._fitted], self._triangle.ahead[..., : self._fitted])
-        left = own - along @ self._root[: self._fitted, self._fitted :]
+        own = self._triangle.ahead[..., self._free :]
+        along = _over(self._root[: self._free, : self._free], self._triangle.ahead[..., : self._free])
+        left = own - along @ self._root[: self._free, self._free :]
         told = self._told + left.swapaxes(1, 2) @ _lessened(along, left)
         return np.array(
             [
@@ -79,12 +79,12 @@ class Information:
     @property
     def _told(self) -> FloatArray:
         """V, (k, k)."""
-        block = self._root[self._fitted :, self._fitted :]
+        block = self._root[self._free :, self._free :]
         return np.asarray(block.T @ block)
 
     def _whole(self, question: Asked) -> float:
         """What the effect would be with nothing fitted."""
-        there = self._root[:, self._fitted :] @ question.size
+        there = self._root[:, self._free :] @ question.size
         return float(there @ there + question.size @ self._settled @ question.size)
 
     def _counted(self, free: FloatArray, question: Asked, more: FloatArray | float = 0.0) -> FloatArray:

@@ -8,7 +8,8 @@ from math import ceil
 import numpy as np
 
 from rigctl.workbench.information import Asked, Information
-from rigctl.workbench.study import FloatArray, Proposal
+from rigctl.workbench.rig_time import RigTime
+from rigctl.workbench.study import FloatArray, IntArray, Proposal
 
 _WORTH = 0.02
 """Of what is wanted: runs that add less are not worth their time."""
@@ -18,23 +19,26 @@ _WAY = 0.1
 
 _BEGINS = 1e-4
 
+COMPANY = 6
+"""Least runs of a sitting, as far as runs may be made."""
+
 
 def greedy(
     gains: Callable[[], FloatArray],
     take: Callable[[int], None],
     worth: Callable[[float, int], bool],
-    takes_s: FloatArray,
+    rig_time: RigTime,
     most: int,
 ) -> list[int]:
-    """Runs in the order chosen, of all whose rig time is in `takes_s`; one may be chosen more than once.
+    """Runs in the order chosen, among those of `rig_time`; one may be chosen more than once.
 
     `gains` tells what each would add, `take` counts one as made, `worth` whether so much is worth a run after so
     many.
     """
     chosen: list[int] = []
     while len(chosen) < most:
-        gain = gains()[: len(takes_s)]
-        best = int(np.argmax(gain / takes_s))
+        gain = gains()[: rig_time.runs]
+        best = int(np.argmax(gain / rig_time.of_each(chosen)))
         if not worth(float(gain[best]), len(chosen)):
             break
         chosen.append(best)
@@ -42,13 +46,8 @@ def greedy(
     return chosen
 
 
-def rig_time_s(proposals: Sequence[Proposal]) -> FloatArray:
-    """Of each run; where it is not known, one is like another."""
-    return np.array([each.takes_s if each.takes_s > 0.0 else 1.0 for each in proposals])
-
-
 class Plan:
-    """Runs for several questions at once, of those that take `takes_s` (the first of the information's).
+    """Runs for several questions at once, of those of `rig_time` (the first of the information's).
 
     What counts is the sum over questions of min(lambda / wanted, 1): more is no gain. A tenth of it goes by the
     logarithm: what needs three runs to be told (a rival with two parameters) shows next to nothing after the first.
@@ -60,7 +59,7 @@ class Plan:
         information: Information,
         questions: Sequence[Asked],
         wanted: Sequence[float],
-        takes_s: FloatArray,
+        rig_time: RigTime,
         most_runs: int,
     ) -> None:
         self._information = information
@@ -68,11 +67,24 @@ class Plan:
         self._wanted = np.array(wanted)
         self._most_runs = most_runs
         self.course = [information.lambdas(questions)]
-        self.runs = greedy(self._gains, self._take, self._worth, takes_s, most_runs if questions else 0)
+        self.runs = greedy(self._gains, self._take, self._worth, rig_time, most_runs if questions else 0)
+        for sitting in rig_time.sittings(self.runs):
+            self._accompany(sitting)
 
     def promised(self, number: int) -> list[float]:
         """The course of one question."""
         return [float(each[number]) for each in self.course]
+
+    def _accompany(self, sitting: IntArray) -> None:
+        """Further runs where a sitting has few: what is slow, noise and drift, passes for anything in a lone one."""
+        own = [run for run in self.runs if run in sitting]
+        for _ in range(min(COMPANY - len(own), self._most_runs - len(self.runs))):
+            left = np.setdiff1d(sitting, self.runs)
+            if not len(left):
+                return
+            lambdas = self._information.lambdas_with_each(self._questions)[:, left]
+            self.runs.append(int(left[np.argmax(np.sum(np.log(lambdas + 1.0), axis=0))]))
+            self._take(self.runs[-1])
 
     def _gains(self) -> FloatArray:
         worth = _worth_of(self._information.lambdas_with_each(self._questions) / self._wanted[:, None])
@@ -106,8 +118,7 @@ def runs_needed(course: Sequence[float], wanted: float) -> int | None:
 
 
 def shuffled(runs: Sequence[Proposal], seed: int) -> tuple[Proposal, ...]:
-    """In random order, so that no drift passes for what settings do; each room temperature is gone to once."""
+    """In random order, so that no drift passes for what settings do; each room temperature is gone to once, last the
+    warmest."""
     mixed = [runs[i] for i in np.random.default_rng([seed, 4]).permutation(len(runs))]
-    rooms = list(dict.fromkeys(str(run.settings.get("temperature_c", "")) for run in mixed))
-    rooms.sort(key=lambda room: room != "")
-    return tuple(sorted(mixed, key=lambda run: rooms.index(str(run.settings.get("temperature_c", "")))))
+    return tuple(sorted(mixed, key=lambda run: float(run.settings.get("temperature_c", -np.inf))))

@@ -6,7 +6,7 @@ For an effect j and what it must be told from (a rival k, or the fitted paramete
 
 with b the effect's size: as estimated where it is significant, else the catalogue's typical one, since what is not
 significant is estimated too large. lambda is how far chi-square will be from what it would be, on average, with the
-wrong one of the two in the model.
+wrong one of the two in the model. Between rivals, M leaves the rest of the catalogue free too, within typical sizes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.imagined import Imagined
 from rigctl.workbench.information import Information
-from rigctl.workbench.plan import Plan, rig_time_s, runs_needed, shuffled
+from rigctl.workbench.plan import Plan, runs_needed, shuffled
 from rigctl.workbench.promise import PROMISE, power
 from rigctl.workbench.questions import Question, inseparable, rivals
 from rigctl.workbench.recommendation import (
@@ -32,12 +32,16 @@ from rigctl.workbench.recommendation import (
     telling_words,
     tightening_words,
 )
-from rigctl.workbench.study import Plannable, Proposal, Study, Term
+from rigctl.workbench.rig_time import RigTime
+from rigctl.workbench.study import Candidate, Plannable, Proposal, Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.tighten import tightening
 from rigctl.workbench.triangle import Triangle, triangle_of
 
 MOST_RUNS = 24
+
+_SCANNED = 3
+"""Effects with more choices than that (an unknown period) are scanned for: too many to count with beside others."""
 
 _HOPELESS = 0.2 * PROMISE
 """A lambda that nothing can lift past this is no promise."""
@@ -71,7 +75,8 @@ def recommend(
     base, questions = rivals(study, final, diagnosis)
     separating = _Found()
     if questions:
-        separating = _answered(Imagined(study, Attempt(study, base), offered), questions, most_runs)
+        imagined = Imagined(study, Attempt(study, base), offered)
+        separating = _answered(imagined, questions, most_runs, _others(imagined, questions))
     if separating.chosen:
         return _telling("separate", separating, offered, seed)
     attempt = Attempt(study, final)
@@ -94,10 +99,12 @@ class _Found:
     hopeless: tuple[Answer, ...] = ()
 
 
-def _answered(imagined: Imagined, questions: Sequence[Question], most_runs: int) -> _Found:
+def _answered(
+    imagined: Imagined, questions: Sequence[Question], most_runs: int, others: Sequence[Candidate] = ()
+) -> _Found:
     if not questions:
         return _Found()
-    triangle = triangle_of(imagined, _terms_of(questions))
+    triangle = triangle_of(imagined, _terms_of(questions), others=others)
     first = _planned(triangle, imagined, questions, most_runs)
     reached = [answer for answer in first.answers if answer.lambda_promised >= PROMISE]
     if not reached or not (first.hopeless or len(reached) < len(first.answers)):
@@ -112,7 +119,7 @@ def _planned(triangle: Triangle, imagined: Imagined, questions: Sequence[Questio
     information = Information(triangle)
     asked = [(question, known) for question in questions if (known := information.asked(question)) is not None]
     wanted = [PROMISE] * len(asked)
-    plan = Plan(information, [known for _, known in asked], wanted, rig_time_s(imagined.proposals), most_runs)
+    plan = Plan(information, [known for _, known in asked], wanted, RigTime(imagined.proposals), most_runs)
     answers = [_answer(question, plan.promised(number)) for number, (question, _) in enumerate(asked)]
     worth = tuple(answer for answer in answers if answer.lambda_promised >= _HOPELESS)
     hopeless = tuple(answer for answer in answers if answer.lambda_promised < _HOPELESS)
@@ -129,6 +136,17 @@ def _terms_of(questions: Sequence[Question]) -> list[Term]:
     for question in questions:
         found += [term for term in (question.term, question.rival) if term is not None and term not in found]
     return found
+
+
+def _others(imagined: Imagined, questions: Sequence[Question]) -> list[Candidate]:
+    """What might act too and is not in question: a run must not raise as many doubts as it settles."""
+    asked = _terms_of(questions)
+    effects = [candidate.term.effect for candidate in imagined.candidates]
+    return [
+        candidate
+        for candidate in imagined.candidates
+        if candidate.term not in asked and effects.count(candidate.term.effect) <= _SCANNED
+    ]
 
 
 def _telling(purpose: Purpose, found: _Found, offered: Sequence[Proposal], seed: int) -> Recommendation:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rigctl.workbench.promise import PROMISE
 from rigctl.workbench.questions import Question
+from rigctl.workbench.rig_time import total_s
 from rigctl.workbench.study import Proposal
 
 Purpose = Literal["separate", "reveal", "tighten", "none"]
@@ -67,7 +68,7 @@ class Recommendation:
     @property
     def takes_s(self) -> float:
         """Rig time of all runs; NaN where it is not known."""
-        return float(sum(run.takes_s for run in self.runs))
+        return total_s(self.runs)
 
     def as_json(self) -> dict[str, Any]:
         """The value of `next_measurement`."""
@@ -114,7 +115,7 @@ def _plain(other: str) -> str:
 
 
 def _counted(runs: Sequence[Proposal]) -> str:
-    takes_s = sum(run.takes_s for run in runs)
+    takes_s = total_s(runs)
     known = bool(np.isfinite(takes_s))
     noun = ("run" if known else "reading") + ("" if len(runs) == 1 else "s")
     return f"{len(runs)} {noun}{f' ({takes_s / 60.0:.1f} min of rig time)' if known else ''}"

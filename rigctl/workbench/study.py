@@ -71,9 +71,9 @@ class Observations:
     group_of: IntArray
     block_of: IntArray
     covariates: Mapping[str, FloatArray] = field(default_factory=dict)
-    levels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     angle: str | None = None
     frequency: str | None = None
+    levels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def of_runs(self, name: str) -> FloatArray:
         """A covariate at every datum, shape (n,)."""
@@ -210,10 +210,13 @@ class Proposal:
     """A run, or a reading, that could be made next: `settings` by name, with units in the names.
 
     `takes_s` is rig time, turning, settling and arming included; NaN where nobody knows, so that one is like another.
+    Runs of one `sitting` (a room's temperature) are made one after the other, after what takes `sitting_s` once.
     """
 
     settings: Mapping[str, Any]
     takes_s: float = float("nan")
+    sitting: str = ""
+    sitting_s: float = 0.0
 
 
 @runtime_checkable

@@ -8,8 +8,9 @@ import numpy as np
 
 from rigctl.workbench.imagined import Imagined
 from rigctl.workbench.information import Precision
-from rigctl.workbench.plan import greedy, rig_time_s
+from rigctl.workbench.plan import greedy
 from rigctl.workbench.recommendation import Tightened
+from rigctl.workbench.rig_time import RigTime
 from rigctl.workbench.study import FloatArray
 from rigctl.workbench.triangle import triangle_of
 
@@ -37,6 +38,6 @@ def tightening(
     def worth(gain: float, _: int) -> bool:
         return gain >= _TIGHTER * len(wanted)
 
-    chosen = greedy(gains, precision.add, worth, rig_time_s(imagined.proposals), min(most_runs, _MOST_RUNS))
+    chosen = greedy(gains, precision.add, worth, RigTime(imagined.proposals), min(most_runs, _MOST_RUNS))
     pairs = zip(wanted, before, precision.sigmas(), strict=True)
     return chosen, [Tightened(name, float(was), float(will), result[name]["unit"]) for name, was, will in pairs]

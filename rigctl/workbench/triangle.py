@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.workbench.imagined import Imagined
-from rigctl.workbench.study import FloatArray, IntArray, Term
+from rigctl.workbench.study import Candidate, FloatArray, IntArray, Term
 
 ROUNDING = 1e-7
 """Of a column's length: columns that are multiples of others must not leave a direction open by rounding."""
@@ -25,42 +25,52 @@ SECOND_ORDER = 1e-4
 class Triangle:
     """The runs there are as `root` (c, c), those that could be made as rows `ahead` (runs, rows, c).
 
-    Columns, all divided by their `length` (c,), are the fitted parameters of `names`, then those of terms (`places`
-    says which). What no further run touches, above all the nuisances of other mountings, has been eliminated:
-    `settled` (rows, c) is what of the columns went with it.
+    Columns, all divided by their `length` (c,): `free` of them are parameters that are free, first those of `names`;
+    then come those of terms (`places` says which). What no further run touches, above all the nuisances of other
+    mountings, has been eliminated: `settled` (rows, c) is what of the columns went with it.
     """
 
     root: FloatArray
     ahead: FloatArray
     length: FloatArray
     settled: FloatArray
+    free: int
     names: tuple[str, ...]
     places: tuple[tuple[Term, IntArray], ...]
 
 
 def triangle_of(
-    imagined: Imagined, terms: Sequence[Term] = (), wanted: Sequence[str] = (), made: int | None = None
+    imagined: Imagined,
+    terms: Sequence[Term] = (),
+    *,
+    others: Sequence[Candidate] = (),
+    wanted: Sequence[str] = (),
+    made: int | None = None,
 ) -> Triangle:
     """Of everything fitted and of `terms`, as far as runs can be asked about them.
 
-    Fitted parameters that are `wanted` stay even if no further run touches them. Only the first `made` rows count as
-    there, by default all beliefs and data.
+    `others` may act too, as far as their typical sizes. Fitted parameters that are `wanted` stay even if no further
+    run touches them. Only the first `made` rows count as there, by default all beliefs and data.
     """
-    fitted = imagined.fitted
-    kept = np.any(fitted[imagined.made :] != 0.0, axis=0) | np.isin(imagined.names, list(wanted))
+    there, ahead = slice(imagined.made if made is None else made), slice(imagined.made, None)
+    kept = np.any(imagined.fitted[ahead] != 0.0, axis=0) | np.isin(imagined.names, list(wanted))
     firmness = np.where(imagined.of_effects, SECOND_ORDER, ROUNDING)
-    places, others = _columns_of(terms, imagined)
-    columns = np.hstack([fitted[:, kept], others])
-    there = slice(imagined.made if made is None else made)
-    settled, left = _eliminated(fitted[there, ~kept], firmness[~kept], columns[there])
-    ahead = _by_run(columns[imagined.made :], imagined)
-    length = _length(settled, left, ahead)
-    belief = np.diag(np.append(firmness[kept], np.zeros(others.shape[1])))
+    places, asked = _columns_of(terms, imagined)
+    _, possible = _columns_of([each.term for each in others], imagined)
+    columns = np.hstack([imagined.fitted[:, kept], possible, asked])
+    settled, left = _eliminated(imagined.fitted[there, ~kept], firmness[~kept], columns[there])
+    runs = _by_run(columns[ahead], imagined)
+    length = _length(settled, left, runs)
+    sizes = np.concatenate([np.zeros(0), *(each.typical for each in others)])
+    count = int(np.sum(kept))
+    free = count + len(sizes)
+    belief = np.concatenate([firmness[kept], 1.0 / (sizes * length[count:free]), np.zeros(asked.shape[1])])
     return Triangle(
-        root=root_of(np.vstack([belief, left / length])),
-        ahead=ahead / length,
+        root=root_of(np.vstack([np.diag(belief), left / length])),
+        ahead=runs / length,
         length=length,
         settled=settled / length,
+        free=free,
         names=tuple(name for name, keep in zip(imagined.names, kept, strict=True) if keep),
         places=places,
     )

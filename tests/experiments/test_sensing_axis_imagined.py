@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,9 @@ import pytest
 
 from rigctl import config, runner
 from rigctl.campaign.store import Store
+from rigctl.experiments.sensing_axis import set_points
+from rigctl.experiments.sensing_axis.set_points import ROOM_S
+from rigctl.experiments.sensing_axis.store_reduction import reduction
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.planning import allowed_by
 from rigctl.workbench.attempt import Attempt
@@ -131,3 +135,48 @@ def test_lasers_are_seen_near_the_null_only(study: SensingAxisStudy) -> None:
     channels = [{given.series[s].channel for s in given.series_of[given.run_of == run]} for run in (last - 1, last)]
     assert channels[0] == {"accel_v", "laser_1_mm", "laser_2_mm", "laser_3_mm"}
     assert channels[1] == {"accel_v"}
+
+
+SETTINGS = {"angle_deg": 0.8, "frequency_hz": 0.6, "amplitude_mm": 5.0, "approach": 1, "dwell_s": 10.0}
+
+
+def conditions(study: SensingAxisStudy, *changes: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Start and temperature of imagined runs."""
+    other = study.extended([Proposal({**SETTINGS, **each}, 25.0) for each in changes])
+    given = other.model(TERMS).observations.covariates
+    return given["start_s"][-len(changes) :], given["temperature_c"][-len(changes) :]
+
+
+def test_a_room_left_to_itself_tells_temperature_from_time_in_no_run(
+    study: SensingAxisStudy, attempt: Attempt
+) -> None:
+    start_s, temperature_c = conditions(study, {"dwell_s": 10.0}, {"dwell_s": 60.0})
+    given = attempt.model.observations.covariates
+    slope, level = np.polyfit(given["start_s"], given["temperature_c"], 1)
+    assert np.ptp(start_s) == 0.0
+    assert np.ptp(temperature_c) == pytest.approx(25.0 * slope)
+    # The runs that were made are 6.7 s long.
+    assert temperature_c[0] == pytest.approx(level + slope * (start_s[0] + 5.0 - 3.33), abs=1e-6)
+
+
+def test_rooms_are_gone_to_one_after_the_other(study: SensingAxisStudy) -> None:
+    start_s, temperature_c = conditions(study, {}, {"temperature_c": 22.0}, {"temperature_c": 18.0})
+    assert start_s - start_s[0] == pytest.approx([0.0, 2.0 * ROOM_S, ROOM_S])
+    assert temperature_c[1:].tolist() == [22.0, 18.0]
+
+
+def test_a_room_is_paid_for_once(study: SensingAxisStudy) -> None:
+    rooms = {each.settings.get("temperature_c"): each.sitting for each in study.options()}
+    assert rooms.pop(None) == ""
+    assert len(set(rooms.values())) == len(rooms) == 2
+    assert all(each.sitting_s == (ROOM_S if each.sitting else 0.0) for each in study.options())
+    assert max(each.takes_s for each in study.options()) < ROOM_S
+
+
+def test_angles_are_those_of_the_mounting_that_is_there(store: Store) -> None:
+    runs = reduction(store, ()).runs
+    before = [replace(run, mounting=0, theta_rad=run.theta_rad + 1e-3, start_s=run.start_s - 1e4) for run in runs]
+    limits = SensingAxisStudy(store)._limits
+    angles = {each.settings["angle_deg"] for each in set_points.options([*before, *runs], limits)}
+    assert {round(float(np.degrees(run.theta_rad)), 4) for run in runs} <= angles
+    assert not {round(float(np.degrees(run.theta_rad)), 4) for run in before} & angles

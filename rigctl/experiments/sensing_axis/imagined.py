@@ -10,7 +10,7 @@ import numpy as np
 
 from rigctl.experiments.sensing_axis.observables import HARMONICS, Amplitudes, FloatArray, RunObservables, heads_of
 from rigctl.experiments.sensing_axis.package import Package
-from rigctl.experiments.sensing_axis.set_points import Limits, last_of, place_of
+from rigctl.experiments.sensing_axis.set_points import ROOM_S, Limits, last_of, place_of
 from rigctl.workbench.study import Proposal
 
 SOON_S = 300.0
@@ -31,7 +31,8 @@ def imagined(proposals: Sequence[Proposal], runs: Sequence[RunObservables], limi
     """
     here = _recorded(runs, limits) if runs else _nominal(limits)
     noise = _NoiseOf(runs)
-    return [_imagined(each, f"imagined {number}", here, noise) for number, each in enumerate(proposals)]
+    wait_s = _waits(proposals)
+    return [_imagined(each, f"imagined {i}", here, noise, wait_s) for i, each in enumerate(proposals)]
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,20 @@ def _spots_stay(package: Package) -> Callable[[float, float], bool]:
     return lambda angle_deg, amplitude_mm: package.spot_margin_mm(angle_deg, amplitude_mm) >= 0.0
 
 
-def _imagined(proposal: Proposal, run_id: str, here: _Circumstances, noise: _NoiseOf) -> RunObservables:
+def _waits(proposals: Sequence[Proposal]) -> dict[float, float]:
+    """Until the room is at each temperature [s], one after the other from the coldest."""
+    rooms = sorted({float(each.settings["temperature_c"]) for each in proposals if "temperature_c" in each.settings})
+    return {room: ROOM_S * place for place, room in enumerate(rooms, start=1)}
+
+
+def _imagined(
+    proposal: Proposal, run_id: str, here: _Circumstances, noise: _NoiseOf, wait_s: Mapping[float, float]
+) -> RunObservables:
     given = proposal.settings
     place = here.place or (str(given["axis"]), str(given["configuration"]), int(given["mounting"]))
     angle_deg, amplitude_mm = float(given["angle_deg"]), float(given["amplitude_mm"])
     frequency_hz, dwell_s = float(given["frequency_hz"]), float(given["dwell_s"])
-    start_s = float(given.get("start_s", here.start_s))
+    start_s = float(given.get("start_s", here.start_s + wait_s.get(given.get("temperature_c", np.nan), 0.0)))
     motion = np.zeros(HARMONICS, dtype=np.complex128)
     motion[0] = -1e-3j * amplitude_mm
     heads = here.heads if here.seen(abs(angle_deg), amplitude_mm) else ()
@@ -91,7 +100,7 @@ def _imagined(proposal: Proposal, run_id: str, here: _Circumstances, noise: _Noi
         theta_rad=radians(angle_deg),
         approach=float(given["approach"]),
         frequency_hz=frequency_hz,
-        temperature_c=float(given.get("temperature_c", here.temperature_c(start_s))),
+        temperature_c=float(given.get("temperature_c", here.temperature_c(start_s + 0.5 * dwell_s))),
         start_s=start_s,
         duration_s=dwell_s,
         motion_m=motion,
@@ -103,14 +112,17 @@ def _imagined(proposal: Proposal, run_id: str, here: _Circumstances, noise: _Noi
 
 
 def _going_on(runs: Sequence[RunObservables]) -> Callable[[float], float]:
-    """The room's temperature at a time if it goes on changing as it did; NaN where it was not recorded."""
-    known = np.array([(run.start_s, run.temperature_c) for run in runs])
+    """The room's temperature in the middle of a run, by that time, if it goes on changing as it did.
+
+    NaN where it was not recorded. No promise rests on it: a straight line in time tells nothing apart from a drift.
+    """
+    known = np.array([(run.start_s + 0.5 * run.duration_s, run.temperature_c) for run in runs])
     mean_s, mean_c = known.mean(axis=0)
     since_s = known[:, 0] - mean_s
     if len(runs) < 3 or not np.isfinite(known).all() or not since_s.any():
         return lambda _: float(known[-1, 1])
     slope = float(since_s @ known[:, 1] / (since_s @ since_s))
-    return lambda start_s: float(mean_c + slope * (start_s - mean_s))
+    return lambda middle_s: float(mean_c + slope * (middle_s - mean_s))
 
 
 class _NoiseOf:

@@ -19,7 +19,7 @@ DWELLS_S = (10.0, 20.0, 60.0)
 OVERHEAD_S = 15.0
 """Turning, settling, arming and read-out, where the recording does not tell."""
 
-ROOM_S = 1800.0
+ROOM_S = 3600.0
 """Until room and bench have followed the air conditioning."""
 
 ROOM_K = 1.0
@@ -60,7 +60,8 @@ def options(runs: Sequence[RunObservables], limits: Limits) -> list[Proposal]:
                 "dwell_s": dwell_s,
                 **({} if room is None else {"temperature_c": room}),
             },
-            dwell_s + overhead_s + (0.0 if room is None else ROOM_S),
+            dwell_s + overhead_s,
+            *(() if room is None else (f"room at {room:g} C", ROOM_S)),
         )
         for (angle_deg, frequency_hz, amplitude_mm), approach, dwell_s, room in itertools.product(
             dict.fromkeys(places), (1, -1), dwells, rooms
