@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from procedures import scan, sensing_axes
 from rigctl import config, runner
 from rigctl.campaign.store import Store
+from rigctl.effects.catalogue import catalogue
 from rigctl.errors import ConfigError, ProcedureError
 from rigctl.investigate import Settings, investigate
 from rigctl.notebook import Campaign
@@ -153,7 +155,9 @@ def test_a_notebook_runs_it_with_the_file_too(bench: Any) -> None:
 def test_an_investigation_adds_an_effect_of_ones_own_and_says_whose(
     bench: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delattr("rigctl.effects.sensing_axis.cable_hysteresis")
+    known = catalogue("sensing-axis").values()
+    others = tuple(each for each in known if each.id != "cable-hysteresis")
+    monkeypatch.setattr(sys.modules["rigctl.effects.catalogue"], "_own", lambda experiment: others)
     bench.campaign((', "drag"', ""), text=SCAN)
     plugin = bench.directory / "drag.py"
     campaign = config.read_campaign(bench.directory / "campaign.toml")
