@@ -84,7 +84,8 @@ def score(found: Diagnosis, truth: Truth) -> dict[str, Any]:
         "detected": found.verdict != "adequate" if truth.kind != "none" else None,
         "right_first": strongest in same if hidden else None,
         "exact": set(said) == hidden and found.verdict == "effect" if hidden else None,
-        "truth_in_set": hidden <= _answered(found) if hidden else None,
+        "named": _named(found, hidden) if hidden and not truth.unknown else None,
+        "truth_in_set": hidden <= set().union(*_classes(found)) if hidden else None,
         "unknown_said": found.verdict == "unknown" if truth.unknown else None,
         "wrong_name": bool(said) if truth.unknown else None,
         "description": found.unexplained.description if found.unexplained else None,
@@ -92,11 +93,20 @@ def score(found: Diagnosis, truth: Truth) -> dict[str, Any]:
     }
 
 
-def _answered(found: Diagnosis) -> set[str]:
-    """Every effect the answer allows: what is suggested, and what it says cannot be told from that."""
-    suggested = {term.effect for term in found.suggested}
-    rivals = {name for rank in found.ranking if rank.term.effect in suggested for name in rank.equivalent_to}
-    return suggested | rivals
+def _classes(found: Diagnosis) -> list[set[str]]:
+    """For each suggested effect, what the answer says cannot be told from it, itself among them."""
+    alike = [{rank.term.effect, *rank.equivalent_to} for rank in found.ranking]
+    return [{term.effect}.union(*(each for each in alike if term.effect in each)) for term in found.suggested]
+
+
+def _named(found: Diagnosis, hidden: set[str]) -> bool:
+    """All that is hidden and nothing else, up to what the answer says cannot be told apart."""
+    classes = _classes(found)
+    return (
+        found.verdict in ("effect", "ambiguous")
+        and hidden <= set().union(*classes)
+        and all(each & hidden for each in classes)
+    )
 
 
 def pulls(found: Diagnosis, drawn: Trial, fitted: Any) -> dict[str, Any]:
@@ -153,6 +163,7 @@ def report(rows: Sequence[dict[str, Any]], alpha: float) -> list[str]:
         "detected": Target(0.95),
         "right_first": Target(0.95),
         "exact": Target(0.95),
+        "named": Target(0.95),
         "truth_in_set": Target(0.98),
         "unknown_said": Target(0.85),
         "wrong_name": Target(0.10, at_most=True),

@@ -157,7 +157,7 @@ def draw(
     unknown = str(rng.choice(list(UNKNOWN))) if kind == "unknown" else None
     drawn = {name: _size(rng, sigma) for name in (*hidden, *([unknown] if unknown else []))}
     signs = {name: float(rng.choice([-1.0, 1.0])) for name in drawn}
-    scales = {name: signs[name] * size / lengths[name][0] for name, size in drawn.items()}
+    scales = {name: signs[name] * _scale(name, size / lengths[name][0]) for name, size in drawn.items()}
     effects = {name: _scaled(name, scales[name], rng) for name in hidden}
     truth = Truth(
         seed=seed,
@@ -197,7 +197,7 @@ def record(trial: Trial, directory: Path, foreign: Foreign | None = None) -> Pat
 
 def unit_sizes(design: Design, cache: Path = Path("out/blind-sizes")) -> dict[str, tuple[float, float]]:
     """Sigma after refit of one unit of each effect in this design, and its kept share; worked out once and kept."""
-    key = repr((design, _nominal().model_dump(), UNITS, sorted(UNKNOWN)))
+    key = repr((design, _nominal().model_dump(), UNITS, sorted(UNKNOWN), LINE_NOISE_V_RTHZ))
     path = cache / f"{hashlib.sha256(key.encode()).hexdigest()[:16]}.json"
     if path.exists():
         return {name: (each[0], each[1]) for name, each in json.loads(path.read_text()).items()}
@@ -205,10 +205,17 @@ def unit_sizes(design: Design, cache: Path = Path("out/blind-sizes")) -> dict[st
     found = {name: measure.sigmas({name: unit}) for name, unit in UNITS.items()}
     found |= {name: measure.sigmas({}, unit) for name, unit in UNKNOWN.items()}
     runs = sum(len(points) for _, points in design.points)
-    found[LINE] = (LINE_UNIT_V * math.sqrt(runs * design.dwell_s) / LINE_NOISE_V_RTHZ, 1.0)
+    # Its phase is each run's own: what shows is the sum of the runs' powers; noise scatters it by 2 sqrt(runs).
+    power = runs * design.dwell_s * (LINE_UNIT_V / LINE_NOISE_V_RTHZ) ** 2
+    found[LINE] = (power / (2.0 * math.sqrt(runs)), 1.0)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(found))
     return found
+
+
+def _scale(name: str, ratio: float) -> float:
+    """By how much to multiply a unit: a line's size in sigma goes with its power."""
+    return math.sqrt(ratio) if name == LINE else ratio
 
 
 def _nominal() -> BenchSettings:
