@@ -39,24 +39,21 @@ def rivals(study: Study, final: Sequence[Term], diagnosis: Diagnosis) -> tuple[t
 
     `final` are the terms the diagnosis ended with; what is returned first are those of them without an equal.
     """
-    ranks = {rank.term.effect: rank for rank in diagnosis.ranking}
     contested = [
         rank
         for rank in diagnosis.ranking
-        if rank.term in final and rank.term not in diagnosis.terms and _equals(rank, ranks)
+        if rank.term in final and rank.term not in diagnosis.terms and rank.equivalent_to
     ]
     doubted = [rank.term for rank in contested]
     base = tuple(term for term in final if term not in doubted)
-    sizes: dict[str, FloatArray] = {}
     questions = []
     for rank in contested:
-        others = tuple(each.term for each in contested if each is not rank)
-        for alternative in _equals(rank, ranks):
+        beside = (*base, *(term for term in doubted if term != rank.term))
+        for alternative in _equals(study, beside, rank):
             for one, other in ((rank.term, alternative), (alternative, rank.term)):
-                if one.effect not in sizes:
-                    sizes[one.effect] = _estimated(study, (*base, *others), one)
-                if len(sizes[one.effect]):
-                    questions.append(Question(one, other, sizes[one.effect], "estimate"))
+                size = _estimated(study, beside, one)
+                if len(size):
+                    questions.append(Question(one, other, size, "estimate"))
     return base, questions
 
 
@@ -79,14 +76,16 @@ def inseparable(final: Attempt, diagnosis: Diagnosis) -> list[Question]:
     return questions
 
 
-def _equals(rank: Rank, ranks: dict[str, Rank]) -> list[Term]:
-    return [ranks[name].term for name in rank.equivalent_to if name in ranks]
+def _equals(study: Study, beside: Sequence[Term], rank: Rank) -> list[Term]:
+    """What does as well in its place, each with the choice (a head) that does best there."""
+    instead = {each.candidate.term.effect: each.candidate.term for each in Attempt(study, beside).scored}
+    return [instead[effect] for effect in rank.equivalent_to if effect in instead]
 
 
 def _estimated(study: Study, beside: Sequence[Term], term: Term) -> FloatArray:
     """Size of a term fitted beside others, (d,); empty when it cannot be."""
     try:
-        attempt = Attempt(study, (*[each for each in beside if each != term], term))
+        attempt = Attempt(study, (*beside, term))
     except RigError:
         return np.zeros(0)
     own = [i for i, owner in enumerate(attempt.model.owners) if owner == term.effect]

@@ -77,17 +77,23 @@ class Bench:
     def model(self, terms: Sequence[Term]) -> Model:
         names = ["level", "slope", *(term.effect for term in terms)]
         columns = [np.ones_like(self.theta), np.sin(self.theta)]
-        columns += [EFFECTS[term.effect](self.theta, self.frequency) for term in terms]
+        columns += [self.column(term) for term in terms]
         owners = ["", "", *(term.effect for term in terms)]
         parameters = [Parameter(name, 0.0) for name in names]
         return Model(self._observed, tuple(terms), parameters, ["V"] * len(names), owners, np.stack(columns, axis=1))
 
+    def column(self, term: Term) -> FloatArray:
+        return EFFECTS[term.effect](self.theta, self.frequency)
+
+    def catalogue(self) -> list[Term]:
+        return [Term(name) for name in EFFECTS]
+
     def candidates(self, model: Any, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         inside = {term.effect for term in model.terms}
         return [
-            Candidate(Term(name), (name,), ("V",), column(self.theta, self.frequency)[:, None], np.full(1, TYPICAL))
-            for name, column in EFFECTS.items()
-            if name not in inside
+            Candidate(term, (term.effect,), ("V",), self.column(term)[:, None], np.full(1, TYPICAL))
+            for term in self.catalogue()
+            if term.effect not in inside
         ], []
 
     def lines(self, model: Any) -> Sequence[Line]:
@@ -120,6 +126,17 @@ class Bench:
             tuple(map(str, range(n))), (Series("v", "", "V"),), (NoisePool("v", 1e6),), self.value, np.ones(n),
             none, np.arange(n), none, none, np.arange(n) % 4,
         )  # fmt: skip
+
+
+class Headed(Bench):
+    """`growing` is one of head a or of head b; of b it is a shape of its own."""
+
+    def catalogue(self) -> list[Term]:
+        heads = [Term("growing", {"head": head}) for head in "ab"]
+        return [*(term for term in super().catalogue() if term.effect != "growing"), *heads]
+
+    def column(self, term: Term) -> FloatArray:
+        return np.sin(3.0 * self.theta) if term.choice.get("head") == "b" else super().column(term)
 
 
 def bench(seed: int = 1, hidden: float = 8.0, effect: str = "flat", **changes: Any) -> Bench:
@@ -160,6 +177,17 @@ def test_rivals_are_separated_by_another_frequency(ambiguous: tuple[Bench, Diagn
         ("growing", "flat"),
     }
     assert all(answer.question.basis == "estimate" for answer in advice.answers)
+
+
+def test_a_rival_that_has_choices_is_the_one_that_would_do_instead() -> None:
+    """Beside what was found, which is the same as head a, head b fits best."""
+    study = Headed(**vars(bench()))
+    advice = recommend(study, (), diagnose(study, ()))
+    assert advice.purpose == "separate"
+    found = {(answer.question.term.effect, answer.question.other) for answer in advice.answers}
+    assert found == {("flat", "growing"), ("growing", "flat")}
+    choices = [term.choice for a in advice.answers for term in (a.question.term, a.question.rival) if term]
+    assert {choice["head"] for choice in choices if choice} == {"a"}
 
 
 def test_the_promise_is_what_refitting_on_all_runs_gives(ambiguous: tuple[Bench, Diagnosis]) -> None:
