@@ -18,7 +18,7 @@ from rigctl.clock import Clock
 from rigctl.errors import InstrumentError, LimitError, RigError
 from rigctl.interfaces import Channel, FloatArray, Identity, Reading
 
-MAKER, MODEL = "Keysight", "34465A"
+MAKERS, MODELS = ("Keysight",), ("34465A",)
 RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 SAMPLES_MAXIMUM = 1_000_000
 PERIOD_MAXIMUM_S = 3600.0
@@ -75,7 +75,7 @@ class Keysight34465A:
 
     def open(self) -> None:
         """Connect, make sure it is a 34465A, end what it is doing and clear its errors."""
-        self._link.open(MAKER, MODEL)
+        self._link.open(MAKERS, MODELS)
         self._link.configure("ABOR", "*CLS")
 
     def close(self) -> None:
@@ -84,7 +84,7 @@ class Keysight34465A:
 
     def identify(self) -> Identity:
         """Ask the meter who it is."""
-        return self._link.identify(MAKER, MODEL)
+        return self._link.identify(MAKERS, MODELS)
 
     def stop(self) -> None:
         """End the acquisition; readings taken so far stay in the meter."""

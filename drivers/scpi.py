@@ -33,13 +33,13 @@ class ScpiLink:
         """True between `open` and `close`."""
         return self._transport is not None
 
-    def open(self, maker: str, model: str) -> Identity:
-        """Connect and make sure who answers; `WrongInstrument` names what did otherwise."""
+    def open(self, makers: tuple[str, ...], models: tuple[str, ...]) -> Identity:
+        """Connect and make sure who answers, any of these; `WrongInstrument` names what did otherwise."""
         with self._lock:
             self.close()
             self._transport = self._connect()
             try:
-                return self.identify(maker, model)
+                return self.identify(makers, models)
             except BaseException:
                 self.close()
                 raise
@@ -51,7 +51,7 @@ class ScpiLink:
                 transport, self._transport = self._transport, None
                 transport.close()
 
-    def identify(self, maker: str, model: str) -> Identity:
+    def identify(self, makers: tuple[str, ...], models: tuple[str, ...]) -> Identity:
         """The four fields of *IDN?."""
         with self._lock:
             transport = self._opened()
@@ -59,9 +59,11 @@ class ScpiLink:
             transport.write(b"*IDN?\n")
             text = _text(transport.read_until(b"\n", self.timeout_s))
         fields = [field.strip() for field in text.split(",")]
-        if len(fields) != 4 or not fields[0].lower().startswith(maker.lower()) or fields[1] != model:
+        known = len(fields) == 4 and fields[0].lower().startswith(tuple(maker.lower() for maker in makers))
+        if not known or fields[1] not in models:
+            expected = f"{' or '.join(makers)} {' or '.join(models)}"
             raise WrongInstrument(
-                f"{self.name} at {transport.address}: expected a {maker} {model}, but {text[:80]!r} answers; "
+                f"{self.name} at {transport.address}: expected a {expected}, but {text[:80]!r} answers; "
                 "check the address in the rig file",
                 instrument=self.name,
                 text=text,

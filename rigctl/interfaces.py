@@ -9,8 +9,10 @@ number of times; a blocked motion then raises `rigctl.errors.MotionStopped`.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,4 +224,59 @@ class Thermometer(Instrument, Protocol):
 
     def temperature(self) -> Reading:
         """One reading now [degC]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """A voltage in time: `offset_v` + `amplitude_v` times a shape that runs from -1 to 1.
+
+    Sine and triangle begin at `phase_deg` of their period: at 0 they pass the offset upwards, at 90 they are at the
+    top.
+    """
+
+    shape: Literal["constant", "sine", "triangle"] = "constant"
+    offset_v: float = 0.0
+    amplitude_v: float = 0.0
+    """Half of peak to peak."""
+    period_s: float = math.inf
+    phase_deg: float = 0.0
+
+    @property
+    def peak_v(self) -> float:
+        """The largest magnitude it reaches."""
+        return abs(self.offset_v) + abs(self.amplitude_v)
+
+    def volts(self, elapsed_s: FloatArray) -> FloatArray:
+        """The voltage at times since its start, same shape."""
+        if self.shape == "constant":
+            return np.full_like(elapsed_s, self.offset_v)
+        turns = elapsed_s / self.period_s + self.phase_deg / 360.0
+        if self.shape == "sine":
+            return self.offset_v + self.amplitude_v * np.sin(2.0 * np.pi * turns)
+        return self.offset_v + self.amplitude_v * (1.0 - 4.0 * np.abs((turns + 0.25) % 1.0 - 0.5))
+
+
+@dataclass(frozen=True)
+class Started:
+    """Waveforms as the instrument took them, by channel, and the rig time at which all of them began."""
+
+    start_s: float
+    waveforms: Mapping[str, Waveform]
+
+
+@runtime_checkable
+class VoltageSource(Instrument, Protocol):
+    """Slow voltages on several outputs. `stop` disconnects them all."""
+
+    def channels(self) -> tuple[Channel, ...]:
+        """The outputs, as columns of a run; `full_scale` is the largest voltage that may be asked for."""
+        ...
+
+    def start(self, waveforms: Mapping[str, Waveform]) -> Started:
+        """Set and connect every output and begin all waveforms at once; returns when they run.
+
+        An output that is not named gives 0 V. May be called again at any time. `LimitError` for an unknown output or
+        a waveform it cannot make, before a byte is sent; what the instrument rounded is in what is returned.
+        """
         ...

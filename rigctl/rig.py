@@ -54,6 +54,10 @@ def _driver(kind: str, role: str) -> tuple[type[BaseModel], Build, dict[str, Any
         if role == "readout":
             return meter.VoltmeterSettings, cast(Build, meter.PacingVoltmeter), {}
         return meter.VoltmeterSettings, cast(Build, meter.PacedVoltmeter), {}
+    if kind == "keysight-33500b":
+        from drivers.keysight_33500b import Keysight33500B, SourceSettings
+
+        return SourceSettings, cast(Build, Keysight33500B), {}
     raise ConfigError(f"unknown driver '{kind}'; there are {', '.join(DRIVERS)}")
 
 
@@ -64,6 +68,7 @@ DRIVERS = (
     "keyence-lkg3001",
     "keyence-lkg5000",
     "keysight-34465a",
+    "keysight-33500b",
 )
 
 ROLES: Mapping[str, tuple[str, ...]] = {
@@ -73,6 +78,7 @@ ROLES: Mapping[str, tuple[str, ...]] = {
     "readout": ("keysight-34465a",),
     "voltmeter": ("keysight-34465a",),
     "thermometer": ("keysight-34465a",),
+    "source": ("keysight-33500b",),
     "spare": DRIVERS,
 }
 

@@ -13,6 +13,7 @@ from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEns
 from simulators.clock import SimulationClock
 from simulators.faults import FaultPlan, FaultyInstrument
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings, SimulatedLkg3001, SimulatedLkg5000
+from simulators.keysight_33500b import GeneratorSettings, Simulated33500B
 from simulators.keysight_34465a import MeterSettings, Simulated34465A
 from simulators.motion import MotionAxis
 from simulators.newport_esp301 import Esp301SimulatorSettings, SimulatedEsp301
@@ -168,6 +169,9 @@ class SimulatedRig:
             settings=settings,
         )
 
+    def _generator(self, _: Spec, settings: GeneratorSettings) -> SimulatedInstrument:
+        return Simulated33500B(self.clock, settings=settings)
+
     def _heads(self, spec: Spec) -> list[Signal]:
         """Signals by output number; an output without a head has no target."""
         heads = {int(output): name for name, output in dict(spec.settings.get("heads", {})).items()}
@@ -201,4 +205,5 @@ _KINDS: dict[str, tuple[_Build, type[BaseModel]]] = {
     "keyence-lkg3001": (SimulatedRig._lkg3001, Lkg3001Settings),
     "keyence-lkg5000": (SimulatedRig._lkg5000, Lkg5000Settings),
     "keysight-34465a": (SimulatedRig._meter, MeterSettings),
+    "keysight-33500b": (SimulatedRig._generator, GeneratorSettings),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +15,9 @@ FloatArray = NDArray[np.float64]
 
 Signal = Callable[[FloatArray], FloatArray]
 """A quantity of the world at given rig times [s], same shape; NaN where there is none (a laser's target lost)."""
+
+LINE_HISTORY_S = 7200.0
+"""How far back a voltage is remembered; longer than any meter's memory goes unread."""
 
 
 class Connection(Protocol):
@@ -59,8 +63,37 @@ class Train:
 
     def edges(self, after_s: float, until_s: float) -> FloatArray:
         """The edges in (after_s, until_s]."""
-        times = self.first_s + self.period_s * np.arange(self.count, dtype=np.float64)
+        # The train may be days long: only those near the interval are looked at.
+        first = self._index(after_s) - 1
+        times = self.first_s + self.period_s * np.arange(max(first, 0), self._index(until_s) + 2, dtype=np.float64)
         return times[(times > after_s) & (times <= until_s)]
+
+    def _index(self, at_s: float) -> int:
+        """The number of edges before `at_s`, give or take one, and at most what makes the train complete."""
+        return math.floor(min(max((at_s - self.first_s) / self.period_s, 0.0), self.count - 2.0))
+
+
+class VoltageLine:
+    """A wire with a voltage on it: one instrument drives it, any number measure it. 0 V until it is driven."""
+
+    def __init__(self) -> None:
+        self._courses: list[tuple[float, Signal]] = [(-math.inf, np.zeros_like)]
+
+    def drive(self, from_s: float, volts: Signal) -> None:
+        """The voltage from now on; `from_s` never runs backwards."""
+        kept = [course for course in self._courses if course[0] < from_s]
+        while len(kept) > 1 and kept[1][0] < from_s - LINE_HISTORY_S:
+            kept.pop(0)
+        self._courses = [*kept, (from_s, volts)]
+
+    def sample(self, times_s: FloatArray) -> FloatArray:
+        """The voltage at rig times of the recent past [V], same shape."""
+        course_of = np.searchsorted([start_s for start_s, _ in self._courses[1:]], times_s, side="right")
+        volts = np.empty_like(times_s)
+        for index in np.unique(course_of):
+            chosen = course_of == index
+            volts[chosen] = self._courses[index][1](times_s[chosen])
+        return volts
 
 
 class TriggerLine:

@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 
 from drivers.aerotech_ensemble import EnsembleSettings
 from drivers.keyence_settings import KeyenceSettings
+from drivers.keysight_33500b import SourceSettings
 from drivers.keysight_34465a import ThermometerSettings, VoltmeterSettings
 from drivers.newport_esp301 import Esp301Settings
 from drivers.newport_xps import XpsSettings
@@ -31,6 +32,7 @@ from rigctl.experiments.sensing_axis import package
 from simulators import faults
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings
+from simulators.keysight_33500b import GeneratorSettings
 from simulators.keysight_34465a import MeterSettings
 from simulators.newport_esp301 import Esp301SimulatorSettings
 from simulators.newport_xps import XpsSimulatorSettings
@@ -52,6 +54,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "keyence": (KeyenceSettings, {"generation"}),
     "voltmeter": (VoltmeterSettings, set()),
     "thermometer": (ThermometerSettings, set()),
+    "source": (SourceSettings, set()),
     "lasers.NAME": (package.HeadSettings, set()),
     "package": (package.Package, set()),
     "package.configurations.NAME": (package.ConfigurationSettings, set()),
@@ -72,6 +75,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "aerotech-ensemble simulator": (EnsembleSimulatorSettings, set()),
     "keyence simulator": (Lkg3001Settings, set()),
     "keysight-34465a simulator": (MeterSettings, set()),
+    "keysight-33500b simulator": (GeneratorSettings, set()),
     "faults": (faults.FaultPlan, set()),
     "fault": (faults.Fault, set()),
     "campaign": (config.CampaignFile, FILE_FIELDS),

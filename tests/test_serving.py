@@ -174,7 +174,7 @@ def test_one_instrument_of_each_kind_answers_clients_written_by_others(all_instr
     kinds = {each["kind"] for each in all_instruments.instruments.values()}
     assert kinds == {
         "newport-xps", "newport-esp301", "aerotech-ensemble", "keyence-lkg3001", "keyence-lkg5000", "keysight-34465a",
-        "operator",
+        "keysight-33500b", "operator",
     }  # fmt: skip
     where = all_instruments.instruments
     assert (where["rotation"]["group"], where["rotation"]["positioner"]) == ("Group1", "Pos")
@@ -187,6 +187,7 @@ def test_one_instrument_of_each_kind_answers_clients_written_by_others(all_instr
     assert ask("accelerometer", b"*IDN?\n").split(b",")[1] == b"34465A"
     assert float(ask("accelerometer", b"MEAS:VOLT:DC?\n")) == pytest.approx(0.0, abs=0.1)
     assert float(ask("thermometer", b"MEAS:TEMP? FRTD,85\n")) == pytest.approx(20.0, abs=2.0)
+    assert ask("spare_source", b"SOUR2:FUNC DC;VOLT:OFFS 1.5;OFFS?\n") == b"+1.50000000000000E+00\n"
     assert ask_serially("lasers_a", b"M1\r").startswith(b"M1,")
     assert ask("spare_lasers", b"MS,01\r", b"\r").startswith(b"MS,01,")
     assert b"ESP301" in ask_serially("spare_rotation", b"VE?\r")

@@ -11,7 +11,6 @@ from typing import Any, Protocol
 
 from simulators.clock import SimulationClock
 from simulators.scpi.grammar import (
-    ERROR_TEXTS,
     Integer,
     Number,
     ScpiError,
@@ -123,7 +122,7 @@ class ScpiShell:
         self._service_enable = 0
         self._busy, self._idle_s = busy, idle_s
         self._completion_asked = False
-        self._errors: deque[int] = deque()
+        self._errors: deque[ScpiError] = deque()
         self._sessions: list[Session] = []
         self._wake_s = -math.inf
         self._commands: list[tuple[re.Pattern[str], Command]] = [
@@ -141,14 +140,14 @@ class ScpiShell:
         if session in self._sessions:
             self._sessions.remove(session)
 
-    def error(self, code: int) -> None:
+    def error(self, error: ScpiError) -> None:
         """Queue an error; when full the last one becomes -350."""
-        bit = {1: 32, 2: 16, 3: 8, 4: 4}[-code // 100]
+        bit = {1: 32, 2: 16, 3: 8, 4: 4}[-error.code // 100]
         self.standard.event |= bit
         if len(self._errors) < QUEUE_LENGTH:
-            self._errors.append(code)
+            self._errors.append(error)
         else:
-            self._errors[-1] = -350
+            self._errors[-1] = ScpiError(-350)
 
     def execute(self, unit: Unit) -> Reply:
         """What one unit answers; `ScpiError` when it is refused."""
@@ -222,8 +221,8 @@ class ScpiShell:
         self.questionable.enable = self.operation.enable = 0
 
     def _next_error(self) -> str:
-        code = self._errors.popleft() if self._errors else 0
-        return f'{code:+d},"{ERROR_TEXTS[code]}"'
+        error = self._errors.popleft() if self._errors else ScpiError(0)
+        return f'{error.code:+d},"{error.text}"'
 
 
 def _register_commands(name: str, register: Register) -> tuple[Command, ...]:
@@ -281,7 +280,7 @@ class Session:
             self._pending = None
             self._units.clear()
             self._replies.clear()
-            self._shell.error(-410)
+            self._shell.error(ScpiError(-410))
 
     def _run(self) -> None:
         while self._pending is None:
@@ -303,13 +302,13 @@ class Session:
         try:
             self._units.extend(split_message(message.decode("latin-1")))
         except ScpiError as error:
-            self._shell.error(error.code)
+            self._shell.error(error)
 
     def _take(self, answer: Callable[[], Reply]) -> None:
         try:
             reply = answer()
         except ScpiError as error:
-            self._shell.error(error.code)
+            self._shell.error(error)
             if error.is_command_error:
                 self._units.clear()
             return

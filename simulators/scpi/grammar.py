@@ -15,6 +15,7 @@ ERROR_TEXTS = {
     -108: "Parameter not allowed",
     -109: "Missing parameter",
     -113: "Undefined header",
+    -114: "Header suffix out of range",
     -131: "Invalid suffix",
     -148: "Character data not allowed",
     -151: "Invalid string data",
@@ -33,11 +34,12 @@ ERROR_TEXTS = {
 
 
 class ScpiError(Exception):
-    """What an instrument puts into its error queue."""
+    """What an instrument puts into its error queue; `detail` is what a maker adds to the standard's text."""
 
-    def __init__(self, code: int) -> None:
-        super().__init__(f"{code},{ERROR_TEXTS[code]}")
+    def __init__(self, code: int, detail: str = "") -> None:
         self.code = code
+        self.text = f"{ERROR_TEXTS[code]}; {detail}" if detail else ERROR_TEXTS[code]
+        super().__init__(f"{code},{self.text}")
 
     @property
     def is_command_error(self) -> bool:
@@ -132,10 +134,21 @@ class Number:
 
     def parse(self, text: str) -> float:
         """The value; -222 outside the limits."""
-        value = self.limit(text) if _WORD.fullmatch(text) else _quantity(text, self.unit)
+        value = self.read(text)
         if not _now(self.minimum) <= value <= _now(self.maximum):
             raise ScpiError(-222)
         return value
+
+    def clip(self, text: str) -> tuple[float, str]:
+        """The value within the limits, and which of them it was put to: "upper", "lower" or neither."""
+        value = self.read(text)
+        if value > _now(self.maximum):
+            return _now(self.maximum), "upper"
+        return (_now(self.minimum), "lower") if value < _now(self.minimum) else (value, "")
+
+    def read(self, text: str) -> float:
+        """The number as it was sent."""
+        return self.limit(text) if _WORD.fullmatch(text) else _quantity(text, self.unit)
 
     def limit(self, text: str) -> float:
         """What MIN, MAX or DEF stand for now; -148 for another word."""

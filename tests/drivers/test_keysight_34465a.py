@@ -361,7 +361,7 @@ def test_all_queued_errors_are_taken_from_the_queue() -> None:
     bench.tell(bench.master, b"FIRST")
     bench.tell(bench.master, b"SAMP:COUN 0")
     link = ScpiLink("meter", lambda: bench.wire(bench.master), 1.0)
-    link.open("Keysight", "34465A")
+    link.open(("Keysight",), ("34465A",))
     with pytest.raises(InstrumentError, match=r"-113.*and 1 more"):
         link.check("at a look")
     assert link.errors() == []
@@ -370,7 +370,7 @@ def test_all_queued_errors_are_taken_from_the_queue() -> None:
 def test_a_query_that_is_not_understood_times_out_with_the_instruments_error() -> None:
     bench = Bench()
     link = ScpiLink("meter", lambda: bench.wire(bench.master), 1.0)
-    link.open("Keysight", "34465A")
+    link.open(("Keysight",), ("34465A",))
     with pytest.raises(
         LinkTimeout, match=r'meter: no reply to NONSENSE\?; the instrument says -113,"Undefined header"'
     ):

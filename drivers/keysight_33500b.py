@@ -1,0 +1,162 @@
+"""Keysight (Agilent) 33500B waveform generators with two outputs, as a source of two slow voltages.
+
+What is said and what comes back: docs/protocol-33500b.md. The generator bends what it cannot do to what it can,
+tells so in its error queue, and goes on; hence the queue is read before an output is switched on, and the settings
+are asked back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.scpi import ScpiLink
+from drivers.transport import Connect
+from rigctl.clock import Clock
+from rigctl.errors import LimitError
+from rigctl.interfaces import Channel, Identity, Started, Waveform
+
+MAKERS, MODELS = ("Keysight", "Agilent"), ("33510B", "33512B", "33520B", "33522B")
+OUTPUTS = (1, 2)
+OPEN_CIRCUIT_PEAK_V = 10.0
+AMPLITUDE_MINIMUM_V = 1e-3
+"""Half of the least peak-to-peak voltage into an open circuit."""
+PERIOD_MINIMUM_S, PERIOD_MAXIMUM_S = 5e-6, 1e6
+"""200 kHz, which a ramp has too, and 1 uHz."""
+PHASE_MAXIMUM_DEG = 360.0
+FUNCTIONS = {"constant": "DC", "sine": "SIN", "triangle": "RAMP"}
+
+
+class SourceSettings(BaseModel):
+    """What an operator may set: which column each output drives, and how far it may go."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    outputs: dict[str, int] = {"dm1_y_v": 1, "dm1_z_v": 2}
+    limit_v: float = Field(default=5.0, gt=0.0, le=OPEN_CIRCUIT_PEAK_V)
+    latency_s: float = 0.0
+    link_timeout_s: float = Field(default=2.0, gt=0.0)
+
+    @model_validator(mode="after")
+    def _outputs_are_there_once(self) -> Self:
+        numbers = list(self.outputs.values())
+        if not numbers or not set(numbers) <= set(OUTPUTS) or len(set(numbers)) < len(numbers):
+            raise ValueError("outputs must name 1, 2 or both, each once, as in { dm1_y_v = 1, dm1_z_v = 2 }")
+        return self
+
+
+class Keysight33500B:
+    """Two outputs into high impedance (`VoltageSource`)."""
+
+    def __init__(self, name: str, settings: SourceSettings, connect: Connect, clock: Clock) -> None:
+        self.name = name
+        self.settings = settings
+        self._clock = clock
+        self._link = ScpiLink(name, connect, settings.link_timeout_s)
+        self._prepared = False
+
+    def open(self) -> None:
+        """Connect, make sure it is a 33500B with two outputs, and clear its errors; the outputs stay as they are."""
+        self._prepared = False
+        self._link.open(MAKERS, MODELS)
+        self._link.configure("*CLS")
+
+    def close(self) -> None:
+        """Disconnect; may be called twice."""
+        self._link.close()
+
+    def identify(self) -> Identity:
+        """Ask the generator who it is."""
+        return self._link.identify(MAKERS, MODELS)
+
+    def stop(self) -> None:
+        """Disconnect both outputs; what they are set to stays set."""
+        if self._link.is_open:
+            self._link.send(*(f"OUTP{number} OFF" for number in OUTPUTS))
+
+    def channels(self) -> tuple[Channel, ...]:
+        """The outputs in the order of the rig file."""
+        s = self.settings
+        return tuple(Channel(name, "V", "voltage", s.latency_s, s.limit_v) for name in s.outputs)
+
+    def start(self, waveforms: Mapping[str, Waveform]) -> Started:
+        """Set every output, an unnamed one to 0 V, and begin all waveforms at once.
+
+        The first time after `open` the generator is reset, which takes away what somebody else has left running.
+        """
+        wanted = {name: waveforms.get(name, Waveform()) for name in self.settings.outputs}
+        self._check(waveforms)
+        if not self._prepared:
+            self._link.configure("*RST", "*CLS", "UNIT:ANGL DEG")
+            self._prepared = True
+        for name, waveform in wanted.items():
+            number = self.settings.outputs[name]
+            self._link.configure(f"OUTP{number}:LOAD INF", *_settings(number, waveform))
+            self._link.send(f"OUTP{number} ON")
+        asked_s = self._clock.now_s()
+        self._link.configure("PHAS:SYNC")
+        start_s = 0.5 * (asked_s + self._clock.now_s())
+        return Started(start_s, {name: self._as_taken(name, waveform) for name, waveform in wanted.items()})
+
+    def _check(self, waveforms: Mapping[str, Waveform]) -> None:
+        for name, waveform in waveforms.items():
+            if name not in self.settings.outputs:
+                known = ", ".join(self.settings.outputs)
+                raise LimitError(f"{self.name}: there is no output '{name}'; there are {known}")
+            if fault := self._fault(waveform):
+                raise LimitError(f"{self.name}: {name}: {fault}")
+
+    def _fault(self, waveform: Waveform) -> str:
+        """What is wrong with a waveform; empty when it can be made."""
+        if not waveform.peak_v <= self.settings.limit_v:
+            return f"{waveform.peak_v:g} V asked for, beyond the limit of {self.settings.limit_v:g} V (limit_v)"
+        if waveform.shape == "constant":
+            return ""
+        if not PERIOD_MINIMUM_S <= waveform.period_s <= PERIOD_MAXIMUM_S:
+            return (
+                f"a period of {waveform.period_s:g} s; possible are {PERIOD_MINIMUM_S:g} s to {PERIOD_MAXIMUM_S:g} s"
+            )
+        if not waveform.amplitude_v >= AMPLITUDE_MINIMUM_V:
+            return (
+                f"an amplitude of {waveform.amplitude_v:g} V; at least {AMPLITUDE_MINIMUM_V:g} V, "
+                "and a phase of 180 deg where it should be negative"
+            )
+        if not abs(waveform.phase_deg) <= PHASE_MAXIMUM_DEG:
+            return f"a phase of {waveform.phase_deg:g} deg; possible are -360 to 360 deg"
+        return ""
+
+    def _as_taken(self, name: str, waveform: Waveform) -> Waveform:
+        """The waveform with the numbers that the generator gives back."""
+        source = f"SOUR{self.settings.outputs[name]}"
+        if waveform.shape == "constant":
+            return Waveform("constant", self._link.query_number(f"{source}:VOLT:OFFS?"))
+        frequency_hz = self._link.query_number(f"{source}:FREQ?")
+        if not frequency_hz > 0.0 or not math.isfinite(frequency_hz):
+            raise self._link.bad_reply(f"{source}:FREQ?", f"{frequency_hz:g}", "a frequency")
+        amplitude_v = 0.5 * self._link.query_number(f"{source}:VOLT?")
+        offset_v = self._link.query_number(f"{source}:VOLT:OFFS?")
+        phase_deg = self._link.query_number(f"{source}:PHAS?")
+        return Waveform(waveform.shape, offset_v, amplitude_v, 1.0 / frequency_hz, phase_deg)
+
+
+def _settings(number: int, waveform: Waveform) -> tuple[str, ...]:
+    """In the generator's order: limits depend on the function, and an old offset may leave no room for what comes."""
+    source = f"SOUR{number}"
+    function = f"{source}:FUNC {FUNCTIONS[waveform.shape]}"
+    offset = f"{source}:VOLT:OFFS {waveform.offset_v:.6f}"
+    if waveform.shape == "constant":
+        return function, offset
+    symmetry = (f"{source}:FUNC:RAMP:SYMM 50",) if waveform.shape == "triangle" else ()
+    return (
+        f"{source}:VOLT:OFFS 0",
+        function,
+        f"{source}:FREQ {1.0 / waveform.period_s:.9E}",
+        *symmetry,
+        f"{source}:VOLT:UNIT VPP",
+        f"{source}:VOLT {2.0 * waveform.amplitude_v:.6f}",
+        offset,
+        f"{source}:PHAS {waveform.phase_deg:.6f}",
+    )

@@ -1,0 +1,46 @@
+"""A Keysight 33500B waveform generator on the wire (docs/protocol-33500b.md)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from simulators.clock import SimulationClock
+from simulators.keysight_33500b.commands import Commands
+from simulators.keysight_33500b.output import Output
+from simulators.keysight_33500b.settings import GeneratorSettings
+from simulators.scpi import Register, ScpiShell
+from simulators.wiring import Connection, VoltageLine
+
+OUTPUTS = (1, 2)
+
+
+class Simulated33500B:
+    """The generator with its LAN socket; it drives the line of each output, one of its own where none is given.
+
+    The connectors see high impedances. Not there: functions other than DC, sine and ramp, modulation, sweep, burst,
+    units other than V peak to peak and degrees, and the steps of the converter.
+    """
+
+    kind = "keysight-33500b"
+
+    def __init__(
+        self,
+        clock: SimulationClock,
+        lines: Mapping[int, VoltageLine] | None = None,
+        settings: GeneratorSettings | None = None,
+    ) -> None:
+        settings, wired = settings or GeneratorSettings(), lines or {}
+        outputs = {number: Output(clock, wired.get(number) or VoltageLine(), settings) for number in OUTPUTS}
+        self._shell = ScpiShell(
+            clock,
+            Commands(outputs, settings).table(),
+            busy=lambda: False,
+            idle_s=lambda: -math.inf,
+            questionable=Register(),
+            operation=Register(),
+        )
+
+    def connect(self, send: Callable[[bytes], None]) -> Connection:
+        """Serve one more client, which is sent bytes through `send`."""
+        return self._shell.connect(send)
