@@ -44,7 +44,7 @@ def rig(directory: Path, effects: str) -> Path:
     return path
 
 
-MOST = 14
+MOST = 15
 """Runs of an investigation: fewer than those of the full scan."""
 
 HYSTERESIS = "[world.effects.cable-hysteresis]\nh = 1e-5\n"
