@@ -24,6 +24,9 @@ CONFIRM_FROM = 0.05
 """Corrected p-values below are confirmed by bootstrap where noise comes from the scatter."""
 
 MOST_TERMS = 8
+MOST_SHAPES = 4
+"""Plain shapes beside which an effect must be needed."""
+
 REFITTED = 4
 """So many of the best are fitted in full before one is chosen: T is first order."""
 
@@ -49,7 +52,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Rival:
-    """`term` explains the data as well as the suggested `instead_of`; `wider`: it can do all that one does, and more."""
+    """`term` explains the data as well as the suggested `instead_of`; `wider`: it can do all that does, and more."""
 
     instead_of: str
     term: Term
@@ -148,7 +151,7 @@ class Search:
             options = [each for each in significant if each.score.statistic >= near][:REFITTED]
             tried = [(self._refitted_cost(attempt, each), each) for each in options]
             for cost, each in sorted(tried, key=lambda pair: pair[0]):
-                if np.isfinite(cost) and self._falls(attempt, each):
+                if np.isfinite(cost) and self._falls(attempt, each) and not self._likeness(attempt, each):
                     return each.candidate.term
             tried_out = {each.candidate.term.effect for each in options}
             significant = [each for each in significant if each.candidate.term.effect not in tried_out]
@@ -227,6 +230,28 @@ class Search:
             for each in attempt.scored
             if attempt.corrected(projector.score(attempt.columns(each.candidate)).p_value) < level
         }
+
+    def _likeness(self, attempt: Attempt, scored: Scored) -> bool:
+        """Is the candidate needless beside the plain shapes that are left with it in the model?"""
+        with_it = self.attempt((*attempt.terms, scored.candidate.term))
+        shapes = self._shapes_left(with_it)
+        if not shapes:
+            return False
+        columns = np.hstack([attempt.padded(attempt.noise.whiten(shape.columns)) for shape in shapes])
+        beside = _extended(attempt, columns).score(attempt.columns(scored.candidate))
+        return attempt.corrected(beside.p_value) >= CATALOGUE_SHARE * self.alpha
+
+    def _shapes_left(self, attempt: Attempt) -> list[Best]:
+        """Plain shapes that are significant one after another, the strongest first."""
+        found: list[Best] = []
+        shape, level = attempt.best_shape, SHAPES_SHARE * self.alpha
+        rng = np.random.default_rng([self._seed, 4])
+        columns = np.zeros((len(attempt.left), 0))
+        while shape is not None and shape.p_value_corrected < level and len(found) < MOST_SHAPES:
+            found.append(shape)
+            columns = np.hstack([columns, attempt.padded(attempt.noise.whiten(shape.columns))])
+            shape = attempt.generic.best(attempt.noise, _extended(attempt, columns), rng)
+        return found
 
     def _floated(self, terms: tuple[Term, ...]) -> tuple[tuple[Term, ...], tuple[str, ...]]:
         """The terms without those that are no longer needed beside the others, and what was dropped."""
