@@ -12,17 +12,14 @@ wrong one of the two in the model. Between rivals, M leaves the rest of the cata
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import replace
 
 from rigctl.workbench.attempt import Attempt
+from rigctl.workbench.decide import Decided, decided, others_than
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.imagined import Imagined
-from rigctl.workbench.information import Information
-from rigctl.workbench.plan import Plan, runs_needed, shuffled
-from rigctl.workbench.promise import PROMISE, power
-from rigctl.workbench.questions import Question, inseparable, rivals
+from rigctl.workbench.plan import shuffled
+from rigctl.workbench.questions import inseparable, rivals
 from rigctl.workbench.recommendation import (
     Answer,
     Purpose,
@@ -32,19 +29,11 @@ from rigctl.workbench.recommendation import (
     telling_words,
     tightening_words,
 )
-from rigctl.workbench.rig_time import RigTime
-from rigctl.workbench.study import Candidate, Plannable, Proposal, Study, Term
+from rigctl.workbench.study import Plannable, Proposal, Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.tighten import tightening
-from rigctl.workbench.triangle import Triangle, triangle_of
 
 MOST_RUNS = 24
-
-_SCANNED = 3
-"""Effects with more choices than that (an unknown period) are scanned for: too many to count with beside others."""
-
-_HOPELESS = 0.2 * PROMISE
-"""A lambda that nothing can lift past this is no promise."""
 
 Allowed = Callable[[Proposal], bool]
 
@@ -73,15 +62,15 @@ def recommend(
         return Recommendation("none", (), "There is no run that the bench can do.")
     final = diagnosis.steps[-1].terms if diagnosis.steps else tuple(terms)
     base, questions = rivals(study, final, diagnosis)
-    separating = _Found()
+    separating = Decided()
     if questions:
         imagined = Imagined(study, Attempt(study, base), offered)
-        separating = _answered(imagined, questions, most_runs, _others(imagined, questions))
+        separating = decided(imagined, questions, most_runs, others_than(questions, imagined))
     if separating.chosen:
         return _telling("separate", separating, offered, seed)
     attempt = Attempt(study, final)
     imagined = Imagined(study, attempt, offered)
-    revealing = _answered(imagined, inseparable(attempt, diagnosis), most_runs)
+    revealing = decided(imagined, inseparable(attempt, diagnosis), most_runs)
     revealing = replace(revealing, hopeless=(*separating.hopeless, *revealing.hopeless))
     if revealing.chosen:
         return _telling("reveal", revealing, offered, seed)
@@ -90,66 +79,7 @@ def recommend(
     return _tightening([offered[i] for i in chosen], tightened, revealing.hopeless, seed)
 
 
-@dataclass(frozen=True)
-class _Found:
-    """Proposals chosen for some questions, and the answers: those worth having and those that are none."""
-
-    chosen: tuple[int, ...] = ()
-    answers: tuple[Answer, ...] = ()
-    hopeless: tuple[Answer, ...] = ()
-
-
-def _answered(
-    imagined: Imagined, questions: Sequence[Question], most_runs: int, others: Sequence[Candidate] = ()
-) -> _Found:
-    if not questions:
-        return _Found()
-    triangle = triangle_of(imagined, _terms_of(questions), others=others)
-    first = _planned(triangle, imagined, questions, most_runs)
-    reached = [answer for answer in first.answers if answer.lambda_promised >= PROMISE]
-    if not reached or not (first.hopeless or len(reached) < len(first.answers)):
-        return first
-    # What cannot be reached anyway would take its share of the runs.
-    missed = tuple(answer for answer in first.answers if answer not in reached)
-    again = _planned(triangle, imagined, [answer.question for answer in reached], most_runs)
-    return replace(again, hopeless=(*first.hopeless, *missed, *again.hopeless))
-
-
-def _planned(triangle: Triangle, imagined: Imagined, questions: Sequence[Question], most_runs: int) -> _Found:
-    information = Information(triangle)
-    asked = [(question, known) for question in questions if (known := information.asked(question)) is not None]
-    wanted = [PROMISE] * len(asked)
-    plan = Plan(information, [known for _, known in asked], wanted, RigTime(imagined.proposals), most_runs)
-    answers = [_answer(question, plan.promised(number)) for number, (question, _) in enumerate(asked)]
-    worth = tuple(answer for answer in answers if answer.lambda_promised >= _HOPELESS)
-    hopeless = tuple(answer for answer in answers if answer.lambda_promised < _HOPELESS)
-    return _Found(tuple(plan.runs) if worth else (), worth, hopeless)
-
-
-def _answer(question: Question, course: Sequence[float]) -> Answer:
-    dimension = int(np.sum(question.size != 0.0))
-    return Answer(question, course[0], course[-1], power(course[-1], dimension), runs_needed(course, PROMISE))
-
-
-def _terms_of(questions: Sequence[Question]) -> list[Term]:
-    found: list[Term] = []
-    for question in questions:
-        found += [term for term in (question.term, question.rival) if term is not None and term not in found]
-    return found
-
-
-def _others(imagined: Imagined, questions: Sequence[Question]) -> list[Candidate]:
-    """What might act too and is not in question: a run must not raise as many doubts as it settles."""
-    asked = _terms_of(questions)
-    effects = [candidate.term.effect for candidate in imagined.candidates]
-    return [
-        candidate
-        for candidate in imagined.candidates
-        if candidate.term not in asked and effects.count(candidate.term.effect) <= _SCANNED
-    ]
-
-
-def _telling(purpose: Purpose, found: _Found, offered: Sequence[Proposal], seed: int) -> Recommendation:
+def _telling(purpose: Purpose, found: Decided, offered: Sequence[Proposal], seed: int) -> Recommendation:
     runs = shuffled([offered[i] for i in found.chosen], seed)
     words = telling_words(found.answers, found.hopeless, runs)
     return Recommendation(purpose, runs, words, found.answers, found.hopeless, best=offered[found.chosen[0]])

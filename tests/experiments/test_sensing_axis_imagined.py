@@ -173,6 +173,14 @@ def test_a_room_is_paid_for_once(study: SensingAxisStudy) -> None:
     assert max(each.takes_s for each in study.options()) < ROOM_S
 
 
+def test_nothing_but_the_room_differs(study: SensingAxisStudy) -> None:
+    offered = study.options()
+    warm = [each.settings for each in offered if "temperature_c" in each.settings]
+    assert {each["angle_deg"] for each in warm} == {-20.0, -0.8, 0.8, 20.0}
+    assert {each["frequency_hz"] for each in warm} == {0.3, 0.6}
+    assert {each["dwell_s"] for each in warm} == {max(each.settings["dwell_s"] for each in offered)}
+
+
 def test_angles_are_those_of_the_mounting_that_is_there(store: Store) -> None:
     runs = reduction(store, ()).runs
     before = [replace(run, mounting=0, theta_rad=run.theta_rad + 1e-3, start_s=run.start_s - 1e4) for run in runs]

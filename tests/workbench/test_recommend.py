@@ -139,6 +139,20 @@ class Headed(Bench):
         return np.sin(3.0 * self.theta) if term.choice.get("head") == "b" else super().column(term)
 
 
+class InTurn(Bench):
+    """A bench that gets half as far from 0.5 Hz when it thinks of all its options at once."""
+
+    def extended(self, proposals: Sequence[Proposal]) -> Bench:
+        share = 1.0 if len(proposals) < len(self.options()) else 0.5
+        nearer = [
+            replace(
+                each, settings={**each.settings, "frequency_hz": 0.5 + share * (each.settings["frequency_hz"] - 0.5)}
+            )
+            for each in proposals
+        ]
+        return super().extended(nearer)
+
+
 def bench(seed: int = 1, hidden: float = 8.0, effect: str = "flat", **changes: Any) -> Bench:
     """Twenty-four readings at 0.5 Hz, where two effects are one."""
     theta = np.tile(ANGLES, 4)
@@ -190,8 +204,11 @@ def test_a_rival_that_has_choices_is_the_one_that_would_do_instead() -> None:
     assert {choice["head"] for choice in choices if choice} == {"a"}
 
 
-def test_the_promise_is_what_refitting_on_all_runs_gives(ambiguous: tuple[Bench, Diagnosis]) -> None:
-    study, found = ambiguous
+@pytest.mark.parametrize("kind", [Bench, InTurn])
+def test_the_promise_is_what_refitting_on_all_runs_gives(
+    ambiguous: tuple[Bench, Diagnosis], kind: type[Bench]
+) -> None:
+    study, found = kind(**vars(ambiguous[0])), ambiguous[1]
     advice = recommend(study, (), found)
     longer = study.extended(advice.runs)
     for answer in advice.answers:

@@ -41,33 +41,19 @@ class Limits:
 def options(runs: Sequence[RunObservables], limits: Limits) -> list[Proposal]:
     """Set-points for the next runs: those used in the mounting that is there, and around them what the bench allows.
 
-    Without a rig file nothing farther out than the recording shows to have been possible.
+    Without a rig file nothing farther out than the recording shows to have been possible. In a room at another
+    temperature only those used, so that nothing but the room differs.
     """
-    last = last_of(runs)
-    here = [run for run in runs if place_of(run) == place_of(last)]
-    amplitudes = _used(round(1e3 * run.amplitude_m, 2) for run in runs)
+    here = [run for run in runs if place_of(run) == place_of(last_of(runs))]
+    angles, frequencies = _used(degrees(run.theta_rad) for run in here), _used(run.frequency_hz for run in here)
     dwells = sorted({*DWELLS_S, *(float(round(run.duration_s)) for run in here)})
-    grid = itertools.product(_angles(runs, here, limits), _frequencies(runs, limits), amplitudes)
-    places = [(angle, frequency, _largest(last, limits, angle, frequency, a)) for angle, frequency, a in grid]
-    rooms, overhead_s = _rooms(runs), overhead(runs)
-    return [
-        Proposal(
-            {
-                "angle_deg": angle_deg,
-                "frequency_hz": frequency_hz,
-                "amplitude_mm": amplitude_mm,
-                "approach": approach,
-                "dwell_s": dwell_s,
-                **({} if room is None else {"temperature_c": room}),
-            },
-            dwell_s + overhead_s,
-            *(() if room is None else (f"room at {room:g} C", ROOM_S)),
-        )
-        for (angle_deg, frequency_hz, amplitude_mm), approach, dwell_s, room in itertools.product(
-            dict.fromkeys(places), (1, -1), dwells, rooms
-        )
-        if amplitude_mm and (room is None or dwell_s == dwells[-1])
-    ]
+    overhead_s = overhead(runs)
+    places = _places(runs, limits, _angles(runs, angles, limits), _frequencies(runs, limits))
+    found = [_proposal(each, dwell_s, overhead_s) for each, dwell_s in itertools.product(places, dwells)]
+    again = _places(runs, limits, angles, frequencies)
+    for room in _rooms(runs):
+        found += [_proposal(each, dwells[-1], overhead_s, room) for each in again]
+    return found
 
 
 def overhead(runs: Sequence[RunObservables]) -> float:
@@ -90,12 +76,38 @@ def place_of(run: RunObservables) -> tuple[str, str, int]:
     return run.axis, run.configuration, run.mounting
 
 
-def _angles(runs: Sequence[RunObservables], here: Sequence[RunObservables], limits: Limits) -> list[float]:
-    """In degrees: those of the mounting that is there, and a grid."""
+@dataclass(frozen=True)
+class _SetPoint:
+    angle_deg: float
+    frequency_hz: float
+    amplitude_mm: float
+    approach: int
+
+
+def _places(
+    runs: Sequence[RunObservables], limits: Limits, angles: Sequence[float], frequencies: Sequence[float]
+) -> list[_SetPoint]:
+    """Where the sensor's output stays in its range, reached from either side."""
+    last = last_of(runs)
+    amplitudes = _used(round(1e3 * run.amplitude_m, 2) for run in runs)
+    grid = [
+        (angle, frequency, _largest(last, limits, angle, frequency, amplitude))
+        for angle, frequency, amplitude in itertools.product(angles, frequencies, amplitudes)
+    ]
+    return [_SetPoint(*each, approach) for each in dict.fromkeys(grid) if each[2] for approach in (1, -1)]
+
+
+def _proposal(place: _SetPoint, dwell_s: float, overhead_s: float, room: float | None = None) -> Proposal:
+    settings = {**vars(place), "dwell_s": dwell_s}
+    if room is None:
+        return Proposal(settings, dwell_s + overhead_s)
+    return Proposal({**settings, "temperature_c": room}, dwell_s + overhead_s, f"room at {room:g} C", ROOM_S)
+
+
+def _angles(runs: Sequence[RunObservables], used: Sequence[float], limits: Limits) -> list[float]:
     low, high = (f(degrees(run.theta_rad) for run in runs) for f in (min, max))
     grid = [sign * angle for angle in ANGLES_DEG for sign in (-1.0, 1.0)]
-    possible = [angle for angle in grid if limits.known or low <= angle <= high]
-    return _used([*(degrees(run.theta_rad) for run in here), *possible])
+    return _used([*used, *(angle for angle in grid if limits.known or low <= angle <= high)])
 
 
 def _frequencies(runs: Sequence[RunObservables], limits: Limits) -> list[float]:
@@ -122,13 +134,13 @@ def _largest(
     return next((part for part in parts if _within(last, limits, angle_deg, frequency_hz, part)), 0.0)
 
 
-def _rooms(runs: Sequence[RunObservables]) -> list[float | None]:
+def _rooms(runs: Sequence[RunObservables]) -> list[float]:
     """Room temperatures an operator might bring about: none where the recording shows none that differ."""
     known = np.array([run.temperature_c for run in runs])
     if not np.isfinite(known).all() or np.ptp(known) <= _SAME_K:
-        return [None]
+        return []
     reach = max(float(np.ptp(known)) / 2.0, ROOM_K)
-    return [None, round(float(known.mean()) - reach, 1), round(float(known.mean()) + reach, 1)]
+    return [round(float(known.mean()) - reach, 1), round(float(known.mean()) + reach, 1)]
 
 
 def _used(values: Iterable[float]) -> list[float]:
