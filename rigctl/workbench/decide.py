@@ -94,7 +94,7 @@ def _promised(imagined: Imagined, questions: Sequence[Question], others: Sequenc
     for run in range(len(imagined.proposals)):
         information.add(run)
     asked = [information.asked(question) for question in questions]
-    return information.lambdas([each for each in asked if each is not None])
+    return np.array([0.0 if each is None else information.lambdas([each])[0] for each in asked])
 
 
 def _power(question: Question, noncentrality: float) -> float:

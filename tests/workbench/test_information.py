@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rigctl.workbench.information import Asked, Information, Precision
 from rigctl.workbench.questions import Question
 from rigctl.workbench.score import ABSORBED
-from rigctl.workbench.study import FloatArray, IntArray, Term
+from rigctl.workbench.study import Candidate, FloatArray, IntArray, Term
 from rigctl.workbench.triangle import SECOND_ORDER, triangle_of
 
 J, K = Term("j"), Term("k")
@@ -165,6 +165,23 @@ def test_a_term_that_no_run_can_be_asked_about_is_no_question() -> None:
     assert information.asked(Question(J, K, np.ones(2), "typical")) is None
     assert information.asked(Question(K, None, np.ones(1), "typical")) is None
     assert information.asked(Question(J, None, np.ones(2), "typical")) is not None
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_what_else_may_act_is_believed_to_be_of_its_typical_size(recorded: bool) -> None:
+    made = design(4)
+    if not recorded:
+        del made.effects["k"]
+    other = Candidate(K, ("k",), ("V",), np.zeros((0, 1)), np.array([0.3]))
+    information = Information(triangle_of(made, [J], others=[other]))  # type: ignore[arg-type]
+    question = information.asked(Question(J, None, np.ones(2), "typical"))
+    assert question is not None
+    there = slice(made.made)
+    column = made.effects["k"][there] if recorded else np.zeros((made.made, 1))
+    belief = np.append(np.zeros(made.fitted.shape[1]), 1.0 / 0.3)
+    beside = np.vstack([np.hstack([made.fitted[there], column]), belief])
+    expected = refitted(beside, np.append(made.effects["j"][there] @ np.ones(2), 0.0))
+    assert information.lambdas([question]) == pytest.approx([expected], rel=AGREES)
 
 
 @settings(deadline=None, max_examples=30)
