@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 Plugins = Sequence[Path]
 Found = dict[str, Any]
 
+FEW = 8
+"""Of so many runs it is also said what was known of the null after each."""
+
 
 def result(store: Path, plugins: Plugins) -> Found:
     """`rigctl result`, with the null vectors about their planes as figures 15 to 17 show them."""
@@ -44,7 +47,7 @@ def null_search(store: Path, plugins: Plugins) -> Found:
     """The signed response of the last mounting against angle, and its null, as figure 12 shows them."""
     from rigctl.campaign.store import Store
     from rigctl.effects.catalogue import chosen
-    from rigctl.experiments.sensing_axis.fit import fit_recording
+    from rigctl.experiments.sensing_axis.fit import NullPoint, RecordingFit, fit_recording
     from rigctl.experiments.sensing_axis.model import RecordingModel
     from rigctl.experiments.sensing_axis.reduction import observables, reduce_run
     from rigctl.fitting.plane import ARCSEC
@@ -60,17 +63,23 @@ def null_search(store: Path, plugins: Plugins) -> Found:
         reduced = [reduce_run(r.run_id, r.conditions, opened.samples(r.run_id)) for r in records]
     if rig_file.package is None:
         return {"runs": 0}
+    package, g_m_s2 = rig_file.package, rig_file.constant("g_m_s2", 9.80665)
     runs = observables(reduced, harmonics=1)
-    one_frequency = len(by_frequency(runs)) == 1
-    # At one frequency roll is a shift of the null.
-    wanted = [name for name in campaign.model.effects if not (one_frequency and name == "roll-gravity")]
-    model = RecordingModel(
-        runs, rig_file.package, rig_file.heads, rig_file.constant("g_m_s2", 9.80665), chosen("sensing-axis", wanted)
-    )
-    fit = fit_recording(model)
     first = runs[0]
-    null = fit.null(first.axis, first.configuration, first.mounting)
+
+    def fitted(count: int) -> tuple[RecordingFit, NullPoint]:
+        some = runs[:count]
+        one_frequency = len(by_frequency(some)) == 1
+        # At one frequency roll is a shift of the null.
+        wanted = [name for name in campaign.model.effects if not (one_frequency and name == "roll-gravity")]
+        model = RecordingModel(some, package, rig_file.heads, g_m_s2, chosen("sensing-axis", wanted))
+        fit = fit_recording(model)
+        return fit, fit.null(first.axis, first.configuration, first.mounting)
+
+    fit, null = fitted(len(runs))
+    counts = range(1, len(runs)) if len(runs) <= FEW else ()
     return {
+        "sigmas": [fitted(count)[1].theta0_sigma_rad / ARCSEC for count in counts],
         "axis": first.axis,
         "configuration": first.configuration,
         "mounting": first.mounting,

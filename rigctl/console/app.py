@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 
 SMALLEST = (80, 24)
 DRAW_S = 0.1
+FIRST_S = 0.25
+"""What is open at the start is opened after the first paint: its imports take seconds."""
+
 LIVE_S = 1.0
 """Least time between two null searches that are worked out while a campaign runs."""
 
@@ -118,7 +121,7 @@ class Console(App[None]):
         self.action_screen(self.kept.screen)
         with suppress(ValueError, RuntimeError):  # not in the main thread: whoever runs us handles signals
             asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, self._terminal_lost)
-        self.call_after_refresh(self._open_first)
+        self.set_timer(FIRST_S, self._open_first)
 
     def _open_first(self) -> None:
         if self.kept.notice:
@@ -179,6 +182,7 @@ class Console(App[None]):
         if kind == "rig":
             self._rig = path
             self.kept.rig = str(path.absolute())
+            self._panes.rig.show_opening(str(path))
             self._take_bench()
         else:
             self._show_campaign_file(path, text)
@@ -210,6 +214,7 @@ class Console(App[None]):
             self._bench = open_bench(self._rig, self.post_message)
         except RigError as error:
             self.post_message(say.Noted(str(error), "error"))
+        self.call_from_thread(self._panes.rig.show_opening, "")
 
     @work(thread=True, group="bench")
     def _give_bench(self, then: Callable[[], None] = lambda: None) -> None:
@@ -285,6 +290,7 @@ class Console(App[None]):
         if (before is None or ended) and message.view.runs and not message.view.alive:
             self._analyse("result", quiet=True)
         if ended:
+            self._analyse("model", quiet=True)
             self._note(f"the campaign is {message.view.state}")
         question = message.view.question
         banner = self._base.query_one(Banner)
@@ -355,21 +361,20 @@ class Console(App[None]):
             bench.stop()
         if view is not None and view.alive:
             self._campaigns.signal(view.path, signal.SIGTERM)
-            self._stop_campaign(view.path)
+            self._send(lambda: campaigns.request(view.path, "abort"))
+            self._stop_from_outside(view)
         self._act("STOP")
         if bench is None and (view is None or not view.alive):
             self._note("STOP: no rig is held here, and no campaign runs", "warning")
 
     @work(thread=True, group="stop")
-    def _stop_campaign(self, store: Path) -> None:
-        """Second connections to what it holds, as `rigctl stop`; and the request to abort."""
+    def _stop_from_outside(self, view: StoreView) -> None:
+        """Second connections to what a campaign holds, as `rigctl stop` makes them."""
         from rigctl.console.bench import stop_from_outside
         from rigctl.errors import RigError
 
         try:
-            campaigns.request(store, "abort")
-            if self._rig is not None:
-                stop_from_outside(self._rig, self.post_message)
+            stop_from_outside(view.rig_toml, view.path, self.post_message)
         except RigError as error:
             self.post_message(say.Noted(str(error), "warning"))
 
@@ -397,8 +402,7 @@ class Console(App[None]):
 
     def _focus_pane(self) -> None:
         """Keys belong to the screen that is shown: something on it has to have the focus."""
-        pane = self._base.query_one(f"#{self.kept.screen}")
-        for widget in pane.query("Tabs, DataTable, RichLog").results(Widget):
+        for widget in self._pane(self.kept.screen).query("Tabs, DataTable, RichLog").results(Widget):
             if widget.focusable:
                 widget.focus()
                 break
@@ -407,6 +411,10 @@ class Console(App[None]):
         """What had the focus may be hidden now."""
         self.call_after_refresh(self._keep_focus)
 
+    def _pane(self, name: str) -> Widget:
+        pane: Widget = getattr(self._panes, name)
+        return pane
+
     def _keep_focus(self) -> None:
         if len(self.screen_stack) == 1 and self._base.focused is None:
             self._focus_pane()
@@ -414,8 +422,7 @@ class Console(App[None]):
     def action_pane(self, name: str, action: str, *arguments: str) -> None:
         """An action of a screen, from the palette."""
         self.action_screen(name)
-        pane = self._base.query_one(f"#{name}")
-        getattr(pane, f"action_{action}")(*arguments)
+        getattr(self._pane(name), f"action_{action}")(*arguments)
 
     def action_help(self) -> None:
         """Keys."""

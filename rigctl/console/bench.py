@@ -14,8 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from rigctl.console.messages import Noted, Stopped
 
 if TYPE_CHECKING:
@@ -152,6 +150,8 @@ class LiveBench:
 
     def strips(self) -> dict[str, Strip]:
         """What the strip charts show, by quantity."""
+        import numpy as np
+
         now_s = time.monotonic()
         found = {}
         for name, values in list(self._strips.items()):
@@ -306,13 +306,13 @@ def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
         raise
 
 
-def stop_from_outside(path: Path, post: Callable[[Message], object]) -> None:
-    """`rigctl stop` of a rig that a campaign holds: second connections, every instrument on its own thread."""
+def stop_from_outside(rig_toml: str, store: Path, post: Callable[[Message], object]) -> None:
+    """`rigctl stop` of the rig of a campaign's store: second connections, every instrument on its own thread."""
     from rigctl import config
     from rigctl.rig import Rig
 
     began_s = time.monotonic()
-    file = config.read_rig(path)
+    file = config.parse_rig(rig_toml, store)
     if all(table.simulated for table in file.instruments.values()):
         return  # they live in the campaign's process, which is asked to abort
     rig = Rig(file)

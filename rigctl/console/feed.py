@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from rigctl.campaign.store import Event, Store
     from rigctl.interfaces import FloatArray
 
-LOOK_S = 0.1
+LOOK_S = 0.25
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ class StoreView:
     question: Question | None
     run_id: str = ""
     samples: Mapping[str, FloatArray] = field(default_factory=dict)
+    sampled_s: float = 0.0
+    """When the samples were read, on this computer's monotonic clock."""
     campaign_toml: str = ""
     rig_toml: str = ""
 
@@ -139,8 +142,8 @@ def _with_samples(store: Store, view: StoreView, before: StoreView | None) -> St
     if not last:
         return view
     if before is not None and last == before.run_id and not acquiring and before.samples:
-        return replace(view, run_id=last, samples=before.samples)
+        return replace(view, run_id=last, samples=before.samples, sampled_s=before.sampled_s)
     samples = store.samples(last)
     if not samples and before is not None:  # it has only begun: the one before stays in sight
-        return replace(view, run_id=before.run_id, samples=before.samples)
-    return replace(view, run_id=last, samples=samples)
+        return replace(view, run_id=before.run_id, samples=before.samples, sampled_s=before.sampled_s)
+    return replace(view, run_id=last, samples=samples, sampled_s=time.monotonic())

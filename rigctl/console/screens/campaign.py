@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -21,6 +21,9 @@ from rigctl.console.widgets.plot import MARKS, Line, Picture, Plot
 
 if TYPE_CHECKING:
     from rigctl.console.feed import StoreView
+
+STEPS_S = 1.0
+"""The tree of steps is drawn anew at most so often."""
 
 STATES = {"running": "▶", "paused": "‖", "done": "✓", "aborted": "■", "interrupted": "✗"}
 
@@ -45,8 +48,9 @@ class CampaignPane(Vertical):
         self._text = ""
         self._entries: dict[str, form.Entry] = {}
         self._view: StoreView | None = None
-        self._sigmas: dict[str, list[tuple[int, float]]] = {}
+        self._sigmas: dict[str, dict[int, float]] = {}
         self._tree_of: tuple[object, ...] = ()
+        self._steps_s = 0.0
 
     def compose(self) -> ComposeResult:
         """Three tabs."""
@@ -69,6 +73,7 @@ class CampaignPane(Vertical):
         """No root line: the steps are the tree."""
         tree = self.query_one(Tree)
         tree.show_root = False
+        tree.guide_depth = 2
         self._tell()
 
     # What is shown
@@ -80,19 +85,23 @@ class CampaignPane(Vertical):
             self._sigmas = {}
         self._view = view
         self._tell()
-        self._show_steps()
+        if (self.display and time.monotonic() - self._steps_s > STEPS_S) or not view.alive:
+            self._steps_s = time.monotonic()
+            self._show_steps()
 
     def show_null_search(self, found: Mapping[str, Any]) -> None:
         """The response of the mounting that is measured, as last worked out."""
+        import numpy as np
+
         if not found.get("rows"):
             return
         where = f"{found['axis']} {found['configuration']} {found['mounting']}"
-        history = self._sigmas.setdefault(where, [])
-        if not history or history[-1][0] != found["runs"]:
-            history.append((found["runs"], found["sigma_arcsec"]))
+        history = self._sigmas.setdefault(where, {})
+        history.update(enumerate(found["sigmas"], 1))
+        history[found["runs"]] = found["sigma_arcsec"]
         self.query_one("#null-search", Plot).show(response_picture(where, found["rows"], found["sigma_arcsec"]))
-        counts = np.array([float(runs) for runs, _ in history])
-        sigmas = np.log10([sigma for _, sigma in history])
+        counts = np.array(sorted(history), dtype=float)
+        sigmas = np.log10([history[runs] for runs in sorted(history)])
         told = f"log σ(θ0) / arcsec: {found['sigma_arcsec']:.2f}″ after {found['runs']} runs"
         lines = (Line(counts, sigmas), Line(counts, sigmas, mark="o"))
         self.query_one("#sigma", Plot).show(Picture(told, lines, "runs"))
@@ -151,20 +160,20 @@ class CampaignPane(Vertical):
         groups: dict[str, dict[str, list[Any]]] = {}
         for run in view.runs:
             given = run.conditions
-            outer = f"axis {given.get('axis', '?')} {given.get('configuration', '')}".strip()
+            outer = f"{given.get('axis', '?')} {given.get('configuration', '')}".strip()
             groups.setdefault(outer, {}).setdefault(f"mounting {given.get('mounting', '?')}", []).append(run)
         running = view.state in {"running", "paused"}
         for place, (outer, mountings) in enumerate(groups.items()):
             last_group = place == len(groups) - 1
             count = sum(map(len, mountings.values()))
             mark = "▶" if running and last_group else "✓"
-            node = tree.root.add(f"{mark} {outer}  {count} runs", expand=last_group)
+            node = tree.root.add(f"{mark} {outer}: {count} runs", expand=last_group)
             for index, (inner, runs) in enumerate(mountings.items()):
                 now = running and last_group and index == len(mountings) - 1
                 bad = sum(not run.valid for run in runs)
-                told = f"{'▶' if now else '✓'} {inner}  {len(runs)}{f', {bad} invalid' if bad else ''}"
+                told = f"{'▶' if now else '✓'} {inner}: {len(runs)}{f', {bad} invalid' if bad else ''}"
                 leaf = node.add(told, expand=now)
-                for run in runs:
+                for run in runs if now or not running else ():  # a night has too many to draw them all each time
                     leaf.add_leaf(_run_told(run))
         if running:
             tree.root.add_leaf(f"▶ now: {view.status.get('step') or 'preparing'}")
@@ -264,6 +273,8 @@ class CampaignPane(Vertical):
 
 def response_picture(where: str, rows: list[Mapping[str, Any]], sigma_arcsec: float) -> Picture:
     """Figure 12 for a terminal: one line and mark per frequency, the crossing at zero."""
+    import numpy as np
+
     measured = [row for row in rows if row["kind"] == "measured"]
     frequencies = sorted({row["frequency_hz"] for row in measured})
     far = max(abs(row["theta_minus_theta0_arcsec"]) for row in measured)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -181,6 +180,8 @@ def _transfer(found: Found) -> RenderableType:
 
 def _plane(axis: str, rows: list[Found]) -> Picture:
     """Figures 15 to 17: out-of-plane angle by mounting."""
+    import numpy as np
+
     lines = []
     for place, configuration in enumerate(dict.fromkeys(row["configuration"] for row in rows)):
         own = [row for row in rows if row["configuration"] == configuration]

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -45,6 +44,7 @@ class RigPane(Vertical):
     def __init__(self, jog_step: float) -> None:
         super().__init__(id="rig")
         self.jog_step = jog_step
+        self.opening = ""
         self._views: dict[str, InstrumentView] = {}
 
     def compose(self) -> ComposeResult:
@@ -82,6 +82,8 @@ class RigPane(Vertical):
 
     def show_store(self, view: StoreView) -> None:
         """The rig as the campaign that holds it tells."""
+        import numpy as np
+
         rig = _tables(view.rig_toml)
         self._show_instruments(_from_store(view, rig))
         samples = view.samples
@@ -121,6 +123,8 @@ class RigPane(Vertical):
     def _show_spectrum(
         self, frequency_hz: FloatArray, density_v: FloatArray, gain: float, unit: str, target: float | None
     ) -> None:
+        import numpy as np
+
         with np.errstate(divide="ignore"):
             x, y = np.log10(frequency_hz), np.log10(density_v / gain)
         keep = np.isfinite(y)
@@ -157,13 +161,19 @@ class RigPane(Vertical):
     def _show_detail(self) -> None:
         view = self._chosen()
         if view is None:
-            self.query_one("#detail", Static).update("No rig is open: o opens a rig file or a store.")
+            told = f"… opening {self.opening}" if self.opening else "No rig is open: o opens a rig file or a store."
+            self.query_one("#detail", Static).update(Text(told))
             return
         limits = f"  limits {view.limits}  jog step {self.jog_step:g} {view.limits.unit}" if view.limits else ""
         text = Text(f"{view.name}: {view.role}, {view.driver}, {view.address}{limits}", no_wrap=True)
         if view.error:
             text = Text(f"✗ {view.error}", style="bold", no_wrap=False)
         self.query_one("#detail", Static).update(text)
+
+    def show_opening(self, rig: str) -> None:
+        """A rig is being opened, which may take a while; "": it is not any more."""
+        self.opening = rig
+        self._show_detail()
 
     def on_data_table_row_highlighted(self) -> None:
         """Another instrument's details."""
@@ -235,6 +245,8 @@ def _no_step(text: str) -> str:
 
 def density(volts: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
     """One-sided amplitude density of evenly spaced samples by frequency, the mean of overlapping Hann windows."""
+    import numpy as np
+
     values = volts[np.isfinite(volts)]
     size = min(len(values), 4096)
     if size < 16:
@@ -251,6 +263,8 @@ def density(volts: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
 
 def _noise_told(frequency_hz: FloatArray, found: FloatArray, unit: str, target: float | None) -> Text:
     """The median density between 0.2 and 2 Hz: lines such as the drive's do not move it."""
+    import numpy as np
+
     band = (frequency_hz > 0.2) & (frequency_hz < 2.0)
     if not band.any():
         return Text("noise: no band of 0.2 .. 2 Hz yet", style="dim")
@@ -275,7 +289,7 @@ def _short(name: str) -> str:
 def _row(view: InstrumentView) -> tuple[str, ...]:
     now_s = time.monotonic()
     age_s = max((now_s - each.taken_s for each in view.values), default=math.nan)
-    age = "" if math.isnan(age_s) else f"{age_s:.1f} s{'!' if age_s > STALE_S else ''}"
+    age = "" if math.isnan(age_s) else f"{age_s:.1f} s" if age_s < STALE_S else f"{min(age_s, 999):.0f} s!"
     return (view.name, f"{MARKS.get(view.state, ' ')} {view.state}", _values_told(view), age, view.identity)
 
 
@@ -307,13 +321,14 @@ def _gain(rig: Mapping[str, Any], conditions: Mapping[str, Any]) -> float:
 def _from_store(view: StoreView, rig: Mapping[str, Any]) -> list[InstrumentView]:
     """The instruments as the store tells: identity, and the last value of each that was recorded."""
     found = []
-    now_s = time.monotonic()
-    state = "campaign" if view.alive else "at rest"
+    state = "campaign" if view.alive else "recorded"
     for name, table in rig.get("instruments", {}).items():
         identity = view.identities.get(name, {})
         who = " ".join(str(identity[key]) for key in ("model", "serial", "firmware") if identity.get(key))
         values = tuple(
-            Value(label, value, unit, now_s) for label, value, unit in _recorded(view, table) if math.isfinite(value)
+            Value(label, value, unit, view.sampled_s)
+            for label, value, unit in _recorded(view, table)
+            if math.isfinite(value)
         )
         driver, address = str(table["driver"]), str(table["address"])
         found.append(InstrumentView(name, str(table["role"]), driver, address, state, who, values, ""))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -98,6 +97,8 @@ class WorkbenchPane(Vertical):
 
     def show_residuals(self, found: Found) -> None:
         """`rigctl compare`, against one covariate."""
+        import numpy as np
+
         self._covariates = list(found["covariates"])
         self.covariate = str(found["covariate"])
         self.query_one("#residual-line", Static).update(Text(found["sentence"]))
@@ -142,6 +143,8 @@ class WorkbenchPane(Vertical):
 
     def show_history(self, rungs: Sequence[Found]) -> None:
         """`rigctl model history`."""
+        import numpy as np
+
         from rigctl.report.quantities import number
         from rigctl.report.verdicts import change_of
 

@@ -28,7 +28,7 @@ class Dialog(ModalScreen[Answer | None], Generic[Answer]):
     """A box in the middle of the screen."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "Leave")]
-    HINT = "Esc leaves   F8 stops everything"
+    HINT = "Esc leaves  F8 STOP"
 
     def compose(self) -> ComposeResult:
         """Title, what the dialog is about, hints."""
@@ -46,10 +46,21 @@ class Dialog(ModalScreen[Answer | None], Generic[Answer]):
         self.dismiss(None)
 
 
+class Tick(Checkbox, inherit_bindings=False):
+    """A box whose mark is there or not: no colour is the only sign. Space ticks it, Enter is the dialog's."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("space", "toggle_button", "Tick", show=False)]
+
+    @property
+    def BUTTON_INNER(self) -> str:  # type: ignore[override]  # noqa: N802 - textual's name
+        """What is in the box."""
+        return "x" if self.value else " "
+
+
 class MoveDialog(Dialog[float]):
     """Where a stage is to go; what is outside its limits is refused here."""
 
-    HINT = "Enter moves   Esc leaves   F8 stops everything"
+    HINT = "Enter moves   Esc leaves  F8 STOP"
 
     def __init__(self, name: str, limits: Limits, now: str) -> None:
         super().__init__()
@@ -86,7 +97,7 @@ class MoveDialog(Dialog[float]):
 class OpenDialog(Dialog[Path]):
     """Which file to open: what is near, and anything else by its path."""
 
-    HINT = "Enter opens   Tab between entry and list   Esc leaves   F8 stops everything"
+    HINT = "Enter opens  Tab between entry and list  Esc leaves  F8 STOP"
 
     def __init__(self, title: str, candidates: Sequence[Path], suggested: str = "") -> None:
         super().__init__()
@@ -125,7 +136,7 @@ class OpenDialog(Dialog[Path]):
 class PickDialog(Dialog[str]):
     """One of a list; typing makes it shorter."""
 
-    HINT = "type to search   ↓ Enter picks   Esc leaves   F8 stops everything"
+    HINT = "type to search  ↓ list  Enter picks  Esc leaves  F8 STOP"
 
     def __init__(self, title: str, options: Sequence[tuple[str, str]]) -> None:
         super().__init__()
@@ -169,7 +180,7 @@ class PickDialog(Dialog[str]):
 class TextDialog(Dialog[str]):
     """A line of text; `refusal` says what is wrong with it."""
 
-    HINT = "Enter accepts   Esc leaves   F8 stops everything"
+    HINT = "Enter accepts   Esc leaves  F8 STOP"
 
     def __init__(self, title: str, told: str, value: str, refusal: Callable[[str], str]) -> None:
         super().__init__()
@@ -198,7 +209,9 @@ class TextDialog(Dialog[str]):
 class StartDialog(Dialog[Launch]):
     """How a campaign is started; `fault` says what is wrong with a launch."""
 
-    HINT = "Enter starts   Tab next entry   Space ticks   Esc leaves   F8 stops everything"
+    HINT = "Enter starts  Tab next entry  Space ticks  Esc leaves  F8 STOP"
+    AUTO_FOCUS = "#store"
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "start", "Start")]
 
     def __init__(self, launch: Launch, fault: Callable[[Launch], str]) -> None:
         super().__init__()
@@ -215,13 +228,12 @@ class StartDialog(Dialog[Launch]):
         yield Static("rig file (empty: as the campaign file says)")
         yield Input(str(self._launch.rig or ""), compact=True, id="rig")
         yield Static("seed of a simulated world (empty: as its file says)")
-        yield Input("", compact=True, id="seed", type="integer")
-        yield Checkbox("the simulated operator answers (nobody is asked)", compact=True, id="unattended")
+        yield Input("", compact=True, id="seed", restrict=r"\d*")
+        yield Tick("the simulated operator answers (nobody is asked)", compact=True, id="unattended")
         yield Static("", classes="refusal")
 
     def on_mount(self) -> None:
-        """The store is what is most often changed."""
-        self.query_one("#store", Input).focus()
+        """What is wrong from the start?"""
         self._judge()
 
     def on_input_changed(self) -> None:
@@ -229,6 +241,10 @@ class StartDialog(Dialog[Launch]):
         self._judge()
 
     def on_input_submitted(self) -> None:
+        """Enter in an entry."""
+        self.action_start()
+
+    def action_start(self) -> None:
         """Start, unless something is wrong."""
         if not self._judge():
             self.dismiss(self._entered())
@@ -247,7 +263,7 @@ class StartDialog(Dialog[Launch]):
             campaign=Path(text("campaign")),
             store=Path(text("store")),
             rig=Path(text("rig")) if text("rig") else None,
-            unattended=self.query_one("#unattended", Checkbox).value,
+            unattended=self.query_one("#unattended", Tick).value,
             seed=int(seed) if seed.lstrip("-").isdigit() else None,
         )
 
@@ -255,7 +271,7 @@ class StartDialog(Dialog[Launch]):
 class QuestionDialog(Dialog[str]):
     """What the campaign asks the operator: answered by writing the word, never by a key alone."""
 
-    HINT = "write the answer, then Enter   Esc: later (F9 comes back)   F8 stops everything"
+    HINT = "write the answer, then Enter  Esc: later, F9 comes back  F8 STOP"
 
     def __init__(self, number: int, text: str, choices: Sequence[str]) -> None:
         super().__init__()
@@ -288,7 +304,7 @@ class QuestionDialog(Dialog[str]):
 class ConfirmDialog(Dialog[bool]):
     """Yes or no."""
 
-    HINT = "y yes   n or Esc no   F8 stops everything"
+    HINT = "y yes   n or Esc no  F8 STOP"
     BINDINGS: ClassVar[list[BindingType]] = [Binding("y", "agree", "Yes"), Binding("n", "leave", "No")]
 
     def __init__(self, title: str, text: str) -> None:
@@ -308,7 +324,7 @@ class ConfirmDialog(Dialog[bool]):
 class HelpDialog(Dialog[bool]):
     """Keys and what they do."""
 
-    HINT = "Esc leaves   ↑ ↓ scroll   F8 stops everything"
+    HINT = "Esc leaves   ↑ ↓ scroll  F8 STOP"
 
     def __init__(self, text: str) -> None:
         super().__init__()

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.style import Style
 from rich.text import Text
 from textual.widget import Widget
 
-from rigctl.console.widgets.braille import BLANK, FloatArray, dotted, joined, scaled, thinned
+if TYPE_CHECKING:
+    from rigctl.console.widgets.braille import FloatArray
 
 MARKS = ("o", "x", "+", "#", "*", "@")
 COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
@@ -95,6 +96,8 @@ class Plot(Widget):
 
 def drawn(picture: Picture, width: int, height: int) -> Text:
     """A picture as text of `height` lines, each `width` wide."""
+    import numpy as np
+
     lines = [line for line in picture.lines if np.isfinite(line.y).any()]
     rows = height - 1 - (1 if picture.x_label or picture.x_range else 0)
     columns = width - _LABEL_WIDTH - 1
@@ -105,13 +108,16 @@ def drawn(picture: Picture, width: int, height: int) -> Text:
     if not lines:
         text.append(Text(f"\n{'':{_LABEL_WIDTH}} {picture.empty}"[: width + 1], style="dim"))
         return text
-    area = _Area(columns, rows, _range(picture.x_range, [line.x for line in lines], 0.0), _y_range(picture, lines))
+    area = _Area(
+        columns, rows, _range(picture.x_range, [line.x for line in lines], _x_margin(lines)), _y_range(picture, lines)
+    )
     sheet = _Sheet(area)
     _draw_levels(sheet, picture.levels)
     for line in lines:
         _draw_line(sheet, line)
     for line in lines:
         _draw_marks(sheet, line)
+    _name_levels(sheet, picture.levels)
     labels = _labels(area)
     for row in range(rows):
         text.append(f"\n{labels.get(row, ''):>{_LABEL_WIDTH}}", style="dim")
@@ -144,6 +150,8 @@ def _coloured(cells: Sequence[str], colours: Sequence[int | None]) -> Text:
 
 
 def _range(given: tuple[float, float] | None, values: Sequence[FloatArray], margin: float) -> tuple[float, float]:
+    import numpy as np
+
     if given is not None:
         return given
     known = np.concatenate([each[np.isfinite(each)] for each in values])
@@ -152,34 +160,60 @@ def _range(given: tuple[float, float] | None, values: Sequence[FloatArray], marg
     return (low, high) if high > low and not margin else (low - margin * spread, high + margin * spread or spread)
 
 
+def _x_margin(lines: Sequence[Line]) -> float:
+    """Marks stand clear of the axis; a strip of time needs all the room."""
+    return 0.03 if any(line.mark for line in lines) else 0.0
+
+
 def _y_range(picture: Picture, lines: Sequence[Line]) -> tuple[float, float]:
     return _range(picture.y_range, [line.y for line in lines], 0.05)
 
 
 def _draw_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
     area = sheet.area
-    for level, meaning in levels:
+    for level, _ in levels:
         row = _row(level, area)
         if 0 <= row < area.height:
             sheet.put(row, 0, "╌" * area.width, None)
-            sheet.put(row, area.width - len(meaning) - 1, meaning, None)
+
+
+def _name_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
+    """Last, so that nothing is drawn across the words."""
+    area = sheet.area
+    for level, meaning in levels:
+        row = _row(level, area)
+        if 0 <= row < area.height:
+            sheet.put(row, area.width - len(meaning), meaning, None)
 
 
 def _row(value: float, area: _Area) -> int:
+    import numpy as np
+
+    from rigctl.console.widgets.braille import scaled
+
     return area.height - 1 - round(float(scaled(np.array(value), *area.y, area.height)))
 
 
 def _draw_line(sheet: _Sheet, line: Line) -> None:
+    import numpy as np
+
+    from rigctl.console.widgets.braille import BLANK, dotted, joined, scaled, thinned
+
     if line.mark:
         return
     area = sheet.area
     x, y = thinned(line.x, line.y, area.width)
     at = joined(scaled(x, *area.x, 2 * area.width), scaled(y, *area.y, 4 * area.height))
-    for row, column in np.argwhere(points := dotted(*at, area.width, area.height)):
-        sheet.put(int(row), int(column), chr(BLANK + int(points[row, column])), line.colour)
+    points = dotted(*at, area.width, area.height)
+    rows, columns = np.nonzero(points)
+    for row, column, dots in zip(rows.tolist(), columns.tolist(), points[rows, columns].tolist(), strict=True):
+        sheet.cells[row][column] = chr(BLANK + dots)
+        sheet.colours[row][column] = line.colour
 
 
 def _draw_marks(sheet: _Sheet, line: Line) -> None:
+    from rigctl.console.widgets.braille import scaled
+
     if not line.mark:
         return
     area = sheet.area

@@ -1,0 +1,95 @@
+"""A console without a terminal, with somebody at its keys."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.pilot import Pilot
+
+from rigctl.console.app import Console
+
+
+@dataclass
+class Seat:
+    """Somebody who presses keys and reads the screen."""
+
+    app: Console
+    pilot: Pilot[None]
+
+    @property
+    def text(self) -> str:
+        """What the screen shows, line by line; a dialog alone while one is open."""
+        strips = self.app.screen._compositor.render_strips()
+        return "\n".join("".join(segment.text for segment in strip).rstrip() for strip in strips)
+
+    async def press(self, *keys: str) -> None:
+        """Keys, one after the other."""
+        await self.pilot.press(*keys)
+
+    async def type(self, words: str) -> None:
+        """Words, key by key, then Enter."""
+        await self.pilot.press(*words, "enter")
+
+    async def until(self, condition: Callable[[], object], timeout_s: float = 60.0) -> None:
+        """Wait until something is so; the screen is in the message when it does not come about."""
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < deadline, f"it did not happen:\n{self.text}"
+            await self.pilot.pause(0.01)
+
+    async def sees(self, words: str, timeout_s: float = 60.0) -> None:
+        """Wait until the screen shows these words."""
+        await self.until(lambda: words in self.text, timeout_s)
+
+    async def opens(self, path: Path | str) -> None:
+        """Open a file by its name."""
+        await self.press("o")
+        await self.sees("Open a rig file")
+        await self.type(str(path))
+
+
+Sitting = Callable[[Seat], Awaitable[None]]
+
+
+@pytest.fixture
+def at_console(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Run a console as long as a sitting takes: `at_console(sitting, place, size=(80, 24))`."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+    def run(sitting: Sitting, place: Path | None = None, size: tuple[int, int] = (80, 24)) -> None:
+        async def sit() -> None:
+            app = Console(place)
+            async with app.run_test(size=size) as pilot:
+                await sitting(Seat(app, pilot))
+
+        asyncio.run(sit())
+
+    return run
+
+
+@dataclass(frozen=True)
+class ServedRig:
+    """A rig file that points at instruments another process serves, and that process."""
+
+    path: Path
+    process: Any
+
+
+@pytest.fixture
+def serve(desk: Any) -> Callable[..., ServedRig]:
+    """Serve the shipped rig on real ports and pseudo-terminals, with changes."""
+
+    def begin(*changes: tuple[str, str], clock_speed: float = 1.0) -> ServedRig:
+        desk.rig(("clock_speed = 1.0", f"clock_speed = {clock_speed}"), *changes)
+        process = desk.process("simulate", "rig.toml", "--write-rig", "live.toml")
+        live = desk.directory / "live.toml"
+        desk.until(live.exists, process)
+        return ServedRig(live, process)
+
+    return begin

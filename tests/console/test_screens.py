@@ -1,0 +1,156 @@
+"""Every screen as it looks, at the smallest terminal and on a large one.
+
+`RIGCTL_SNAPSHOTS=write` writes the pictures anew: look at them before they are committed.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+PICTURES = Path(__file__).parent / "pictures"
+SIZES = ((80, 24), (160, 50))
+
+
+def picture(text: str) -> str:
+    """What a screen shows without what differs from time to time."""
+    text = re.sub(r"\d\d:\d\d:\d\d", "hh:mm:ss", text)
+    text = re.sub(r" +\d+(\.\d)? s!?(?= )", "    ---", text)
+    text = re.sub(r"[▁▂▃▄▅▆▇█]+$", "", text, flags=re.MULTILINE)
+    return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The store of the shipped one-axis campaign."""
+    from rigctl import config, runner
+
+    store = tmp_path_factory.mktemp("measured") / "one-axis.rig.sqlite"
+    campaign = config.read_campaign(Path(__file__).parents[2] / "campaigns" / "one-axis.toml")
+    runner.start(campaign, config.read_rig(campaign.rig_path), store, runner.Options(unattended=True))
+    return store
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_screens_look_as_they_did(
+    measured: Path, at_console: Any, monkeypatch: pytest.MonkeyPatch, size: tuple[int, int]
+) -> None:
+    monkeypatch.chdir(measured.parent)
+    seen: dict[str, str] = {}
+
+    async def sitting(seat: Any) -> None:
+        async def look(name: str, *words: str) -> None:
+            for word in words:
+                await seat.sees(word)
+            await seat.pilot.pause(0.3)
+            seen[name] = picture(seat.text)
+
+        seat.app.notify = lambda *_, **__: None
+        await seat.until(lambda: seat.app._view)
+        await seat.press("3", "u")
+        await look("results", "Sensing axes")
+        await seat.press("right")
+        await look("results-scatter", "out of plane")
+        await seat.press("1")
+        await look("rig", "recorded", "required")
+        await seat.press("2")
+        await look("campaign", "DONE", "θ − θ0")
+        await seat.press("4", "f")
+        await look("workbench", "theta0[")
+        await seat.press("5")
+        await look("log", "done")
+        await seat.press("2", "f1")
+        await look("help", "EVERYWHERE")
+
+    at_console(sitting, Path(measured.name), size)
+    width, height = size
+    for name, text in seen.items():
+        lines = text.splitlines()
+        assert len(lines) <= height
+        assert max(map(len, lines)) <= width
+        path = PICTURES / f"{name}-{width}x{height}.txt"
+        if os.environ.get("RIGCTL_SNAPSHOTS") == "write":
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text)
+        assert text == path.read_text(), f"{name} looks different"
+
+
+def test_a_terminal_that_is_too_small_says_so(at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.sees("This terminal has 60 x 20; the console needs 80 x 24.")
+        assert "F8 still stops everything" in seat.text
+        await seat.pilot.resize_terminal(80, 24)
+        await seat.sees("1 Rig")
+
+    at_console(sitting, None, (60, 20))
+
+
+def test_every_action_of_the_palette_exists(at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        from rigctl.console.palette import COMMANDS
+
+        app = seat.app
+        for action, _ in COMMANDS.values():
+            pane = re.fullmatch(r"pane\('(\w+)', '(\w+)'.*\)", action)
+            holder, name = (getattr(app._panes, pane[1]), pane[2]) if pane else (app, action.partition("(")[0])
+            assert callable(getattr(holder, f"action_{name}")), action
+
+    at_console(sitting)
+
+
+def test_what_was_open_and_how_it_looked_is_there_at_the_next_start(measured: Path, at_console: Any) -> None:
+    async def leaves(seat: Any) -> None:
+        await seat.until(lambda: seat.app._view)
+        await seat.press("4", "t", "b", "q")
+
+    async def returns(seat: Any) -> None:
+        await seat.until(lambda: seat.app._view and seat.app._view.path == measured)
+        assert "[4 Workbench]" in seat.text
+        assert "bell off" in seat.text
+        assert seat.app.theme == "rigctl-light"
+
+    at_console(leaves, measured)
+    at_console(returns)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("missing.rig.sqlite", None, "no such store"),
+        ("text.rig.sqlite", "not a store", "not a campaign store"),
+        ("wrong.toml", "[rig]\nname = 1\n[instruments]\n", "rig.name"),
+        ("broken.toml", "[rig\n", "not TOML"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_as_any_command_does(
+    desk: Any, name: str, content: str | None, told: str
+) -> None:
+    if content is not None:
+        (desk.directory / name).write_text(content)
+    desk.rigctl("console", name).refused(2, name, told)
+
+
+def at(seat: Any, angle_deg: float) -> bool:
+    rotation = seat.app._bench.views()[0]
+    return rotation.state == "ready" and abs(rotation.values[0].value - angle_deg) < 1e-3
+
+
+def test_a_move_outside_the_limits_is_refused_where_it_is_typed(desk: Any, at_console: Any) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.sees("● ready")
+        await seat.press("m")
+        await seat.sees("limits -170 .. 170 deg")
+        await seat.press(*"171", "enter")
+        await seat.sees("✗ 171 deg is outside -170 .. 170 deg")
+        await seat.press("backspace", "0", "enter")
+        await seat.until(lambda: at(seat, 170.0))
+        await seat.press("right_square_bracket")
+        await seat.until(lambda: any("171 deg is outside" in told for _, _, told in seat.app._panes.log._lines))
+        await seat.press("left_square_bracket")
+        await seat.until(lambda: at(seat, 169.0))
+
+    at_console(sitting, desk.directory / "rig.toml")

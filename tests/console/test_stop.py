@@ -1,0 +1,114 @@
+"""STOP: one key, from everywhere, while a move blocks, a dialog is open or an instrument hangs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+WITHIN_S = 0.1
+HANGS = (
+    "[instruments.thermometer]\n",
+    "[instruments.thermometer.faults]\nsilent = { after = 12 }\n[instruments.thermometer]\n",
+)
+
+
+class Watch:
+    """Notes when the stages have been told to stop, and have obeyed."""
+
+    def __init__(self, seat: Any, *names: str) -> None:
+        bench = seat.app._bench
+        assert bench is not None
+        self.stopped_s: dict[str, float] = {}
+        for name in names:
+            instrument = bench._stations[name].instrument
+            stop = instrument.stop
+
+            def noting(name: str = name, stop: Callable[[], None] = stop) -> None:
+                stop()
+                self.stopped_s[name] = time.monotonic()
+
+            instrument.stop = noting
+
+
+async def ready(seat: Any) -> None:
+    await seat.until(
+        lambda: seat.app._bench and all(v.state != "connecting" for v in seat.app._bench.views()), timeout_s=90.0
+    )
+    await seat.sees("● ready")
+
+
+async def sets_out(seat: Any, place_deg: str) -> None:
+    """Send the rotation stage on a move that takes long."""
+    await seat.press("1", "m")
+    await seat.sees("Move rotation")
+    await seat.type(place_deg)
+    await seat.sees("▶ moving")
+
+
+async def stops(seat: Any, key: str = "f8") -> float:
+    """Press STOP; how long it took until the stage that moves had obeyed."""
+    watch = Watch(seat, "rotation")
+    pressed_s = time.monotonic()
+    await seat.press(key)
+    await seat.until(lambda: "rotation" in watch.stopped_s, timeout_s=10.0)
+    return watch.stopped_s["rotation"] - pressed_s
+
+
+def angle(seat: Any) -> float:
+    bench = seat.app._bench
+    assert bench is not None
+    return next(view for view in bench.views() if view.name == "rotation").values[0].value
+
+
+@pytest.mark.parametrize("situation", ["a move blocks", "a dialog is open", "an instrument hangs", "another screen"])
+def test_stop_halts_a_move_within_100_ms(serve: Any, at_console: Any, situation: str) -> None:
+    changes = (HANGS,) if situation == "an instrument hangs" else ()
+    rig = serve(*changes)
+
+    async def sitting(seat: Any) -> None:
+        await ready(seat)
+        took_s = []
+        for target in ("150", "-150", "140"):  # the computer may be busy: the best of three counts
+            await sets_out(seat, target)
+            if situation == "a dialog is open":
+                await seat.press("m")
+                await seat.sees("Move rotation")
+            if situation == "another screen":
+                await seat.press("4")
+            if situation == "an instrument hangs":
+                await seat.until(lambda: any(v.state in {"silent", "lost"} for v in seat.app._bench.views()))
+            took_s.append(await stops(seat, "ctrl+x" if situation == "another screen" else "f8"))
+            await seat.press("escape")
+            bench = seat.app._bench
+            assert bench is not None
+            await seat.until(lambda bench=bench: bench.views()[0].state == "stopped")
+            assert abs(angle(seat) - float(target)) > 1.0, "it arrived: nothing was stopped"
+            if min(took_s) < WITHIN_S:
+                break
+        assert min(took_s) < WITHIN_S, took_s
+
+    at_console(sitting, rig.path)
+
+
+def test_stop_aborts_the_campaign_that_is_watched(desk: Any, serve: Any, at_console: Any) -> None:
+    rig = serve(clock_speed=50.0)
+    desk.campaign(('"rig.toml"', '"live.toml"'))
+
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._panes.campaign.file)
+        await seat.press("2", "s")
+        await seat.sees("Start a campaign")
+        await seat.press("tab", "tab", "tab", "space", "shift+tab", "enter")
+        await seat.until(lambda: seat.app._view and seat.app._view.alive and seat.app._view.runs)
+        await seat.press("f8")
+        await seat.until(lambda: seat.app._view and not seat.app._view.alive)
+        assert seat.app._view is not None
+        assert seat.app._view.state == "aborted"
+        await seat.press("5")
+        await seat.sees("STOP")
+
+    at_console(sitting, desk.directory / "campaign.toml")
+    assert rig.process.poll() is None
