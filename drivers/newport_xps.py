@@ -8,11 +8,14 @@ one; angle, status and stop over the other. Where the sources are silent the dri
 - A home search ignores `GroupMoveAbort`: it is stopped by killing the group, which must then be homed anew.
 - Speed and acceleration are set before the first motion, and the user travel limits in the controller must
   reach at least as far as the limits set here.
+- A motion that has to take a given time gets the peak speed and acceleration of a cycloid of that length: a
+  controller with a trapezoidal law arrives earlier.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import threading
 from collections.abc import Iterator
@@ -42,6 +45,8 @@ NOT_REFERENCED = 42
 ONLY_KILL_STOPS = frozenset({41, 43, 49})
 
 NOT_ALLOWED, ABORTED = -22, -27
+STANDING_DEG = 1e-3
+"""A motion that is shorter is none that could take a time."""
 ERROR_TEXTS = {
     -1: "socket busy with the previous command",
     -4: "unknown command",
@@ -91,6 +96,8 @@ class NewportXps:
         self._queries = XpsSocket(name, connect)
         self._open = False
         self._prepared = False
+        self._jerk_times_s: tuple[float, ...] = ()
+        self._profile = (0.0, 0.0)
         self._stops = 0
         self._one_motion = threading.Lock()
         self._starting = threading.RLock()
@@ -171,14 +178,29 @@ class NewportXps:
 
     def move_to(self, angle_deg: float) -> None:
         """Move and return when the controller reports motion done."""
-        low_deg, high_deg = self.limits.angle_min_deg, self.limits.angle_max_deg
-        if not low_deg <= angle_deg <= high_deg:
-            raise LimitError(f"{self.name}: {angle_deg:g} deg is outside the limits {low_deg:g} to {high_deg:g} deg")
-        stops = self._stops
-        with self._one_motion:
-            if not self._prepared:
-                self._prepare()
-            self._move(f"GroupMoveAbsolute({self._group},{_decimal(angle_deg)})", stops)
+        self._check_target(angle_deg)
+        self._go(angle_deg, self.limits.speed_deg_s, self.limits.acceleration_deg_s2)
+
+    def turn_to(self, angle_deg: float, duration_s: float) -> None:
+        """Move in a time and return when the controller reports motion done.
+
+        `LimitError`, before anything moves, when that takes more speed or acceleration than the limits allow.
+        """
+        self._check_target(angle_deg)
+        if not duration_s > 0.0:
+            raise LimitError(f"{self.name}: a motion cannot take {duration_s:g} s")
+        distance_deg = abs(angle_deg - self.angle().value)
+        if distance_deg < STANDING_DEG:
+            self.move_to(angle_deg)
+            return
+        speed_deg_s, acceleration_deg_s2 = cycloid_peaks(distance_deg, duration_s)
+        if speed_deg_s > self.limits.speed_deg_s or acceleration_deg_s2 > self.limits.acceleration_deg_s2:
+            raise LimitError(
+                f"{self.name}: {distance_deg:g} deg in {duration_s:g} s takes {speed_deg_s:.3g} deg/s and "
+                f"{acceleration_deg_s2:.3g} deg/s2; the limits are {self.limits.speed_deg_s:g} deg/s and "
+                f"{self.limits.acceleration_deg_s2:g} deg/s2"
+            )
+        self._go(angle_deg, speed_deg_s, acceleration_deg_s2)
 
     def angle(self) -> Reading:
         """The encoder's angle [deg] half-way between question and answer."""
@@ -187,6 +209,20 @@ class NewportXps:
         return Reading(angle_deg, "deg", 0.5 * (asked_s + self._clock.now_s()))
 
     # what these are made of
+
+    def _check_target(self, angle_deg: float) -> None:
+        low_deg, high_deg = self.limits.angle_min_deg, self.limits.angle_max_deg
+        if not low_deg <= angle_deg <= high_deg:
+            raise LimitError(f"{self.name}: {angle_deg:g} deg is outside the limits {low_deg:g} to {high_deg:g} deg")
+
+    def _go(self, angle_deg: float, speed_deg_s: float, acceleration_deg_s2: float) -> None:
+        stops = self._stops
+        with self._one_motion:
+            if not self._prepared:
+                self._prepare()
+            if self._profile != (speed_deg_s, acceleration_deg_s2):
+                self._set_profile(speed_deg_s, acceleration_deg_s2)
+            self._move(f"GroupMoveAbsolute({self._group},{_decimal(angle_deg)})", stops)
 
     def _prepare(self) -> None:
         """Compare the travel limits and set speed and acceleration, keeping the jerk times."""
@@ -198,10 +234,15 @@ class NewportXps:
                 "angle_max_deg, or widen the user travel limits of the stage"
             )
         outputs = ",".join(["double *"] * 4)
-        *_, jerk_min_s, jerk_max_s = self._numbers(f"PositionerSGammaParametersGet({self._positioner},{outputs})", 4)
-        parameters = (self.limits.speed_deg_s, self.limits.acceleration_deg_s2, jerk_min_s, jerk_max_s)
-        self._succeed(f"PositionerSGammaParametersSet({self._positioner},{','.join(map(_decimal, parameters))})")
+        found = self._numbers(f"PositionerSGammaParametersGet({self._positioner},{outputs})", 4)
+        self._jerk_times_s = found[2:]
+        self._set_profile(self.limits.speed_deg_s, self.limits.acceleration_deg_s2)
         self._prepared = True
+
+    def _set_profile(self, speed_deg_s: float, acceleration_deg_s2: float) -> None:
+        parameters = (speed_deg_s, acceleration_deg_s2, *self._jerk_times_s)
+        self._succeed(f"PositionerSGammaParametersSet({self._positioner},{','.join(map(_decimal, parameters))})")
+        self._profile = (speed_deg_s, acceleration_deg_s2)
 
     def _move(self, request: str, stops: int) -> None:
         """Call a function over the motion socket once, unless somebody has stopped us since `stops`."""
@@ -301,6 +342,11 @@ class NewportXps:
         return MotionStopped(
             f"{self.name}: {request!r} was stopped", instrument=self.name, code=code, text="motion stopped"
         )
+
+
+def cycloid_peaks(distance_deg: float, duration_s: float) -> tuple[float, float]:
+    """Largest speed and acceleration of a cycloid from rest to rest [deg/s, deg/s2]."""
+    return 2.0 * distance_deg / duration_s, 2.0 * math.pi * distance_deg / duration_s**2
 
 
 def _decimal(value: float) -> str:

@@ -106,6 +106,15 @@ class RotationStage(Instrument, Protocol):
 
 
 @runtime_checkable
+class TimedRotationStage(RotationStage, Protocol):
+    """A rotary axis that can be told how long a motion takes."""
+
+    def turn_to(self, angle_deg: float, duration_s: float) -> None:
+        """As `move_to`, the motion itself lasting `duration_s`; `LimitError` when that is too fast for its limits."""
+        ...
+
+
+@runtime_checkable
 class LinearStage(Instrument, Protocol):
     """A linear axis that can be moved and oscillated."""
 

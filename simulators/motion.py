@@ -1,4 +1,4 @@
-"""How a simulated axis moves: piecewise constant acceleration, and sinusoids.
+"""How a simulated axis moves: piecewise constant acceleration, sinusoids, and cycloids.
 
 An axis knows its motion for all times of the recent past and, until it is told otherwise, of the future, so
 a world can be sampled at any instant. Units are the stage's own (deg or mm, per second).
@@ -93,11 +93,43 @@ class Sinusoid:
         return position, velocity, acceleration
 
 
+@dataclass(frozen=True)
+class Cycloid:
+    """From rest to rest: position + displacement (u - sin(2 pi u) / 2 pi), u from 0 to 1 in `duration_s`."""
+
+    start_s: float
+    position: float
+    displacement: float
+    duration_s: float
+
+    def sample(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and acceleration at the given times."""
+        turn = 2.0 * math.pi * np.clip((times_s - self.start_s) / self.duration_s, 0.0, 1.0)
+        speed = self.displacement / self.duration_s
+        return (
+            self.position + self.displacement * (turn - np.sin(turn)) / (2.0 * math.pi),
+            speed * (1.0 - np.cos(turn)),
+            2.0 * math.pi * speed / self.duration_s * np.sin(turn),
+        )
+
+
+@dataclass(frozen=True)
+class Stop:
+    """The end of a motion: when, which in the axis's life, and from which side (+1, -1; 0 for the first of all)."""
+
+    start_s: float
+    number: int
+    direction: float
+    position: float
+
+
 class MotionAxis:
     """One axis of motion; commands take effect at the time given, which never runs backwards."""
 
-    def __init__(self, position: float = 0.0) -> None:
+    def __init__(self, position: float = 0.0, history_s: float = HISTORY_S) -> None:
+        self._history_s = history_s
         self._segments: list[Segment] = [Ballistic(-math.inf, position)]
+        self._stops = [Stop(-math.inf, 0, 0.0, position)]
         self._end_s = -math.inf
         self._forgotten_direction = 0.0
 
@@ -134,6 +166,10 @@ class MotionAxis:
         velocity = self.sample(times_s)[1]
         return np.where(velocity == 0.0, np.array(before)[self._segment_index(times_s)], np.sign(velocity))
 
+    def stops(self, times_s: FloatArray) -> tuple[list[Stop], NDArray[np.intp]]:
+        """The stops remembered, in order, and which of them was the last one before each time."""
+        return self._stops, np.searchsorted([stop.start_s for stop in self._stops[1:]], times_s, side="right")
+
     def moving(self, at_s: float) -> bool:
         """True while the commanded motion has not ended."""
         return at_s < self._end_s
@@ -167,6 +203,16 @@ class MotionAxis:
             t3,
         )
         return t3
+
+    def turn_to(self, at_s: float, target: float, duration_s: float) -> float:
+        """A cycloid from where the axis stands; returns its end."""
+        start = self.position(at_s)
+        if target == start:
+            self._command(at_s, [Ballistic(at_s, start)], at_s)
+            return at_s
+        end_s = at_s + duration_s
+        self._command(at_s, [Cycloid(at_s, start, target - start, duration_s), Ballistic(end_s, target)], end_s)
+        return end_s
 
     def jog(self, at_s: float, velocity: float, acceleration: float) -> None:
         """Go to a constant velocity and stay there."""
@@ -223,11 +269,25 @@ class MotionAxis:
 
     def _command(self, at_s: float, segments: Sequence[Segment], end_s: float) -> None:
         kept = [s for s in self._segments if s.start_s < at_s]
-        while len(kept) > 1 and kept[1].start_s < at_s - HISTORY_S:
+        while len(kept) > 1 and kept[1].start_s < at_s - self._history_s:
             forgotten = kept.pop(0)
             self._forgotten_direction = _last_direction(forgotten, kept[0].start_s) or self._forgotten_direction
         self._segments = [*kept, *segments]
         self._end_s = end_s
+        self._note_stops(at_s, segments)
+
+    def _note_stops(self, at_s: float, segments: Sequence[Segment]) -> None:
+        kept = [stop for stop in self._stops if stop.start_s < at_s] or self._stops[:1]
+        while len(kept) > 1 and kept[1].start_s < at_s - self._history_s:
+            kept.pop(0)
+        for segment in segments:
+            if isinstance(segment, Ballistic) and segment.velocity == segment.acceleration == 0.0:
+                moved = segment.position - kept[-1].position
+                if moved:
+                    kept.append(
+                        Stop(segment.start_s, kept[-1].number + 1, math.copysign(1.0, moved), segment.position)
+                    )
+        self._stops = kept
 
 
 def _last_direction(segment: Segment, end_s: float) -> float:

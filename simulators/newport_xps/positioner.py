@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -82,7 +83,13 @@ class Positioner:
     def start(self, at_s: float, target_deg: float) -> float:
         """Set out for `target_deg`; returns when it is there [s]."""
         self.target_deg = target_deg
-        return self.axis.move_to(at_s, target_deg + self._zero_deg, self.speed_deg_s, self.acceleration_deg_s2)
+        target = target_deg + self._zero_deg
+        if self._settings.motion_law == "trapezoid":
+            return self.axis.move_to(at_s, target, self.speed_deg_s, self.acceleration_deg_s2)
+        distance_deg = abs(target - self.axis.position(at_s))
+        by_speed_s = 2.0 * distance_deg / self.speed_deg_s
+        by_acceleration_s = math.sqrt(2.0 * math.pi * distance_deg / self.acceleration_deg_s2)
+        return self.axis.turn_to(at_s, target, max(by_speed_s, by_acceleration_s))
 
     def seek_home(self, at_s: float) -> float:
         """Set out for the mechanical zero; returns when it is there [s]."""

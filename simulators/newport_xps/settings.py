@@ -25,6 +25,7 @@ class XpsSimulatorSettings(BaseModel):
     speed_max_deg_s: float = Field(default=20.0, gt=0)
     acceleration_max_deg_s2: float = Field(default=80.0, gt=0)
     jerk_time_s: float = Field(default=0.02, gt=0)
+    motion_law: Literal["trapezoid", "cycloid"] = "trapezoid"
 
     initialisation_s: float = Field(default=1.0, ge=0)
     home_search_s: float = Field(default=5.0, ge=0)

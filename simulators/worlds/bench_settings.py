@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from simulators.worlds import effect_sizes
+from simulators.worlds.effect_sizes import Scope
 from simulators.worlds.rotations import Configuration, CubeAxis
 
 FloatArray = NDArray[np.float64]
@@ -73,10 +74,15 @@ class GroundNoiseSettings(_Settings):
 
 
 class TemperatureSettings(_Settings):
-    """mean + daily_k sin(2 pi t / day) + drift_k_per_day t, t the rig time; in `room_s` it follows the operator."""
+    """mean + daily_k sin(2 pi t / day) + cycle_k sin(2 pi t / cycle_s) + drift_k_per_day t, t the rig time.
+
+    In `room_s` it follows the operator.
+    """
 
     mean_c: float = 20.0
     daily_k: float = 0.3
+    cycle_k: float = 0.0
+    cycle_s: float = Field(default=1200.0, gt=0.0)
     drift_k_per_day: float = 0.1
     room_s: float = Field(default=3600.0, ge=0.0)
 
@@ -119,7 +125,12 @@ class BenchSettings(_Settings):
 
     @model_validator(mode="after")
     def _known_effects(self) -> Self:
-        effect_sizes.check(self.effects, self.sensors, self.lasers)
+        members = {
+            Scope.AXIS: set(self.sensors),
+            Scope.AXIS_CONFIGURATION: {f"{axis},{c}" for axis in self.sensors for c in ("pendulum", "flag")},
+            Scope.HEAD: set(self.lasers),
+        }
+        effect_sizes.check(self.effects, effect_sizes.EFFECTS, members)
         for axis in self.sensors:
             for configuration in ("pendulum", "flag"):
                 inv_w0_squared, damping = self.resonance(axis, configuration)

@@ -1,4 +1,4 @@
-"""Which effects nature may have on the sensing-axis bench, and how their sizes are written."""
+"""Which effects nature may have, and how their sizes are written; `EFFECTS` are those on the sensing-axis bench."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ class Scope(Enum):
     AXIS = "[AXIS]"
     AXIS_CONFIGURATION = "[AXIS,CONFIGURATION]"
     HEAD = "[HEAD]"
+    CHANNEL = "[CHANNEL]"
 
 
 @dataclass(frozen=True)
@@ -52,24 +53,18 @@ EFFECTS: Mapping[str, EffectForm] = {
 }
 
 
-def check(effects: EffectTable, axes: Collection[str], heads: Collection[str]) -> None:
+def check(effects: EffectTable, forms: Mapping[str, EffectForm], members: Mapping[Scope, Collection[str]]) -> None:
     """Raise ValueError, naming what is known, for an effect, a parameter or a scope that is not."""
-    members = {
-        Scope.RIG: set(),
-        Scope.AXIS: set(axes),
-        Scope.AXIS_CONFIGURATION: {f"{axis},{c}" for axis in axes for c in ("pendulum", "flag")},
-        Scope.HEAD: set(heads),
-    }
     for effect, sizes in effects.items():
-        form = EFFECTS.get(effect)
+        form = forms.get(effect)
         if form is None:
-            raise ValueError(f"unknown effect '{effect}'; known: {', '.join(EFFECTS)}")
+            raise ValueError(f"unknown effect '{effect}'; known: {', '.join(forms)}")
         for key in sizes:
             parsed = re.fullmatch(r"(\w+)(?:\[([^\]]+)\])?", key)
             if parsed is None or parsed[1] not in form.parameters:
                 raise ValueError(f"effect '{effect}' has no parameter '{key}'; it has: {', '.join(form.parameters)}")
-            if parsed[2] is not None and parsed[2].replace(" ", "") not in members[form.scope]:
-                allowed = " or ".join(f"{parsed[1]}[{name}]" for name in sorted(members[form.scope]))
+            if parsed[2] is not None and parsed[2].replace(" ", "") not in members.get(form.scope, ()):
+                allowed = " or ".join(f"{parsed[1]}[{name}]" for name in sorted(members.get(form.scope, ())))
                 raise ValueError(
                     f"effect '{effect}': '{key}' is for nothing here; write {parsed[1]}"
                     + (f" or {allowed}" if allowed else "")

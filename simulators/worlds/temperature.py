@@ -45,6 +45,9 @@ class Room:
 
 
 def _own_course_c(settings: TemperatureSettings, times_s: FloatArray) -> FloatArray:
-    """A mean, the sun's daily sine, a drift."""
+    """A mean, the sun's daily sine, the air conditioning's cycle, a drift."""
     days = times_s / _DAY_S
-    return settings.mean_c + settings.daily_k * np.sin(2.0 * math.pi * days) + settings.drift_k_per_day * days
+    waves = settings.daily_k * np.sin(2.0 * math.pi * days)
+    if settings.cycle_k:
+        waves += settings.cycle_k * np.sin(2.0 * math.pi * times_s / settings.cycle_s)
+    return settings.mean_c + waves + settings.drift_k_per_day * days
