@@ -34,7 +34,7 @@ class Imagined:
     def __init__(self, study: Plannable, attempt: Attempt, proposals: Sequence[Proposal]) -> None:
         self.proposals = tuple(proposals)
         self._attempt = attempt
-        self._made_so_far = study
+        self._recorded = study
         self._study: Study = study.extended(proposals)
         self._model: Model = self._study.model(attempt.terms)
         self._values = _values(self._model, attempt.values)
@@ -45,7 +45,7 @@ class Imagined:
 
     def only(self, which: Sequence[int]) -> Imagined:
         """The same of these proposals alone."""
-        return Imagined(self._made_so_far, self._attempt, [self.proposals[run] for run in which])
+        return Imagined(self._recorded, self._attempt, [self.proposals[run] for run in which])
 
     @property
     def beliefs(self) -> int:

@@ -56,13 +56,11 @@ def triangle_of(
     kept = np.any(imagined.fitted[ahead] != 0.0, axis=0) | np.isin(imagined.names, list(wanted))
     firmness = np.where(imagined.of_effects, SECOND_ORDER, ROUNDING)
     places, asked = _columns_of(terms, imagined)
-    known, possible = _columns_of([each.term for each in others], imagined)
+    possible, sizes = _possible(others, imagined)
     columns = np.hstack([imagined.fitted[:, kept], possible, asked])
     settled, left = _eliminated(imagined.fitted[there, ~kept], firmness[~kept], columns[there])
     runs = _by_run(columns[ahead], imagined)
     length = _length(settled, left, runs)
-    there_are = [term for term, _ in known]
-    sizes = np.concatenate([np.zeros(0), *(each.typical for each in others if each.term in there_are)])
     count = int(np.sum(kept))
     free = count + len(sizes)
     belief = np.concatenate([firmness[kept], 1.0 / (sizes * length[count:free]), np.zeros(asked.shape[1])])
@@ -94,6 +92,13 @@ def _columns_of(terms: Sequence[Term], imagined: Imagined) -> tuple[tuple[tuple[
             places.append((term, np.arange(first, first + own.shape[1])))
             columns.append(own)
     return tuple(places), np.hstack(columns)
+
+
+def _possible(others: Sequence[Candidate], imagined: Imagined) -> tuple[FloatArray, FloatArray]:
+    """Derivatives by effects side by side, as far as runs can be asked about them, and their typical sizes."""
+    known, columns = _columns_of([each.term for each in others], imagined)
+    terms = [term for term, _ in known]
+    return columns, np.concatenate([np.zeros(0), *(each.typical for each in others if each.term in terms)])
 
 
 def _eliminated(settled: FloatArray, firmness: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
