@@ -25,15 +25,17 @@ def result(store: Path, plugins: Plugins) -> Found:
     """`rigctl result`, with the null vectors about their planes as figures 15 to 17 show them."""
     from rigctl import config, results
     from rigctl.campaign.store import Store
+    from rigctl.experiments.sensing_axis.budget import axis_budgets
     from rigctl.report.figure_plane import plane_plate
     from rigctl.workbench.bench import Workbench
 
-    found = results.of(store, plugins)
-    if "axes" not in found:
-        return found
     with Store.open(store, readonly=True) as opened:
         text = opened.header.campaign_toml
+        if opened.header.experiment == "table":
+            return results.of(store, plugins)
         analysed = results.analyse(Workbench(opened, plugins))
+        budgets = axis_budgets(analysed, results.uncertainties_of(opened))
+    found = {**analysed.as_json(), "budget": {name: each.as_json() for name, each in budgets.items()}}
     settings = analysed.fit.model.package.axes
     planes = {
         name: [asdict(row) for row in plane_plate(name, axis, settings[name]).rows]

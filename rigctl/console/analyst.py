@@ -17,9 +17,6 @@ from typing import Any
 
 from rigctl.console import analysis
 
-NICE = 5
-"""A campaign in this computer's own time goes first."""
-
 
 class Analyst:
     """One process for what takes long, one for what is shown live; made when they are first asked."""
@@ -60,7 +57,6 @@ def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    os.nice(NICE)
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):  # the screen is the console's
         os.dup2(nowhere, stream)

@@ -35,6 +35,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return store
 
 
+@pytest.mark.timeout(300)  # a campaign, a result and a fit, on a computer that may be busy
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
 def test_screens_look_as_they_did(
     measured: Path, at_console: Any, monkeypatch: pytest.MonkeyPatch, size: tuple[int, int]
@@ -45,13 +46,13 @@ def test_screens_look_as_they_did(
     async def sitting(seat: Any) -> None:
         async def look(name: str, *words: str) -> None:
             for word in words:
-                await seat.sees(word)
+                await seat.sees(word, 120.0)
             await seat.pilot.pause(0.3)
             seen[name] = picture(seat.text)
 
         seat.app.notify = lambda *_, **__: None
         await seat.until(lambda: seat.app._view)
-        await seat.press("3", "u")
+        await seat.press("3")
         await look("results", "Sensing axes")
         await seat.press("right")
         await look("results-scatter", "out of plane")

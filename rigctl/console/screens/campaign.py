@@ -291,7 +291,7 @@ def response_picture(where: str, rows: list[Mapping[str, Any]], sigma_arcsec: fl
             y = np.array([row["response_um_s2_per_mm"] for row in kind])
             if len(x):
                 lines.append(Line(x, y, name, mark, place))
-    title = f"{where}: S / (µm/s²/mm), θ0 ± {sigma_arcsec:.2f}″"
+    title = f"{where}: S/(µm/s²/mm), ±{sigma_arcsec:.2f}″"
     return Picture(title, tuple(lines), "θ − θ0 / arcsec", x_range=(-reach, reach))
 
 

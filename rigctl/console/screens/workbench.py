@@ -186,13 +186,14 @@ class WorkbenchPane(Vertical):
 
     def _show_rank(self, row: int) -> None:
         from rigctl.report.quantities import number
+        from rigctl.report.verdicts import sizes
 
         if not 0 <= row < len(self._ranked):
             return
         rank = self._ranked[row]
         like = f"  cannot be told from {', '.join(rank['equivalent_to'])}" if rank["equivalent_to"] else ""
         own = f"{100 * rank['keep']:.0f} % of it its own"
-        told = f"{rank['effect']}: chi2 falls by {number(rank['chi2_fall'])}, {own}{like}"
+        told = f"{rank['effect']}: chi2 falls by {number(rank['chi2_fall'])}, {own}{like}\n{'; '.join(sizes(rank))}"
         self.query_one("#rank-detail", Static).update(Text(told))
 
     # What the operator asks

@@ -96,9 +96,7 @@ class Plot(Widget):
 
 def drawn(picture: Picture, width: int, height: int) -> Text:
     """A picture as text of `height` lines, each `width` wide."""
-    import numpy as np
-
-    lines = [line for line in picture.lines if np.isfinite(line.y).any()]
+    lines = _with_values(picture.lines)
     rows = height - 1 - (1 if picture.x_label or picture.x_range else 0)
     columns = width - _LABEL_WIDTH - 1
     if rows < 1 or columns < 4:
@@ -126,6 +124,14 @@ def drawn(picture: Picture, width: int, height: int) -> Text:
     if height - 1 > rows:
         text.append(f"\n{_x_axis(picture, area)}", style="dim")
     return text
+
+
+def _with_values(lines: Sequence[Line]) -> list[Line]:
+    if not lines:  # without any, numpy can wait until after the first paint
+        return []
+    import numpy as np
+
+    return [line for line in lines if np.isfinite(line.y).any()]
 
 
 def _heading(picture: Picture, lines: Sequence[Line], width: int) -> Text:
