@@ -19,7 +19,7 @@ SIZES = ((80, 24), (160, 50))
 def picture(text: str) -> str:
     """What a screen shows without what differs from time to time."""
     text = re.sub(r"\d\d:\d\d:\d\d", "hh:mm:ss", text)
-    text = re.sub(r" +\d+(\.\d)? s!?(?= )", "    ---", text)
+    text = re.sub(r" +\d+(\.\d)? s!? +", "  ---  ", text)
     text = re.sub(r"[▁▂▃▄▅▆▇█]+$", "", text, flags=re.MULTILINE)
     return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
 
