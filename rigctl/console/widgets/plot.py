@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.style import Style
 from rich.text import Text
+from textual.strip import Strip
 from textual.widget import Widget
 
 if TYPE_CHECKING:
@@ -83,15 +84,26 @@ class Plot(Widget):
     def __init__(self, picture: Picture, *, id: str | None = None, classes: str | None = None) -> None:  # noqa: A002
         super().__init__(id=id, classes=classes)
         self.picture = picture
+        self._strips: list[Strip] = []
+        self._drawn: tuple[object, ...] = ()
 
     def show(self, picture: Picture) -> None:
         """Draw another picture."""
         self.picture = picture
         self.refresh()
 
-    def render(self) -> Text:
-        """The picture at the size the widget has."""
-        return drawn(self.picture, self.size.width, self.size.height)
+    def render_line(self, y: int) -> Strip:
+        """A line of the picture at the size the widget has; drawn once, whatever is shown of it."""
+        signs = (self.picture, self.size, self.app.theme)
+        if signs != self._drawn:
+            self._drawn, self._strips = signs, self._as_strips()
+        return self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width, self.rich_style)
+
+    def _as_strips(self) -> list[Strip]:
+        width, base = self.size.width, self.rich_style
+        lines = drawn(self.picture, width, self.size.height).split("\n")
+        strips = (Strip(line.render(self.app.console)) for line in lines)
+        return [strip.adjust_cell_length(width).apply_style(base) for strip in strips]
 
 
 def drawn(picture: Picture, width: int, height: int) -> Text:
@@ -147,7 +159,8 @@ def _coloured(cells: Sequence[str], colours: Sequence[int | None]) -> Text:
     text = Text()
     start = 0
     for end in range(1, len(cells) + 1):
-        if end == len(cells) or colours[end] != colours[start]:
+        blank = end < len(cells) and cells[end] == " "  # has no colour of its own: fewer pieces to draw
+        if end == len(cells) or (colours[end] != colours[start] and not blank):
             colour = colours[start]
             style = Style(dim=True) if colour is None else Style(color=COLOURS[colour % len(COLOURS)])
             text.append("".join(cells[start:end]), style=style)
