@@ -9,9 +9,9 @@ import math
 import os
 import select
 import socket
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 
 import pyvisa
 from pyvisa import constants
@@ -28,6 +28,7 @@ PEEK_BYTES = 4096
 """What pyvisa-py takes from a socket at once; asked for more, it may take what came since and keep it to itself."""
 
 OPEN_TIMEOUT_S = 5.0
+_ONE_AT_A_TIME = threading.Lock()
 
 PARITIES = {
     "N": constants.Parity.none,
@@ -150,9 +151,10 @@ class VisaTransport(BufferedTransport):
             raise lost(self.address, f"{what} ({_one_line(error)})") from error
 
 
-@cache
 def _manager(backend: str) -> pyvisa.ResourceManager:
-    return pyvisa.ResourceManager(backend)
+    # pyvisa has one per library, makes it without a lock, and anybody in the process may have closed it.
+    with _ONE_AT_A_TIME:
+        return pyvisa.ResourceManager(backend)
 
 
 def _socket_of(resource: MessageBasedResource) -> socket.socket | None:

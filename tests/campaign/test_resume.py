@@ -295,7 +295,7 @@ def session_with(desk: Any) -> Callable[..., tuple[Store, Hand]]:
         plan = runner.plan_of(campaign)
         with Rig(config.read_rig(desk.directory / "rig.toml")) as rig:
             if not desk.store.exists():
-                Store.create(desk.store, runner._header(campaign, rig, runner.Options())).close()
+                Store.create(desk.store, runner._header(campaign, rig, runner.Options(), {})).close()
             store = Store.open(desk.store)
             bench = runner.bench_of(rig)
             hand = Hand(rig.operator_link, **will)

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+import pyvisa
 
 from drivers.connect import connector
 from drivers.transport import Transport
@@ -154,6 +155,15 @@ def test_surplus_bytes_wait_for_the_next_read_and_terminators_may_be_long_and_cu
         assert wire.read_until(b",EndOfAPI", 1.0) == b"0,1.5,EndOfAPI"
         assert wire.read_exactly(2, 1.0) == b"0,"
         assert wire.read_until(b",EndOfAPI", 1.0) == b",EndOfAPI"
+
+
+def test_a_connection_can_be_made_after_somebody_closed_the_resource_manager() -> None:
+    with bench("tcp") as b:
+        b.connect().close()
+        pyvisa.ResourceManager("@py").close()
+        with closing(b.connect()) as wire:
+            wire.write(b"hello\n")
+            assert wire.read_until(b"\n", 1.0) == b"hello\n"
 
 
 @pytest.mark.parametrize("kind", ["tcp", "serial", "hislip"])
