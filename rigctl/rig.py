@@ -225,7 +225,7 @@ def build_simulation(file: config.RigFile, clock: SimulationClock, *, seed: int 
         raise ConfigError(f"{file.path}: {config.explain(error.model, error.cause, error.table)}") from None
     except ValueError as error:
         raise ConfigError(f"{file.path}: {error}") from None
-    _require_in_world(file, simulation.nature.sensors, simulation.nature.lasers)
+    _require_in_world(file, simulation.bench.sensors, simulation.bench.heads)
     return simulation
 
 

@@ -15,6 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from simulators.stretches import stretches
+
 FloatArray = NDArray[np.float64]
 
 HISTORY_S = 120.0
@@ -115,8 +117,9 @@ class Cycloid:
 
 @dataclass(frozen=True)
 class Stop:
-    """The end of a motion: when, which in the axis's life, and from which side (+1, -1; 0 for the first of all)."""
+    """The end of a motion: when that began, which in the axis's life, and from which side (+1, -1; 0: none yet)."""
 
+    began_s: float
     start_s: float
     number: int
     direction: float
@@ -129,7 +132,7 @@ class MotionAxis:
     def __init__(self, position: float = 0.0, history_s: float = HISTORY_S) -> None:
         self._history_s = history_s
         self._segments: list[Segment] = [Ballistic(-math.inf, position)]
-        self._stops = [Stop(-math.inf, 0, 0.0, position)]
+        self._stops = [Stop(-math.inf, -math.inf, 0, 0.0, position)]
         self._end_s = -math.inf
         self._forgotten_direction = 0.0
 
@@ -140,8 +143,7 @@ class MotionAxis:
         if times_s.size and index.min() == index.max():
             return self._segments[int(index.flat[0])].sample(times_s)
         out = np.empty((3, *times_s.shape))
-        for i in np.unique(index):
-            chosen = index == i
+        for i, chosen in stretches(index):
             out[:, chosen] = self._segments[i].sample(times_s[chosen])
         return out[0], out[1], out[2]
 
@@ -278,15 +280,16 @@ class MotionAxis:
 
     def _note_stops(self, at_s: float, segments: Sequence[Segment]) -> None:
         kept = [stop for stop in self._stops if stop.start_s < at_s] or self._stops[:1]
+        overtaken = self._stops[len(kept)] if len(kept) < len(self._stops) else None
+        began_s = overtaken.began_s if overtaken is not None else at_s
         while len(kept) > 1 and kept[1].start_s < at_s - self._history_s:
             kept.pop(0)
         for segment in segments:
             if isinstance(segment, Ballistic) and segment.velocity == segment.acceleration == 0.0:
                 moved = segment.position - kept[-1].position
                 if moved:
-                    kept.append(
-                        Stop(segment.start_s, kept[-1].number + 1, math.copysign(1.0, moved), segment.position)
-                    )
+                    number, direction = kept[-1].number + 1, math.copysign(1.0, moved)
+                    kept.append(Stop(began_s, segment.start_s, number, direction, segment.position))
         self._stops = kept
 
 

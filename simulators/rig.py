@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEnsemble
+from simulators.benches import BENCHES, Bench
 from simulators.clock import SimulationClock
 from simulators.faults import FaultPlan, FaultyInstrument
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings, SimulatedLkg3001, SimulatedLkg5000
@@ -19,8 +20,9 @@ from simulators.motion import MotionAxis
 from simulators.newport_esp301 import Esp301SimulatorSettings, SimulatedEsp301
 from simulators.newport_xps import SimulatedXps, XpsSimulatorSettings
 from simulators.wiring import Connection, FloatArray, Signal, SimulatedInstrument, TriggerLine
-from simulators.worlds.accelerometer_bench import AccelerometerBench
-from simulators.worlds.bench_settings import BenchSettings
+
+GENERATOR_OUTPUTS = {"dm1_y_v": 1, "dm1_z_v": 2}
+"""What a generator drives unless the rig file says otherwise."""
 
 
 @dataclass(frozen=True)
@@ -85,34 +87,36 @@ class SimulatedRig:
 
     def __init__(self, specs: Mapping[str, Spec], world: Mapping[str, Any], clock: SimulationClock) -> None:
         self.clock = clock
-        self._rotation, self._linear, self._pace = MotionAxis(), MotionAxis(), TriggerLine()
-        self.nature = _checked(BenchSettings, world, "world")
-        self.world = AccelerometerBench(self.nature, clock, self._rotation, self._linear, self._pace)
+        self._pace = TriggerLine()
+        self.bench = _bench(world, clock, self._pace)
         self._meters: list[Simulated34465A] = []
         self.instruments = {name: self._build(name, spec) for name, spec in specs.items()}
+
+    @property
+    def nature(self) -> Any:
+        """The settings of the world, for those who look behind it."""
+        return self.bench.nature
+
+    @property
+    def world(self) -> Any:
+        """The world itself."""
+        return self.bench.world
 
     def operate(self, action: Mapping[str, Any]) -> float:
         """Do what an operator's hands do; returns the rig time at which it is done.
 
-        `{"remount": {"axis", "configuration", "mounting"}}`, `{"level": true}`, `{"level": {"at_s", "angle_deg"}}`,
-        `{"room": {"temperature_c"}}` or `{"run": n}`, else `ValueError`.
+        `{"run": n}` on every bench; on the sensing-axis bench `{"remount": {"axis", "configuration", "mounting"}}`,
+        `{"level": true}`, `{"level": {"at_s", "angle_deg"}}` and `{"room": {"temperature_c"}}`, on the platform
+        `{"flip": sign}` and the room; else `ValueError`.
         """
         match dict(action):
-            case {"remount": {"axis": str(axis), "configuration": str(configuration), "mounting": int(number)}}:
-                return self.world.remount(axis, configuration, number)
-            case {"level": True}:
-                return self.world.level()
-            case {"level": {"at_s": int() | float() as at_s, "angle_deg": int() | float() as angle_deg}}:
-                return self.world.level_as(at_s, angle_deg)
-            case {"room": {"temperature_c": int() | float() as temperature_c}}:
-                return self.world.bring_room_to(temperature_c)
             case {"run": int(number)}:
-                self.world.announce_run(number)
+                self.bench.announce_run(number)
                 for index, meter in enumerate(self._meters):
-                    meter.key_noise(self.nature.seed, index, number)
+                    meter.key_noise(self.bench.seed, index, number)
                 return self.clock.now_s()
             case _:
-                raise ValueError(f"no such action: {dict(action)}; there are remount, level, room and run")
+                return self.bench.operate(action)
 
     def request(self, action: dict[str, Any]) -> dict[str, Any]:
         """`operate`, and wait until it is done: the operator's hands in this process."""
@@ -139,7 +143,7 @@ class SimulatedRig:
 
     def _axis(self, role: str) -> MotionAxis:
         """The world's axis of this role; an instrument that has no part in the experiment moves its own."""
-        return {"rotation": self._rotation, "linear": self._linear}.get(role) or MotionAxis()
+        return self.bench.axes.get(role) or MotionAxis()
 
     def _xps(self, spec: Spec, settings: XpsSimulatorSettings) -> SimulatedInstrument:
         group, positioner = spec.settings.get("group", "Group1"), spec.settings.get("positioner", "Pos")
@@ -159,27 +163,40 @@ class SimulatedRig:
         return SimulatedLkg5000(self.clock, self._heads(spec), self._pace, settings)
 
     def _meter(self, spec: Spec, settings: MeterSettings) -> SimulatedInstrument:
-        paces = spec.role == "readout"
+        paces, measures = spec.role == "readout", spec.role in ("readout", "voltmeter")
         return Simulated34465A(
             self.clock,
-            self.world.accelerometer_v,
-            self.world.temperature_c,
+            self.bench.volts(spec.settings.get("channel", "accel_v")) if measures else _nothing,
+            self.bench.temperature_c,
             trigger_out=self._pace if paces else None,
             trigger_in=None if paces else self._pace,
             settings=settings,
         )
 
-    def _generator(self, _: Spec, settings: GeneratorSettings) -> SimulatedInstrument:
-        return Simulated33500B(self.clock, settings=settings)
+    def _generator(self, spec: Spec, settings: GeneratorSettings) -> SimulatedInstrument:
+        outputs = dict(spec.settings.get("outputs", GENERATOR_OUTPUTS)) if spec.role == "source" else {}
+        if unknown := set(outputs) - set(self.bench.inputs):
+            there = ", ".join(self.bench.inputs) or "none"
+            raise ValueError(f"nothing is driven by '{min(unknown)}' in this world; inputs are: {there}")
+        lines = {int(number): self.bench.inputs[name] for name, number in outputs.items()}
+        return Simulated33500B(self.clock, lines, settings)
 
     def _heads(self, spec: Spec) -> list[Signal]:
         """Signals by output number; an output without a head has no target."""
         heads = {int(output): name for name, output in dict(spec.settings.get("heads", {})).items()}
-        known = self.nature.lasers
+        known = self.bench.heads
         return [
-            self.world.displacement_mm(heads[output]) if heads.get(output) in known else _nothing
+            self.bench.displacement_mm(heads[output]) if heads.get(output) in known else _nothing
             for output in range(1, max(heads, default=1) + 1)
         ]
+
+
+def _bench(world: Mapping[str, Any], clock: SimulationClock, pace: TriggerLine) -> Bench:
+    kind = world.get("kind", "sensing-axis")
+    if kind not in BENCHES:
+        raise ValueError(f"world.kind '{kind}' is unknown; one of {', '.join(BENCHES)}")
+    model, bench = BENCHES[kind]
+    return bench(_checked(model, world, "world"), clock, pace)
 
 
 def _nothing(times_s: FloatArray) -> FloatArray:

@@ -11,6 +11,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from simulators.stretches import stretches
+
 FloatArray = NDArray[np.float64]
 
 Signal = Callable[[FloatArray], FloatArray]
@@ -90,8 +92,7 @@ class VoltageLine:
         """The voltage at rig times of the recent past [V], same shape."""
         course_of = np.searchsorted([start_s for start_s, _ in self._courses[1:]], times_s, side="right")
         volts = np.empty_like(times_s)
-        for index in np.unique(course_of):
-            chosen = course_of == index
+        for index, chosen in stretches(course_of):
             volts[chosen] = self._courses[index][1](times_s[chosen])
         return volts
 

@@ -37,6 +37,8 @@ from simulators.keysight_34465a import MeterSettings
 from simulators.newport_esp301 import Esp301SimulatorSettings
 from simulators.newport_xps import XpsSimulatorSettings
 from simulators.worlds import bench_settings as world
+from simulators.worlds import platform_effects
+from simulators.worlds import platform_settings as platform
 from simulators.worlds.effect_sizes import EFFECTS, Scope
 
 ROOT = Path(__file__).parent.parent
@@ -70,6 +72,12 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "world.ground": (world.GroundNoiseSettings, set()),
     "world.temperature": (world.TemperatureSettings, set()),
     "world.angle": (world.AngleSettings, set()),
+    "platform world": (platform.PlatformSettings, set()),
+    "platform chain": (platform.ChainSettings, set()),
+    "platform servo": (platform.ServoSettings, set()),
+    "platform chain noise": (platform.ChainNoiseSettings, set()),
+    "platform pendulum noise": (platform.PendulumNoiseSettings, set()),
+    "platform adc": (platform.AdcSettings, set()),
     "newport-xps simulator": (XpsSimulatorSettings, set()),
     "newport-esp301 simulator": (Esp301SimulatorSettings, set()),
     "aerotech-ensemble simulator": (EnsembleSimulatorSettings, set()),
@@ -147,12 +155,14 @@ def test_every_effect_of_the_world_is_documented_with_its_parameters_and_scope()
         "axis": Scope.AXIS,
         "axis and configuration": Scope.AXIS_CONFIGURATION,
         "head": Scope.HEAD,
+        "channel": Scope.CHANNEL,
     }
-    said = {
-        row[0].strip("`"): (tuple(re.findall(r"`(\w+)`", row[1])), scopes[row[2]])
-        for row in _rows(_doc("files.md"), "effects")
-    }
-    assert said == {name: (form.parameters, form.scope) for name, form in EFFECTS.items()}
+    for marker, effects in (("effects", EFFECTS), ("platform effects", platform_effects.EFFECTS)):
+        said = {
+            row[0].strip("`"): (tuple(re.findall(r"`(\w+)`", row[1])), scopes[row[2]])
+            for row in _rows(_doc("files.md"), marker)
+        }
+        assert said == {name: (form.parameters, form.scope) for name, form in effects.items()}
 
 
 def test_effects_of_the_model_are_those_the_campaign_table_names() -> None:

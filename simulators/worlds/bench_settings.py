@@ -103,6 +103,7 @@ class BenchSettings(_Settings):
     `aim_mm` and the rotation stage at zero.
     """
 
+    kind: Literal["sensing-axis"] = "sensing-axis"
     seed: int
     g_m_s2: float = Field(default=9.803, gt=0.0)
     sensors: dict[str, SensorSettings]

@@ -52,6 +52,7 @@ def test_stops_are_the_ends_of_motions() -> None:
     assert [stop.direction for stop in stops] == [0.0, 1.0, -1.0, 1.0]
     assert [stop.start_s for stop in stops[1:3]] == [10.0, 50.0]
     assert 62.0 < stops[3].start_s < 63.0
+    assert [stop.began_s for stop in stops[1:]] == [0.0, 40.0, 60.0]
     assert last.tolist() == [0, 0, 1, 1, 1, 2, 2, 3]
 
 
