@@ -21,7 +21,7 @@ from rigctl.experiments.rotating_platform.patterns import Pattern, SampledPatter
 from rigctl.interfaces import FloatArray
 
 _ZERO = 1e-9
-_HARMONICS = 2**14
+_HARMONICS = 2**12
 _NEAR_ONE = 1e-3
 
 
