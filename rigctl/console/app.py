@@ -124,6 +124,8 @@ class Console(App[None]):
         self.set_timer(FIRST_S, self._open_first)
 
     def _open_first(self) -> None:
+        if not self.is_running:
+            return
         if self.kept.notice:
             self._note(self.kept.notice, "warning")
             self.kept.notice = ""
@@ -167,25 +169,27 @@ class Console(App[None]):
 
     # Opening
 
-    def _open(self, path: Path) -> None:
+    def _open(self, path: Path) -> str:
+        """Open a file; returns the screen on which it is seen."""
         from rigctl.console.start import kind_of
         from rigctl.errors import RigError
 
         if path.suffix != ".toml":
             self._watch(path)
-            return
+            return self.kept.screen
         try:
             kind, text = kind_of(path)
         except RigError as error:
             self._note(str(error), "error")
-            return
+            return self.kept.screen
         if kind == "rig":
             self._rig = path
             self.kept.rig = str(path.absolute())
             self._panes.rig.show_opening(str(path))
             self._take_bench()
-        else:
-            self._show_campaign_file(path, text)
+            return "rig"
+        self._show_campaign_file(path, text)
+        return "campaign"
 
     @work(exclusive=True, group="campaign-file")
     async def _show_campaign_file(self, path: Path, text: str) -> None:
@@ -227,7 +231,7 @@ class Console(App[None]):
 
     def _draw(self) -> None:
         """Show what has changed on the screen that is looked at."""
-        if not self._panes.log.is_attached:  # on the way out
+        if not self.is_running:  # on the way out
             return
         self._keep_focus()
         current = self.kept.screen
@@ -263,7 +267,8 @@ class Console(App[None]):
         except Exception as error:  # noqa: BLE001 - too few runs, or a model of one's own: the picture waits
             self.log(error)
         else:
-            self._panes.campaign.show_null_search(found)
+            if self.is_running:
+                self._panes.campaign.show_null_search(found)
         finally:
             self._searching = False
             self._shown_view = None
@@ -436,7 +441,7 @@ class Console(App[None]):
         def go(path: Path | None) -> None:
             if path is not None:
                 self._act(f"open {path}")
-                self._open(path)
+                self.action_screen(self._open(path))
 
         near = [
             p
@@ -595,7 +600,8 @@ class Console(App[None]):
         finally:
             if not quiet and what not in {"model"}:
                 self._analyse("model", quiet=True)
-        await self._show_found(what, found)
+        if self.is_running:
+            await self._show_found(what, found)
 
     async def _show_found(self, what: str, found: Any) -> None:
         bench, results = self._panes.workbench, self._panes.results
