@@ -1,0 +1,184 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rigctl.errors import DataError
+from rigctl.experiments.rotating_platform.demodulation import sums_of
+from rigctl.experiments.rotating_platform.estimates import estimates
+from rigctl.experiments.rotating_platform.estimators import ESTIMATORS, OUTPUTS
+from rigctl.experiments.rotating_platform.noise import Q_FLEX_NOISE_V
+from rigctl.experiments.rotating_platform.patterns import custom_pattern, named_pattern
+from rigctl.experiments.rotating_platform.response import expected_sine, following, measured_sine, transfer
+
+HOUR_S = 3600.0
+TILT = 1.0 / 825.0
+STATIC, BIAS = 2.8757e-4, 10.54e-4
+NAMES = {"paper": "projection", "joint_ls": "joint-ls"}
+
+
+def demodulated(sampled, external, noise=0.0, estimator="projection"):
+    """The outputs of a channel under an external signal, and of the signal itself."""
+    periods = external.size // sampled.samples
+    sign = np.tile(sampled.sign, periods)
+    channel = sign * (external + STATIC) + BIAS + noise
+    found = estimates(sampled, sums_of(sampled, [channel]), estimator)
+    truth = estimates(sampled, sums_of(sampled, [external + STATIC]))
+    outputs = [found.output(name)[:, 0] for name in OUTPUTS]
+    return outputs, [truth.bias_mean[:, 0], truth.bias_slope[:, 0]]
+
+
+def times(sampled, periods):
+    return (np.arange(sampled.samples * periods) + 0.5) / sampled.sample_rate_hz
+
+
+def triangle(time_s, period_s):
+    """From 0 upwards, amplitude 1."""
+    return 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * time_s / period_s))
+
+
+def test_sines_of_the_table(table):
+    for row in table("fig8"):
+        if row["noise"]:
+            continue
+        sampled = named_pattern(row["pattern"], 300.0).sampled(10.0)
+        estimator = NAMES[row["estimator"]]
+        external = TILT * np.sin(2.0 * np.pi * times(sampled, 100) / HOUR_S)
+        (accel, _, bias, _), _ = demodulated(sampled, external, estimator=estimator)
+        for found in (
+            expected_sine(sampled, TILT, HOUR_S, estimator),
+            measured_sine(sampled, accel, bias, HOUR_S),
+        ):
+            assert found.bias_pp == pytest.approx(row["bias_sin_pp"], rel=1e-5)
+            assert found.accel_pp == pytest.approx(row["accel_sin_pp"], rel=1e-5)
+            shifts = (found.shift.start_min, found.shift.centre_min, found.shift.end_min)
+            printed = [row[f"bias_lag_{at}_min"] for at in ("window_start", "centre", "window_end")]
+            # Half a period of the signal before is half a period after.
+            turns = (np.array(shifts) - printed) / 60.0
+            assert turns - np.rint(turns) == pytest.approx(0.0, abs=1e-6)
+        assert np.ptp(bias) == pytest.approx(row["bias_ptp"], rel=1e-5)
+
+
+def test_equation_16_is_the_pattern_without_rotation_time(table):
+    expected = {row["id"]: row for row in table("expected")}
+    found = expected_sine(named_pattern("a", 300.0, 0.0).sampled(10.0), TILT, HOUR_S)
+    row = expected["h_pp_eq16"]
+    assert found.bias_pp == pytest.approx(row["value"], abs=row["abs_tolerance"])
+    row = expected["h_pp_times_gain_0.964"]
+    assert 0.964 * found.bias_pp == pytest.approx(row["value"], abs=row["abs_tolerance"])
+    assert found.shift.centre_min == pytest.approx(15.0)
+    assert found.shift.start_min == pytest.approx(12.5)
+    assert found.shift.end_min == pytest.approx(17.5)
+
+
+def test_the_sine_is_found_in_noise_within_its_uncertainty(coloured):
+    sampled = named_pattern("a", 300.0).sampled(10.0)
+    external = TILT * np.sin(2.0 * np.pi * times(sampled, 100) / HOUR_S + 0.4)
+    noise = coloured(Q_FLEX_NOISE_V.in_units_of(846.73), external.size, 10.0, seed=6)
+    (accel, _, bias, _), _ = demodulated(sampled, external, noise)
+    bias[7] = np.nan
+    found = measured_sine(sampled, accel, bias, HOUR_S, phase_rad=0.4)
+    exact = expected_sine(sampled, TILT, HOUR_S)
+    assert 0.0 < found.bias_pp_sigma < 1e-5
+    assert found.bias_pp == pytest.approx(exact.bias_pp, abs=4.0 * found.bias_pp_sigma)
+    assert found.accel_pp == pytest.approx(exact.accel_pp, abs=4.0 * found.accel_pp_sigma)
+    assert found.shift.centre_min == pytest.approx(15.0, abs=0.5)
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    name=st.sampled_from(["a", "b", "c", "c_tm"]),
+    estimator=st.sampled_from(ESTIMATORS),
+    external_s=st.floats(400.0, 20_000.0),
+    phase=st.floats(-3.0, 3.0),
+)
+def test_what_is_expected_of_a_sine_is_what_demodulation_gives(name, estimator, external_s, phase):
+    sampled = named_pattern(name, 60.0).sampled(4.0)
+    external = np.sin(2.0 * np.pi * times(sampled, 10) / external_s + phase)
+    outputs, _ = demodulated(sampled, external, estimator=estimator)
+    centre_s = (np.arange(10) + 0.5) * 60.0 + sampled.centre_s
+    turn = np.exp(1j * (2.0 * np.pi * centre_s / external_s + phase))
+    gain = transfer(sampled, 1.0 / external_s, estimator)
+    rest, _ = demodulated(sampled, np.zeros_like(external), estimator=estimator)
+    for output, still, factor in zip(outputs, rest, gain.external, strict=True):
+        assert output - still == pytest.approx((factor * turn).imag, abs=1e-9)
+
+
+def test_bias_and_acceleration_are_seen_alike():
+    gain = transfer(named_pattern("b", 60.0).sampled(10.0), 1e-3)
+    assert gain.bias == pytest.approx(gain.external[[2, 3, 0, 1]])
+
+
+def test_triangles_of_the_table(table, coloured):
+    printed = {row["pattern"]: row for row in table("fig7")}
+    for name, row in printed.items():
+        sampled = named_pattern(name, 60.0).sampled(10.0)
+        external = TILT * triangle(times(sampled, 240), HOUR_S)
+        noise = coloured(Q_FLEX_NOISE_V.in_units_of(846.73), external.size, 10.0, seed=8)
+        outputs, truth = demodulated(sampled, external, noise)
+        found = following(*outputs, *truth)
+        # The bias wanders as its slow noise does, and with it what of it is in the slope of a.
+        assert found.bias[0] == pytest.approx(row["bias_mean"], abs=1e-4)
+        assert found.slope_plateau == pytest.approx(row["accel_slope_median_abs"], rel=0.05)
+        assert found.bias_slope[1] == pytest.approx(row["bias_slope_std"], rel=0.15)
+        assert found.bias_slope[0] == pytest.approx(row["bias_slope_mean"], rel=0.01, abs=5e-8)
+        correlation = row["corr_bias_slope_vs_true_accel_slope"]
+        assert found.bias_slope_correlation == pytest.approx(correlation, abs=0.002 if name == "b" else 0.25)
+
+
+def test_c_follows_a_triangle_and_b_mixes_its_slope_into_the_bias(table):
+    expected = {row["id"]: row["value"] for row in table("expected")}
+    for name, mixed in (("b", 0.9), ("c", 0.003)):
+        sampled = named_pattern(name, 60.0).sampled(10.0)
+        outputs, truth = demodulated(sampled, TILT * triangle(times(sampled, 120), HOUR_S))
+        found = following(*outputs, *truth)
+        assert found.slope_plateau == pytest.approx(expected["triangle_slope"], abs=1e-10)
+        assert found.bias_slope[1] == pytest.approx(mixed * expected["triangle_slope"], rel=0.05)
+        assert abs(found.bias_slope_correlation) > 0.99
+    assert found.accel_error[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_does_not_tell_is_refused():
+    sampled = named_pattern("c", 60.0).sampled(10.0)
+    wave = np.sin(np.arange(50))
+    with pytest.raises(DataError, match="5 valid periods of 60 s do not tell a sine of 900 s"):
+        measured_sine(sampled, wave[:5], wave[:5], 900.0)
+    with pytest.raises(DataError, match="50 valid periods of 60 s do not tell a sine of 60 s"):
+        measured_sine(sampled, wave, wave, 60.0)
+    with pytest.raises(DataError, match="50 valid periods of 60 s do not tell a sine of 90000 s"):
+        measured_sine(sampled, wave, wave, 90_000.0)
+    with pytest.raises(DataError, match="1 valid periods do not show"):
+        following(*[np.array([1.0, np.nan])] * 6)
+
+
+def test_nothing_correlates_with_what_does_not_vary():
+    ones, wave = np.ones(10), np.arange(10.0)
+    assert math.isnan(following(wave, wave, wave, wave, wave, ones).bias_slope_correlation)
+
+
+def test_following_is_told_in_means_and_scatters_over_the_periods_that_count():
+    rng = np.random.default_rng(1)
+    table = rng.normal(size=(6, 50))
+    holed = table.copy()
+    holed[2, 7] = np.nan
+    found = following(*holed)
+    accel, slope, bias, drift, true, true_drift = np.delete(table, 7, axis=1)
+    assert found.accel_error == pytest.approx(((accel - true).mean(), (accel - true).std(ddof=1)))
+    assert found.slope_error == pytest.approx(((slope - true_drift).mean(), (slope - true_drift).std(ddof=1)))
+    assert found.bias == pytest.approx((bias.mean(), bias.std(ddof=1)))
+    assert found.bias_slope == pytest.approx((drift.mean(), drift.std(ddof=1)))
+    assert found.bias_pp == pytest.approx(bias.max() - bias.min())
+    assert found.bias_slope_correlation == pytest.approx(np.corrcoef(drift, true_drift)[0, 1])
+
+
+def test_values_are_stamped_where_their_samples_are():
+    early = custom_pattern(300.0, [(1, 0.0, 50.0), (-1, 60.0, 110.0)], 10.0).sampled(10.0)
+    assert early.centre_s == pytest.approx(-95.0)
+    external = TILT * np.sin(2.0 * np.pi * times(early, 60) / HOUR_S)
+    (accel, _, bias, _), _ = demodulated(early, external)
+    found, exact = measured_sine(early, accel, bias, HOUR_S), expected_sine(early, TILT, HOUR_S)
+    assert found.shift.centre_min == pytest.approx(exact.shift.centre_min, abs=1e-9)
+    assert exact.shift.centre_min - exact.shift.start_min == pytest.approx(55.0 / 60.0)
+    assert exact.shift.end_min - exact.shift.centre_min == pytest.approx(245.0 / 60.0)
