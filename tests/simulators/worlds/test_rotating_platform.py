@@ -354,7 +354,7 @@ def test_off_centre_forces_act_while_turning_only_and_are_those_of_the_motion() 
 
 
 def test_turning_always_forward_moves_the_euler_leak_from_acceleration_to_bias() -> None:
-    """A mask 0.5 s short on both sides of each turn leaks 7.3e-5 m/s2 into mean a, worked out separately; behind it, half."""
+    """A mask 0.5 s short on both sides of each turn leaks 7.3e-5 m/s2 into mean a; short behind it, half of that."""
     before, behind = ((10.0, 1.0), (40.0, -1.0)), ((19.5, -1.0), (49.5, 1.0))
 
     def leak(kept: Any, *, forward: bool = False) -> tuple[float, float]:
