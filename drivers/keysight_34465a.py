@@ -269,7 +269,7 @@ class PacingVoltmeter(_Voltmeter):
 
 
 class PacedVoltmeter(_Voltmeter):
-    """Takes one reading per edge at its Ext Trig input (`PacedRecorder`)."""
+    """Takes one reading per edge at its Ext Trig input (`StreamedRecorder`)."""
 
     _grace_s = 0.0
     """How long after the last edge its reading may take."""
@@ -281,6 +281,28 @@ class PacedVoltmeter(_Voltmeter):
     def arm(self, samples: int, period_s: float) -> None:
         """Clear and wait for `samples` edges, `period_s` apart; `LimitError` if the memory cannot hold them."""
         self._check_limits(samples, period_s)
+        self._follow(samples, period_s)
+
+    def follow(self, samples: int, period_s: float) -> None:
+        """As `arm`, for readings that are fetched while they come: up to 1 000 000, whatever the memory."""
+        self.longest_record(period_s)
+        if not 1 <= samples <= SAMPLES_MAXIMUM:
+            raise LimitError(f"{self.name}: {samples} samples asked for; 1 to {SAMPLES_MAXIMUM} are possible")
+        self._follow(samples, period_s)
+
+    def fetch(self) -> FloatArray:
+        """The readings since the last call [V], shape (n, 1), n may be 0; NaN where overloaded.
+
+        `InstrumentError` when readings were lost because the memory overflowed.
+        """
+        rows = self._drain()
+        if self._recording and self._remaining:
+            self._check_record()
+        elif self._recording:
+            self._finish()
+        return rows
+
+    def _follow(self, samples: int, period_s: float) -> None:
         self._link.configure("ABOR", "*CLS", *self._measurement())
         self._check_interval(period_s)
         self._grace_s = 2 * self.settings.aperture_s + abs(self.settings.latency_s) + min(period_s, 0.5)

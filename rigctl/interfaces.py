@@ -187,6 +187,22 @@ class PacedRecorder(Protocol):
 
 
 @runtime_checkable
+class StreamedRecorder(PacedRecorder, Protocol):
+    """Follows the trigger edges for as long as somebody fetches: its memory is no limit."""
+
+    def follow(self, samples: int, period_s: float) -> None:
+        """As `arm`, for a record that is fetched while it comes; `LimitError` beyond the instrument's longest."""
+        ...
+
+    def fetch(self) -> FloatArray:
+        """The rows recorded since the last call, shape (n, channels), n may be 0; NaN where overloaded.
+
+        Raises `InstrumentError` when rows were lost because nobody fetched them in time.
+        """
+        ...
+
+
+@runtime_checkable
 class PacingRecorder(Protocol):
     """Records on its own sample timer and gives the trigger edges all the others record on."""
 

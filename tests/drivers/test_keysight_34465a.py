@@ -24,7 +24,7 @@ from drivers.keysight_34465a import (
 from drivers.scpi import ScpiLink
 from drivers.transport import InProcessTransport
 from rigctl.errors import BadReply, InstrumentError, LimitError, LinkLost, LinkTimeout, WrongInstrument
-from rigctl.interfaces import Instrument, PacedRecorder, PacingRecorder, Thermometer, Voltmeter
+from rigctl.interfaces import Instrument, PacedRecorder, PacingRecorder, StreamedRecorder, Thermometer, Voltmeter
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.keysight_34465a import MeterSettings, Simulated34465A
 from simulators.wiring import TriggerLine
@@ -332,6 +332,37 @@ def test_an_interval_that_the_meter_cannot_do_is_refused() -> None:
     for begin in (bench.pacing.start, bench.paced.arm):
         with pytest.raises(InstrumentError, match=r"too fast, the meter needs 0\.0011 s"):
             begin(10, 1.05e-3)
+
+
+def test_a_follower_is_read_while_the_edges_come_and_its_memory_is_no_limit() -> None:
+    bench = Bench(simulator={"memory_readings": 100}, settings={"memory_readings": 100})
+    assert isinstance(bench.paced, StreamedRecorder)
+    with pytest.raises(LimitError):
+        bench.paced.arm(1000, 0.02)
+    bench.paced.follow(1000, 0.02)
+    bench.pacing.start(1000, 0.02)
+    master, slave = [], []
+    while sum(map(len, slave)) < 1000:
+        bench.clock.sleep_s(1.5)
+        master.append(bench.pacing.fetch())
+        slave.append(bench.paced.fetch())
+    assert np.array_equal(np.concatenate(slave), np.concatenate(master))
+    assert bench.paced.fetch().shape == (0, 1)
+    assert np.isfinite(bench.paced.voltage().value), "the record has ended"
+
+
+def test_a_follower_that_nobody_reads_says_so() -> None:
+    bench = Bench(simulator={"memory_readings": 100})
+    bench.paced.follow(1000, 0.02)
+    bench.pacing.start(1000, 0.02)
+    bench.clock.sleep_s(5.0)
+    with pytest.raises(InstrumentError, match="monitor: its memory overflowed and the oldest readings are lost"):
+        bench.paced.fetch()
+    for samples in (0, 1_000_001):
+        with pytest.raises(LimitError, match=f"{samples} samples asked for; 1 to 1000000 are possible"):
+            bench.paced.follow(samples, 0.02)
+    with pytest.raises(LimitError, match="a sample every"):
+        bench.paced.follow(10, 1e-5)
 
 
 def test_missing_edges_are_an_error() -> None:
