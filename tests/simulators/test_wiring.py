@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from simulators.stretches import stretches
 from simulators.wiring import LINE_HISTORY_S, Train, TriggerLine, VoltageLine
 
 
@@ -34,6 +35,20 @@ def test_a_new_train_ends_the_one_before() -> None:
     line.begin(0.0, 1.0, 10)
     line.begin(4.5, 0.5, 3)
     assert line.edges(-1.0, 100.0) == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0, 4.5, 5.0, 5.5])
+
+
+@given(st.lists(st.integers(0, 4), max_size=30), st.booleans())
+def test_stretches_are_every_piece_once_and_all_of_it(pieces: list[int], ordered: bool) -> None:
+    piece_of = np.array(sorted(pieces) if ordered else pieces, dtype=np.intp)
+    found = np.full(len(piece_of), -1)
+    seen = []
+    for piece, chosen in stretches(piece_of):
+        assert np.all(found[chosen] == -1)
+        found[chosen] = piece
+        seen.append(piece)
+        assert isinstance(chosen, slice) or not ordered
+    assert np.array_equal(found, piece_of)
+    assert sorted(seen) == sorted(set(pieces))
 
 
 def test_an_undriven_wire_is_at_zero() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import tracemalloc
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -295,6 +296,24 @@ def test_time_can_only_go_on() -> None:
     read(np.array([19_000.0]))
     with pytest.raises(ValueError, match="forgotten; ask in order of time"):
         read(np.array([1.0]))
+
+
+def test_memory_does_not_grow_with_the_record() -> None:
+    def peak_bytes(samples: int) -> int:
+        stand = Stand()
+        stand.trigger.begin(0.05, 0.1, samples)
+        read = stand.world.chain_v("q_a_v")
+        read(np.array([0.05]))
+        tracemalloc.start()
+        for first in range(0, samples, 5000):
+            read(0.05 + 0.1 * np.arange(first, first + 5000))
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return peak
+
+    short, long = peak_bytes(50_000), peak_bytes(500_000)
+    assert long < 1.2 * short
+    assert long < 4e6
 
 
 def test_a_column_no_chain_gives_is_refused() -> None:
