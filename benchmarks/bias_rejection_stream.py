@@ -2,10 +2,10 @@
 
     python benchmarks/bias_rejection_stream.py [--samples N] [--chunk N] [--turns N]
 
-Two channels of 60 million samples (83.3 h at 200 Hz), pattern c of one minute and of fifty, in chunks of a million
-samples. Reading once is numpy's sum of either array; its maximum, the fastest pass over memory that numpy has, is
-printed beside it. All are taken in turn; medians count. Each record is also cut in another way, which must change
-neither results nor memory. Exit status 1 when a target is missed.
+Two channels of 60 million samples (83.3 h at 200 Hz), pattern c of one minute and of fifty, in chunks of four
+million samples. Reading once is numpy's sum of either array; its maximum, the fastest pass over memory that numpy
+has, is printed beside it. All are taken in turn; medians count. Each record is also cut in another way, which must
+change neither results nor memory. Exit status 1 when a target is missed.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def difference(sampled: SampledPattern, channels: list[FloatArray], chunk: int) 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=60_000_000)
-    parser.add_argument("--chunk", type=int, default=1_000_000)
+    parser.add_argument("--chunk", type=int, default=4_000_000)
     parser.add_argument("--turns", type=int, default=7)
     given = parser.parse_args()
     print(conditions())
@@ -117,7 +117,7 @@ def main() -> int:
     growth_mb = peak_mb() - before_mb
     print(f"  cut in another way: {max(differences):.1g} of the scatter (<= {MAX_DIFFERENCE:g})")
     print(f"  growth of memory: {growth_mb:.0f} MB (<= {MAX_GROWTH_MB:g})")
-    print(f"  over reading once: {', '.join(f'{ratio:.2f}' for ratio in ratios)} (<= {MAX_RATIO:g})")
+    print(f"  demodulated over summed: {', '.join(f'{ratio:.2f}' for ratio in ratios)} (<= {MAX_RATIO:g})")
     missed = max(ratios) > MAX_RATIO or growth_mb > MAX_GROWTH_MB or max(differences) > MAX_DIFFERENCE
     print("  MISSED" if missed else "  targets met")
     return int(missed)

@@ -93,7 +93,7 @@ class Demodulator:
         if off_stop is not None and not off_stop.any():
             off_stop = None
         length, q, at, done = rows[0].size, self._sampled.samples, 0, [PeriodSums.zeros(0, self._channels)]
-        with self._blas.limit(limits=1, user_api="blas"), np.errstate(invalid="ignore"):
+        with self._blas.limit(limits=1, user_api="blas"), np.errstate(invalid="ignore", over="ignore"):
             while at < length:
                 whole = min((length - at) // q, _AT_ONCE // q + 1)
                 if self._at or sign is not None or off_stop is not None:

@@ -16,8 +16,9 @@ from rigctl.interfaces import FloatArray
 
 BoolArray = NDArray[np.bool_]
 
-# Pieces of half a megabyte; longer stretches are folded, since a product of many rows is faster than one of a single.
-_PIECE, _LONGEST, _FOLD = 2**16, 2**17, 2**12
+# Pieces of a megabyte; long stretches are folded, since one product of many rows is faster than that of a single.
+_PIECE, _LONGEST, _FOLD, _WORTH_FOLDING = 2**17, 2**17, 2**11, 2**14
+_SETTLED_BY_SQUARES, _SURELY = 2**13, 1.0 - 1e-6
 _ONES, _RAMP = np.ones(_LONGEST), np.arange(_LONGEST, dtype=np.float64)
 
 
@@ -45,17 +46,19 @@ def row_sums(rows: FloatArray, full_scale: float = np.inf) -> RowSums:
         part, these = rows[i : i + step], slice(i, i + step)
         np.matmul(part, _ONES[:length], out=level[these])
         np.matmul(part, _RAMP[:length], out=ramp[these])
-        if full_scale < np.inf and not _within(part, full_scale):
+        if full_scale < np.inf and not _within(part, level[these], full_scale):
             faulty[these] = ~(np.abs(part).max(axis=1) < full_scale)
     return RowSums(level, ramp, faulty | ~np.isfinite(level))
 
 
 def line_sums(row: FloatArray, full_scale: float = np.inf) -> tuple[float, float, bool]:
     """The same of a single row, shape (samples,): as it comes in pieces, many of them short."""
-    if row.size > _LONGEST:
+    if row.size >= _WORTH_FOLDING:
         return _folded(row, full_scale)
     level, ramp = float(row @ _ONES[: row.size]), float(row @ _RAMP[: row.size])
-    faulty = not math.isfinite(level) or (full_scale < math.inf and not _within(row, full_scale))
+    faulty = not math.isfinite(level)
+    if not faulty and full_scale < math.inf and row.size:
+        faulty = not (row.max() < full_scale and row.min() > -full_scale)
     return level, ramp, faulty
 
 
@@ -68,6 +71,16 @@ def _folded(row: FloatArray, full_scale: float) -> tuple[float, float, bool]:
     return level + float(short.level.sum()), ramp, faulty or bool(short.faulty.any())
 
 
-def _within(samples: FloatArray, full_scale: float) -> bool:
-    """Whether all stay below full scale; no for NaN."""
-    return bool(samples.size == 0 or (samples.max() < full_scale and samples.min() > -full_scale))
+def _within(rows: FloatArray, level: FloatArray, full_scale: float) -> bool:
+    """Whether all samples of rows with the sums `level` stay below full scale; no for NaN.
+
+    None is farther from the mean of its row than the root of the sum of squares about it: one more product of short
+    rows mostly settles it, where the extremes would take two slower passes.
+    """
+    length = rows.shape[1]
+    if length <= _SETTLED_BY_SQUARES:
+        mean = level / max(1, length)
+        farthest = np.abs(mean) + np.sqrt(np.maximum(np.vecdot(rows, rows) - mean * level, 0.0))
+        if (farthest < _SURELY * full_scale).all():
+            return True
+    return bool(length == 0 or (rows.max() < full_scale and rows.min() > -full_scale))

@@ -84,7 +84,7 @@ def test_rows_short_and_long_have_their_sums(length):
 def test_a_row_with_an_unusable_sample_says_so(length, unusable):
     rows = np.zeros((3, length))
     rows[1, length // 2] = rows[2, -1] = unusable
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         assert row_sums(rows, 3.0).faulty.tolist() == [False, True, True]
         assert [line_sums(row, 3.0)[2] for row in rows] == [False, True, True]
 
