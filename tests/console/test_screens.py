@@ -149,6 +149,7 @@ def test_a_move_outside_the_limits_is_refused_where_it_is_typed(desk: Any, at_co
         await seat.sees("✗ 171 deg is outside -170 .. 170 deg")
         await seat.press("backspace", "0", "enter")
         await seat.until(lambda: at(seat, 170.0))
+        await seat.sees("● ready")
         await seat.press("right_square_bracket")
         await seat.until(lambda: any("171 deg is outside" in told for _, _, told in seat.app._panes.log._lines))
         await seat.press("left_square_bracket")
