@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
+import tomllib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -158,7 +159,7 @@ class Console(App[None]):
             told += "; the rig was brought to rest"
         view = self._view
         if view is not None and view.alive and self._campaigns.signal(view.path, signal.SIGHUP):
-            stops = 'on_terminal_lost = "stop"' in view.campaign_toml
+            stops = tomllib.loads(view.campaign_toml).get("on_terminal_lost") == "stop"
             told += f"; the campaign {'was stopped' if stops else 'went on'}, as its file chose ({view.path})"
         elif view is not None and view.alive:
             told += f"; the campaign went on, it was not this console's ({view.path})"

@@ -140,6 +140,19 @@ def at(seat: Any, angle_deg: float) -> bool:
     return rotation.state == "ready" and abs(rotation.values[0].value - angle_deg) < 1e-3
 
 
+def test_what_is_opened_is_shown(desk: Any, at_console: Any) -> None:
+    campaign = desk.campaign()
+
+    async def sitting(seat: Any) -> None:
+        await seat.press("5")
+        await seat.sees("[5 Log]")
+        await seat.opens(campaign)
+        await seat.sees("[2 Campaign]")
+        await seat.sees("s starts, d tries")
+
+    at_console(sitting)
+
+
 def test_a_move_outside_the_limits_is_refused_where_it_is_typed(desk: Any, at_console: Any) -> None:
     async def sitting(seat: Any) -> None:
         await seat.sees("● ready")

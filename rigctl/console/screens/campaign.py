@@ -133,10 +133,9 @@ class CampaignPane(Vertical):
         view = self._view
         bar = self.query_one(ProgressBar)
         if view is None:
-            opened = (
-                f"{self.file}: s starts it, d is a dry run" if self.file else "o opens a campaign file or a store"
-            )
-            line.append(f"No campaign is watched. {opened}.")
+            # The path last: it may be too long for the line.
+            opened = f"s starts, d tries {self.file}" if self.file else "o opens a campaign file or a store"
+            line.append(f"No campaign is watched. {opened}")
             bar.update(total=100, progress=0)
         else:
             status = view.status
