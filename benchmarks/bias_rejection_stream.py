@@ -3,8 +3,8 @@
     python benchmarks/bias_rejection_stream.py [--samples N] [--chunk N] [--turns N]
 
 Two channels of 60 million samples (83.3 h at 200 Hz), pattern c of one minute and of fifty, in chunks of four
-million samples. Reading once is numpy's sum of either array; its maximum, the fastest pass over memory that numpy
-has, is printed beside it. All are taken in turn; medians count. Each record is also cut in another way, which must
+million samples. What counts is all that a recording needs, saturation looked for, beside the fastest pass over memory
+that numpy has, its maximum; its sum is printed too. All are taken in turn; medians count. Each record is also cut in another way, which must
 change neither results nor memory. Exit status 1 when a target is missed.
 """
 
@@ -87,7 +87,7 @@ def measure(sampled: SampledPattern, channels: list[FloatArray], chunk: int, tur
             f"    {name:<36} {medians[name]:6.3f} s ({min(times):.3f} .. {max(times):.3f})"
             f"  {medians[name] / read_s:5.2f} of the sum  {medians[name] / fastest_s:5.2f} of the maximum"
         )
-    return medians["demodulated"] / read_s
+    return medians["demodulated, saturation looked for"] / fastest_s
 
 
 def difference(sampled: SampledPattern, channels: list[FloatArray], chunk: int) -> float:
@@ -117,7 +117,7 @@ def main() -> int:
     growth_mb = peak_mb() - before_mb
     print(f"  cut in another way: {max(differences):.1g} of the scatter (<= {MAX_DIFFERENCE:g})")
     print(f"  growth of memory: {growth_mb:.0f} MB (<= {MAX_GROWTH_MB:g})")
-    print(f"  demodulated over summed: {', '.join(f'{ratio:.2f}' for ratio in ratios)} (<= {MAX_RATIO:g})")
+    print(f"  all of it over the fastest pass: {', '.join(f'{ratio:.2f}' for ratio in ratios)} (<= {MAX_RATIO:g})")
     missed = max(ratios) > MAX_RATIO or growth_mb > MAX_GROWTH_MB or max(differences) > MAX_DIFFERENCE
     print("  MISSED" if missed else "  targets met")
     return int(missed)
