@@ -4,8 +4,8 @@
 
 Two channels of 60 million samples (83.3 h at 200 Hz), pattern c of one minute and of fifty, in chunks of four
 million samples. What counts is all that a recording needs, saturation looked for, beside the fastest pass over memory
-that numpy has, its maximum; its sum is printed too. All are taken in turn; medians count. Each record is also cut in another way, which must
-change neither results nor memory. Exit status 1 when a target is missed.
+that numpy has, its maximum; its sum is printed too. All are taken in turn; medians count. Each record is also cut in
+another way, which must change neither results nor memory. Exit status 1 when a target is missed.
 """
 
 from __future__ import annotations
