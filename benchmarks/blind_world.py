@@ -102,8 +102,8 @@ UNKNOWN: dict[str, Perturbation] = {
 """Physics that no catalogue has, each in a unit; the size drawn multiplies it."""
 
 IMITATED = ("angle-4theta",)
-"""Never drawn unless asked for: where a side head sees its face, at 20 and 30 deg, this is the head's own scale, which
-the catalogue has (`laser-cosine`, correlation 0.99). No analysis of these runs can call it unknown."""
+"""Never drawn unless asked for: where a side head sees its face, at 20 and 30 deg, this is the head's own scale, as
+the catalogue has it (`laser-cosine`, correlation 0.99). No analysis of these runs can call it unknown."""
 
 
 @dataclass(frozen=True)
