@@ -20,15 +20,16 @@ from scipy import stats
 from twin import CAMPAIGNS, twin
 
 from procedures import sensing_axes
-from rigctl import config, runner
+from rigctl import config
 from rigctl.experiments.sensing_axis.result import AxisResult
 from rigctl.experiments.sensing_axis.result import sensing_axes as axes_of
 from rigctl.fitting.plane import ARCSEC
+from rigctl.kinds.sensing_axis import plan_of
 
 
 def campaign(seed: int) -> list[dict[str, float | str | int]]:
     """One campaign; a row per axis."""
-    plan = runner.plan_of(config.read_campaign(CAMPAIGNS / "isa-flight-model.toml"))
+    plan = plan_of(config.read_campaign(CAMPAIGNS / "isa-flight-model.toml"))
     with twin(seed) as t:
         sensing_axes.run(t.session, t.bench, plan)
         result = axes_of(t.store, t.bench.package, t.bench.heads, t.bench.g_m_s2, plan.effects)

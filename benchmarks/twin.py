@@ -13,13 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procedures.bench import Bench
-from rigctl import config, runner
+from rigctl import config
 from rigctl.campaign.control import Control
 from rigctl.campaign.operator import SimulatedOperator
 from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
+from rigctl.kinds.sensing_axis import bench_of
 from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parent.parent / "campaigns"
@@ -40,7 +41,7 @@ def twin(seed: int) -> Iterator[Twin]:
     """The shipped rig with another nature, homed and ready."""
     file = config.read_rig(CAMPAIGNS / "isa-rig.toml")
     with tempfile.TemporaryDirectory() as scratch, Rig(file, seed=seed) as rig:
-        bench = runner.bench_of(rig)
+        bench = bench_of(rig)
         with Store.create(Path(scratch) / "twin.rig.sqlite", Header("sensing-axis")) as store:
             control = Control(rig.stop, bench.rest)
             session = Session(store, rig.clock, SimulatedOperator(rig.operator_link), control, Progress(store))

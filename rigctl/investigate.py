@@ -23,6 +23,7 @@ from rigctl.effects.plugins import load
 from rigctl.errors import ConfigError, DataError
 from rigctl.experiments.sensing_axis.set_points import OVERHEAD_S
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
+from rigctl.origin import campaign_of
 from rigctl.workbench import versions
 from rigctl.workbench.bench import ALPHA, Workbench
 from rigctl.workbench.diagnose import diagnose
@@ -326,7 +327,7 @@ def _finish(store_path: Path, settings: Settings) -> None:
 def _require_same(campaign: config.CampaignFile, store_path: Path) -> None:
     """A store of another axis, configuration or model is another investigation."""
     with Store.open(store_path, readonly=True) as store:
-        begun = runner.campaign_of(store)
+        begun = campaign_of(store)
     mine, its = _procedure(campaign), _procedure(begun)
     here = (mine.axes[0], mine.configurations[0], campaign.model.effects)
     there = (its.axes[0], its.configurations[0], begun.model.effects)

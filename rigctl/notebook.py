@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rigctl import config, results, runner
+from rigctl import config, runner
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store import Store
 from rigctl.experiments.sensing_axis.result import SensingAxisResult
+from rigctl.kinds.sensing_axis import analyse
 from rigctl.workbench.bench import ALPHA, Workbench
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.versions import ModelVersion
@@ -60,7 +61,7 @@ class Campaign:
     def result(store: Path | str, plugins: Sequence[Path | str] = ()) -> SensingAxisResult:
         """The sensing axes found in a store, with everything they were made from."""
         with on_the_bench(store, plugins) as bench:
-            return results.analyse(bench)
+            return analyse(bench)
 
     @staticmethod
     def compare(store: Path | str, plugins: Sequence[Path | str] = ()) -> Comparison:

@@ -10,11 +10,13 @@ from typing import Any
 
 from procedures.bench import Bench, SetPoint
 from procedures.tables import Procedure
-from rigctl import config, runner
+from rigctl import config
 from rigctl.campaign.parts import parts_of
 from rigctl.campaign.store import Store
 from rigctl.effects.catalogue import catalogue
 from rigctl.errors import ConfigError, DataError, LimitError
+from rigctl.kinds.sensing_axis import bench_of
+from rigctl.origin import rig_file_of
 from rigctl.rig import Rig
 from rigctl.workbench.recommend import Allowed
 from rigctl.workbench.study import Proposal
@@ -29,12 +31,12 @@ def allowed_by(store: Store) -> Allowed | None:
         return None
     procedure = _procedure(config.parse_campaign(store.header.campaign_toml, store.path))
     axis, configuration = _place(store)
-    return within(runner.rig_file_of(store), procedure, axis, configuration)
+    return within(rig_file_of(store), procedure, axis, configuration)
 
 
 def within(rig_file: config.RigFile, procedure: Procedure, axis: str, configuration: str) -> Allowed:
     """Which proposals a rig can carry out: its stages' limits, its recorders' memories, the sensor's range."""
-    bench = runner.bench_of(Rig(_without_world(rig_file)))
+    bench = bench_of(Rig(_without_world(rig_file)))
 
     def allowed(proposal: Proposal) -> bool:
         return _possible(bench, _set_point(proposal.settings, procedure, axis, configuration))

@@ -12,10 +12,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from procedures import sensing_axes
-from procedures.bench import Bench
-from procedures.mounting import Mounting, Seated, mounted_in
-from procedures.tables import Procedure, Targets
 from rigctl import config
 from rigctl.campaign import locks
 from rigctl.campaign.control import Control, RequestWatcher, forget_requests
@@ -23,21 +19,17 @@ from rigctl.campaign.operator import Operator, SimulatedOperator, TerminalOperat
 from rigctl.campaign.parts import PLUGINS, Part, Plugins, begin_part, next_part, parts_of
 from rigctl.campaign.progress import Display, Progress
 from rigctl.campaign.questions import Questions
-from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
+from rigctl.campaign.recording import Header
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
-from rigctl.effects.catalogue import chosen
 from rigctl.effects.plugins import Plugin, load
 from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
-from rigctl.experiments.sensing_axis.reduction import ACCEL, LASER_PREFIX
+from rigctl.kinds import Plan, Work, kind_of
+from rigctl.origin import rig_file_of, truth_path
 from rigctl.rig import Rig
 from rigctl.workbench import versions as model_versions
 
-KINDS = {"readout": "accelerometer"}
-"""What a channel measures where the instrument only knows what it reads."""
-
 VERSIONED = ("rigctl", "numpy", "scipy", "pydantic")
-TRUTH_SUFFIX = ".truth.toml"
 
 
 @dataclass(frozen=True)
@@ -53,12 +45,12 @@ class Options:
 def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: Path, options: Options) -> None:
     """Run a campaign into a new store; everything is checked before anything is connected, let alone moves."""
     plugins = _loaded(options.plugins)
-    plan = plan_of(campaign, plugins=plugins)
+    plan = _plan(campaign, None, plugins)
     rig = Rig(rig_file, seed=options.seed)
-    bench = _checked_bench(rig, plan, campaign)
+    work = _work(plan, rig, campaign)
     if store_path.exists():
         raise DataError(f"{store_path} exists already; `rigctl resume` it, or choose another --store")
-    with _in_charge(rig, bench, campaign) as control:
+    with _in_charge(rig, work, campaign) as control:
         identities = rig.identities()
         with _store_to_oneself(store_path):
             _write_truth(rig_file, store_path)
@@ -66,7 +58,7 @@ def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: P
             with Store.create(store_path, header) as store:
                 for name, identity in identities.items():
                     store.set_identity(name, identity)
-                _carry_out(store, rig, bench, plan, control, options, parts_of(store)[0])
+                _carry_out(store, rig, work, control, options, parts_of(store)[0])
 
 
 def extend(store_path: Path, campaign: config.CampaignFile, options: Options) -> None:
@@ -83,13 +75,13 @@ def extend(store_path: Path, campaign: config.CampaignFile, options: Options) ->
             )
         if campaign.experiment != store.header.experiment:
             raise ConfigError(f"{campaign.path}: experiment: the store holds {store.header.experiment}")
-        made = [(mounting.axis, mounting.configuration, mounting.number) for mounting in mounted_in(store)]
+        made = kind_of(campaign.experiment, campaign.path).mounted(store)
         plugins = _loaded_for(store, options.plugins, {})
         part = next_part(store, campaign.path, campaign.text, made, _brought(campaign, plugins))
-        plan = plan_of(campaign, _seated(part), plugins)
-        with _reopened(store, plan, campaign) as (rig, bench, control):
+        plan = _plan(campaign, part, plugins)
+        with _reopened(store, plan, campaign) as (rig, work, control):
             begin_part(store, part, rig.clock.now_s())
-            _carry_out(store, rig, bench, plan, control, options, part)
+            _carry_out(store, rig, work, control, options, part)
 
 
 def resume(store_path: Path, options: Options) -> None:
@@ -99,27 +91,21 @@ def resume(store_path: Path, options: Options) -> None:
             raise DataError(f"{store_path} is done; there is nothing to resume")
         part = parts_of(store)[-1]
         campaign = config.parse_campaign(part.toml, store_path)
-        plan = plan_of(campaign, _seated(part), _loaded_for(store, options.plugins, part.plugins))
-        with _reopened(store, plan, campaign) as (rig, bench, control):
+        plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins))
+        with _reopened(store, plan, campaign) as (rig, work, control):
             store.add_event("resumed", {"after": store.status().get("state", "")}, rig.clock.now_s())
-            _carry_out(store, rig, bench, plan, control, options, part)
+            _carry_out(store, rig, work, control, options, part)
 
 
 @contextmanager
-def _reopened(
-    store: Store, plan: sensing_axes.Plan, campaign: config.CampaignFile
-) -> Iterator[tuple[Rig, Bench, Control]]:
+def _reopened(store: Store, plan: Plan, campaign: config.CampaignFile) -> Iterator[tuple[Rig, Work, Control]]:
     """The rig a store was made with, where its clock was; a plan it cannot carry out is refused before that."""
     start_s = max((event.rig_time_s or 0.0 for event in store.events()), default=0.0)
     rig = Rig(rig_file_of(store, with_world=True), seed=store.header.seed, start_s=start_s)
-    bench = _checked_bench(rig, plan, campaign)
+    work = _work(plan, rig, campaign)
     forget_requests(store)
-    with _in_charge(rig, bench, campaign) as control:
-        yield rig, bench, control
-
-
-def _seated(part: Part) -> Seated:
-    return Seated(part.mountings_before, None if part.mounted is None else Mounting(*part.mounted))
+    with _in_charge(rig, work, campaign) as control:
+        yield rig, work, control
 
 
 def _loaded(paths: Sequence[Path]) -> list[Plugin]:
@@ -147,97 +133,25 @@ def _brought(campaign: config.CampaignFile, plugins: Sequence[Plugin]) -> Plugin
 
 def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile, plugins: Sequence[Path] = ()) -> dict[str, Any]:
     """What a campaign would do, checked against the rig's limits; nothing is connected, nothing moves."""
-    plan = plan_of(campaign, plugins=_loaded(plugins))
-    _checked_bench(Rig(rig_file), plan, campaign)
+    plan = _plan(campaign, None, _loaded(plugins))
+    _work(plan, Rig(rig_file), campaign)
     return {
         "experiment": campaign.experiment,
-        "procedure": plan.procedure.name,
-        "mountings": [mounting.key for mounting in plan.mountings],
+        "procedure": campaign.procedure.get("name", ""),
         "runs_planned": plan.runs,
         "effects": list(campaign.model.effects),
-        "theta0_sigma_arcsec": plan.targets.theta0_sigma_arcsec,
+        **plan.told(),
     }
 
 
-def plan_of(
-    campaign: config.CampaignFile, seated: Seated | None = None, plugins: Sequence[Plugin] = ()
-) -> sensing_axes.Plan:
-    """The procedure a campaign file asks for, after what earlier campaigns have left; `ConfigError`."""
-    if campaign.experiment != "sensing-axis":
-        raise ConfigError(f"{campaign.path}: there is no procedure for '{campaign.experiment}' yet")
-    procedure = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
-    targets = config.validated(Targets, campaign.targets, campaign.path, "targets")
-    try:
-        brought = [effect for plugin in plugins for effect in plugin.effects.values()]
-        effects = chosen(campaign.experiment, campaign.model.effects, brought)
-    except ConfigError as error:
-        raise ConfigError(f"{campaign.path}: model.effects: {error}") from None
-    return sensing_axes.Plan(procedure, targets, effects, seated or Seated())
-
-
-def bench_of(rig: Rig) -> Bench:
-    """The sensing-axis bench of a rig; `ConfigError` when the rig file lacks a part of it."""
-    if rig.file.package is None:
-        raise ConfigError(f"{rig.file.path}: [package] is missing; add what is to be calibrated")
-    lasers = tuple(rig.by_role("displacement"))
-    columns = {channel.name for meter in lasers for channel in meter.channels()}
-    readout = rig.only("readout")
-    _require_names(rig.file, columns, readout.channels()[0].name)
-    thermometers = rig.by_role("thermometer")
-    return Bench(
-        rotation=rig.only("rotation"),
-        linear=rig.only("linear"),
-        lasers=lasers,
-        readout=readout,
-        thermometer=thermometers[0] if thermometers else None,
-        package=rig.file.package,
-        heads={name: head for name, head in rig.file.heads.items() if name in columns},
-        g_m_s2=rig.file.constant("g_m_s2", 9.80665),
-        clock=rig.clock,
-    )
-
-
-def _require_names(file: config.RigFile, heads: set[str], channel: str) -> None:
-    """Columns are known by their names wherever a recording goes: the rig file has to use those."""
-    for name in sorted(heads):
-        if not (name.startswith(LASER_PREFIX) and name.endswith("_mm")):
-            raise ConfigError(f"{file.path}: heads: '{name}' is no head's name; call it {LASER_PREFIX}1_mm or alike")
-        if name not in file.lasers:
-            raise ConfigError(f"{file.path}: [lasers.{name}] is missing; say where the head stands")
-    if channel != ACCEL:
-        raise ConfigError(f"{file.path}: the readout's channel is '{channel}'; call it {ACCEL}")
-
-
-def campaign_of(store: Store) -> config.CampaignFile:
-    """The campaign file a store was made with; `DataError` for an imported recording."""
-    return config.parse_campaign(parts_of(store)[0].toml, store.path)
-
-
-def rig_file_of(store: Store, *, with_world: bool = False) -> config.RigFile:
-    """The rig file a store was made with. Only what runs the simulated instruments asks for the world."""
-    if store.header.rig_toml is None:
-        raise DataError(f"{store.path}: an imported recording has no rig file")
-    text = store.header.rig_toml
-    truth = truth_path(store.path)
-    if with_world and store.header.world_sha256 is not None:
-        if not truth.exists():
-            raise DataError(f"{store.path}: {truth} is missing; the simulated world cannot be made again without it")
-        text = f"{text}\n\n{truth.read_text(encoding='utf-8')}"
-    rig_file = config.parse_rig(text, store.path)
-    if with_world and rig_file.world_sha256 != store.header.world_sha256:
-        raise DataError(f"{truth} is not the world {store.path} was measured in; restore the original")
-    return rig_file
-
-
-def truth_path(store: Path) -> Path:
-    """Where a simulated world's secrets go; no analysis reads it."""
-    return store.with_name(store.name + TRUTH_SUFFIX)
+def _plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
+    return kind_of(campaign.experiment, campaign.path).plan(campaign, part, plugins)
 
 
 @contextmanager
-def _in_charge(rig: Rig, bench: Bench, campaign: config.CampaignFile) -> Iterator[Control]:
+def _in_charge(rig: Rig, work: Work, campaign: config.CampaignFile) -> Iterator[Control]:
     """The rig open, nobody else's, and at rest when left, however often somebody presses Ctrl-C meanwhile."""
-    control = Control(rig.stop, bench.rest)
+    control = Control(rig.stop, work.rest)
     with rig_of_ones_own(rig.file), _signals(control, campaign.on_terminal_lost), rig:
         yield control
 
@@ -256,24 +170,20 @@ def _store_to_oneself(path: Path) -> Iterator[None]:
         yield
 
 
-def _checked_bench(rig: Rig, plan: sensing_axes.Plan, campaign: config.CampaignFile) -> Bench:
-    bench = bench_of(rig)
+def _work(plan: Plan, rig: Rig, campaign: config.CampaignFile) -> Work:
     try:
-        plan.check(bench)
+        return plan.on(rig)
     except (ConfigError, LimitError) as error:
         raise type(error)(f"{campaign.path}: {error}") from None
-    return bench
 
 
-def _carry_out(
-    store: Store, rig: Rig, bench: Bench, plan: sensing_axes.Plan, control: Control, options: Options, part: Part
-) -> None:
+def _carry_out(store: Store, rig: Rig, work: Work, control: Control, options: Options, part: Part) -> None:
     progress = Progress(store, options.display, part.runs_before)
     session = Session(store, rig.clock, _operator(store, rig, control, options), control, progress, part.number)
     progress.state("running")
     try:
         with RequestWatcher(store.path, control):
-            sensing_axes.run(session, bench, plan)
+            work.run(session)
     except RigError as error:
         if control.aborted:
             progress.state("aborted")
@@ -332,13 +242,7 @@ def header_of(campaign: config.CampaignFile, rig_file: config.RigFile) -> Header
 
 def _header(campaign: config.CampaignFile, rig: Rig, options: Options, plugins: Plugins) -> Header:
     file = rig.file
-    channels = {"stage_x_mm": ChannelInfo("mm", "position")}
-    for role in ("linear", "displacement", "readout"):
-        for instrument in rig.by_role(role):
-            channels |= {
-                c.name: ChannelInfo(c.unit, KINDS.get(role, c.kind), full_scale=c.full_scale, latency_s=c.latency_s)
-                for c in instrument.channels()
-            }
+    channels, lasers = kind_of(campaign.experiment, campaign.path).channels(rig)
     return Header(
         experiment=campaign.experiment,
         title=campaign.title,
@@ -350,7 +254,7 @@ def _header(campaign: config.CampaignFile, rig: Rig, options: Options, plugins: 
         versions=versions(),
         constants={name: constant.value for name, constant in file.constants.items()},
         channels=channels,
-        lasers={name: LaserInfo(tilt_deg=head.tilt_deg) for name, head in file.lasers.items()},
+        lasers=lasers,
         extra={
             "certificates": {k: c.model_dump(mode="json") for k, c in file.certificates.items()},
             "unattended": options.unattended,

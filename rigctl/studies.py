@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rigctl.campaign.store import Store
-from rigctl.errors import DataError
+from rigctl.kinds import kind_of
 from rigctl.workbench.study import Study
 
 if TYPE_CHECKING:
@@ -14,17 +14,5 @@ if TYPE_CHECKING:
 
 
 def study_of(store: Store, plugins: Sequence[Plugin] = ()) -> Study:
-    """A store's runs as the workbench sees them, with what `plugins` add to the catalogue.
-
-    `DataError` for an experiment whose recordings are kept but not analysed.
-    """
-    experiment = store.header.experiment
-    if experiment == "sensing-axis":
-        from rigctl.experiments.sensing_axis.study import SensingAxisStudy
-
-        return SensingAxisStudy(store, plugins)
-    if experiment == "table":
-        from rigctl.experiments.table.study import TableStudy
-
-        return TableStudy(store, [effect for plugin in plugins for effect in plugin.effects.values()])
-    raise DataError(f"{store.path}: there is no model for '{experiment}' recordings yet")
+    """A store's runs as the workbench sees them, with what `plugins` add to the catalogue; `DataError`."""
+    return kind_of(store.header.experiment, store.path).study(store, plugins)

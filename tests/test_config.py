@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from rigctl import config, runner
 from rigctl.campaign.toml_document import to_toml
 from rigctl.errors import ConfigError, LimitError
+from rigctl.kinds.sensing_axis import bench_of, plan_of
+from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 RIG = tomllib.loads((CAMPAIGNS / "isa-rig.toml").read_text())
@@ -38,7 +40,7 @@ def rig_error(text: str) -> str:
 
 def campaign_error(text: str) -> str:
     with pytest.raises(ConfigError) as error:
-        runner.plan_of(config.parse_campaign(text, Path("campaign.toml")))
+        plan_of(config.parse_campaign(text, Path("campaign.toml")))
     return complaint(error, "campaign.toml: ")
 
 
@@ -66,7 +68,7 @@ def test_every_shipped_campaign_can_be_run_on_its_rig(name: str) -> None:
 
 def test_every_shipped_rig_can_be_built() -> None:
     for path in (CAMPAIGNS / "all-instruments.rig.toml", CAMPAIGNS / "one-axis.rig.toml", CAMPAIGNS / "isa-rig.toml"):
-        assert runner.bench_of(runner.Rig(config.read_rig(path))).package.axes
+        assert bench_of(Rig(config.read_rig(path))).package.axes
 
 
 @pytest.mark.parametrize(

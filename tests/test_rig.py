@@ -13,6 +13,7 @@ from drivers.transport import InProcessTransport
 from rigctl import config, runner
 from rigctl.errors import ConfigError, LinkError, LinkLost, LinkTimeout, RigError, WrongInstrument
 from rigctl.interfaces import Instrument, LinearStage, RotationStage, Thermometer, Voltmeter
+from rigctl.kinds.sensing_axis import bench_of
 from rigctl.rig import DRIVERS, Rig, build_simulation
 from simulators.clock import ScaledClock, VirtualClock
 from simulators.rig import LockedInstrument
@@ -203,7 +204,7 @@ def test_instruments_in_this_process_are_talked_to_one_at_a_time(what: str) -> N
 
 
 def test_the_bench_of_a_rig_has_its_parts(file: config.RigFile) -> None:
-    bench = runner.bench_of(Rig(file))
+    bench = bench_of(Rig(file))
     assert bench.rotation.name == "rotation"
     assert bench.linear.name == "stage"
     assert names(list(bench.lasers)) == ["lasers_a", "lasers_b"]

@@ -22,27 +22,20 @@ FEW = 8
 
 
 def result(store: Path, plugins: Plugins) -> Found:
-    """`rigctl result`, with the null vectors about their planes as figures 15 to 17 show them."""
-    from rigctl import config, results
+    """`rigctl result`, with the null vectors of sensing axes about their planes as figures 15 to 17 show them."""
+    from rigctl import config
     from rigctl.campaign.store import Store
-    from rigctl.experiments.sensing_axis.budget import axis_budgets
-    from rigctl.report.figure_plane import plane_plate
+    from rigctl.kinds import kind_of
     from rigctl.workbench.bench import Workbench
 
     with Store.open(store, readonly=True) as opened:
-        text = opened.header.campaign_toml
-        if opened.header.experiment == "table":
-            return results.of(store, plugins)
-        analysed = results.analyse(Workbench(opened, plugins))
-        budgets = axis_budgets(analysed, results.uncertainties_of(opened))
-    found = {**analysed.as_json(), "budget": {name: each.as_json() for name, each in budgets.items()}}
-    settings = analysed.fit.model.package.axes
-    planes = {
-        name: [asdict(row) for row in plane_plate(name, axis, settings[name]).rows]
-        for name, axis in analysed.axes.items()
-    }
-    reference = config.parse_campaign(text, store).reference.model_dump() if text else {}
-    return {**found, "planes": planes, "reference": reference}
+        text, bench = opened.header.campaign_toml, Workbench(opened, plugins)
+        found = kind_of(opened.header.experiment, store).result(bench)
+        if "axes" in found:
+            from rigctl.kinds.sensing_axis import null_vectors
+
+            found["planes"] = null_vectors(bench)
+    return {**found, "reference": config.parse_campaign(text, store).reference.model_dump() if text else {}}
 
 
 def null_search(store: Path, plugins: Plugins) -> Found:
@@ -53,8 +46,8 @@ def null_search(store: Path, plugins: Plugins) -> Found:
     from rigctl.experiments.sensing_axis.model import RecordingModel
     from rigctl.experiments.sensing_axis.reduction import observables, reduce_run
     from rigctl.fitting.plane import ARCSEC
+    from rigctl.origin import campaign_of, rig_file_of
     from rigctl.report.figure_null_search import by_frequency, response_plate
-    from rigctl.runner import campaign_of, rig_file_of
 
     del plugins
     with Store.open(store, readonly=True) as opened:

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rigctl import results
-from rigctl.errors import ConfigError, DataError, ProcedureError
+from rigctl.errors import ConfigError, DataError
+from rigctl.kinds import Drawn, kind_of
 from rigctl.report import html
 from rigctl.report.figure_data import Plate
 from rigctl.report.figure_ladder import ladder_plate
 from rigctl.report.figure_ranking import ranking_plate
 from rigctl.report.figure_residuals import residual_plates
-from rigctl.report.figure_spectrum import spectrum_plates
-from rigctl.report.figures import plates_of, write_plates
+from rigctl.report.figures import write_plates
 from rigctl.report.quantities import counted, number, probability, quantity
 from rigctl.report.terminal_workbench import fails, line_sentence, short_result
 from rigctl.report.verdicts import (
@@ -47,8 +46,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Evidence:
-    """Everything a report shows. `result` is as `rigctl result --json`, empty where there are no sensing axes;
-    `left_out` says why a figure is not there."""
+    """Everything a report shows; `drawn` is what the experiment adds of its own."""
 
     store: Path
     title: str
@@ -62,16 +60,13 @@ class Evidence:
     ladder: Plate[Any]
     ranking: Plate[Any] | None
     residuals: Sequence[Plate[Any]]
-    spectra: Sequence[Plate[Any]]
-    own: Sequence[Plate[Any]]
-    result: Mapping[str, Any]
-    left_out: Mapping[str, str]
+    drawn: Drawn
 
     @property
     def plates(self) -> list[Plate[Any]]:
         """All figures."""
         ranking = [] if self.ranking is None else [self.ranking]
-        return [self.ladder, *self.residuals, *self.spectra, *ranking, *self.own]
+        return [self.ladder, *self.residuals, *self.drawn.spectra, *ranking, *self.drawn.plates]
 
 
 def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell: Tell) -> list[Path]:
@@ -82,7 +77,7 @@ def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell:
     if out is not None and not out.parent.is_dir():
         raise DataError(f"{out}: cannot be written: there is no directory {out.parent}; make it first")
     evidence = gather(bench, tell)
-    written = write_plates(evidence.plates, evidence.left_out, figures) if figures else []
+    written = write_plates(evidence.plates, evidence.drawn.left_out, figures) if figures else []
     if out is not None:
         partial = out.with_name(f".{out.name}.{os.getpid()}")
         try:
@@ -104,12 +99,8 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
     tell("diagnosing")
     diagnosis = versions.kept_diagnosis(store, current, ALPHA) or bench.diagnose(ALPHA, tell).as_json()
     tell("drawing")
-    result, own, left_out = _sensing_axes(bench)
     last = comparisons[-1]
-    spectra: list[Plate[Any]] = []
-    if store.header.experiment == "sensing-axis":
-        lines = [float(term.choice["frequency_hz"]) for term in current.terms if "frequency_hz" in term.choice]
-        spectra = list(spectrum_plates(store, lines, last.lines))
+    lines = [float(term.choice["frequency_hz"]) for term in current.terms if "frequency_hz" in term.choice]
     return Evidence(
         store=store.path,
         title=store.header.title,
@@ -123,10 +114,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
         ladder=ladder_plate(rungs),
         ranking=ranking_plate(diagnosis) if diagnosis["ranking"] else None,
         residuals=list(residual_plates(comparisons)),
-        spectra=spectra,
-        own=own,
-        result=result,
-        left_out=left_out,
+        drawn=kind_of(store.header.experiment, store.path).draw(bench, lines, last.lines),
     )
 
 
@@ -142,18 +130,6 @@ def _side_by_side(bench: Workbench, tell: Tell) -> Iterator[versions.ModelVersio
     for version in chosen:
         tell(f"comparing version {version.version}")
         yield version
-
-
-def _sensing_axes(bench: Workbench) -> tuple[dict[str, Any], list[Plate[Any]], dict[str, str]]:
-    """The result of the experiment itself, its figures, and why one is not there."""
-    store = bench.store
-    if store.header.experiment != "sensing-axis":
-        return {}, [], {}
-    try:
-        found = results.analyse(bench)
-        return found.as_json(), *plates_of(found, results.uncertainties_of(store))
-    except (ProcedureError, DataError) as error:
-        return {}, [], {"figures of the sensing axes": str(error)}
 
 
 def page(evidence: Evidence) -> str:
@@ -177,8 +153,8 @@ def page(evidence: Evidence) -> str:
         html.heading("Residuals"),
         *_residuals(evidence),
     ]
-    if evidence.spectra:
-        body += [html.heading("What is left in the samples"), *map(html.figure, evidence.spectra)]
+    if evidence.drawn.spectra:
+        body += [html.heading("What is left in the samples"), *map(html.figure, evidence.drawn.spectra)]
     body += [html.heading("Candidates"), *_candidates(evidence)]
     body += [html.heading("Result"), *_result(evidence)]
     return html.page(title, body)
@@ -256,31 +232,6 @@ def _ranking(found: Mapping[str, Any]) -> str:
     return text
 
 
-def _axes(result: Mapping[str, Any]) -> Iterator[str]:
-    """Sensing axes and the angles between them, as far as there are any."""
-    axes, angles = result.get("axes", {}), result.get("angles", {})
-    if axes:
-        yield html.paragraph("Sensing axes in the cube's frame, with their half-cone deviation at 2 sigma.")
-        yield html.table(
-            ["axis", "#x", "#y", "#z", "#half-cone / arcsec", "#required / arcsec", "#vectors", "verdict"],
-            [
-                [
-                    name,
-                    *(f"{component:+.6f}" for component in axis["coc"]),
-                    f"{axis['std_hc_2sigma_arcsec']:.2f}",
-                    number(axis["requirement_arcsec"]),
-                    str(axis["vectors"]),
-                    "pass" if axis["pass"] else "fail",
-                ]
-                for name, axis in axes.items()
-            ],
-            [not axis["pass"] for axis in axes.values()],
-        )
-    if angles:
-        rows = [[pair, quantity(angle["deg"], angle["sigma_deg"], "deg")] for pair, angle in angles.items()]
-        yield html.table(["axes", "#angle between them"], rows)
-
-
 def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:
     """Without those that show what an earlier one shows: the paper's figure 12 is that of one of the mountings."""
     found: list[Plate[Any]] = []
@@ -291,9 +242,11 @@ def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:
 
 
 def _result(evidence: Evidence) -> Iterator[str]:
-    yield from _axes(evidence.result)
-    yield from map(html.figure, _distinct(evidence.own))
-    yield html.listing(f"{what}: {reason}" for what, reason in evidence.left_out.items())
+    for table in evidence.drawn.tables:
+        yield html.paragraph(table.sentence)
+        yield html.table(table.columns, table.rows, table.marked)
+    yield from map(html.figure, _distinct(evidence.drawn.plates))
+    yield html.listing(f"{what}: {reason}" for what, reason in evidence.drawn.left_out.items())
     yield html.table(
         ["parameter", "#value"],
         [

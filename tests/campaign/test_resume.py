@@ -25,6 +25,8 @@ from rigctl.campaign.session import Session
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store import Store
 from rigctl.errors import Aborted, ProcedureError
+from rigctl.kinds.sensing_axis import bench_of, plan_of
+from rigctl.origin import truth_path
 from rigctl.rig import Rig
 
 SLOW = (
@@ -124,7 +126,7 @@ def test_killed_from_outside_a_campaign_says_interrupted_until_it_is_resumed(des
 
 def test_without_its_world_a_simulated_campaign_is_not_resumed(desk: Any) -> None:
     killed(desk, RunWriter, "finish", 1, after=True)
-    truth = runner.truth_path(desk.store)
+    truth = truth_path(desk.store)
     text = truth.read_text()
     truth.write_text(text.replace("seed = 2022", "seed = 2023"))
     desk.rigctl("resume", desk.store).refused(2, truth.name, "is not the world", "restore the original")
@@ -292,12 +294,12 @@ def session_with(desk: Any) -> Callable[..., tuple[Store, Hand]]:
 
     def run(**will: Any) -> tuple[Store, Hand]:
         campaign = config.read_campaign(desk.directory / "campaign.toml")
-        plan = runner.plan_of(campaign)
+        plan = plan_of(campaign)
         with Rig(config.read_rig(desk.directory / "rig.toml")) as rig:
             if not desk.store.exists():
                 Store.create(desk.store, runner._header(campaign, rig, runner.Options(), {})).close()
             store = Store.open(desk.store)
-            bench = runner.bench_of(rig)
+            bench = bench_of(rig)
             hand = Hand(rig.operator_link, **will)
             session = Session(store, rig.clock, hand, Control(rig.stop, bench.rest), Progress(store))
             with suppress(Aborted):

@@ -11,13 +11,14 @@ from typing import Any
 import pytest
 
 from procedures.bench import Bench
-from rigctl import config, runner
+from rigctl import config
 from rigctl.campaign.control import Control
 from rigctl.campaign.operator import SimulatedOperator
 from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
+from rigctl.kinds.sensing_axis import bench_of
 from rigctl.rig import Rig
 
 RIG = Path(__file__).parents[2] / "campaigns" / "isa-rig.toml"
@@ -49,7 +50,7 @@ def make_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
             if effects is not None:
                 nature["effects"] = effects
             rig = stack.enter_context(Rig(file.model_copy(update={"world": nature}), seed=seed))
-            bench = runner.bench_of(rig)
+            bench = bench_of(rig)
             store = stack.enter_context(Store.create(tmp_path / f"{seed}.rig.sqlite", Header("sensing-axis")))
             session = Session(
                 store, rig.clock, SimulatedOperator(rig.operator_link), Control(rig.stop, bench.rest), Progress(store)

@@ -1,0 +1,112 @@
+"""What the application asks of an experiment, one module each: its campaigns, its study, its result, its figures.
+
+The commands, the console and the report know experiments by `kind_of` alone. A module here joins what lies below:
+procedures, which know no analysis of a whole recording, and analysis, which knows no instrument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rigctl.errors import DataError
+
+if TYPE_CHECKING:
+    from rigctl.campaign.parts import Part
+    from rigctl.campaign.recording import ChannelInfo, LaserInfo
+    from rigctl.campaign.session import Session
+    from rigctl.campaign.store import Store
+    from rigctl.config import CampaignFile
+    from rigctl.effects.plugins import Plugin
+    from rigctl.report.figure_data import Plate
+    from rigctl.report.result_table import ResultTable
+    from rigctl.rig import Rig
+    from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.study import Study
+
+
+class Work(Protocol):
+    """A plan on its instruments, checked against what they can do."""
+
+    def run(self, session: Session) -> None:
+        """Carry it out; everything it finds is in the session's store. May be called for a half-done one."""
+        ...
+
+    def rest(self) -> None:
+        """Bring what moves to rest, at a pause; nothing where nothing moves."""
+        ...
+
+
+class Plan(Protocol):
+    """What a campaign file asks for; needs no instrument."""
+
+    @property
+    def runs(self) -> int:
+        """How many runs are expected."""
+        ...
+
+    def on(self, rig: Rig) -> Work:
+        """With the instruments of `rig`, opened or not; `ConfigError` or `LimitError` for what it cannot do."""
+        ...
+
+    def told(self) -> Mapping[str, Any]:
+        """What it would do, beyond its runs: keys of `rigctl run --dry-run --json`, units in their names."""
+        ...
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What an experiment adds to a report: its result, tables and figures, and why one is not there."""
+
+    result: Mapping[str, Any] = field(default_factory=dict)
+    tables: Sequence[ResultTable] = ()
+    plates: Sequence[Plate[Any]] = ()
+    spectra: Sequence[Plate[Any]] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+class Kind(Protocol):
+    """An experiment. Its module is one: these are its functions."""
+
+    def plan(self, campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
+        """The procedure of a campaign; `part` is what earlier campaigns of its store have left. `ConfigError`."""
+        ...
+
+    def mounted(self, store: Store) -> Sequence[tuple[str, str, int]]:
+        """Axis, configuration and number of all mountings a store's campaigns made, in order; () without any."""
+        ...
+
+    def channels(self, rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInfo]]:
+        """The columns that runs will have, and what is known of laser heads."""
+        ...
+
+    def study(self, store: Store, plugins: Sequence[Plugin]) -> Study:
+        """A store's runs as the workbench sees them."""
+        ...
+
+    def result(self, bench: Workbench) -> dict[str, Any]:
+        """What a store amounts to: keys of `rigctl result --json`. `DataError`, `ProcedureError`."""
+        ...
+
+    def show(self, found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
+        """Print a result, beside a campaign file's reference values."""
+        ...
+
+    def draw(self, bench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
+        """What a report shows; `lines_hz` are lines the model has, `found` those it has not (study.Line)."""
+        ...
+
+
+def kind_of(experiment: str, path: Path | str = "") -> Kind:
+    """The experiment named in a store, a bundle or a campaign file (`path`); `DataError` for one nobody knows."""
+    if experiment == "sensing-axis":
+        from rigctl.kinds import sensing_axis
+
+        return sensing_axis
+    if experiment == "table":
+        from rigctl.kinds import table
+
+        return table
+    raise DataError(f"{path}: there is neither procedure nor model for '{experiment}' yet")

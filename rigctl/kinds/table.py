@@ -1,0 +1,63 @@
+"""Anybody's calibration: a table of readings. It has a study and no procedure of ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rigctl.errors import ConfigError
+from rigctl.experiments.table.study import TableStudy
+from rigctl.kinds import Drawn, Plan
+from rigctl.workbench.fit import fit
+
+if TYPE_CHECKING:
+    from rigctl.campaign.parts import Part
+    from rigctl.campaign.recording import ChannelInfo, LaserInfo
+    from rigctl.campaign.store import Store
+    from rigctl.config import CampaignFile
+    from rigctl.effects.plugins import Plugin
+    from rigctl.rig import Rig
+    from rigctl.workbench.bench import Workbench
+
+
+def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
+    """No campaign of ours measures a table: `ConfigError`."""
+    del part, plugins
+    raise ConfigError(f"{campaign.path}: tables are imported, not measured; use `rigctl import`")
+
+
+def mounted(store: Store) -> Sequence[tuple[str, str, int]]:
+    """Nothing is mounted."""
+    del store
+    return ()
+
+
+def channels(rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInfo]]:
+    """No rig measures a table."""
+    del rig
+    return {}, {}
+
+
+def study(store: Store, plugins: Sequence[Plugin]) -> TableStudy:
+    """A store's readings as the workbench sees them."""
+    return TableStudy(store, [effect for plugin in plugins for effect in plugin.effects.values()])
+
+
+def result(bench: Workbench) -> dict[str, Any]:
+    """The fit is the result."""
+    version = bench.current
+    return {"version": version.version, **fit(bench.study, version.terms).as_json()}
+
+
+def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
+    """Print the fit."""
+    from rigctl.report.terminal_workbench import print_fit
+
+    del reference
+    print_fit(found)
+
+
+def draw(bench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
+    """Nothing beyond what every report has."""
+    del bench, lines_hz, found
+    return Drawn()
