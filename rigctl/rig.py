@@ -6,6 +6,7 @@ The only place that knows drivers and simulators by name.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -136,13 +137,13 @@ class Rig:
         self._each(lambda instrument: instrument.close())
 
     def stop(self) -> None:
-        """Bring every instrument to rest, each tried even if others fail; any thread, any number of times."""
-        failures = []
-        for instrument in self.instruments.values():
-            try:
-                instrument.stop()
-            except Exception as error:  # noqa: BLE001 - whatever fails in one, the others are to be stopped
-                failures.append(str(error) or f"{instrument.name}: {type(error).__name__}")
+        """Bring every instrument to rest, all at once: one that hangs or fails keeps no other moving.
+
+        Any thread, any number of times; `RigError` names those that did not confirm.
+        """
+        instruments = list(self.instruments.values())
+        with ThreadPoolExecutor(max_workers=max(len(instruments), 1), thread_name_prefix="stop") as pool:
+            failures = [failure for failure in pool.map(_failure_to_stop, instruments) if failure]
         if failures:
             raise RigError("NOT known to be at rest: " + "; ".join(failures))
 
@@ -256,6 +257,15 @@ def _operator_link(file: config.RigFile, clock: Clock) -> OperatorLink:
         return TcpOperatorLink(file.operator.address, clock)
     except ConfigError as error:
         raise ConfigError(f"{file.path}: {error}") from None
+
+
+def _failure_to_stop(instrument: Instrument) -> str:
+    """Stop it; what went wrong, "" when nothing did."""
+    try:
+        instrument.stop()
+    except Exception as error:  # noqa: BLE001 - whatever fails in one, the others are to be stopped
+        return str(error) or f"{instrument.name}: {type(error).__name__}"
+    return ""
 
 
 def _joined(failures: list[RigError]) -> RigError:

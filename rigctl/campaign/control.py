@@ -13,8 +13,8 @@ from rigctl.errors import Aborted, RigError
 HEED_S = 0.02
 """How often requests of this process are looked for (wall-clock)."""
 
-STORE_EVERY = 10
-"""Those in the store are looked for every so many times: five times a second."""
+STORE_EVERY = 2
+"""Those in the store are looked for every so many times: twenty-five times a second."""
 
 
 class Control:
