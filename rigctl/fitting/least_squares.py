@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import ProcedureError
-from rigctl.fitting.decomposition import thin_svd
+from rigctl.fitting.decomposition import svd
 from rigctl.interfaces import FloatArray
 
 Verdict = Literal["converged", "ill-conditioned", "at-limit", "not-converged"]
@@ -239,7 +239,7 @@ class _Problem:
         norms = np.linalg.norm(columns, axis=0)
         scale = np.where(norms > 0.0, norms, 1.0)
         Q, R = np.linalg.qr(columns / scale)
-        U, s, Vt = thin_svd(R)
+        U, s, Vt = svd(R, full=True)
         rank = int(np.sum(s > self._rcond * s[0])) if s.size and s[0] > 0.0 else 0
         return _State(p, r, J, active, scale, U.T @ (Q.T @ r), s, Vt, rank)
 

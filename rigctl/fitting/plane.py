@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.errors import ProcedureError
-from rigctl.fitting.decomposition import thin_svd
+from rigctl.fitting.decomposition import svd
 from rigctl.interfaces import FloatArray
 
 ARCSEC = np.pi / 648000.0
@@ -107,7 +107,7 @@ def fit_plane(vectors: FloatArray, nominal_axis: FloatArray, weights: FloatArray
     units = _unit_rows(vectors)
     n = units.shape[0]
     weight = _checked_weights(weights, n)
-    _, singular, rows = thin_svd(units * np.sqrt(weight)[:, None])
+    _, singular, rows = svd(units * np.sqrt(weight)[:, None])
     if singular[1] < _MIN_SPREAD * singular[0]:
         raise ProcedureError("all motion vectors are parallel: a plane needs both pendulum and flag mountings")
     if singular[2] > 0.5 * singular[1]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.fitting.decomposition import thin_svd
+from rigctl.fitting.decomposition import svd
 from rigctl.workbench.study import FloatArray, IntArray, Observations
 
 _ONLY_HERE = 1e-9
@@ -62,7 +62,7 @@ def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> tuple[fl
     if len(basis) < basis.shape[1]:
         share, vectors = np.linalg.eigh(basis @ basis.T)
     else:
-        vectors, size, _ = thin_svd(basis)
+        vectors, size, _ = svd(basis)
         share = size**2
     free = np.maximum(1.0 - share, _ONLY_HERE)
     fitted = share > _ONLY_HERE

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from rigctl.fitting.decomposition import thin_svd
+from rigctl.fitting.decomposition import svd
 from rigctl.workbench.study import FloatArray, IntArray, Observations
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
@@ -326,7 +326,7 @@ def orthonormal(columns: FloatArray, tolerance: float) -> FloatArray:
     used = columns[:, norms > 0.0] / norms[norms > 0.0]
     if not used.shape[1]:
         return np.zeros((len(columns), 0))
-    left, s, _ = thin_svd(used)
+    left, s, _ = svd(used)
     return np.asarray(left[:, s > tolerance * s[0]])
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from rigctl.fitting.decomposition import thin_svd
+from rigctl.fitting.decomposition import svd
 from rigctl.workbench.noise import orthonormal
 from rigctl.workbench.study import FloatArray, IntArray
 
@@ -65,7 +65,7 @@ class Projector:
         estimate, sigma = np.zeros(len(size)), np.full(len(size), np.inf)
         if not len(seen):
             return Score(0.0, 0, np.inf, 1.0, keep, estimate, sigma, np.zeros((len(columns), 0)))
-        left, s, right = thin_svd(free[:, seen] / size[seen])
+        left, s, right = svd(free[:, seen] / size[seen])
         told = s > ABSORBED * s[0]
         basis = left[:, told]
         along = basis.T @ self.left
@@ -135,11 +135,11 @@ def likeness(a: FloatArray, b: FloatArray) -> float:
     """Canonical correlation of two candidates: the cosine of the smallest angle between their spans."""
     if not a.shape[1] or not b.shape[1]:
         return 0.0
-    return float(thin_svd(a.T @ b)[1][0])
+    return float(svd(a.T @ b)[1][0])
 
 
 def contained(inner: FloatArray, outer: FloatArray) -> float:
     """How far the span of `inner` lies within that of `outer`: the cosine of the largest angle."""
     if not inner.shape[1] or inner.shape[1] > outer.shape[1]:
         return 0.0
-    return float(thin_svd(inner.T @ outer)[1][-1])
+    return float(svd(inner.T @ outer)[1][-1])

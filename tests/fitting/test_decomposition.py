@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from rigctl.fitting.decomposition import thin_svd
+from rigctl.fitting.decomposition import svd
 
 
 @given(arrays(float, array_shapes(min_dims=2, max_dims=2, max_side=8), elements=st.floats(-1e3, 1e3)))
 def test_the_parts_make_the_whole(matrix: np.ndarray) -> None:
-    left, s, right = thin_svd(matrix)
+    left, s, right = svd(matrix)
     assert s.shape == (min(matrix.shape),)
     np.testing.assert_allclose((left * s) @ right, matrix, atol=1e-10 * max(1.0, s[0]))
 
@@ -25,11 +25,11 @@ def test_where_the_fast_way_gives_up_another_is_gone(shape: tuple[int, int], mon
         raise np.linalg.LinAlgError("SVD did not converge")
 
     monkeypatch.setattr(np.linalg, "svd", gives_up)
-    left, s, right = thin_svd(matrix)
+    left, s, right = svd(matrix)
     np.testing.assert_allclose(s, expected, rtol=1e-12)
     np.testing.assert_allclose((left * s) @ right, matrix, atol=1e-12)
 
 
 def test_what_is_not_finite_is_refused() -> None:
     with pytest.raises(np.linalg.LinAlgError):
-        thin_svd(np.array([[1.0, np.nan], [0.0, 1.0]]))
+        svd(np.array([[1.0, np.nan], [0.0, 1.0]]))

@@ -12,7 +12,7 @@ from rigctl.experiments.table.descent import descend
 from rigctl.experiments.table.expression import refuse_undefined
 from rigctl.experiments.table.readings import Readings
 from rigctl.experiments.table.scanned import Scanned, Step
-from rigctl.fitting.decomposition import thin_svd
+from rigctl.fitting.decomposition import svd
 from rigctl.fitting.least_squares import FitResult, Parameter
 from rigctl.interfaces import FloatArray
 
@@ -39,7 +39,7 @@ def span_of(design: FloatArray) -> FloatArray:
     design = design[:, norms > 0.0] / norms[norms > 0.0]
     if not design.shape[1]:
         return design
-    left, sizes, _ = thin_svd(design)
+    left, sizes, _ = svd(design)
     return np.asarray(left[:, sizes > _RANK * sizes[0]])
 
 
