@@ -1,0 +1,160 @@
+"""The published estimate: one parameter per session at its own line, swept until nothing changes.
+
+Each session yields its parameter from twice the differential acceleration along X, less what the other parameters do
+there by their newest values (Hardy et al., eq. 16 to 30, with the terms they leave out).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.experiments.inflight.parameters import NAMES
+from rigctl.experiments.inflight.series import Amplitudes
+from rigctl.experiments.inflight.sessions import MASS_MOTION, Session
+from rigctl.experiments.inflight.weights import ComplexArray
+from rigctl.interfaces import FloatArray
+
+SWEEPS = 8
+SETTLED = 1e-3
+"""A sweep that moves nothing by more than so many sigmas is the last that matters."""
+
+_ROWS = ("dx", "dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2")
+_AT = {name: place for place, name in enumerate(_ROWS)}
+_SIZES = np.array([2e-5, 2e-5, 2e-5, 3e-3, 3e-3, 1e-2, 2e-3, 2e-3, 1e4, 1e4, 1e4])
+_QUADRATIC = {"k2c_1": ("m1", "m2", 1.0), "k2c_2": ("m2", "m1", -1.0)}
+
+
+@dataclass(frozen=True)
+class FittedRun:
+    """A session with its amplitudes at `Session.fitted_lines`, and the standard uncertainty of one component of the
+    differential channel there, shape (lines,)."""
+
+    session: Session
+    amplitudes: Amplitudes
+    sigma: FloatArray
+
+
+@dataclass(frozen=True)
+class PaperEstimate:
+    """`values` and `covariance` of the parameters `NAMES`, NaN for one whose session is missing."""
+
+    values: FloatArray
+    covariance: FloatArray
+    sweeps: int
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """Standard uncertainties."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def paper_estimate(runs: Mapping[str, FittedRun]) -> PaperEstimate:
+    """All parameters from the sessions' runs, by session name; a missing session's is NaN and taken for nil.
+
+    `sweeps` is the first sweep that changes no parameter by more than a thousandth of its sigma, at most `SWEEPS`.
+    """
+    rows = _rows_of(runs)
+    a = np.zeros(len(_ROWS))
+    moves = []
+    for _ in range(SWEEPS):
+        before = a.copy()
+        for place, run in rows.items():
+            a[place] = _solved(place, a, run)
+        moves.append(a - before)
+    covariance = _covariance(a, rows)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    there = list(rows)
+    settled = [bool(np.all(np.abs(move[there]) <= SETTLED * sigma[there])) for move in moves]
+    return _named(a, covariance, set(rows), settled.index(True) + 1 if any(settled) else SWEEPS)
+
+
+def _rows_of(runs: Mapping[str, FittedRun]) -> dict[int, FittedRun]:
+    both = {name: runs["dx+dz"] for name in ("dx", "dz") if "dx+dz" in runs}
+    found = {**both, **runs}
+    return {_AT[name]: found[name] for name in _ROWS if name in found}
+
+
+def _solved(place: int, a: FloatArray, run: FittedRun) -> float:
+    y, regressor = _equation(place, a, run)
+    return float(np.real(np.vdot(regressor, y)) / np.real(np.vdot(regressor, regressor)))
+
+
+def _equation(place: int, a: FloatArray, run: FittedRun) -> tuple[ComplexArray, ComplexArray]:
+    """Corrected complex amplitudes y and the regressor's, at the parameter's own lines."""
+    name = _ROWS[place]
+    own = slice(0, 2 if name in MASS_MOTION else 1)
+    table = run.amplitudes
+    linear, rest = _terms(table)
+    if name in _QUADRATIC:
+        moving, fixed, sign = _QUADRATIC[name]
+        gradient = sum(a[k] * linear[k] for k in range(3)) + _cross(a, table)
+        linked = a[5] * table.of(fixed) + a[6] * table.of("y") + a[7] * table.of("z")
+        y = table.of(moving) - table.of(fixed) - sign * (gradient + 2.0 * linked) + table.of("moved t_xx")
+        return y[own], table.of(f"{moving}^2")[own]
+    y = table.of("m1") - table.of("m2") - _cross(a, table)
+    for other, series in enumerate((*linear, *rest)):
+        if other != place:
+            y = y - a[other] * series
+    if name in MASS_MOTION:
+        return _of_moved(name, y, table, own)
+    return y[own], (*linear, *rest)[place][own]
+
+
+def _terms(table: Amplitudes) -> tuple[tuple[ComplexArray, ...], tuple[ComplexArray, ...]]:
+    """What multiplies dx, dz, dy; and ac12, ac13 (beside displacements: nothing), ad11, ad12, ad13, k_d."""
+    nothing = np.zeros(len(table.table), dtype=np.complex128)
+    m_c = table.of("m1") + table.of("m2")
+    square = 0.25 * (table.of("m1^2") + table.of("m2^2") + 2.0 * table.of("m1 m2"))
+    linear = (table.of("t_xx"), table.of("t_xz"), table.of("t_xy") + table.of("dw_z"))
+    return linear, (nothing, nothing, m_c, 2.0 * table.of("y"), 2.0 * table.of("z"), 2.0 * square)
+
+
+def _cross(a: FloatArray, table: Amplitudes) -> ComplexArray:
+    """The gradient along Y and Z, which rotation and coupling let into X."""
+    dx, dz, dy = a[:3]
+    along_y = (table.of("t_xy") - table.of("dw_z")) * dx + table.of("t_yy") * dy
+    along_z = table.of("t_xz") * dx + table.of("t_zz") * dz
+    return np.asarray(a[3] * along_y + a[4] * along_z)
+
+
+def _of_moved(name: str, y: ComplexArray, table: Amplitudes, own: slice) -> tuple[ComplexArray, ComplexArray]:
+    xx = table.of("moved t_xx")
+    if name == "ac12":
+        return y[own], -xx[own]
+    return (y - table.of("moved t_xz"))[own], (table.of("moved t_zz") - xx)[own]
+
+
+def _covariance(a: FloatArray, rows: Mapping[int, FittedRun]) -> FloatArray:
+    """Of the solution of all equations together: what one parameter leaves in another's session is counted."""
+    there = list(rows)
+    slopes = np.zeros((len(there), len(there)))
+    variance = np.zeros(len(there))
+    for i, place in enumerate(there):
+        run = rows[place]
+        _, regressor = _equation(place, a, run)
+        weight = np.abs(regressor) ** 2
+        variance[i] = np.sum(weight * run.sigma[: len(weight)] ** 2) / np.sum(weight) ** 2
+        for j, other in enumerate(there):
+            step = np.zeros(len(a))
+            step[other] = _SIZES[other]
+            change = _solved(place, a + step, run) - _solved(place, a - step, run)
+            slopes[i, j] = (i == j) - 0.5 * change / _SIZES[other]
+    inverse = np.linalg.inv(slopes * _SIZES[there] / _SIZES[there][:, None])
+    inverse *= _SIZES[there][:, None] / _SIZES[there]
+    covariance = np.zeros((len(a), len(a)))
+    covariance[np.ix_(there, there)] = inverse @ np.diag(variance) @ inverse.T
+    return covariance
+
+
+def _named(a: FloatArray, covariance: FloatArray, there: set[int], sweeps: int) -> PaperEstimate:
+    turn = np.zeros((len(NAMES), len(_ROWS)))
+    for number, name in enumerate(("dx", "dy", "dz", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d")):
+        turn[number, _AT[name]] = 1.0
+    turn[-1, [_AT["k2c_1"], _AT["k2c_2"]]] = 0.5
+    missing = np.array([any(place not in there for place in np.flatnonzero(row)) for row in turn])
+    spread = turn @ covariance @ turn.T
+    spread[missing] = spread[:, missing] = np.nan
+    return PaperEstimate(np.where(missing, np.nan, turn @ a), spread, sweeps)

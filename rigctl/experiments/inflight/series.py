@@ -1,0 +1,114 @@
+"""The series whose amplitudes the estimates need, and how they come of a run's columns, in one pass or in chunks.
+
+Powers of the measured accelerations count from their means, which are known only at the end; the raw powers are
+summed and turned into central ones afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.experiments.inflight.sessions import Session
+from rigctl.experiments.inflight.weights import ComplexArray
+from rigctl.interfaces import FloatArray
+
+MEASURED = ("m1_x", "m1_y", "m1_z", "m2_x", "m2_y", "m2_z")
+GRADIENTS = ("t_xx", "t_xz", "t_yy", "t_zz", "t_xy", "t_yz")
+ROTATION = ("dw_x", "dw_y", "dw_z")
+NEEDED = (*MEASURED, *GRADIENTS, *ROTATION)
+"""Columns of a run that estimates use."""
+
+SERIES = (
+    *("m1", "m2", "m1^2", "m2^2", "m1 m2", "m1^3", "m2^3", "y", "y^2", "z", "z^2"),
+    *GRADIENTS,
+    *ROTATION,
+    *("moved", "moved t_xx", "moved t_xz", "moved t_zz"),
+    *("own y", "own z"),
+    *("force x", "force y", "force z"),
+)
+"""m1, m2: x accelerations; y, z: common ones; moved: injected displacement; own: m_1 - m_2. `force` is what acts on
+mass 1 less what acts on mass 2: no channel tells it, effects do."""
+
+INDEX = {name: place for place, name in enumerate(SERIES)}
+_FROM_SAMPLES = SERIES[: INDEX["force x"]]
+
+
+@dataclass(frozen=True)
+class Amplitudes:
+    """A stretch's complex amplitudes c - i s, `table` of shape (lines, series), and the mean of m_cx^2."""
+
+    table: ComplexArray
+    mean_square: float
+
+    def of(self, name: str) -> ComplexArray:
+        """One series at all lines, shape (lines,)."""
+        return np.asarray(self.table[:, INDEX[name]])
+
+
+def raw_series(session: Session, t_s: FloatArray, columns: Mapping[str, FloatArray]) -> FloatArray:
+    """`SERIES` of some samples, powers not yet central; shape (samples, series)."""
+    m1, m2 = columns["m1_x"], columns["m2_x"]
+    y, z = (0.5 * (columns[f"m1_{axis}"] + columns[f"m2_{axis}"]) for axis in "yz")
+    made = np.zeros((len(SERIES), len(m1)))
+    square_1, square_2 = m1 * m1, m2 * m2
+    rows = (m1, m2, square_1, square_2, m1 * m2, square_1 * m1, square_2 * m2, y, y * y, z, z * z)
+    made[: len(rows)] = rows
+    for name in (*GRADIENTS, *ROTATION):
+        made[INDEX[name]] = columns[name]
+    if session.moves_masses:
+        moved = session.injected(t_s)
+        made[INDEX["moved"]] = moved
+        for name in ("t_xx", "t_xz", "t_zz"):
+            made[INDEX[f"moved {name}"]] = moved * columns[name]
+        made[INDEX["own y"]] = columns["m1_y"] - columns["m2_y"]
+        made[INDEX["own z"]] = columns["m1_z"] - columns["m2_z"]
+    return made.T
+
+
+class Sums:
+    """Amplitudes of one stretch, from samples as they come.
+
+    `rows` (2 lines, samples) are those of `weights.weights`; `counted` (samples,) is 0 for missing samples.
+    """
+
+    def __init__(self, session: Session, rows: FloatArray, counted: FloatArray | None = None) -> None:
+        self._session, self._rows, self._counted = session, rows, counted
+        self._at = 0
+        self._parts = np.zeros((len(rows), len(SERIES)))
+        self._totals = np.zeros(len(SERIES))
+        self._number = 0.0
+
+    def add(self, t_s: FloatArray, columns: Mapping[str, FloatArray]) -> None:
+        """The next samples, missing ones as any finite number."""
+        here = slice(self._at, self._at + len(t_s))
+        series = raw_series(self._session, t_s, columns)
+        self._parts += self._rows[:, here] @ series
+        counted = np.ones(len(t_s)) if self._counted is None else self._counted[here]
+        self._totals += counted @ series
+        self._number += float(counted.sum())
+        self._at = here.stop
+
+    def amplitudes(self) -> Amplitudes:
+        """Of all samples there were."""
+        table = np.asarray(self._parts[0::2] - 1j * self._parts[1::2])
+        return central(table, self._totals / self._number)
+
+
+def central(table: ComplexArray, means: FloatArray) -> Amplitudes:
+    """Amplitudes of powers about the means, from those of raw powers; `means` (series,) are of raw powers too."""
+    made = table.copy()
+    at = INDEX
+    mean = {name: float(means[at[name]]) for name in ("m1", "m2", "y", "z")}
+    for name in ("m1", "m2"):
+        one, two, three = (table[:, at[f"{name}{power}"]] for power in ("", "^2", "^3"))
+        made[:, at[f"{name}^2"]] = two - 2.0 * mean[name] * one
+        made[:, at[f"{name}^3"]] = three - 3.0 * mean[name] * two + 3.0 * mean[name] ** 2 * one
+    made[:, at["m1 m2"]] = table[:, at["m1 m2"]] - mean["m1"] * table[:, at["m2"]] - mean["m2"] * table[:, at["m1"]]
+    for name in ("y", "z"):
+        made[:, at[f"{name}^2"]] = table[:, at[f"{name}^2"]] - 2.0 * mean[name] * table[:, at[name]]
+    square = sum(float(means[at[name]]) for name in ("m1^2", "m2^2")) + 2.0 * float(means[at["m1 m2"]])
+    centre = 0.5 * (mean["m1"] + mean["m2"])
+    return Amplitudes(made, 0.25 * square - centre**2)

@@ -1,0 +1,68 @@
+"""Weights that turn samples into amplitudes: exact on lines, the adjoint of the filter chain, deaf to gaps' edges."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from rigctl.errors import DataError
+from rigctl.experiments.inflight.weights import DROPPED_S, amplitudes, band_pass, templates, weights
+
+STEP_S = 2.0
+T_S = np.arange(29750) * STEP_S
+LINES_HZ = [2 / 5950, 7.3 / 5950, 14.6 / 5950]
+
+
+def test_weights_are_the_adjoint_of_the_published_chain():
+    rng = np.random.default_rng(1)
+    series = 3e-8 + np.cumsum(rng.standard_normal(len(T_S)))
+    sections = band_pass(min(LINES_HZ), max(LINES_HZ), 1.0 / STEP_S)
+    dropped = round(DROPPED_S / STEP_S)
+    lines = templates(T_S, LINES_HZ)
+    design = signal.sosfilt(sections, lines - lines.mean(axis=1, keepdims=True), axis=1)[:, dropped:]
+    filtered = signal.sosfilt(sections, series - series.mean())[dropped:]
+    expected, *_ = np.linalg.lstsq(design.T, filtered, rcond=None)
+    assert weights(T_S, LINES_HZ) @ series == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.1, 0.4])
+def test_lines_come_out_whatever_is_missing(missing):
+    present = bursts(missing)
+    amplitude = [1.0 - 2.0j, 0.5 + 0.1j, -3.0 + 0.0j]
+    series = 7.0 + sum(
+        z.real * np.cos(2 * np.pi * f * T_S) - z.imag * np.sin(2 * np.pi * f * T_S)
+        for z, f in zip(amplitude, LINES_HZ, strict=True)
+    )
+    found = amplitudes(weights(T_S, LINES_HZ, present), np.where(present, series, 1e6)[:, None])[:, 0]
+    assert found == pytest.approx(amplitude, abs=1e-8)
+
+
+def test_read_out_noise_does_not_enter_through_the_edges_of_gaps():
+    """Noise growing as f^2, differenced twice, next to what abrupt edges would make of it."""
+    t_s, lines_hz = np.arange(4 * 5950) / 4.0, [8 / 5950, 20 / 5950]
+    present = bursts(0.1)[: len(t_s)]
+    rows = weights(t_s, lines_hz, present)
+    design = np.vstack([templates(t_s, lines_hz), np.ones_like(t_s)])[:, present]
+    abrupt = np.zeros((4, len(t_s)))
+    abrupt[:, present] = np.linalg.solve(design @ design.T, design)[:4]
+    rng = np.random.default_rng(2)
+    noise = np.diff(rng.standard_normal((40, len(t_s) + 2)), 2, axis=1)
+    assert np.std(rows @ noise.T) < 0.2 * np.std(abrupt @ noise.T)
+
+
+def test_too_little_is_refused():
+    with pytest.raises(DataError, match="too few to fit lines"):
+        weights(T_S, LINES_HZ, np.arange(len(T_S)) < 0.2 * len(T_S))
+
+
+def test_lines_too_close_are_refused():
+    with pytest.raises(DataError, match="cannot tell the lines apart"):
+        weights(T_S, [1e-3, 1e-3 + 1e-9])
+
+
+def bursts(share):
+    rng = np.random.default_rng(5)
+    present = np.ones(len(T_S), dtype=bool)
+    while np.mean(~present) < share:
+        start = rng.integers(len(T_S))
+        present[start : start + rng.integers(1, 50)] = False
+    return present
