@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -94,6 +95,12 @@ class Search:
     def run(self) -> None:
         """Add and drop until nothing that is left can be explained."""
         self._climb()
+        if self.unexplained is not None and (both := self._pair(self.unexplained)):
+            self.moves += [
+                Move((*self.terms, both[0]), both[0].effect, ()),
+                Move((*self.terms, *both), both[1].effect, ()),
+            ]
+            self.terms, self.unexplained = (*self.terms, *both), None
         final = self.attempt(self.terms)
         if self.unexplained is None and not chi2_p_value(final) < self.alpha:
             return
@@ -103,6 +110,38 @@ class Search:
                 self.terms, self.moves = detour.terms, detour.moves
                 self.lines, self.unexplained = detour.lines, None
                 return
+
+    def _pair(self, shape: Best) -> tuple[Term, Term] | None:
+        """Two effects that together explain what one plain shape does, and all else, where neither does alone.
+
+        A shape with amplitude and phase is as good as two effects that differ in nothing else. It is preferred to
+        them only by what it costs: parameters, and how many there were to choose from.
+        """
+        attempt = self.attempt(self.terms)
+        allowed = [e for e in attempt.scored if e.score.dimension and e.candidate.term.effect != self._barred]
+        pairs = list(itertools.combinations(allowed, 2))
+        per_dimension, choices = 0.5 * float(np.log(len(attempt.result.residuals))), float(np.log(max(len(pairs), 1)))
+        wanted = 0.5 * shape.statistic - shape.dimension * per_dimension - float(np.log(shape.n_eff))
+        found = []
+        for pair in pairs:
+            score = attempt.projector.score(np.hstack([attempt.columns(each.candidate) for each in pair]))
+            evidence = 0.5 * score.statistic - score.dimension * per_dimension - choices
+            if evidence > wanted:
+                found.append((evidence, (pair[0].candidate.term, pair[1].candidate.term)))
+        for _, both in sorted(found, key=lambda each: -each[0])[:REFITTED]:
+            if self._explain(both):
+                return both
+        return None
+
+    def _explain(self, both: tuple[Term, Term]) -> bool:
+        """Whether two further terms are both needed, and nothing beside them is."""
+        terms = (*self.terms, *both)
+        try:
+            level = CATALOGUE_SHARE * self.alpha
+            needed = all(self.attempt(terms).corrected(self.p_of_term(terms, each)) < level for each in both)
+            return needed and self.adequate(terms)
+        except RigError:  # these data do not determine both
+            return False
 
     def price(self, noise: Noise) -> float:
         """Chi-square of what was found, with one noise for all that is compared, and what its parameters cost."""

@@ -77,6 +77,19 @@ def test_a_proxy_that_keeps_out_both_it_stands_for_is_barred_for_once(made_up: A
         assert names(search) == {"lag", "hysteresis"}
 
 
+def test_two_that_are_one_plain_shape_together_are_both_named(made_up: Any, at_least: Any) -> None:
+    """A shape with amplitude and phase in the angle is a cosine and a sine: neither is needed beside it."""
+    around = made_up.conditions()
+    late = (around["start_s"] - around["start_s"].mean()) / around["start_s"].std()
+    null = late * around["frequency_hz"] ** 2 * np.cos(np.radians(around["theta_deg"]))
+    effects = {**made_up.catalogue(), "late-null": np.concatenate([null, np.zeros(2 * len(null))])[:, None]}
+    exact = 0
+    for seed in range(10):
+        hidden = {"late-gain": 10.0, "late-null": 10.0}
+        exact += names(searched(made_up.study(seed, hidden, effects=effects))) == set(hidden)
+    assert at_least(exact, 10, 0.95)
+
+
 def test_two_that_imitate_a_third_leave_when_it_comes(made_up: Any, at_least: Any) -> None:
     effects, exact = imitation(made_up), 0
     for seed in range(10):
