@@ -80,10 +80,7 @@ class NullSearch:
     @property
     def pair(self) -> tuple[float, ...]:
         """The drive's frequencies used: the outermost separate roll from angle best; without roll the highest."""
-        high_hz = max(self.settings.frequencies_hz)
-        low_hz = min(self.settings.frequencies_hz)
-        with_roll = any(effect.id == ROLL for effect in self.effects)
-        return (high_hz, low_hz) if with_roll and low_hz != high_hz else (high_hz,)
+        return _pair(self.settings, self.effects)
 
     def fit(self) -> RecordingFit:
         """The model fitted to the runs of this mounting."""
@@ -172,8 +169,28 @@ class NullSearch:
 
     def _slope_m_s2(self) -> float:
         """Change per radian of what tells the null: A w^2, or its difference between the two frequencies."""
-        w2 = [(2.0 * math.pi * f) ** 2 for f in self.pair]
-        return 1e-3 * self.settings.amplitude_mm * (w2[0] - (w2[1] if len(w2) > 1 else 0.0))
+        return _slope_m_s2(self.settings, self.pair)
+
+
+def expected_durations_s(settings: NullSearchSettings, effects: Sequence[Effect]) -> list[tuple[float, float]]:
+    """Frequency [Hz] and duration [s] of the runs that a search takes in a room of the settings' noise."""
+    pair = _pair(settings, effects)
+    allowed = (settings.theta0_sigma_arcsec * ARCSEC * _slope_m_s2(settings, pair)) ** 2 / MARGIN
+    near_s = settings.noise_m_s2_rthz**2 * len(pair) / allowed
+    parts = math.ceil(near_s / settings.max_run_s)
+    near = [(frequency_hz, max(near_s / parts, 2.0 / frequency_hz)) for frequency_hz in pair for _ in range(parts)]
+    return [(pair[0], settings.coarse_s), *near]
+
+
+def _pair(settings: NullSearchSettings, effects: Sequence[Effect]) -> tuple[float, ...]:
+    high_hz, low_hz = max(settings.frequencies_hz), min(settings.frequencies_hz)
+    with_roll = any(effect.id == ROLL for effect in effects)
+    return (high_hz, low_hz) if with_roll and low_hz != high_hz else (high_hz,)
+
+
+def _slope_m_s2(settings: NullSearchSettings, pair: Sequence[float]) -> float:
+    w2 = [(2.0 * math.pi * f) ** 2 for f in pair]
+    return 1e-3 * settings.amplitude_mm * (w2[0] - (w2[1] if len(w2) > 1 else 0.0))
 
 
 def _set_point_deg(null: NullPoint) -> float:

@@ -7,16 +7,17 @@ for comparison with the null search. `quick-check`: the evening before.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from procedures import scan
 from procedures.angle_scan import AngleScan
 from procedures.bench import Bench, SetPoint
 from procedures.mounting import Fixture, Mounting, MountingLostError, Seated
 from procedures.noise_check import check_noise
-from procedures.null_search import ROLL, NullSearch, NullSearchSettings
-from procedures.quick_check import quick_check, reversal_points
+from procedures.null_search import ROLL, NullSearch, NullSearchSettings, expected_durations_s
+from procedures.quick_check import DWELL_S, quick_check, reversal_points
 from procedures.tables import Procedure, Targets
 from rigctl.campaign.session import Session
 from rigctl.effects.catalogue import Effect
@@ -79,6 +80,25 @@ class Plan:
         if self.procedure.name == "angle-scan":
             return len(self.mountings) * len(self.procedure.angles_deg) * len(self.procedure.frequencies_hz)
         return len(self.mountings) * RUNS_PER_MOUNTING
+
+    @property
+    def points(self) -> list[SetPoint]:
+        """The runs expected, in order of mountings; a null search's as they are in the noisiest room allowed."""
+        procedure = self.procedure
+        if procedure.name == "scan":
+            return [wanted.point for stretch in self.stretches for wanted in stretch.wanted]
+        if procedure.name == "angle-scan":
+            grid = itertools.product(self.mountings, procedure.frequencies_hz, procedure.angles_deg)
+            return [self.point(mounting, angle_deg, frequency_hz) for mounting, frequency_hz, angle_deg in grid]
+        if procedure.name == "quick-check":
+            start = self.point(self.mountings[0], procedure.start_deg, max(procedure.frequencies_hz))
+            return [replace(start, duration_s=DWELL_S), *reversal_points(start)]
+        durations_s = expected_durations_s(self.search(self.targets.noise_m_s2_rthz), self.effects)
+        return [
+            replace(self.point(mounting, procedure.start_deg, frequency_hz), duration_s=duration_s)
+            for mounting in self.mountings
+            for frequency_hz, duration_s in durations_s
+        ]
 
     def check(self, bench: Bench) -> None:
         """Whether the rig can do all of it, before anything moves: `ConfigError` or `LimitError`."""

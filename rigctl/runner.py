@@ -134,13 +134,13 @@ def _brought(campaign: config.CampaignFile, plugins: Sequence[Plugin]) -> Plugin
 def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile, plugins: Sequence[Path] = ()) -> dict[str, Any]:
     """What a campaign would do, checked against the rig's limits; nothing is connected, nothing moves."""
     plan = _plan(campaign, None, _loaded(plugins))
-    _work(plan, Rig(rig_file), campaign)
+    work = _work(plan, Rig(rig_file), campaign)
     return {
         "experiment": campaign.experiment,
         "procedure": campaign.procedure.get("name", ""),
         "runs_planned": plan.runs,
         "effects": list(campaign.model.effects),
-        **plan.told(),
+        **work.told(),
     }
 
 

@@ -376,6 +376,7 @@ def test_a_dry_run_tells_the_plan_and_touches_nothing(desk: Any, wire: Any, monk
     assert plan["mountings"] == ["X pendulum 1", "X flag 2"]
     assert plan["runs_planned"] == 6
     assert plan["effects"] == ["roll-gravity", "resonance"]
+    assert plan["theta0_sigma_arcsec"] == 15.0
     assert "X pendulum 1" in desk.rigctl("run", "campaign.toml", "--dry-run").out
     assert wire.sent == []
     assert desk.left == set()

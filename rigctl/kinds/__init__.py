@@ -34,6 +34,10 @@ class Work(Protocol):
         """Carry it out; everything it finds is in the session's store. May be called for a half-done one."""
         ...
 
+    def told(self) -> Mapping[str, Any]:
+        """What it would do, beyond its runs: keys of `rigctl run --dry-run --json`, units in their names."""
+        ...
+
     def rest(self) -> None:
         """Bring what moves to rest, at a pause; nothing where nothing moves."""
         ...
@@ -49,10 +53,6 @@ class Plan(Protocol):
 
     def on(self, rig: Rig) -> Work:
         """With the instruments of `rig`, opened or not; `ConfigError` or `LimitError` for what it cannot do."""
-        ...
-
-    def told(self) -> Mapping[str, Any]:
-        """What it would do, beyond its runs: keys of `rigctl run --dry-run --json`, units in their names."""
         ...
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from procedures import sensing_axes
-from procedures.bench import Bench
+from procedures.bench import Bench, SetPoint
 from procedures.mounting import Mounting, Seated, mounted_in
 from procedures.tables import Procedure, Targets
 from rigctl import config
@@ -15,13 +15,19 @@ from rigctl.campaign.recording import ChannelInfo, LaserInfo
 from rigctl.effects.catalogue import chosen
 from rigctl.errors import ConfigError, DataError, ProcedureError
 from rigctl.experiments.sensing_axis.budget import axis_budgets
+from rigctl.experiments.sensing_axis.fit import forecast
+from rigctl.experiments.sensing_axis.imagined import imagined
+from rigctl.experiments.sensing_axis.model import RecordingModel
 from rigctl.experiments.sensing_axis.recorded import recorded_faces, recorded_heads, recorded_package
 from rigctl.experiments.sensing_axis.reduction import ACCEL, LASER_PREFIX
 from rigctl.experiments.sensing_axis.result import SensingAxisResult
 from rigctl.experiments.sensing_axis.result import sensing_axes as axes_of
+from rigctl.experiments.sensing_axis.set_points import OVERHEAD_S, Limits
 from rigctl.experiments.sensing_axis.study import STANDARD_G, SensingAxisStudy
+from rigctl.fitting.plane import ARCSEC
 from rigctl.kinds import Drawn
 from rigctl.origin import rig_file_of
+from rigctl.workbench.study import Proposal
 
 if TYPE_CHECKING:
     from rigctl.campaign.parts import Part
@@ -31,6 +37,9 @@ if TYPE_CHECKING:
     from rigctl.report.result_table import ResultTable
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+
+NULL_SEARCHES = ("six-mountings", "null-search")
+"""Procedures that end when they know the null as well as they are asked to."""
 
 KINDS = {"readout": "accelerometer"}
 """What a channel measures where the instrument only knows what it reads."""
@@ -51,12 +60,6 @@ class _Plan:
         self.plan.check(bench)
         return _Work(bench, self.plan)
 
-    def told(self) -> Mapping[str, Any]:
-        return {
-            "mountings": [mounting.key for mounting in self.plan.mountings],
-            "theta0_sigma_arcsec": self.plan.targets.theta0_sigma_arcsec,
-        }
-
 
 @dataclass(frozen=True)
 class _Work:
@@ -68,8 +71,45 @@ class _Work:
     def run(self, session: Session) -> None:
         sensing_axes.run(session, self.bench, self.plan)
 
+    def told(self) -> Mapping[str, Any]:
+        plan, points = self.plan, self.plan.points
+        noise_check_s = plan.procedure.noise_check_s if plan.procedure.name in NULL_SEARCHES else 0.0
+        rig_time_s = noise_check_s + sum(point.duration_s + OVERHEAD_S for point in points)
+        return {
+            "mountings": [mounting.key for mounting in plan.mountings],
+            "theta0_sigma_arcsec": self._theta0_sigma_arcsec(),
+            "rig_time_s": round(rig_time_s),
+        }
+
+    def _theta0_sigma_arcsec(self) -> float | None:
+        """What a null search goes on to; of other procedures the worst of all mountings; None: not determined."""
+        plan, bench = self.plan, self.bench
+        if plan.procedure.name in NULL_SEARCHES:
+            return plan.targets.theta0_sigma_arcsec
+        limits = Limits(bench.package, bench.heads, bench.readout.channels()[0].full_scale, known=True)
+        runs = imagined([Proposal(_settings(point)) for point in plan.points], (), limits)
+        try:
+            fit = forecast(RecordingModel(runs, bench.package, bench.heads, bench.g_m_s2, plan.effects))
+        except (ProcedureError, DataError):
+            return None
+        return float(f"{max(null.theta0_sigma_rad for null in fit.nulls()) / ARCSEC:.3g}")
+
     def rest(self) -> None:
         self.bench.rest()
+
+
+def _settings(point: SetPoint) -> dict[str, Any]:
+    """A set-point as a proposal says it."""
+    return {
+        "axis": point.axis,
+        "configuration": point.configuration,
+        "mounting": point.mounting,
+        "angle_deg": point.theta_deg,
+        "frequency_hz": point.frequency_hz,
+        "amplitude_mm": point.amplitude_mm,
+        "dwell_s": point.duration_s,
+        "approach": point.approach,
+    }
 
 
 def plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> _Plan:

@@ -141,6 +141,7 @@ def test_a_dry_run_says_what_would_be_done_and_what_cannot(desk: Any, at_console
         await seat.until(lambda: seat.app._panes.campaign.file)
         await seat.press("2", "d")
         await seat.sees("6 runs in 2 mountings")
+        await seat.sees("rig time ")
         desk.campaign(("amplitude_mm = 5.0", "amplitude_mm = 50.0"))
         await seat.press("d")
         await seat.sees("exceeds its travel")

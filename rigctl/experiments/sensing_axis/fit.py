@@ -89,7 +89,18 @@ def fit_recording(model: RecordingModel) -> RecordingFit:
 
     Raises `ProcedureError` when the runs do not determine the parameters, naming them.
     """
-    measured, sigma = _measured(model)
+    return _fitted(model, *_measured(model))
+
+
+def forecast(model: RecordingModel) -> RecordingFit:
+    """The fit that runs like those of `model` would give if nature were as its parameters start: only its
+    covariance says something. Raises `ProcedureError` when such runs would not determine the parameters.
+    """
+    starts = np.array([parameter.start for parameter in model.parameters])
+    return _fitted(model, _observe(model.predict(starts)), _measured(model)[1])
+
+
+def _fitted(model: RecordingModel, measured: FloatArray, sigma: FloatArray) -> RecordingFit:
     free = np.isfinite(sigma)
 
     def residuals(values: FloatArray) -> FloatArray:
