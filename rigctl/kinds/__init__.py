@@ -55,6 +55,10 @@ class Plan(Protocol):
         """What it would do, beyond its runs: keys of `rigctl run --dry-run --json`, units in their names."""
         ...
 
+    def kept(self) -> Mapping[str, Any]:
+        """What the recording's header keeps of it beside the campaign file: keys of `Header.extra`."""
+        ...
+
 
 @dataclass(frozen=True)
 class Drawn:
@@ -105,6 +109,10 @@ def kind_of(experiment: str, path: Path | str = "") -> Kind:
         from rigctl.kinds import sensing_axis
 
         return sensing_axis
+    if experiment == "rotating-platform":
+        from rigctl.kinds import rotating_platform
+
+        return rotating_platform
     if experiment == "table":
         from rigctl.kinds import table
 

@@ -57,6 +57,9 @@ class _Plan:
             "theta0_sigma_arcsec": self.plan.targets.theta0_sigma_arcsec,
         }
 
+    def kept(self) -> Mapping[str, Any]:
+        return {}
+
 
 @dataclass(frozen=True)
 class _Work:
