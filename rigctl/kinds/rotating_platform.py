@@ -13,6 +13,7 @@ from rigctl import config
 from rigctl.campaign.bundle_layout import ROTATING_PLATFORM
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
 from rigctl.errors import ConfigError, DataError
+from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.interfaces import TimedRotationStage
 from rigctl.kinds import Drawn
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
-    from rigctl.workbench.study import Study
 
 Q_A, Q_B = "q_a_v", "q_b_v"
 
@@ -137,10 +137,9 @@ def channels(rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInf
     return found | {c.name: ChannelInfo(c.unit, "command", latency_s=c.latency_s) for c in commands}, {}
 
 
-def study(store: Store, plugins: Sequence[Plugin]) -> Study:
-    """There is no model of it yet: `DataError`."""
-    del plugins
-    raise DataError(f"{store.path}: there is no model for 'rotating-platform' recordings yet")
+def study(store: Store, plugins: Sequence[Plugin]) -> PlatformStudy:
+    """A store's modulated runs as the workbench sees them."""
+    return PlatformStudy(store, plugins)
 
 
 def result(bench: Workbench) -> dict[str, Any]:
