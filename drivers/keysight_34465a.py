@@ -230,8 +230,13 @@ class PacingVoltmeter(_Voltmeter):
     _overdue_s = math.inf
     """When the last reading must long be there."""
 
-    def start(self, samples: int, period_s: float) -> float:
-        """Start `samples` readings, `period_s` apart; returns the rig time of the trigger.
+    @property
+    def first_sample_after_s(self) -> float:
+        """From the trigger to the first reading, which is when its integration is over."""
+        return self.settings.aperture_s
+
+    def start(self, samples: int, period_s: float, at_s: float | None = None) -> float:
+        """Start `samples` readings, `period_s` apart; returns the rig time of the trigger, not before `at_s`.
 
         Records longer than the memory need `fetch` in time. `LimitError` for more than 1 000 000 samples, a
         period below the aperture, or one that is no whole number of the timer's 1 us steps.
@@ -247,6 +252,8 @@ class PacingVoltmeter(_Voltmeter):
         self._link.configure(
             f"SAMP:TIM {period_s:.6f}", f"SAMP:COUN {samples}", *self._transfer(), "TRIG:SOUR BUS", "INIT"
         )
+        if at_s is not None:
+            self._clock.sleep_s(max(at_s - self._clock.now_s(), 0.0))
         started_s = self._clock.now_s()
         self._overdue_s = started_s + samples * period_s + self.settings.aperture_s + self.settings.link_timeout_s
         self._initiate(samples, "*TRG")

@@ -253,6 +253,57 @@ class Thermometer(Instrument, Protocol):
 
 
 @dataclass(frozen=True)
+class Stimulus:
+    """`amplitude` cos(2 pi `frequency_hz` t + `phase_rad`), t = 0 at the perigee at which a session begins.
+
+    `drag-free`: the common acceleration that control is to make [m/s2]. `attitude`: an angle taken from what the star
+    tracker says [rad]. `masses`: the growth of the off-centring along the masses' own axis, half by each, and
+    `mass-1`, `mass-2`: the displacement of one [m].
+    """
+
+    target: Literal["none", "drag-free", "attitude", "masses", "mass-1", "mass-2"] = "none"
+    axis: Literal["x", "y", "z"] = "x"
+    amplitude: float = 0.0
+    frequency_hz: float = 0.0
+    phase_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class FlightSession:
+    """What a satellite is told to do; `hold` is what drag-free control keeps at rest: a mass, or the mean of both."""
+
+    duration_s: float
+    stimulus: Stimulus = Stimulus()
+    hold: Literal["both", "mass-1", "mass-2"] = "both"
+
+
+@runtime_checkable
+class DragFreeSatellite(Instrument, Protocol):
+    """A satellite with a differential accelerometer, by its ground segment."""
+
+    @property
+    def sample_period_s(self) -> float:
+        """Between two rows of telemetry."""
+        ...
+
+    def channels(self) -> tuple[Channel, ...]:
+        """The columns `fetch` delivers, in order; `t_s`, since perigee, is the first."""
+        ...
+
+    def check(self, session: FlightSession) -> None:
+        """`LimitError` for a session that is beyond the satellite's limits; sends nothing."""
+        ...
+
+    def begin(self, session: FlightSession) -> float:
+        """Have a session carried out from a perigee to come; returns the rig time of that. Ends the one before."""
+        ...
+
+    def fetch(self) -> FloatArray:
+        """The rows that came down since the last call, shape (n, channels), n may be 0; NaN where some are lost."""
+        ...
+
+
+@dataclass(frozen=True)
 class Waveform:
     """A voltage in time: `offset_v` + `amplitude_v` times a shape that runs from -1 to 1.
 

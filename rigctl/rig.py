@@ -23,7 +23,7 @@ from rigctl.clock import Clock, RealClock
 from rigctl.errors import ConfigError, RigError
 from rigctl.interfaces import Identity, Instrument
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
-from simulators.rig import LockedInstrument, SimulatedRig, Spec, TableError
+from simulators.rig import SATELLITE, LockedInstrument, SimulatedRig, Spec, TableError
 
 Build = Callable[[str, BaseModel, Connect, Clock], Instrument]
 
@@ -59,10 +59,14 @@ def _driver(kind: str, role: str) -> tuple[type[BaseModel], Build, dict[str, Any
         from drivers.keysight_33500b import Keysight33500B, SourceSettings
 
         return SourceSettings, cast(Build, Keysight33500B), {}
+    if kind == SATELLITE:
+        from drivers.drag_free_satellite import GroundSegment, SatelliteLimits
+
+        return SatelliteLimits, cast(Build, GroundSegment), {}
     raise ConfigError(f"unknown driver '{kind}'; there are {', '.join(DRIVERS)}")
 
 
-DRIVERS = (
+WIRED = (
     "newport-xps",
     "newport-esp301",
     "aerotech-ensemble",
@@ -71,6 +75,9 @@ DRIVERS = (
     "keysight-34465a",
     "keysight-33500b",
 )
+"""Instruments with a wire, or something that passes for one."""
+
+DRIVERS = (*WIRED, SATELLITE)
 
 ROLES: Mapping[str, tuple[str, ...]] = {
     "rotation": ("newport-xps", "newport-esp301"),
@@ -80,7 +87,8 @@ ROLES: Mapping[str, tuple[str, ...]] = {
     "voltmeter": ("keysight-34465a",),
     "thermometer": ("keysight-34465a",),
     "source": ("keysight-33500b",),
-    "spare": DRIVERS,
+    "satellite": (SATELLITE,),
+    "spare": WIRED,
 }
 
 
@@ -177,18 +185,31 @@ class Rig:
         return driver.build(name, driver.settings, self._connect(name, table), self.clock)
 
     def _connect(self, name: str, table: config.Instrument) -> Connect:
+        if table.driver == SATELLITE:
+            return self._ground_segment(name, table)
         if not table.simulated:
             try:
                 return connector(table.address, self.clock)
             except ConfigError as error:
                 raise ConfigError(f"{self.file.path}: instruments.{name}.address: {error}") from None
-        simulation = self.simulation
-        if simulation is None:
+        simulation = self._simulated(name)
+        endpoint = LockedInstrument(simulation.instruments[name], simulation.clock)
+        return lambda: InProcessTransport(f"{name} (simulated)", endpoint, simulation.clock)
+
+    def _ground_segment(self, name: str, table: config.Instrument) -> Connect:
+        if not table.simulated:
+            raise ConfigError(
+                f"{self.file.path}: instruments.{name}.address: no way to a satellite but 'sim:' is known; write that"
+            )
+        world = self._simulated(name).world
+        return cast(Connect, lambda: world)
+
+    def _simulated(self, name: str) -> SimulatedRig:
+        if self.simulation is None:
             raise ConfigError(
                 f"{self.file.path}: instruments.{name} is simulated but there is no [world] table; add it"
             )
-        endpoint = LockedInstrument(simulation.instruments[name], simulation.clock)
-        return lambda: InProcessTransport(f"{name} (simulated)", endpoint, simulation.clock)
+        return self.simulation
 
 
 def drivers_of(file: config.RigFile) -> dict[str, Driver]:

@@ -54,7 +54,7 @@ def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: P
         identities = rig.identities()
         with _store_to_oneself(store_path):
             _write_truth(rig_file, store_path)
-            header = _header(campaign, rig, options, _brought(campaign, plugins))
+            header = _header(campaign, plan, rig, options, _brought(campaign, plugins))
             with Store.create(store_path, header) as store:
                 for name, identity in identities.items():
                     store.set_identity(name, identity)
@@ -134,13 +134,14 @@ def _brought(campaign: config.CampaignFile, plugins: Sequence[Plugin]) -> Plugin
 def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile, plugins: Sequence[Path] = ()) -> dict[str, Any]:
     """What a campaign would do, checked against the rig's limits; nothing is connected, nothing moves."""
     plan = _plan(campaign, None, _loaded(plugins))
-    work = _work(plan, Rig(rig_file), campaign)
+    rig = Rig(rig_file)
+    _work(plan, rig, campaign)
     return {
         "experiment": campaign.experiment,
         "procedure": campaign.procedure.get("name", ""),
         "runs_planned": plan.runs,
         "effects": list(campaign.model.effects),
-        **work.told(),
+        **plan.told(rig),
     }
 
 
@@ -237,10 +238,10 @@ def _write_truth(rig_file: config.RigFile, store_path: Path) -> None:
 
 def header_of(campaign: config.CampaignFile, rig_file: config.RigFile) -> Header:
     """The header a store of this campaign would have, before anything is measured; nothing is connected."""
-    return _header(campaign, Rig(rig_file), Options(), {})
+    return _header(campaign, _plan(campaign, None, ()), Rig(rig_file), Options(), {})
 
 
-def _header(campaign: config.CampaignFile, rig: Rig, options: Options, plugins: Plugins) -> Header:
+def _header(campaign: config.CampaignFile, plan: Plan, rig: Rig, options: Options, plugins: Plugins) -> Header:
     file = rig.file
     channels, lasers = kind_of(campaign.experiment, campaign.path).channels(rig)
     return Header(
@@ -258,6 +259,7 @@ def _header(campaign: config.CampaignFile, rig: Rig, options: Options, plugins: 
         extra={
             "certificates": {k: c.model_dump(mode="json") for k, c in file.certificates.items()},
             "unattended": options.unattended,
+            **plan.kept(),
             **({PLUGINS: plugins} if plugins else {}),
         },
     )

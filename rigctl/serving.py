@@ -14,6 +14,7 @@ from rigctl.errors import ConfigError
 from rigctl.rig import build_simulation
 from simulators.clock import ScaledClock
 from simulators.operator_port import Done
+from simulators.rig import SATELLITE
 from simulators.serve import Address, Server
 
 SERIAL_KINDS: dict[str, int] = {"keyence-lkg3001": 115200, "newport-esp301": 921600}
@@ -25,6 +26,9 @@ class Served:
 
     def __init__(self, file: RigFile) -> None:
         self.file = file
+        for name, table in file.instruments.items():
+            if table.driver == SATELLITE:
+                raise ConfigError(f"{file.path}: instruments.{name}: a {SATELLITE} has no wire that could be served")
         clock = ScaledClock(file.rig.clock_speed)
         self.simulation = build_simulation(file, clock)
         self._server = Server(clock)

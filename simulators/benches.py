@@ -1,9 +1,11 @@
-"""The two benches there are: which world, and what its instruments are wired to."""
+"""The benches there are: which world, and what its instruments are wired to."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Protocol
+
+import numpy as np
 
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis
@@ -13,6 +15,8 @@ from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.platform_pendulum import INPUTS
 from simulators.worlds.platform_settings import PlatformSettings
 from simulators.worlds.rotating_platform import RotatingPlatform
+from simulators.worlds.satellite.settings import SatelliteSettings
+from simulators.worlds.satellite.world import Satellite
 
 
 class Bench(Protocol):
@@ -126,8 +130,44 @@ class PlatformBench:
                 raise ValueError(f"no such action: {dict(action)}; there are flip, room and run")
 
 
+class SatelliteBench:
+    """A satellite in orbit: nothing is wired to it, its ground segment talks with it."""
+
+    def __init__(self, nature: SatelliteSettings, clock: SimulationClock, pace: TriggerLine) -> None:
+        del pace
+        self.nature = nature
+        self.axes: Mapping[str, MotionAxis] = {}
+        self.inputs: Mapping[str, VoltageLine] = {}
+        self.sensors: Collection[str] = ()
+        self.heads: Collection[str] = ()
+        self.world = Satellite(nature, clock)
+        self.announce_run = self.world.announce_run
+
+    @property
+    def seed(self) -> int:
+        """What all its randomness follows from."""
+        return self.nature.seed
+
+    def volts(self, column: str) -> Signal:
+        """There are none."""
+        raise ValueError(f"no cable leads to a satellite; nothing to measure '{column}' on")
+
+    def displacement_mm(self, head: str) -> Signal:
+        """There are none."""
+        raise ValueError(f"no laser head '{head}' looks at a satellite")
+
+    def temperature_c(self, times_s: FloatArray) -> FloatArray:
+        """What a thermometer would feel in a room that has none."""
+        return np.full_like(times_s, np.nan)
+
+    def operate(self, action: Mapping[str, Any]) -> float:
+        """No hand reaches it."""
+        raise ValueError(f"no such action: {dict(action)}; there is run")
+
+
 BENCHES: Mapping[str, tuple[type[Any], Callable[[Any, SimulationClock, TriggerLine], Bench]]] = {
     "sensing-axis": (BenchSettings, SensingAxisBench),
     "rotating-platform": (PlatformSettings, PlatformBench),
+    "drag-free-satellite": (SatelliteSettings, SatelliteBench),
 }
 """Settings and bench by `[world] kind`."""

@@ -20,6 +20,10 @@ from simulators.motion import MotionAxis
 from simulators.newport_esp301 import Esp301SimulatorSettings, SimulatedEsp301
 from simulators.newport_xps import SimulatedXps, XpsSimulatorSettings
 from simulators.wiring import Connection, FloatArray, Signal, SimulatedInstrument, TriggerLine
+from simulators.worlds.satellite.world import Satellite
+
+SATELLITE = "drag-free-satellite"
+"""An instrument without a wire: it is its world, and its driver talks with that."""
 
 GENERATOR_OUTPUTS = {"dm1_y_v": 1, "dm1_z_v": 2}
 """What a generator drives unless the rig file says otherwise."""
@@ -90,7 +94,10 @@ class SimulatedRig:
         self._pace = TriggerLine()
         self.bench = _bench(world, clock, self._pace)
         self._meters: list[Simulated34465A] = []
-        self.instruments = {name: self._build(name, spec) for name, spec in specs.items()}
+        wired = {name: spec for name, spec in specs.items() if spec.kind != SATELLITE}
+        if len(wired) < len(specs) and not isinstance(self.world, Satellite):
+            raise ValueError(f'a {SATELLITE} needs a world of its own; write world.kind = "{SATELLITE}"')
+        self.instruments = {name: self._build(name, spec) for name, spec in wired.items()}
 
     @property
     def nature(self) -> Any:

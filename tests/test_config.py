@@ -62,8 +62,8 @@ def changed(data: dict[str, Any], *keys: str, **entries: Any) -> str:
 def test_every_shipped_campaign_can_be_run_on_its_rig(name: str) -> None:
     campaign = config.read_campaign(CAMPAIGNS / name)
     plan = runner.dry_run(campaign, config.read_rig(campaign.rig_path))
-    assert plan["experiment"] == "sensing-axis"
-    assert plan["runs_planned"] >= len(plan["mountings"]) >= 1
+    assert plan["experiment"] == campaign.experiment
+    assert plan["runs_planned"] >= max(1, len(plan.get("mountings", ())))
 
 
 def test_every_shipped_rig_can_be_built() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rigctl import config, runner
-from rigctl.kinds.sensing_axis import bench_of, plan_of
+from rigctl.kinds.sensing_axis import bench_of, plan_of, theta0_sigma_arcsec
 from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parent.parent / "campaigns"
@@ -61,9 +61,7 @@ def test_the_durations_planned_for_a_null_search_reach_its_target(target_arcsec:
     }
     listed = plan_of(campaign.model_copy(update={"procedure": as_list, "targets": {}}))
     assert len(listed.points) == len(first)
-    from rigctl.kinds.sensing_axis import _Work
-
-    sigma = _Work(bench, replace(listed, effects=plan.effects))._theta0_sigma_arcsec()
+    sigma = theta0_sigma_arcsec(bench, replace(listed, effects=plan.effects))
     assert sigma is not None
     assert sigma <= target_arcsec
     assert sigma == pytest.approx(target_arcsec, rel=0.15)

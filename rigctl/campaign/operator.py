@@ -15,6 +15,13 @@ from rigctl.errors import Aborted, ProcedureError
 HEED_S = 0.1
 """How often a question looks up whether the campaign is being aborted (wall-clock)."""
 
+FLIPS = {
+    1: "Turn both sensors so that +g acts along them (arrow up), and bypass their amplifiers",
+    -1: "Turn both sensors so that -g acts along them (arrow down), and bypass their amplifiers",
+    0: "Put both sensors back on the platform, and their amplifiers back in",
+}
+"""What the person is asked to do, by the sign of g."""
+
 
 @dataclass(frozen=True)
 class Levelled:
@@ -40,7 +47,7 @@ class OperatorLink(Protocol):
     """The hands of a simulated rig: what a person would do, done by the world. Nobody measures through it."""
 
     def request(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Do `{"remount": {...}}`, `{"level": true}`, `{"room": {...}}` or `{"run": n}`; returns when it is done."""
+        """Do `{"remount": {...}}`, `{"level": true}`, `{"room": {...}}`, `{"flip": 1}` or `{"run": n}`."""
         ...
 
 
@@ -63,6 +70,10 @@ class Operator(Protocol):
 
     def bring_room_to(self, temperature_c: float) -> None:
         """Have the room, and all in it, at a temperature [degC]."""
+        ...
+
+    def flip(self, g_sign: int) -> None:
+        """Turn the sensors so that +g or -g acts along them, amplifiers bypassed; 0: back as they were."""
         ...
 
     def accept(self, question: str) -> bool:
@@ -101,6 +112,10 @@ class SimulatedOperator:
     def bring_room_to(self, temperature_c: float) -> None:
         """Set the air conditioning and wait until all has followed."""
         self._act({"room": {"temperature_c": temperature_c}})
+
+    def flip(self, g_sign: int) -> None:
+        """Turn the sensors over, or put them back."""
+        self._act({"flip": g_sign})
 
     def accept(self, question: str) -> bool:  # noqa: ARG002
         """Never accepts a bad start: an unattended campaign should stop rather than waste a night."""
@@ -180,6 +195,11 @@ class TerminalOperator:
         """Ask for another room temperature and wait for the confirmation."""
         self._confirm(f"Bring the room to {temperature_c:g} degC and wait until the bench has followed")
         self._hands.bring_room_to(temperature_c)
+
+    def flip(self, g_sign: int) -> None:
+        """Ask for the sensors to be turned over, or put back, and wait for the confirmation."""
+        self._confirm(FLIPS[g_sign])
+        self._hands.flip(g_sign)
 
     def accept(self, question: str) -> bool:
         """Yes or no."""

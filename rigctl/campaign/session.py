@@ -57,6 +57,10 @@ class Session:
         finally:
             self._steps.pop()
 
+    def tell(self, what: str) -> None:
+        """How far a long step is, for whoever watches."""
+        self._progress.at(" / ".join([*self._steps, what]))
+
     def plan(self, runs: int) -> None:
         """Tell how many runs the procedure expects in all, for the progress and its ETA."""
         self._progress.plan(runs)

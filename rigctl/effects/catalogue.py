@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import importlib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -15,15 +15,19 @@ from rigctl.errors import ConfigError, DataError, RigError
 
 FloatArray = NDArray[np.float64]
 
-Scope = Literal["recording", "axis", "axis-configuration", "head"]
-"""How many values a parameter has: one for the recording, one per axis, per axis in a configuration, per head."""
+Scope = Literal["recording", "axis", "axis-configuration", "head", "channel"]
+"""How many values a parameter has: one for the recording, one per axis, per axis in a configuration, per head, per
+channel of the rotating platform."""
 
 SCOPES: tuple[str, ...] = get_args(Scope)
 
 Need = Literal["temperature", "approach", "time"]
 """A condition without which an effect cannot be asked about."""
 
-_MODULES = {"sensing-axis": "rigctl.effects.sensing_axis"}
+_MODULES = {
+    "sensing-axis": "rigctl.effects.sensing_axis",
+    "rotating-platform": "rigctl.effects.rotating_platform",
+}
 
 POINTS: Mapping[str, tuple[str, ...]] = {
     "sensing-axis": (
@@ -34,12 +38,14 @@ POINTS: Mapping[str, tuple[str, ...]] = {
         "sensor_output_v",
         "laser_m",
     ),
+    "rotating-platform": ("platform_angle_rad", "force_m_s2", "reading_m_s2"),
     "table": ("response",),
 }
 """Where an effect may act, by experiment, in the order in which a signal passes.
 
 Sensing axis: `motion_m` and `angle_rad` are those of sensor and cube alike; `null_rad` is theta0, which only the
 sensor has; `specific_force_m_s2` is what varies along the sensing axis, `laser_m` what one head reads of the motion.
+Rotating platform: `force_m_s2` acts along a sensing axis, `reading_m_s2` is the calibrated reading, bias included.
 """
 
 
@@ -49,8 +55,9 @@ class Effect:
 
     `function(run, **parameters)` returns what is added at `on`, in SI, shaped like `run.signal`, and zero when all
     parameters are zero. `parameters` gives the units, `typical` plausible sizes. An effect of scope "head" acts on
-    `heads`, on all that it can act on when there are none named. A `scanned` effect is found in the samples: it
-    changes none of the reduced data and has no parameters in a fit.
+    `heads`, on all that it can act on when there are none named. `scans` are values that parameters without a zero (a
+    time constant) are tried at before they are fitted, one for the recording. A `scanned` effect is found in the
+    samples: it changes none of the reduced data and has no parameters in a fit.
     """
 
     id: str
@@ -63,6 +70,7 @@ class Effect:
     needs: tuple[Need, ...] = ()
     scanned: bool = False
     heads: tuple[str, ...] = ()
+    scans: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     @property
     def summary(self) -> str:
@@ -94,11 +102,23 @@ def effect(
     scope: Scope = "recording",
     needs: Sequence[Need] = (),
     scanned: bool = False,
+    scans: Mapping[str, tuple[float, ...]] | None = None,
 ) -> Callable[[Callable[..., Any]], Effect]:
     """Make a function the effect `id`, acting at the point `on` of the chain."""
 
     def made(function: Callable[..., Any]) -> Effect:
-        return Effect(id, on, dict(parameters), dict(typical), source, scope, function, tuple(needs), scanned)
+        return Effect(
+            id,
+            on,
+            dict(parameters),
+            dict(typical),
+            source,
+            scope,
+            function,
+            tuple(needs),
+            scanned,
+            scans=dict(scans or {}),
+        )
 
     return made
 

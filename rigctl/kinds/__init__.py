@@ -34,10 +34,6 @@ class Work(Protocol):
         """Carry it out; everything it finds is in the session's store. May be called for a half-done one."""
         ...
 
-    def told(self) -> Mapping[str, Any]:
-        """What it would do, beyond its runs: keys of `rigctl run --dry-run --json`, units in their names."""
-        ...
-
     def rest(self) -> None:
         """Bring what moves to rest, at a pause; nothing where nothing moves."""
         ...
@@ -53,6 +49,14 @@ class Plan(Protocol):
 
     def on(self, rig: Rig) -> Work:
         """With the instruments of `rig`, opened or not; `ConfigError` or `LimitError` for what it cannot do."""
+        ...
+
+    def told(self, rig: Rig) -> Mapping[str, Any]:
+        """What it would do with a rig: keys of `rigctl run --dry-run --json` beyond those of every plan."""
+        ...
+
+    def kept(self) -> Mapping[str, Any]:
+        """What the recording's header keeps of it beside the campaign file: keys of `Header.extra`."""
         ...
 
 
@@ -105,6 +109,10 @@ def kind_of(experiment: str, path: Path | str = "") -> Kind:
         from rigctl.kinds import sensing_axis
 
         return sensing_axis
+    if experiment == "rotating-platform":
+        from rigctl.kinds import rotating_platform
+
+        return rotating_platform
     if experiment == "table":
         from rigctl.kinds import table
 

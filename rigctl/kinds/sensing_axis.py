@@ -60,6 +60,24 @@ class _Plan:
         self.plan.check(bench)
         return _Work(bench, self.plan)
 
+    def told(self, rig: Rig) -> Mapping[str, Any]:
+        bench, points = bench_of(rig), self.plan.points
+        noise_check_s = self.plan.procedure.noise_check_s if self.plan.procedure.name in NULL_SEARCHES else 0.0
+        return {
+            "mountings": [mounting.key for mounting in self.plan.mountings],
+            "theta0_sigma_arcsec": self._theta0_sigma_arcsec(bench),
+            "rig_time_s": round(noise_check_s + sum(point.duration_s + OVERHEAD_S for point in points)),
+        }
+
+    def _theta0_sigma_arcsec(self, bench: Bench) -> float | None:
+        """What a null search goes on to; of other procedures the worst of all mountings; None: not determined."""
+        if self.plan.procedure.name in NULL_SEARCHES:
+            return self.plan.targets.theta0_sigma_arcsec
+        return theta0_sigma_arcsec(bench, self.plan)
+
+    def kept(self) -> Mapping[str, Any]:
+        return {}
+
 
 @dataclass(frozen=True)
 class _Work:
@@ -71,31 +89,22 @@ class _Work:
     def run(self, session: Session) -> None:
         sensing_axes.run(session, self.bench, self.plan)
 
-    def told(self) -> Mapping[str, Any]:
-        plan, points = self.plan, self.plan.points
-        noise_check_s = plan.procedure.noise_check_s if plan.procedure.name in NULL_SEARCHES else 0.0
-        rig_time_s = noise_check_s + sum(point.duration_s + OVERHEAD_S for point in points)
-        return {
-            "mountings": [mounting.key for mounting in plan.mountings],
-            "theta0_sigma_arcsec": self._theta0_sigma_arcsec(),
-            "rig_time_s": round(rig_time_s),
-        }
-
-    def _theta0_sigma_arcsec(self) -> float | None:
-        """What a null search goes on to; of other procedures the worst of all mountings; None: not determined."""
-        plan, bench = self.plan, self.bench
-        if plan.procedure.name in NULL_SEARCHES:
-            return plan.targets.theta0_sigma_arcsec
-        limits = Limits(bench.package, bench.heads, bench.readout.channels()[0].full_scale, known=True)
-        runs = imagined([Proposal(_settings(point)) for point in plan.points], (), limits)
-        try:
-            fit = forecast(RecordingModel(runs, bench.package, bench.heads, bench.g_m_s2, plan.effects))
-        except (ProcedureError, DataError):
-            return None
-        return float(f"{max(null.theta0_sigma_rad for null in fit.nulls()) / ARCSEC:.3g}")
-
     def rest(self) -> None:
         self.bench.rest()
+
+
+def theta0_sigma_arcsec(bench: Bench, plan: sensing_axes.Plan) -> float | None:
+    """What the runs of a plan would tell of the nulls, the worst of all mountings; None: not determined.
+
+    In noise as it is assumed before anything is measured.
+    """
+    limits = Limits(bench.package, bench.heads, bench.readout.channels()[0].full_scale, known=True)
+    runs = imagined([Proposal(_settings(point)) for point in plan.points], (), limits)
+    try:
+        fit = forecast(RecordingModel(runs, bench.package, bench.heads, bench.g_m_s2, plan.effects))
+    except (ProcedureError, DataError):
+        return None
+    return float(f"{max(null.theta0_sigma_rad for null in fit.nulls()) / ARCSEC:.3g}")
 
 
 def _settings(point: SetPoint) -> dict[str, Any]:

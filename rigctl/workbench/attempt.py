@@ -57,7 +57,7 @@ class Attempt:
         given = self.model.observations
         if not len(given.value):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
-        self.noise = Noise(given.sigma, np.full(len(given.value), np.inf), (), ())
+        self.noise = Noise(given.sigma, np.full(len(given.value), np.inf), given.factors, ())
         self.held = self._absorbed()
         self.result = self._fit()
         self.candidates, self.not_testable = self._candidates()

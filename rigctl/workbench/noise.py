@@ -147,7 +147,7 @@ class NoiseEstimator:
         known = np.isfinite(dof) & (dof > 4.0)
         # A sigma from few degrees of freedom understates: Student's t has the variance nu / (nu - 2).
         sigma[known] *= np.sqrt(dof[known] / (dof[known] - 2.0))
-        factors: list[tuple[IntArray, FloatArray]] = []
+        factors = list(self._given.factors)
         correlations = []
         for pool in self._pools:
             scale, found = pool.estimate(residuals[pool.where] / self._given.sigma[pool.where])

@@ -57,7 +57,8 @@ class Observations:
     recording's own extra columns. One of words has its `levels`, and its values are places among these. `block_of`
     (runs,) numbers the blocks that are held out together: mountings, else stretches of time. `angle` and `frequency`
     name the covariates, in degrees and hertz, in which the experiment's signals are periodic or go as powers; None
-    when it has none.
+    when it has none. `factors` are Cholesky factors of correlations that are known beforehand: which data (k,), and
+    the lower triangle (k, k), its rows of unit length.
     """
 
     run_ids: tuple[str, ...]
@@ -74,6 +75,7 @@ class Observations:
     angle: str | None = None
     frequency: str | None = None
     levels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    factors: tuple[tuple[IntArray, FloatArray], ...] = ()
 
     def of_runs(self, name: str) -> FloatArray:
         """A covariate at every datum, shape (n,)."""

@@ -19,6 +19,7 @@ class Scope(Enum):
     AXIS_CONFIGURATION = "[AXIS,CONFIGURATION]"
     HEAD = "[HEAD]"
     CHANNEL = "[CHANNEL]"
+    MASS = "[MASS]"
 
 
 @dataclass(frozen=True)

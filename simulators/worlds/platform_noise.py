@@ -73,7 +73,9 @@ class Shape:
 @lru_cache(maxsize=32)
 def shape(density: PowerLaw | RisingNoise, rate_hz: float) -> Shape:
     """The filter of a density at a sampling rate."""
-    poles, zeros, gain = _power_law(density, rate_hz) if isinstance(density, PowerLaw) else _rising(density, rate_hz)
+    poles, zeros, gain = (
+        power_law_filter(density, rate_hz) if isinstance(density, PowerLaw) else _rising(density, rate_hz)
+    )
     # Slow with fast: 1 - p1 - p2 + p1 p2 of two slow ones would drown in rounding.
     pairs = [(i, len(poles) - 1 - i) for i in range(len(poles) // 2)]
     sections = np.array(
@@ -124,7 +126,7 @@ class NoiseStream:
         return np.asarray(noise, dtype=np.float64)
 
 
-def _power_law(density: PowerLaw, rate_hz: float) -> tuple[list[float], list[float], float]:
+def power_law_filter(density: PowerLaw, rate_hz: float) -> tuple[list[float], list[float], float]:
     """Poles and zeros in z, slowest first, and the gain of the power.
 
     In y = sin^2(pi f / rate) a first-order section is |1 - p/z|^2 = 4 p (y + c) with c = (1 - p)^2 / 4 p.

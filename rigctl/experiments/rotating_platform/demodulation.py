@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from rigctl.errors import DataError
-from rigctl.experiments.rotating_platform.dwell_sums import line_sums, row_sums
+from rigctl.experiments.rotating_platform.dwell_sums import dwell_sums, line_sums
 from rigctl.experiments.rotating_platform.patterns import SampledPattern
 from rigctl.interfaces import FloatArray
 
@@ -71,7 +70,6 @@ class Demodulator:
     def __init__(self, sampled: SampledPattern, channels: int, *, full_scale: float | None = None) -> None:
         self._sampled, self._channels = sampled, channels
         self._full_scale = np.inf if full_scale is None else full_scale
-        self._blas = ThreadpoolController()
         self._at, self._open = 0, PeriodSums.zeros(1, channels)
 
     @property
@@ -93,19 +91,18 @@ class Demodulator:
         if off_stop is not None and not off_stop.any():
             off_stop = None
         length, q, at, done = rows[0].size, self._sampled.samples, 0, [PeriodSums.zeros(0, self._channels)]
-        with self._blas.limit(limits=1, user_api="blas"), np.errstate(invalid="ignore", over="ignore"):
-            while at < length:
-                whole = min((length - at) // q, _AT_ONCE // q + 1)
-                if self._at or sign is not None or off_stop is not None:
-                    whole = 0
-                part = slice(at, at + whole * q if whole else min(length, at + q - self._at))
-                these = [np.ascontiguousarray(row[part], dtype=np.float64) for row in rows]
-                if whole:
-                    done.append(self._whole_periods(these, whole))
-                else:
-                    recorded = None if sign is None else sign[part]
-                    done += self._part_of_period(these, recorded, None if off_stop is None else off_stop[part])
-                at = part.stop
+        while at < length:
+            whole = min((length - at) // q, _AT_ONCE // q + 1)
+            if self._at or sign is not None or off_stop is not None:
+                whole = 0
+            part = slice(at, at + whole * q if whole else min(length, at + q - self._at))
+            these = [np.ascontiguousarray(row[part], dtype=np.float64) for row in rows]
+            if whole:
+                done.append(self._whole_periods(these, whole))
+            else:
+                recorded = None if sign is None else sign[part]
+                done += self._part_of_period(these, recorded, None if off_stop is None else off_stop[part])
+            at = part.stop
         return PeriodSums.joined(done)
 
     def skip(self, samples: int) -> PeriodSums:
@@ -127,13 +124,14 @@ class Demodulator:
         found = PeriodSums.zeros(periods, self._channels)
         segments = self._sampled.segments
         for channel, row in enumerate(rows):
-            table, values = row.reshape(periods, -1), found.values[:, channel]
+            values = found.values[:, channel]
             faulty = np.zeros(periods, dtype=np.bool_)
             for sign, start, stop in segments:
-                level, ramp, unusable = row_sums(table[:, start:stop], self._full_scale)
+                level, ramp, unusable = dwell_sums(row, start, stop, self._sampled.samples, self._full_scale)
                 values[:, _row(sign)] += self._dwell_sums(start, stop - start, level, ramp)
                 faulty |= unusable
             values[faulty] = 0.0
+            table = row.reshape(periods, -1)
             for i in np.flatnonzero(faulty).tolist():
                 self._add_usable(table[i], 0, segments, None, values[i], found.faults[i, channel])
         return found

@@ -1,7 +1,7 @@
-"""Sum and first moment of stretches of samples, in one pass over the memory.
+"""Sum and first moment of dwells, in one pass over the memory: compiled, since numpy would need three.
 
-Both are products with a row, of ones and of a ramp, taken piece by piece: the second finds the piece in the cache.
-Thin products are slower on several threads: callers keep them on one.
+The sums are made in pieces, each with a ramp of its own: short partial sums round less. Their order within a piece is
+the compiler's, several lanes at once.
 """
 
 from __future__ import annotations
@@ -10,77 +10,69 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from rigctl.interfaces import FloatArray
 
 BoolArray = NDArray[np.bool_]
 
-# Pieces of a megabyte; long stretches are folded, since one product of many rows is faster than that of a single.
-_PIECE, _LONGEST, _FOLD, _WORTH_FOLDING = 2**17, 2**17, 2**11, 2**14
-_SETTLED_BY_SQUARES, _SURELY = 2**13, 1.0 - 1e-6
-_ONES, _RAMP = np.ones(_LONGEST), np.arange(_LONGEST, dtype=np.float64)
+_PIECE = 1024
 
 
-class RowSums(NamedTuple):
-    """Per row, shape (rows,): sum of the samples, sum of index times sample, and whether one of them is unusable."""
+class DwellSums(NamedTuple):
+    """Per period, shape (periods,): sum of a dwell's samples, sum of index times sample, whether one is unusable.
+
+    The index counts from the dwell's first sample.
+    """
 
     level: FloatArray
     ramp: FloatArray
     faulty: BoolArray
 
 
-def row_sums(rows: FloatArray, full_scale: float = np.inf) -> RowSums:
-    """The sums of `rows`, shape (rows, samples), each contiguous in memory.
+# Without "nnan" and "ninf": a sample that is no number has to make the sum none.
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def line_sums(line: FloatArray, full_scale: float) -> tuple[float, float, bool]:
+    """The sums of one stretch of samples, shape (samples,), contiguous.
 
-    A row is faulty when a sample is not finite or its magnitude reaches `full_scale`; its sums mean nothing then.
+    It is faulty when a sample is not finite or its magnitude reaches `full_scale`; its sums mean nothing then.
     """
-    count, length = rows.shape
-    level, ramp, faulty = np.empty(count), np.empty(count), np.zeros(count, dtype=np.bool_)
-    if length > _LONGEST:
-        for i, row in enumerate(rows):
-            level[i], ramp[i], faulty[i] = line_sums(row, full_scale)
-        return RowSums(level, ramp, faulty)
-    step = max(1, _PIECE // max(1, length))
-    for i in range(0, count, step):
-        part, these = rows[i : i + step], slice(i, i + step)
-        np.matmul(part, _ONES[:length], out=level[these])
-        np.matmul(part, _RAMP[:length], out=ramp[these])
-        if full_scale < np.inf and not _within(part, level[these], full_scale):
-            faulty[these] = ~(np.abs(part).max(axis=1) < full_scale)
-    return RowSums(level, ramp, faulty | ~np.isfinite(level))
+    level = ramp = 0.0
+    over = 0
+    for at in range(0, line.size, _PIECE):
+        piece = line[at : at + _PIECE]
+        of_piece = ramp_of_piece = index = 0.0
+        for i in range(piece.size):
+            sample = piece[i]
+            of_piece += sample
+            ramp_of_piece += index * sample
+            index += 1.0
+            over += abs(sample) >= full_scale
+        level += of_piece
+        ramp += ramp_of_piece + at * of_piece
+    return level, ramp, over > 0 or not math.isfinite(level)
 
 
-def line_sums(row: FloatArray, full_scale: float = np.inf) -> tuple[float, float, bool]:
-    """The same of a single row, shape (samples,): as it comes in pieces, many of them short."""
-    if row.size >= _WORTH_FOLDING:
-        return _folded(row, full_scale)
-    level, ramp = float(row @ _ONES[: row.size]), float(row @ _RAMP[: row.size])
-    faulty = not math.isfinite(level)
-    if not faulty and full_scale < math.inf and row.size:
-        faulty = not (row.max() < full_scale and row.min() > -full_scale)
-    return level, ramp, faulty
+@njit(cache=True, nogil=True, error_model="numpy")
+def _of_periods(
+    line: FloatArray,
+    start: int,
+    stop: int,
+    period: int,
+    full_scale: float,
+    level: FloatArray,
+    ramp: FloatArray,
+    faulty: BoolArray,
+) -> None:
+    for i in range(level.size):
+        first = i * period
+        level[i], ramp[i], faulty[i] = line_sums(line[first + start : first + stop], full_scale)
 
 
-def _folded(row: FloatArray, full_scale: float) -> tuple[float, float, bool]:
-    """A long row as many short ones."""
-    folds = row.size // _FOLD
-    short = row_sums(row[: folds * _FOLD].reshape(folds, _FOLD), full_scale)
-    level, ramp, faulty = line_sums(row[folds * _FOLD :], full_scale)
-    ramp += float(short.ramp.sum()) + _FOLD * (float(np.arange(folds) @ short.level) + folds * level)
-    return level + float(short.level.sum()), ramp, faulty or bool(short.faulty.any())
-
-
-def _within(rows: FloatArray, level: FloatArray, full_scale: float) -> bool:
-    """Whether all samples of rows with the sums `level` stay below full scale; no for NaN.
-
-    None is farther from the mean of its row than the root of the sum of squares about it: one more product of short
-    rows mostly settles it, where the extremes would take two slower passes.
-    """
-    length = rows.shape[1]
-    if length <= _SETTLED_BY_SQUARES:
-        mean = level / max(1, length)
-        farthest = np.abs(mean) + np.sqrt(np.maximum(np.vecdot(rows, rows) - mean * level, 0.0))
-        if (farthest < _SURELY * full_scale).all():
-            return True
-    return bool(length == 0 or (rows.max() < full_scale and rows.min() > -full_scale))
+def dwell_sums(line: FloatArray, start: int, stop: int, period: int, full_scale: float = np.inf) -> DwellSums:
+    """The sums of samples `start` to `stop` of each whole `period` of `line`, shape (samples,), contiguous."""
+    periods = line.size // period
+    found = DwellSums(np.empty(periods), np.empty(periods), np.empty(periods, dtype=np.bool_))
+    _of_periods(line, start, stop, period, full_scale, *found)
+    return found

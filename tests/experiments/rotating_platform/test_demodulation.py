@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from rigctl.errors import DataError
 from rigctl.experiments.rotating_platform.demodulation import FAULTS, Demodulator, PeriodSums, sums_of
-from rigctl.experiments.rotating_platform.dwell_sums import line_sums, row_sums
+from rigctl.experiments.rotating_platform.dwell_sums import dwell_sums, line_sums
 from rigctl.experiments.rotating_platform.estimates import estimates
 from rigctl.experiments.rotating_platform.estimators import ESTIMATORS, OUTPUTS, weights
 from rigctl.experiments.rotating_platform.patterns import ROTATIONS, custom_pattern, named_pattern
@@ -71,7 +71,7 @@ def test_how_a_recording_is_cut_does_not_matter(name, cuts, lost, clipped, off, 
 @pytest.mark.parametrize("length", [1, 5, 4095, 4096, 2**16 + 3, 2**17, 2**17 + 1, 2**18 + 4097])
 def test_rows_short_and_long_have_their_sums(length):
     rows = np.random.default_rng(1).normal(size=(3, length)) + 0.5
-    found = row_sums(rows, 10.0)
+    found = dwell_sums(rows.ravel(), 0, length, length, 10.0)
     index = np.arange(length)
     assert found.level == pytest.approx(rows.sum(axis=1), rel=1e-11, abs=1e-9)
     assert found.ramp == pytest.approx(rows @ index, rel=1e-9, abs=1e-6)
@@ -84,15 +84,22 @@ def test_rows_short_and_long_have_their_sums(length):
 def test_a_row_with_an_unusable_sample_says_so(length, unusable):
     rows = np.zeros((3, length))
     rows[1, length // 2] = rows[2, -1] = unusable
-    with np.errstate(invalid="ignore", over="ignore"):
-        assert row_sums(rows, 3.0).faulty.tolist() == [False, True, True]
-        assert [line_sums(row, 3.0)[2] for row in rows] == [False, True, True]
+    assert dwell_sums(rows.ravel(), 0, length, length, 3.0).faulty.tolist() == [False, True, True]
+    assert [line_sums(row, 3.0)[2] for row in rows] == [False, True, True]
 
 
 def test_saturation_is_not_hidden_by_a_gap_in_another_period():
     rows = np.zeros((4, 100))
     rows[0, 0], rows[3, 50] = np.nan, 10.0
-    assert row_sums(rows, 10.0).faulty.tolist() == [True, False, False, True]
+    assert dwell_sums(rows.ravel(), 0, 100, 100, 10.0).faulty.tolist() == [True, False, False, True]
+
+
+def test_a_dwell_is_a_part_of_its_period():
+    samples = np.random.default_rng(2).normal(size=5 * 3000 + 17)
+    found = dwell_sums(samples, 700, 2900, 3000)
+    rows = samples[:15000].reshape(5, 3000)[:, 700:2900]
+    assert found.level == pytest.approx(rows.sum(axis=1), abs=1e-10)
+    assert found.ramp == pytest.approx(rows @ np.arange(2200), abs=1e-7)
 
 
 def test_a_period_with_faults_is_refitted_to_what_is_left_and_counted():

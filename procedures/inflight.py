@@ -1,0 +1,216 @@
+"""In-flight calibration of a differential accelerometer: ten sessions of an inertially pointed, drag-free satellite.
+
+The sessions are those of Hardy et al., "Validation of the in-flight calibration procedures for the MICROSCOPE space
+mission" (arXiv 1707.07630). Each looks at one parameter; k2c takes two runs, one for each mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from rigctl.campaign.run_writer import RunWriter
+from rigctl.campaign.session import Session
+from rigctl.errors import ConfigError, LimitError
+from rigctl.experiments.sensing_axis.package import Table
+from rigctl.interfaces import Channel, DragFreeSatellite, FlightSession, FloatArray, Stimulus
+
+SessionName = Literal["dx", "dz", "dx+dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2"]
+TEN: tuple[SessionName, ...] = ("dx", "dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2")
+
+Positive = Annotated[float, Field(gt=0)]
+
+TEN_ORBITS_S = 59500.0
+LINE_WIDTHS = 1.5
+"""A stimulus is at least so many inverse durations away from a line of the orbit."""
+ORBITAL_LINES = 12
+
+_UNITS = {"drag-free": "m/s2", "attitude": "rad", "none": ""}
+
+
+class Calibration(Table):
+    """The `[procedure]` table of a calibration: `cycles_*` are periods of a stimulus in ten orbits."""
+
+    name: Literal["calibration", "monte-carlo"] = "calibration"
+    sessions: tuple[SessionName, ...] = Field(default=TEN, min_length=1)
+    orbits: Positive = 10.0
+    orbits_ac12: Positive = 40.0
+    common_m_s2: Positive = 5e-8
+    common_hz: Positive = 73 / TEN_ORBITS_S
+    turn_rad: Positive = 1e-2
+    turn_hz: Positive = 73 / TEN_ORBITS_S
+    displacement_m: Positive = 9e-6
+    displacement_hz: Positive = 183 / TEN_ORBITS_S
+    quadratic_m: Positive = 9e-6
+    quadratic_hz: Positive = 535 / TEN_ORBITS_S
+    phase_rad: float = 0.0
+
+    @field_validator("sessions")
+    @classmethod
+    def _no_repeats(cls, values: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(values)) < len(values):
+            raise ValueError("has the same session twice")
+        return values
+
+    def orbits_of(self, name: str) -> float:
+        """How long a session is."""
+        return self.orbits_ac12 if name == "ac12" else self.orbits
+
+    def stimulus(self, name: str) -> Stimulus:
+        """What a session injects."""
+        if name in {"dx", "dz", "dx+dz"}:
+            return Stimulus()
+        if name == "dy":
+            return Stimulus("attitude", "z", self.turn_rad, self.turn_hz, self.phase_rad)
+        if name in {"ac12", "ac13"}:
+            axis: Literal["y", "z"] = "y" if name == "ac12" else "z"
+            return Stimulus("masses", axis, self.displacement_m, self.displacement_hz, self.phase_rad)
+        if name in {"k2c_1", "k2c_2"}:
+            mass: Literal["mass-1", "mass-2"] = "mass-1" if name == "k2c_1" else "mass-2"
+            return Stimulus(mass, "x", self.quadratic_m, self.quadratic_hz, self.phase_rad)
+        along: dict[str, Literal["x", "y", "z"]] = {"ad11": "x", "ad12": "y", "ad13": "z", "k2d": "x"}
+        return Stimulus("drag-free", along[name], self.common_m_s2, self.common_hz, self.phase_rad)
+
+    def session(self, name: str, orbit_period_s: float) -> FlightSession:
+        """A session as the satellite is told it; the mass that moves is not the one that control holds at rest."""
+        hold: Literal["both", "mass-1", "mass-2"] = "both"
+        if name == "k2c_1":
+            hold = "mass-2"
+        elif name == "k2c_2":
+            hold = "mass-1"
+        return FlightSession(self.orbits_of(name) * orbit_period_s, self.stimulus(name), hold)
+
+    def conditions(self, name: str, sample_period_s: float) -> dict[str, Any]:
+        """What a run's row in runs.csv says, as far as it is known before."""
+        stimulus = self.stimulus(name)
+        told: dict[str, Any] = {
+            "session": name,
+            "orbits": self.orbits_of(name),
+            "sample_period_s": sample_period_s,
+        }
+        if stimulus.target == "none":
+            return told
+        return {
+            **told,
+            "calibration_frequency_hz": stimulus.frequency_hz,
+            "amplitude": stimulus.amplitude,
+            "amplitude_unit": _UNITS.get(stimulus.target, "m"),
+            "phase_rad": stimulus.phase_rad,
+        }
+
+
+class MonteCarlo(Calibration):
+    """The `[procedure]` table of a Monte Carlo study: how many instruments, on how many cores (0: all there are).
+
+    `scheduler` is the address of a dask scheduler whose workers do it instead. The samples of `kept_draw` are kept;
+    -1 for none.
+    """
+
+    draws: Annotated[int, Field(ge=1)] = 100
+    workers: Annotated[int, Field(ge=0)] = 0
+    scheduler: str = ""
+    kept_draw: Annotated[int, Field(ge=-1)] = -1
+
+
+@dataclass(frozen=True)
+class Flight:
+    """The satellite, and what is believed of its orbit."""
+
+    satellite: DragFreeSatellite
+    orbit_period_s: float
+    eccentricity: float
+
+
+def check(flight: Flight, calibration: Calibration) -> list[str]:
+    """What is to be said of the sessions; `ConfigError`, `LimitError` for one that cannot be."""
+    remarks = []
+    for name in calibration.sessions:
+        session = calibration.session(name, flight.orbit_period_s)
+        try:
+            flight.satellite.check(session)
+        except LimitError as error:
+            raise LimitError(f"session {name}: {error}") from None
+        remarks.extend(_remarks(name, session, flight.orbit_period_s))
+    return remarks
+
+
+def _remarks(name: str, session: FlightSession, orbit_period_s: float) -> list[str]:
+    stimulus = session.stimulus
+    if stimulus.target == "none":
+        return []
+    cycles = stimulus.frequency_hz * session.duration_s
+    per_orbit = stimulus.frequency_hz * orbit_period_s
+    away = abs(per_orbit - round(per_orbit)) * session.duration_s / orbit_period_s
+    if cycles < 1.0:
+        raise ConfigError(
+            f"session {name}: {session.duration_s:g} s is less than one period of its stimulus; record longer"
+        )
+    if away < LINE_WIDTHS and round(per_orbit) <= ORBITAL_LINES:
+        raise ConfigError(
+            f"session {name}: {stimulus.frequency_hz:g} Hz is a line of the orbit ({round(per_orbit)} f_orb); "
+            f"go at least {LINE_WIDTHS / session.duration_s:.2g} Hz away from it"
+        )
+    if abs(cycles - round(cycles)) > 1e-3:
+        return [
+            f"session {name}: {cycles:.3f} periods of the stimulus are no whole number; its line leaks into others"
+        ]
+    return []
+
+
+def calibrate(session: Session, flight: Flight, calibration: Calibration) -> None:
+    """One run per session; everything is in the session's store."""
+    session.plan(len(calibration.sessions))
+    for remark in check(flight, calibration):
+        session.event("remark", text=remark)
+    for name in calibration.sessions:
+        with session.step(f"session {name}"):
+            asked = calibration.session(name, flight.orbit_period_s)
+            conditions = calibration.conditions(name, flight.satellite.sample_period_s)
+            session.acquire(name, conditions, _Recording(session, flight, asked).measure)
+
+
+@dataclass(frozen=True)
+class _Recording:
+    """One session, from telecommand to the last sample."""
+
+    session: Session
+    flight: Flight
+    asked: FlightSession
+
+    def measure(self, writer: RunWriter) -> Mapping[str, Any]:
+        """Record orbit by orbit; a run whose loop does not hold is ended there, and not valid."""
+        satellite = self.flight.satellite
+        channels = satellite.channels()
+        start_s = satellite.begin(self.asked)
+        self.session.wait_s(start_s - self.session.clock.now_s())
+        samples, got = round(self.asked.duration_s / satellite.sample_period_s), 0
+        while got < samples:
+            self.session.checkpoint()
+            left_s = (samples - got) * satellite.sample_period_s
+            self.session.wait_s(min(left_s, self.flight.orbit_period_s))
+            rows = satellite.fetch()
+            writer.stream({channel.name: rows[:, place] for place, channel in enumerate(channels)})
+            got += len(rows)
+            if flaw := _flaw(rows, channels):
+                return {"start_s": start_s, "valid": False, "reason": flaw}
+        return {"start_s": start_s}
+
+
+def _flaw(rows: FloatArray, channels: tuple[Channel, ...]) -> str | None:
+    """What says that the loop does not hold; samples that were lost are no flaw."""
+    for place, channel in enumerate(channels):
+        column = rows[:, place]
+        if channel.full_scale is None:
+            continue
+        beyond = np.isinf(column) | (np.abs(column) >= channel.full_scale)
+        if beyond.any():
+            at_s = rows[int(np.argmax(beyond)), 0]
+            return (
+                f"{channel.name} leaves its range of {channel.full_scale:g} {channel.unit} at t_s {at_s:g}: "
+                "drag-free control does not hold it; correct its gains, or inject less"
+            )
+    return None

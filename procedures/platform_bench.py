@@ -1,0 +1,220 @@
+"""The rotating-platform bench as a procedure sees it: a time table and a tilt in, one durable run out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from procedures.course import Course, Leg
+from procedures.stream import Block, FollowingMeter, PacingMeter, Stream
+from procedures.time_table import HASTE, Motion, TimeTable
+from rigctl.campaign.run_writer import RunWriter
+from rigctl.campaign.session import Session
+from rigctl.clock import Clock
+from rigctl.errors import LimitError
+from rigctl.interfaces import FloatArray, Started, Thermometer, TimedRotationStage, VoltageSource, Waveform
+
+FETCH_S, FETCH_ROWS = 60.0, 10_000
+"""Meters are read at least so often: what a crash costs, and what their memories hold many times."""
+EARLY_S = 0.1
+"""How much before its time a turn is to be over: the controller takes a while to say that it is."""
+AT_ONCE_S = 1e-6
+RUN_UP_S = 0.5
+"""Where the platform turns as a run begins, the meters start so long before the turn does."""
+THERMOMETER_S = 3.0
+"""A temperature is only read where there is so much time."""
+
+TILT_Y, TILT_Z = "dm1_y_v", "dm1_z_v"
+
+Watch = Callable[[FloatArray, FloatArray], None]
+"""Is given every stretch of rows, shape (n, 2), and whether the platform moved, shape (n,)."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One recording: the platform's table, the voltages at the offset inputs, the sampling rate."""
+
+    table: TimeTable
+    tilt: Mapping[str, Waveform]
+    sample_rate_hz: float
+
+    @property
+    def samples(self) -> int:
+        """Of the whole run."""
+        return round(self.table.duration_s * self.sample_rate_hz)
+
+
+@dataclass
+class PlatformBench:
+    """The instruments by role, and what their columns are called."""
+
+    platform: TimedRotationStage
+    readout: PacingMeter
+    voltmeter: FollowingMeter
+    source: VoltageSource
+    thermometer: Thermometer | None
+    clock: Clock
+    gains_v_per_m_s2: tuple[float, float]
+    """Of the readout's chain and of the voltmeter's, as far as they are known beforehand."""
+    settle_s: float = 10.0
+    temperature_every_s: float = 60.0
+
+    def prepare(self) -> None:
+        """Home what is not homed."""
+        if not self.platform.is_homed():
+            self.platform.home()
+
+    def rest(self) -> None:
+        """Between runs nothing moves."""
+
+    def level(self) -> None:
+        """No tilt is commanded any more."""
+        self.source.start({})
+
+    def check(self, wanted: Wanted) -> None:
+        """`LimitError` when platform, meters or source cannot do it."""
+        wanted.table.check(self.platform.name, self.platform.limits)
+        self.readout.longest_record(1.0 / wanted.sample_rate_hz)
+        limits_v = {channel.name: channel.full_scale for channel in self.source.channels()}
+        for name, waveform in wanted.tilt.items():
+            limit_v = limits_v.get(name)
+            if limit_v is not None and waveform.peak_v > limit_v:
+                raise LimitError(
+                    f"{self.source.name}: {waveform.peak_v:g} V asked for at {name}, beyond its limit, {limit_v:g} V"
+                )
+
+    def measure(self, session: Session, writer: RunWriter, wanted: Wanted, watch: Watch) -> dict[str, Any]:
+        """Carry out a recording into `writer`; returns the conditions found."""
+        started = self.source.start(wanted.tilt)
+        self.platform.move_to(wanted.table.begin_deg)
+        session.wait_s(self.settle_s)
+        return _Recording(session, self, writer, wanted, started, watch).made()
+
+    def temperature_c(self) -> float:
+        """Now [degC]; NaN without a thermometer."""
+        return self.thermometer.temperature().value if self.thermometer is not None else math.nan
+
+
+class _Recording:
+    """One run under way. Times are from its beginning, half a sample before its first."""
+
+    def __init__(
+        self,
+        session: Session,
+        bench: PlatformBench,
+        writer: RunWriter,
+        wanted: Wanted,
+        started: Started,
+        watch: Watch,
+    ) -> None:
+        self._session, self._bench, self._writer, self._watch = session, bench, writer, watch
+        self._wanted, self._started = wanted, started
+        self._period_s = 1.0 / wanted.sample_rate_hz
+        motions = wanted.table.motions
+        before_s = RUN_UP_S - motions[0].start_s if motions and motions[0].start_s < RUN_UP_S else 0.0
+        self._run_up = math.ceil(before_s * wanted.sample_rate_hz)
+        self._course = Course(wanted.table, bench.platform.angle().value, self._period_s)
+        self._stream = Stream(
+            session,
+            (bench.readout, bench.voltmeter),
+            self._run_up + wanted.samples,
+            self._period_s,
+            [self._run_up + math.ceil(motion.start_s * wanted.sample_rate_hz - 0.5) for motion in motions],
+        )
+        self._temperatures_c: list[float] = []
+        self._felt_s = self._fetched_s = 0.0
+
+    def made(self) -> dict[str, Any]:
+        """The whole recording."""
+        self._temperatures_c.append(self._bench.temperature_c())
+        self._stream.begin()
+        for motion in self._wanted.table.motions:
+            self._wait_until(motion.start_s)
+            self._turn(motion)
+        self._wait_until(self._wanted.table.duration_s)
+        while not self._stream.finished:
+            self._fetch()
+            self._session.wait_s(min(self._period_s, 1.0))
+        self._feel()
+        return self._found()
+
+    def _found(self) -> dict[str, Any]:
+        lost = self._stream.lost
+        found: dict[str, Any] = {
+            "start_s": self._rig_time_s(0.5 * self._period_s),
+            "temperature_c": float(np.mean(self._temperatures_c)),
+        }
+        driven = self._started.waveforms.get(TILT_Z)
+        if driven is not None and driven.shape != "constant":
+            found["external_period_s"] = driven.period_s
+        if lost:
+            found["reason"] = f"{lost} of {self._wanted.samples} samples were lost"
+        return found
+
+    def _turn(self, motion: Motion) -> None:
+        """A turn that begins late takes less time, within limits, so as to be over in time."""
+        if self._stream.record_ends_s < self._bench.clock.now_s() + self._period_s:
+            self._fetch()
+        stage, from_deg, began_s = self._bench.platform, self._course.angle_deg, self._now_s()
+        left_s = motion.stop_s - EARLY_S - began_s
+        stage.turn_to(motion.to_deg, max(left_s, HASTE * (motion.stop_s - motion.start_s)))
+        ended_s = self._now_s()
+        self._course.add(Leg(began_s, ended_s, from_deg, stage.angle().value))
+
+    def _wait_until(self, time_s: float) -> None:
+        """Let time pass, and take in what the instruments have meanwhile."""
+        every_s = min(FETCH_S, FETCH_ROWS * self._period_s)
+        while (left_s := time_s - self._now_s()) > AT_ONCE_S:
+            if left_s > THERMOMETER_S and self._now_s() >= self._felt_s + self._bench.temperature_every_s:
+                self._feel()
+                continue
+            due_s = self._fetched_s + every_s - self._now_s()
+            self._session.wait_s(min(left_s, max(due_s, 0.0)))
+            if due_s < left_s:
+                self._fetch()
+
+    def _feel(self) -> None:
+        """One more temperature."""
+        self._temperatures_c.append(self._bench.temperature_c())
+        self._felt_s = self._now_s()
+
+    def _fetch(self) -> None:
+        for block in self._stream.fetch():
+            self._keep(block)
+        self._fetched_s = self._now_s()
+
+    def _keep(self, block: Block) -> None:
+        """Write the rows of a block that belong to the run, not to its run-up."""
+        needless = max(self._run_up - block.first, 0)
+        rows = block.rows[needless:]
+        if not len(rows):
+            return
+        index = np.arange(len(rows), dtype=np.float64) + (block.first + needless - self._run_up)
+        times_s: FloatArray = (index + 0.5) * self._period_s + block.late_s
+        moving = self._course.moving(times_s).astype(np.float64)
+        elapsed_s = self._rig_time_s(0.0) + times_s - self._started.start_s
+        tilt = {name: waveform.volts(elapsed_s) for name, waveform in self._started.waveforms.items()}
+        self._writer.stream(
+            {
+                "t_s": index * self._period_s,
+                "theta_deg": self._course.theta_deg(times_s),
+                self._bench.readout.channels()[0].name: rows[:, 0],
+                self._bench.voltmeter.channels()[0].name: rows[:, 1],
+                **tilt,
+                "moving": moving,
+                "temperature_c": np.full(len(rows), self._temperatures_c[-1]),
+            }
+        )
+        self._course.forget(float(times_s[-1]))
+        self._watch(rows, moving)
+
+    def _now_s(self) -> float:
+        return self._bench.clock.now_s() - self._rig_time_s(0.0)
+
+    def _rig_time_s(self, time_s: float) -> float:
+        """Rig time of a time of the run."""
+        return self._stream.begun_s + (self._run_up - 0.5) * self._period_s + time_s

@@ -1,0 +1,225 @@
+"""Two meters on one grid of times for as long as it takes: rows come in order, what was lost of them is NaN.
+
+A meter's record holds a limited number of samples. A longer run is several of them, which end where the platform
+turns if they can, so that what passes between two records is mostly not wanted. A record that fails is given up and
+another begun: a run of days is not repeated for one glitch.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from rigctl.campaign.session import Session
+from rigctl.errors import InstrumentError, LinkError, ProcedureError, RigError
+from rigctl.interfaces import FloatArray, Instrument, PacingRecorder, StreamedRecorder, Voltmeter
+
+FAILURES_IN_A_ROW = 3
+PREPARE_S = 0.05
+"""Setting up the pacing meter for a record that begins at a given time."""
+GRACE_S = 2.0
+"""How long after its edge a sample may come."""
+LOOK_S = 0.01
+GAP_ROWS = 100_000
+"""Rows of a gap that are made at a time."""
+
+
+class PacingMeter(Voltmeter, PacingRecorder, Protocol):
+    """The meter whose sample timer all follow; it can begin at a given time."""
+
+    @property
+    def first_sample_after_s(self) -> float:
+        """From the start to the first sample."""
+        ...
+
+    def start(self, samples: int, period_s: float, at_s: float | None = None) -> float:
+        """As `PacingRecorder.start`, not before `at_s`."""
+        ...
+
+
+class FollowingMeter(Instrument, StreamedRecorder, Protocol):
+    """A meter that follows its edges."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Successive rows, shape (n, 2): the pacing meter's column, then the other's.
+
+    Row i was taken at `first` + i sample periods after the stream's beginning, and `late_s` more.
+    """
+
+    first: int
+    rows: FloatArray
+    late_s: float
+
+
+class Stream:
+    """`samples` rows, `period_s` apart; records end before one of the sorted sample numbers `breaks` if they can."""
+
+    def __init__(
+        self,
+        session: Session,
+        meters: tuple[PacingMeter, FollowingMeter],
+        samples: int,
+        period_s: float,
+        breaks: Sequence[int] = (),
+    ) -> None:
+        self._session = session
+        self._pacing, self._following = meters
+        self._samples, self._period_s = samples, period_s
+        self._breaks = list(breaks)
+        self._longest = self._pacing.longest_record(period_s)
+        self._begun_s = math.nan
+        self._next = 0
+        self._end = 0
+        self._late_s = 0.0
+        self._waiting = (np.empty(0), np.empty(0))
+        self._failures = 0
+        self.lost = 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether all rows have been given out."""
+        return self._next >= self._samples
+
+    @property
+    def record_ends_s(self) -> float:
+        """Rig time of the last sample of the record that is running."""
+        return self._time_s(self._end - 1)
+
+    @property
+    def begun_s(self) -> float:
+        """Rig time of the first sample; NaN before `begin`."""
+        return self._begun_s
+
+    def begin(self) -> None:
+        """Start the first record; errors of the meters are not borne here: nothing would be lost by a new start."""
+        self._begin_record(None)
+
+    def fetch(self) -> list[Block]:
+        """The rows since the last call; begins the next record when one is complete.
+
+        Raises the meters' error when several records in a row fail.
+        """
+        blocks: list[Block] = []
+        while not self.finished:
+            try:
+                blocks += self._paired()
+                if self._next < self._end:
+                    break
+                blocks += self._go_on()
+            except (InstrumentError, LinkError) as error:
+                blocks += self._recovered(error)
+        return blocks
+
+    def _paired(self) -> list[Block]:
+        """Rows that both meters have, after waiting for the last of a record that is over."""
+        found = []
+        while True:
+            parts = self._pacing.fetch(), self._following.fetch()
+            a, b = (np.concatenate([had, part[:, 0]]) for had, part in zip(self._waiting, parts, strict=True))
+            count = min(len(a), len(b), self._end - self._next)
+            self._waiting = a[count:], b[count:]
+            if count:
+                self._failures = 0
+                found.append(self._given(np.stack([a[:count], b[:count]], axis=1)))
+            over_s = self._session.clock.now_s() - self._time_s(self._end - 1)
+            if self._next >= self._end or over_s < 0.0:
+                return found
+            if over_s > GRACE_S:
+                missing = self._end - self._next
+                raise InstrumentError(f"{self._following.name}: {missing} samples at the end of a record never came")
+            self._session.wait_s(LOOK_S)
+
+    def _go_on(self) -> list[Block]:
+        """The next record, and the rows that passed meanwhile."""
+        if self.finished:
+            return []
+        return self._passed(self._begin_record(self._next))
+
+    def _recovered(self, error: RigError) -> list[Block]:
+        """After a record failed: what one meter alone had, and another record."""
+        self._failures += 1
+        blocks = self._unpaired()
+        while True:
+            if self._failures > FAILURES_IN_A_ROW:
+                raise ProcedureError(f"{self._failures} records in a row failed, the last one: {error}") from error
+            self._session.event("record-lost", sample=self._next, error=str(error))
+            for meter in (self._pacing, self._following):
+                with suppress(RigError):
+                    meter.stop()
+            self._session.wait_s(PREPARE_S)
+            try:
+                return blocks + self._go_on()
+            except (InstrumentError, LinkError) as again:
+                error = again
+                self._failures += 1
+
+    def _unpaired(self) -> list[Block]:
+        a, b = self._waiting
+        count = min(max(len(a), len(b)), self._end - self._next)
+        self._waiting = (np.empty(0), np.empty(0))
+        if not count:
+            return []
+        rows = np.full((count, 2), np.nan)
+        rows[: len(a), 0], rows[: len(b), 1] = a[:count], b[:count]
+        self.lost += count
+        return [self._given(rows)]
+
+    def _passed(self, number: int) -> list[Block]:
+        """Rows up to a sample number, of which nothing is known."""
+        blocks = []
+        if number > self._next:
+            self._session.event("gap", sample=self._next, samples=number - self._next)
+            self.lost += number - self._next
+        while self._next < number:
+            count = min(number - self._next, GAP_ROWS)
+            blocks.append(self._given(np.full((count, 2), np.nan)))
+        return blocks
+
+    def _given(self, rows: FloatArray) -> Block:
+        block = Block(self._next, rows, self._late_s)
+        self._next += len(rows)
+        return block
+
+    def _begin_record(self, number: int | None) -> int:
+        """Start a record at a sample number or as soon after it as can be; the number it began with."""
+        delay_s = self._pacing.first_sample_after_s
+        self._waiting = (np.empty(0), np.empty(0))
+        if number is None:
+            end = self._end_after(0)
+            self._following.follow(end, self._period_s)
+            self._begun_s = self._pacing.start(end, self._period_s) + delay_s
+            self._end = end
+            return 0
+        soonest_s = self._session.clock.now_s() + PREPARE_S + delay_s
+        planned = max(number, math.ceil((soonest_s - self._begun_s) / self._period_s))
+        if planned >= self._samples:
+            self._end = self._samples
+            return self._samples
+        end = self._end_after(planned)
+        self._following.follow(end - planned, self._period_s)
+        at_s = self._time_s(planned) - delay_s
+        first_s = self._pacing.start(end - planned, self._period_s, at_s) + delay_s
+        began = round((first_s - self._begun_s) / self._period_s)
+        self._late_s = first_s - self._time_s(began)
+        self._end = min(end + began - planned, self._samples)
+        self._session.event("record", sample=began, late_s=self._late_s)
+        return began
+
+    def _end_after(self, number: int) -> int:
+        """Where a record from `number` on ends: at the last break it reaches, if that is not its own beginning."""
+        reach = number + self._longest
+        if reach >= self._samples:
+            return self._samples
+        index = bisect.bisect_right(self._breaks, reach) - 1
+        return self._breaks[index] if index >= 0 and self._breaks[index] > number else reach
+
+    def _time_s(self, number: int) -> float:
+        return self._begun_s + number * self._period_s

@@ -1,0 +1,99 @@
+"""Any recording's modulated runs as cells: each reduced once, as a stream, and kept in the store."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
+from rigctl.errors import DataError
+from rigctl.experiments.rotating_platform.cells import BEFORE_S, Cells, Columns, cells_of
+from rigctl.experiments.rotating_platform.recorded import MODULATED, Chains, chains, guard_of
+
+VERSION = 1
+"""Of what is kept: counted up whenever cells.py would give other numbers."""
+
+RECIPE = f"rotating-platform {VERSION}"
+_REFUSED = b"!"
+
+Progress = Callable[[int, int], None]
+"""Told how many runs are reduced, of how many."""
+
+
+@dataclass(frozen=True)
+class PlatformRun:
+    """A modulated run: its conditions and its cells."""
+
+    run_id: str
+    conditions: Mapping[str, Any]
+    cells: Cells
+
+    @property
+    def guard_s(self) -> float:
+        """The guard its table was made with [s]."""
+        return guard_of(self.conditions)
+
+    @property
+    def name(self) -> str:
+        """How it is spoken of."""
+        return f"{self.run_id}: pattern {self.conditions['pattern']} of {self.cells.period_s:g} s"
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """The valid modulated runs of a recording; `left_out` says by run_id, in a sentence, why one is not."""
+
+    runs: tuple[PlatformRun, ...]
+    left_out: Mapping[str, str]
+
+
+@runtime_checkable
+class InChunks(Protocol):
+    """A source that gives a run's samples piece by piece."""
+
+    def sample_chunks(self, run_id: str) -> Iterable[Columns]:
+        """Successive stretches of all columns of a run."""
+        ...
+
+
+def reduction(source: RunSource, progress: Progress | None = None) -> Reduction:
+    """The cells of all valid modulated runs; what a store keeps of earlier calls is used, what is new is kept."""
+    believed = chains(source.header)
+    records = [r for r in source.runs(valid_only=True) if r.conditions["pattern"] in MODULATED]
+    store = source if isinstance(source, KeepsReductions) else None
+    kept = store.reduced_names(RECIPE) if store is not None else set()
+    runs, left_out = [], {}
+    for done, record in enumerate(records, start=1):
+        data = store.reduction(RECIPE, record.run_id) if store is not None and record.run_id in kept else None
+        if data is None:
+            data = _reduced(source, record, believed)
+            if store is not None and not store.readonly:
+                store.keep_reductions(RECIPE, {record.run_id: data})
+            if progress is not None:
+                progress(done, len(records))
+        if data.startswith(_REFUSED):
+            left_out[record.run_id] = data[len(_REFUSED) :].decode()
+        else:
+            runs.append(PlatformRun(record.run_id, record.conditions, Cells.from_bytes(data)))
+    return Reduction(tuple(runs), left_out)
+
+
+def chunks_of(source: RunSource, run_id: str) -> Iterable[Columns]:
+    """A run's samples in pieces, where the source gives them so."""
+    return source.sample_chunks(run_id) if isinstance(source, InChunks) else [source.samples(run_id)]
+
+
+def _reduced(source: RunSource, record: RunRecord, believed: Chains) -> bytes:
+    given = record.conditions
+    guard_s = guard_of(given)
+    try:
+        return cells_of(
+            chunks_of(source, record.run_id),
+            believed,
+            float(given["modulation_period_s"]),
+            float(given["sample_rate_hz"]),
+            [guard_s, BEFORE_S] if guard_s > 0.0 else [],
+        ).to_bytes()
+    except DataError as error:
+        return _REFUSED + f"run {record.run_id}: {error}".encode()

@@ -1,0 +1,89 @@
+"""The campaigns of the in-flight calibration: what a campaign file asks for, on the satellite of a rig file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from procedures.inflight import Calibration, Flight, MonteCarlo, calibrate, check
+from rigctl import config
+from rigctl.campaign.recording import ChannelInfo
+from rigctl.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rigctl.campaign.session import Session
+    from rigctl.rig import Rig
+
+ORBIT = ("orbit_period_s", "eccentricity")
+
+
+@dataclass(frozen=True)
+class CalibrationPlan:
+    """One calibration, waiting for its satellite."""
+
+    calibration: Calibration
+
+    @property
+    def runs(self) -> int:
+        """One per session."""
+        return len(self.calibration.sessions)
+
+    def on(self, rig: Rig) -> CalibrationWork:
+        """With the satellite of a rig."""
+        flight = flight_of(rig)
+        check(flight, self.calibration)
+        return CalibrationWork(flight, self.calibration)
+
+    def told(self, rig: Rig) -> Mapping[str, Any]:
+        """Sessions, and how long they are together."""
+        del rig
+        sessions = self.calibration.sessions
+        return {"sessions": list(sessions), "orbits": sum(self.calibration.orbits_of(name) for name in sessions)}
+
+    def kept(self) -> Mapping[str, Any]:
+        """Nothing beside the campaign file."""
+        return {}
+
+
+@dataclass(frozen=True)
+class CalibrationWork:
+    """One calibration on its satellite."""
+
+    flight: Flight
+    calibration: Calibration
+
+    def run(self, session: Session) -> None:
+        """Carry it out."""
+        calibrate(session, self.flight, self.calibration)
+
+    def rest(self) -> None:
+        """Nothing moves that could rest."""
+
+
+def procedure_of(campaign: config.CampaignFile) -> Calibration:
+    """What a campaign file asks for; `ConfigError`."""
+    model: type[Calibration] = MonteCarlo if campaign.procedure.get("name") == "monte-carlo" else Calibration
+    return config.validated(model, campaign.procedure, campaign.path, "procedure")
+
+
+def flight_of(rig: Rig) -> Flight:
+    """The satellite of a rig and its orbit; `ConfigError` when the rig file lacks one."""
+    for name in ORBIT:
+        if name not in rig.file.constants:
+            raise ConfigError(f"{rig.file.path}: [constants.{name}] is missing; add what is believed of the orbit")
+    period_s, eccentricity = (rig.file.constants[name].value for name in ORBIT)
+    if not (period_s > 0.0 and 0.0 <= eccentricity < 1.0):
+        raise ConfigError(
+            f"{rig.file.path}: constants: no orbit has a period of {period_s:g} s and e = {eccentricity:g}"
+        )
+    return Flight(rig.only("satellite"), period_s, eccentricity)
+
+
+def channels(rig: Rig) -> Mapping[str, ChannelInfo]:
+    """The columns of telemetry but for the time."""
+    return {
+        channel.name: ChannelInfo(channel.unit, channel.kind, full_scale=channel.full_scale)
+        for channel in flight_of(rig).satellite.channels()
+        if channel.name != "t_s"
+    }

@@ -1,0 +1,159 @@
+"""Two accelerometers on a rotating platform: acceleration told from the accelerometers' own bias."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from procedures import bias_rejection
+from procedures.platform_bench import TILT_Y, TILT_Z, PlatformBench
+from procedures.platform_tables import Procedure
+from rigctl import config
+from rigctl.campaign.bundle_layout import ROTATING_PLATFORM
+from rigctl.campaign.recording import ChannelInfo, LaserInfo
+from rigctl.errors import ConfigError, DataError
+from rigctl.experiments.rotating_platform.study import PlatformStudy
+from rigctl.interfaces import TimedRotationStage
+from rigctl.kinds import Drawn
+
+if TYPE_CHECKING:
+    from rigctl.campaign.parts import Part
+    from rigctl.campaign.session import Session
+    from rigctl.campaign.store import Store
+    from rigctl.effects.plugins import Plugin
+    from rigctl.rig import Rig
+    from rigctl.workbench.bench import Workbench
+
+Q_A, Q_B = "q_a_v", "q_b_v"
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """A plan of the procedures, waiting for its rig."""
+
+    plan: bias_rejection.Plan
+
+    @property
+    def runs(self) -> int:
+        return len(self.plan.recordings)
+
+    def on(self, rig: Rig) -> _Work:
+        bench = bench_of(rig, self.plan.procedure)
+        self.plan.check(bench)
+        return _Work(bench, self.plan)
+
+    def told(self, rig: Rig) -> Mapping[str, Any]:
+        del rig
+        recordings = self.plan.recordings
+        return {
+            "recorded_h": round(sum(each.wanted.table.duration_s for each in recordings) / 3600.0, 2),
+            "samples": sum(each.wanted.samples for each in recordings),
+            "patterns": [f"{label}: {said}" for label, found in self.plan.separations.items() for said in found.says],
+        }
+
+    def kept(self) -> Mapping[str, Any]:
+        dwells = self.plan.custom_dwells
+        return {"patterns": dwells} if dwells else {}
+
+
+@dataclass(frozen=True)
+class _Work:
+    """A plan and its bench."""
+
+    bench: PlatformBench
+    plan: bias_rejection.Plan
+
+    def run(self, session: Session) -> None:
+        bias_rejection.run(session, self.bench, self.plan)
+
+    def rest(self) -> None:
+        self.bench.rest()
+
+
+def plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> _Plan:
+    """The recordings a campaign file asks for; `ConfigError`, also for a pattern that does not reject enough."""
+    del part, plugins
+    procedure = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
+    found = bias_rejection.Plan(procedure)
+    try:
+        _ = found.recordings
+    except ConfigError as error:
+        raise ConfigError(f"{campaign.path}: {error}") from None
+    return _Plan(found)
+
+
+def mounted(store: Store) -> Sequence[tuple[str, str, int]]:
+    """Nothing is mounted anew."""
+    del store
+    return ()
+
+
+def bench_of(rig: Rig, procedure: Procedure) -> PlatformBench:
+    """The platform's bench of a rig; `ConfigError` when the rig file lacks a part of it."""
+    path, platform, readout = rig.file.path, rig.only("rotation"), rig.only("readout")
+    if not isinstance(platform, TimedRotationStage):
+        raise ConfigError(f"{path}: {platform.name} cannot be told how long a turn takes; a newport-xps can")
+    voltmeter, source = rig.only("voltmeter"), rig.only("source")
+    for meter, name in ((readout, Q_A), (voltmeter, Q_B)):
+        if (channel := meter.channels()[0].name) != name:
+            raise ConfigError(f"{path}: the channel of {meter.name} is '{channel}'; call it {name}")
+    if {channel.name for channel in source.channels()} != {TILT_Y, TILT_Z}:
+        raise ConfigError(f"{path}: the outputs of {source.name} have to be {TILT_Y} and {TILT_Z}")
+    for name in ROTATING_PLATFORM.constants:
+        if name not in rig.file.constants:
+            raise ConfigError(f"{path}: [constants.{name}] is missing; add it")
+    thermometers = rig.by_role("thermometer")
+    return PlatformBench(
+        platform=platform,
+        readout=readout,
+        voltmeter=voltmeter,
+        source=source,
+        thermometer=thermometers[0] if thermometers else None,
+        clock=rig.clock,
+        gains_v_per_m_s2=(
+            rig.file.constants["gain_q_a_v_per_m_s2"].value,
+            rig.file.constants["gain_q_b_v_per_m_s2"].value,
+        ),
+        settle_s=procedure.settle_s,
+        temperature_every_s=procedure.temperature_every_s,
+    )
+
+
+def channels(rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInfo]]:
+    """The columns that runs will have; there are no laser heads."""
+    found = {
+        "theta_deg": ChannelInfo("deg", "angle"),
+        "moving": ChannelInfo("", "flag"),
+        "temperature_c": ChannelInfo("degC", "temperature"),
+    }
+    for role in ("readout", "voltmeter"):
+        for instrument in rig.by_role(role):
+            found |= {
+                c.name: ChannelInfo(c.unit, "accelerometer", full_scale=c.full_scale, latency_s=c.latency_s)
+                for c in instrument.channels()
+            }
+    # What the source may give at most is no full scale: at its limit it is not saturated.
+    commands = (c for instrument in rig.by_role("source") for c in instrument.channels())
+    return found | {c.name: ChannelInfo(c.unit, "command", latency_s=c.latency_s) for c in commands}, {}
+
+
+def study(store: Store, plugins: Sequence[Plugin]) -> PlatformStudy:
+    """A store's modulated runs as the workbench sees them."""
+    return PlatformStudy(store, plugins)
+
+
+def result(bench: Workbench) -> dict[str, Any]:
+    """There is none without a model."""
+    raise DataError(f"{bench.store.path}: there is no model for 'rotating-platform' recordings yet")
+
+
+def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
+    """There is nothing to show without a model."""
+    del found, reference
+
+
+def draw(bench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
+    """There is nothing to draw without a model."""
+    del bench, lines_hz, found
+    return Drawn()

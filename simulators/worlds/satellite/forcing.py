@@ -1,0 +1,188 @@
+"""What acts on every draw alike, step by step: orbit, drag, what is injected, what nature adds in step with time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.worlds.satellite import layout
+from simulators.worlds.satellite.layout import FORCING, FORCINGS
+from simulators.worlds.satellite.orbit import oblateness, place
+from simulators.worlds.satellite.settings import SatelliteSettings
+
+FloatArray = NDArray[np.float64]
+
+Target = Literal["none", "drag-free", "attitude", "masses", "mass-1", "mass-2"]
+
+SPEED_OF_LIGHT_M_S = 299792458.0
+EARTH_ORBIT_M_S = 29.78e3
+
+ROOM_K = 290.0
+
+AXES = {"x": 0, "y": 1, "z": 2}
+_SHARES: dict[str, tuple[float, float]] = {"masses": (-0.5, 0.5), "mass-1": (1.0, 0.0), "mass-2": (0.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class Injection:
+    """`amplitude` cos(2 pi `frequency_hz` t + `phase_rad`), t = 0 at the perigee where the session begins.
+
+    `drag-free`: the wanted common output [m/s2]. `attitude`: taken from what the star tracker says [rad]. `masses`:
+    the growth of the off-centring along their own axis, half by each; `mass-1`, `mass-2`: of one mass [m].
+    """
+
+    target: Target = "none"
+    axis: Literal["x", "y", "z"] = "x"
+    amplitude: float = 0.0
+    frequency_hz: float = 0.0
+    phase_rad: float = 0.0
+
+    def at(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The signal and its first two derivatives."""
+        w = 2.0 * math.pi * self.frequency_hz
+        angle = w * time_s + self.phase_rad
+        signal = self.amplitude * np.cos(angle)
+        return signal, -w * self.amplitude * np.sin(angle), -(w**2) * signal
+
+
+@dataclass(frozen=True)
+class Command:
+    """One session: what is injected, what drag-free control holds at rest, and for how many samples."""
+
+    samples: int
+    injection: Injection = field(default_factory=Injection)
+    hold: Literal["both", "mass-1", "mass-2"] = "both"
+
+    @property
+    def inputs(self) -> tuple[float, float]:
+        """Weights of the two masses in the input of drag-free control."""
+        return {"both": (0.5, 0.5), "mass-1": (1.0, 0.0), "mass-2": (0.0, 1.0)}[self.hold]
+
+
+def forcing(settings: SatelliteSettings, command: Command, time_s: FloatArray) -> FloatArray:
+    """One row per time, columns as in `layout.FORCING`."""
+    made = np.zeros((len(time_s), FORCINGS))
+    _orbit(made, settings, time_s)
+    _drag(made, settings, time_s)
+    _injected(made, settings, command.injection, time_s)
+    _in_time(made, settings, time_s)
+    return made
+
+
+def temperature_k(settings: SatelliteSettings, time_s: FloatArray) -> FloatArray:
+    """How much warmer than usual the sensors are."""
+    n, warm = 2.0 * math.pi / settings.orbit_period_s, settings.temperature
+    return np.asarray(
+        warm.orbit_k * np.cos(n * time_s + warm.orbit_phase_rad)
+        + warm.twice_k * np.cos(2.0 * n * time_s + warm.twice_phase_rad)
+    )
+
+
+def _orbit(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> None:
+    period_s, e = settings.orbit_period_s, settings.eccentricity
+    believed = place(time_s, period_s, e, 0.0)
+    size = settings.size
+    true = place(
+        time_s + size("orbit-dating", "delay"),
+        period_s,
+        e + size("orbit-precession", "eccentricity_rate") * time_s,
+        size("orbit-precession", "rate") * time_s,
+    )
+    for at, where in ((FORCING["strength"], true), (FORCING["believed"], believed)):
+        made[:, at], made[:, at + 1], made[:, at + 2] = where.strength_s2, where.cosine, where.sine
+    if j2 := size("gravity-j2", "j2"):
+        inclination, perigee = size("gravity-j2", "inclination"), size("gravity-j2", "perigee")
+        _put(made, "gradient", oblateness(true, period_s, j2, inclination, perigee))
+    v_m_s = 2.0 * math.pi * 7.1e6 / period_s
+    _put(
+        made,
+        "tracker",
+        np.stack(
+            [
+                np.full_like(time_s, size("tracker-bias", "x")),
+                size("tracker-bias", "y")
+                + size("tracker-aberration", "annual") * EARTH_ORBIT_M_S / SPEED_OF_LIGHT_M_S
+                + size("tracker-aberration", "orbital") * v_m_s / SPEED_OF_LIGHT_M_S * true.cosine,
+                size("tracker-bias", "z")
+                + size("tracker-aberration", "orbital") * v_m_s / SPEED_OF_LIGHT_M_S * true.sine,
+            ],
+            axis=1,
+        ),
+    )
+
+
+def _drag(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> None:
+    mean = 2.0 * math.pi / settings.orbit_period_s * time_s
+    c1, s1, c2, s2 = np.cos(mean), np.sin(mean), np.cos(2.0 * mean), np.sin(2.0 * mean)
+    drag = settings.drag
+    force = [
+        level + once * f + twice * g
+        for level, once, f, twice, g in zip(
+            drag.force_m_s2, drag.force_1_m_s2, (c1, s1, s1), drag.force_2_m_s2, (s2, c2, c2), strict=True
+        )
+    ]
+    torque = [
+        level + once * f + twice * g
+        for level, once, f, twice, g in zip(
+            drag.torque_rad_s2, drag.torque_1_rad_s2, (c1, s1, c1), drag.torque_2_rad_s2, (s2, c2, s2), strict=True
+        )
+    ]
+    _put(made, "force", np.stack(force, axis=1))
+    _put(made, "torque", np.stack(torque, axis=1))
+
+
+def _injected(made: FloatArray, settings: SatelliteSettings, injection: Injection, time_s: FloatArray) -> None:
+    if injection.target == "none":
+        return
+    signal, speed, acceleration = injection.at(time_s)
+    if injection.target in {"drag-free", "attitude"}:
+        column = FORCING["wanted" if injection.target == "drag-free" else "attitude"] + AXES[injection.axis]
+        made[:, column] = signal
+        return
+    w = 2.0 * math.pi * injection.frequency_hz
+    reaction = settings.size("moved-mass-reaction", "factor") / settings.satellite_kg
+    for k, share in enumerate(_SHARES[injection.target]):
+        mass, name = settings.mass_kg[k], str(k + 1)
+        made[:, FORCING["moved"] + k] = share * signal
+        made[:, FORCING["speed"] + k] = share * speed
+        kappa = settings.size("wire-stiffness", "kappa", name)
+        loss = kappa / (mass * settings.size("wire-stiffness", "quality", name) * w) if kappa else 0.0
+        cubic = settings.size("cubic-stiffness", "kappa3", name)
+        made[:, FORCING["pushed"] + k] = share * (
+            acceleration + kappa / mass * signal + loss * speed + cubic / mass * share**2 * signal**3
+        )
+        made[:, FORCING["reaction"] + k] = reaction * mass * share * acceleration
+
+
+def _in_time(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> None:
+    size = settings.size
+    n = 2.0 * math.pi / settings.orbit_period_s
+    warmer_k = temperature_k(settings, time_s)
+    made[:, FORCING["parted"]] = 0.5 * size("thermal-off-centring", "beta") * warmer_k
+    for axis, name in enumerate(AXES):
+        made[:, FORCING["centre"] + axis] = size("mass-drift", f"rate_{name}") * time_s
+    for k in range(2):
+        mass = str(k + 1)
+        made[:, FORCING["applied"] + k] = size("charge", "rate", mass) * time_s + sum(
+            size("magnetic", f"a{harmonic}_{name}", mass) * wave(harmonic * n * time_s)
+            for harmonic in (1, 2)
+            for name, wave in (("cos", np.cos), ("sin", np.sin))
+        )
+        made[:, FORCING["measured"] + k] = (
+            size("thermal-bias", "lambda", mass) * warmer_k
+            + size("bias-drift", "rate", mass) * time_s
+            + size("bias-drift", "curvature", mass) * time_s**2
+        )
+        made[:, FORCING["gain"] + k] = 1.0 + size("thermal-gain", "kappa", mass) * warmer_k
+    made[:, FORCING["loudness"]] = 1.0
+    if change := size("noise-level", "change"):
+        made[:, FORCING["loudness"]] += change * np.sin(2.0 * math.pi * time_s / size("noise-level", "period"))
+
+
+def _put(made: FloatArray, name: str, columns: FloatArray) -> None:
+    at = layout.FORCING[name]
+    made[:, at : at + columns.shape[1]] = columns

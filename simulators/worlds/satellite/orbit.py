@@ -1,0 +1,83 @@
+"""Where the satellite is, and the gravity gradient there, in axes that do not turn.
+
+X points to the perigee, the motion goes from X to Z, Y is along the normal of the orbit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+EARTH_M3_S2 = 3.986004418e14
+EARTH_RADIUS_M = 6378137.0
+
+_KEPLER_STEPS = 20
+_CONVERGED = 1e-14
+
+
+@dataclass(frozen=True)
+class Place:
+    """Along an orbit: cosine and sine of the angle from X, and mu / r^3 [1/s2]; each (n,)."""
+
+    cosine: FloatArray
+    sine: FloatArray
+    strength_s2: FloatArray
+
+
+def place(
+    time_s: FloatArray, period_s: float, eccentricity: FloatArray | float, turned_rad: FloatArray | float
+) -> Place:
+    """Kepler's motion, at perigee at time 0; `turned_rad` is how far the perigee has gone from X."""
+    n = 2.0 * math.pi / period_s
+    mean = n * time_s
+    e = np.asarray(eccentricity, dtype=np.float64)
+    anomaly = mean + e * np.sin(mean) * (1.0 + e * np.cos(mean))
+    for _ in range(_KEPLER_STEPS):
+        step = (anomaly - e * np.sin(anomaly) - mean) / (1.0 - e * np.cos(anomaly))
+        anomaly = anomaly - step
+        if np.max(np.abs(step), initial=0.0) < _CONVERGED * max(1.0, float(np.max(np.abs(mean), initial=0.0))):
+            break
+    nearness = 1.0 / (1.0 - e * np.cos(anomaly))
+    cosine, sine = (np.cos(anomaly) - e) * nearness, np.sqrt(1.0 - e**2) * np.sin(anomaly) * nearness
+    if np.any(turned_rad):
+        c, s = np.cos(turned_rad), np.sin(turned_rad)
+        cosine, sine = cosine * c - sine * s, sine * c + cosine * s
+    return Place(cosine, sine, n**2 * nearness**3)
+
+
+def oblateness(at: Place, period_s: float, j2: float, inclination_rad: float, perigee_rad: float) -> FloatArray:
+    """What the Earth's oblateness adds to the gradient, columns xx yy zz xy xz yz; (n, 6) 1/s2.
+
+    Second derivatives of -mu J2 R^2 (3 (k r)^2 / r^5 - 1 / r^3) / 2, k the Earth's pole.
+    """
+    semi_axis_m = (EARTH_M3_S2 * (period_s / (2.0 * math.pi)) ** 2) ** (1.0 / 3.0)
+    mean_strength = (2.0 * math.pi / period_s) ** 2
+    radius_ratio = EARTH_RADIUS_M / semi_axis_m * (at.strength_s2 / mean_strength) ** (1.0 / 3.0)
+    pole = np.array(
+        [
+            math.sin(inclination_rad) * math.sin(perigee_rad),
+            math.cos(inclination_rad),
+            math.sin(inclination_rad) * math.cos(perigee_rad),
+        ]
+    )
+    u = np.stack([at.cosine, np.zeros_like(at.cosine), at.sine])
+    latitude = pole @ u
+    factor = -0.5 * j2 * at.strength_s2 * radius_ratio**2
+    rows = []
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        same = 1.0 if i == j else 0.0
+        rows.append(
+            factor
+            * (
+                6.0 * pole[i] * pole[j]
+                - 30.0 * latitude * (pole[i] * u[j] + pole[j] * u[i])
+                + (3.0 - 15.0 * latitude**2) * same
+                + (105.0 * latitude**2 - 15.0) * u[i] * u[j]
+            )
+        )
+    return np.stack(rows, axis=1)
