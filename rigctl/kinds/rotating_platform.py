@@ -13,9 +13,13 @@ from rigctl import config
 from rigctl.campaign.bundle_layout import ROTATING_PLATFORM
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
 from rigctl.errors import ConfigError, DataError
+from rigctl.experiments.rotating_platform.alignment import Value
+from rigctl.experiments.rotating_platform.recorded import chains
+from rigctl.experiments.rotating_platform.result import PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.interfaces import TimedRotationStage
 from rigctl.kinds import Drawn
+from rigctl.workbench.fit import fit
 
 if TYPE_CHECKING:
     from rigctl.campaign.parts import Part
@@ -144,16 +148,29 @@ def study(store: Store, plugins: Sequence[Plugin]) -> PlatformStudy:
 
 
 def result(bench: Workbench) -> dict[str, Any]:
-    """There is none without a model."""
-    raise DataError(f"{bench.store.path}: there is no model for 'rotating-platform' recordings yet")
+    """Tilt gain, accelerations and wobbles, and of every run means, precision and what was left out."""
+    return analyse(bench).as_json()
+
+
+def analyse(bench: Workbench) -> PlatformResult:
+    """Fit a store's runs with its current model, and go through them one by one; `DataError`, `ProcedureError`."""
+    studied = bench.study
+    if not isinstance(studied, PlatformStudy):
+        raise DataError(f"{bench.store.path}: '{bench.store.header.experiment}' recordings have no platform")
+    found = fit(studied, bench.current.terms).parameters
+    fitted = {name: Value(each.value, each.sigma) for name, each in found.items()}
+    return platform_result(studied.recorded, chains(bench.store.header), fitted, studied.left_out)
 
 
 def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-    """There is nothing to show without a model."""
-    del found, reference
+    """Print the recording's numbers and a table of its runs."""
+    from rigctl.report.terminal_platform import print_platform
+
+    del reference
+    print_platform(found)
 
 
 def draw(bench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
-    """There is nothing to draw without a model."""
+    """Nothing yet."""
     del bench, lines_hz, found
     return Drawn()

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rigctl.experiments.inflight.parameters import NAMES, UNITS, of_masses
 from rigctl.experiments.inflight.series import INDEX, SERIES, Amplitudes
-from rigctl.experiments.inflight.sessions import MASS_MOTION, QUADRATIC, STIMULUS, Line, Session
+from rigctl.experiments.inflight.sessions import QUADRATIC, STIMULUS, Line, Session, moved_axis
 from rigctl.experiments.inflight.weights import ComplexArray
 from rigctl.fitting.least_squares import Parameter, Prior
 from rigctl.interfaces import FloatArray
@@ -44,14 +44,14 @@ AnyArray = NDArray[Any]
 @dataclass(frozen=True)
 class Stretch:
     """A run or a part of it, reduced: amplitudes at `lines`, `sigma` of one component of the differential channel
-    there, (lines,), and `own_sigma` of the moved mass's own channel at the stimulus."""
+    there, (lines,), and `own_sigma` of the moved mass's own channel at the stimulus, in phase and in quadrature."""
 
     run_id: str
     session: Session
     lines: tuple[Line, ...]
     amplitudes: Amplitudes
     sigma: FloatArray
-    own_sigma: float = math.nan
+    own_sigma: tuple[float, float] = (math.nan, math.nan)
 
     @property
     def compared(self) -> list[int]:
@@ -115,10 +115,7 @@ def _put_moved(name: str, put: Any, ac11: AnyArray, ac12: AnyArray, ac13: AnyArr
 def own_channel(session: Session) -> AnyArray:
     """Coefficients of the series that make the moved masses' own channel, m_1 - m_2 along the motion; (series,)."""
     c = np.zeros(len(SERIES))
-    if session.name in MASS_MOTION:
-        c[INDEX["own y" if session.name == "ac12" else "own z"]] = 1.0
-    else:
-        c[INDEX["m1"]], c[INDEX["m2"]] = 1.0, -1.0
+    c[INDEX[f"own {'xyz'[moved_axis(session)]}"]] = 1.0
     return c
 
 
@@ -130,7 +127,7 @@ def own_acceleration(session: Session) -> float:
 
 class Baseline:
     """Prediction of stretches from parameters: twice the differential channel at the compared lines of each, its
-    cosine and sine parts in turn, then the own channel's where there is one.
+    cosine and sine parts in turn, then the own channel's in phase with the motion and in quadrature.
 
     `parameters` are the ten, the nuisances with their priors, and one gain per run that moves a mass.
     """
@@ -153,7 +150,7 @@ class Baseline:
         for each, table in zip(self.stretches, self._tables, strict=True):
             found.append(_parts(table[:, INDEX["m1"]] - table[:, INDEX["m2"]]))
             if each.has_own:
-                found.append(_parts(self._own(each) @ own_channel(each.session)))
+                found.append(_parts(_unturned(each, self._own(each) @ own_channel(each.session))))
         return np.concatenate(found)
 
     def sigma(self) -> FloatArray:
@@ -162,7 +159,7 @@ class Baseline:
         for each in self.stretches:
             found.append(np.repeat(each.sigma[each.compared], 2))
             if each.has_own:
-                found.append(np.full(2, each.own_sigma))
+                found.append(np.array(each.own_sigma))
         return np.concatenate(found)
 
     def residual(self, values: FloatArray, changes: Sequence[ComplexArray] | None = None) -> FloatArray:
@@ -180,7 +177,7 @@ class Baseline:
                 own = self._own(each) if changes is None else self._own(each) - changes[place][self._stimulus(each)]
                 driven = own_acceleration(each.session) * self._own(each)[:, INDEX["moved"]]
                 gain = values[self._gain_of[each.run_id]]
-                found.append(_parts(own @ own_channel(each.session) - gain * driven))
+                found.append(_parts(_unturned(each, own @ own_channel(each.session) - gain * driven)))
         return np.concatenate(found)
 
     def jacobian(self, values: FloatArray, changes: Sequence[ComplexArray] | None = None) -> FloatArray:
@@ -196,7 +193,7 @@ class Baseline:
             if each.has_own:
                 driven = own_acceleration(each.session) * self._own(each)[:, INDEX["moved"]]
                 block = np.zeros((2, len(values)))
-                block[:, self._gain_of[each.run_id]] = -_parts(driven)
+                block[:, self._gain_of[each.run_id]] = -_parts(_unturned(each, driven))
                 blocks.append(block)
         return np.vstack(blocks)
 
@@ -207,7 +204,7 @@ class Baseline:
             c = coefficients(each.session, each.amplitudes.mean_square, values[:SHARED, None])[:, 0]
             found.append(_parts(change[each.compared] @ c))
             if each.has_own:
-                found.append(_parts(change[self._stimulus(each)] @ own_channel(each.session)))
+                found.append(_parts(_unturned(each, change[self._stimulus(each)] @ own_channel(each.session))))
         return np.concatenate(found)
 
     @staticmethod
@@ -216,6 +213,11 @@ class Baseline:
 
     def _own(self, each: Stretch) -> ComplexArray:
         return np.asarray(each.amplitudes.table[self._stimulus(each)])
+
+
+def _unturned(each: Stretch, amplitude: AnyArray) -> AnyArray:
+    """With the stimulus as reference: real in phase with it."""
+    return np.asarray(amplitude * np.exp(-1j * each.session.phase_rad))
 
 
 def _parts(amplitudes: AnyArray) -> FloatArray:

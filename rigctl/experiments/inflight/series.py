@@ -26,7 +26,7 @@ SERIES = (
     *GRADIENTS,
     *ROTATION,
     *("moved", "moved t_xx", "moved t_xz", "moved t_zz"),
-    *("own y", "own z"),
+    *("own x", "own y", "own z"),
     *("force x", "force y", "force z"),
 )
 """m1, m2: x accelerations; y, z: common ones; moved: injected displacement; own: m_1 - m_2. `force` is what acts on
@@ -52,7 +52,7 @@ def raw_series(session: Session, t_s: FloatArray, columns: Mapping[str, FloatArr
     """`SERIES` of some samples, powers not yet central; shape (samples, series)."""
     m1, m2 = columns["m1_x"], columns["m2_x"]
     y, z = (0.5 * (columns[f"m1_{axis}"] + columns[f"m2_{axis}"]) for axis in "yz")
-    made = np.zeros((len(SERIES), len(m1)))
+    made = np.zeros((len(SERIES), *m1.shape))
     square_1, square_2 = m1 * m1, m2 * m2
     rows = (m1, m2, square_1, square_2, m1 * m2, square_1 * m1, square_2 * m2, y, y * y, z, z * z)
     made[: len(rows)] = rows
@@ -63,8 +63,8 @@ def raw_series(session: Session, t_s: FloatArray, columns: Mapping[str, FloatArr
         made[INDEX["moved"]] = moved
         for name in ("t_xx", "t_xz", "t_zz"):
             made[INDEX[f"moved {name}"]] = moved * columns[name]
-        made[INDEX["own y"]] = columns["m1_y"] - columns["m2_y"]
-        made[INDEX["own z"]] = columns["m1_z"] - columns["m2_z"]
+        for axis in "xyz":
+            made[INDEX[f"own {axis}"]] = columns[f"m1_{axis}"] - columns[f"m2_{axis}"]
     return made.T
 
 

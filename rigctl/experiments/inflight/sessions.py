@@ -125,6 +125,18 @@ class Session:
         return tuple(kept)
 
 
+def moved_axis(session: Session) -> int:
+    """The axis along which a session moves masses: 0, 1 or 2."""
+    return {"ac12": 1, "ac13": 2}.get(session.name, 0)
+
+
+def moved_shares(session: Session) -> tuple[float, float]:
+    """How far each mass goes of `amplitude`."""
+    if session.name in MASS_MOTION:
+        return (-0.5, 0.5)
+    return (1.0, 0.0) if session.name == "k2c_1" else (0.0, 1.0) if session.name == "k2c_2" else (0.0, 0.0)
+
+
 def session_of(run_id: str, conditions: Mapping[str, Any], orbit_period_s: float, sample_period_s: float) -> Session:
     """The session a run's conditions describe; `DataError` when they do not."""
     name = str(conditions.get("session", ""))

@@ -60,8 +60,9 @@ class Cells:
     """The cells of a run's whole periods, in order of time; times `u` are twice the sample's index from mid-period.
 
     `period`, `sign` (of cos theta), `bin`, `since` (samples from the end of the last turn to the first of the cell;
-    huge before the first turn) and `direction` (of the last turn, 0 before the first) have shape (cells,). `sums`
-    (cells, channels, 5): count, sum u, sum u^2, sum m, sum u m of the usable samples of `CHANNELS`, m in m/s2.
+    huge before the first turn), `to_go` (from that to the next turn; huge after the last) and
+    `direction` (of the last turn, 0 before the first) have shape (cells,). `sums` (cells, channels, 5): count, sum u,
+    sum u^2, sum m, sum u m of the usable samples of `CHANNELS`, m in m/s2.
     `count` and `centre` (cells,): samples and their mean u, usable or not. `geometry` and `ramps` (cells, 6): mean x
     of `GEOMETRY`, sum (u - mean u) x; `state` (cells, 5) means of `STATE`. `faults` (periods, channels, 4): samples
     by `FAULTS`. `off_stop`: samples that count while the platform moves. `drift_s`: by how much later the turns came
@@ -75,6 +76,7 @@ class Cells:
     sign: IndexArray
     bin: IndexArray
     since: IndexArray
+    to_go: IndexArray
     direction: FloatArray
     count: FloatArray
     centre: FloatArray
@@ -132,9 +134,11 @@ def cells_of(
     chains: Chains,
     period_s: float,
     sample_rate_hz: float = math.nan,
-    edges_s: Iterable[float] = (),
+    *,
+    guard_s: float = 0.0,
+    lead_s: float = 0.0,
 ) -> Cells:
-    """The cells of a run whose samples come in `chunks`; `edges_s` are further times after a turn to be resolved.
+    """The cells of a run whose samples come in `chunks`; none lies across a guard after or a lead before a turn.
 
     Raises `DataError` for a run without one whole period, or without a dwell.
     """
@@ -143,7 +147,7 @@ def cells_of(
     for chunk in chunks:
         stream.take(chunk)
         if stream.samples and cutter is None:
-            cutter = _Cutter(chains, stream.rate_hz, stream.samples, edges_s)
+            cutter = _Cutter(chains, stream.rate_hz, stream.samples, guard_s, lead_s)
         if cutter is not None and stream.length >= max(_BLOCK, stream.samples) + cutter.ahead:
             stream.drop(cutter.cut(stream.block(), cutter.ahead))
     if cutter is not None and stream.length >= stream.samples:
@@ -214,12 +218,13 @@ class _Stream:
 class _Cutter:
     """Cuts blocks of whole periods into cells; remembers of the last block what the next one needs."""
 
-    def __init__(self, chains: Chains, rate_hz: float, samples: int, edges_s: Iterable[float]) -> None:
+    def __init__(self, chains: Chains, rate_hz: float, samples: int, guard_s: float, lead_s: float) -> None:
         self.ahead = math.ceil(2.0 * BESIDE_S * rate_hz)
         self.parts: list[dict[str, Any]] = []
         self._rate_hz, self._samples = rate_hz, samples
         self._full = [chains.full_scale_v[name] / chains.gain_v_per_m_s2[name] for name in CHANNELS]
-        edges = np.array(sorted({*AFTER_S, *edges_s}))
+        edges = np.array(sorted({*AFTER_S, guard_s}))
+        self._leads = sorted({round(BEFORE_S * rate_hz), round(lead_s * rate_hz)} - {0})
         self._edges = np.ceil(edges * rate_hz - 1e-6).astype(np.int64)
         self._bin_edges = np.ceil(np.array(AFTER_S) * rate_hz - 1e-6).astype(np.int64)
         self._longest = max(round(max(LONGEST_CELL_S, samples / rate_hz / _CELLS_PER_PERIOD) * rate_hz), 1)
@@ -301,7 +306,7 @@ class _Cutter:
             (index // self._samples),
             np.searchsorted(self._edges, bounded, side="right"),
             np.where(since < _FAR, bounded, index) // self._longest,
-            to_go <= round(BEFORE_S * self._rate_hz),
+            np.searchsorted(self._leads, to_go),
         )
         change = np.ones(sign.size, dtype=np.bool_)
         change[1:] = False
@@ -367,6 +372,7 @@ class _Cutter:
                 "sign": sign[first],
                 "bin": self._bins(since[first], to_go[first]),
                 "since": np.where(since[first] < _FAR, since[first], _FAR),
+                "to_go": np.minimum(to_go[first], _FAR),
                 "direction": direction[first],
                 "count": count,
                 "centre": centre,
@@ -418,7 +424,7 @@ class _Cutter:
             turn[way] = course / count
         if 1 not in self._turns:
             turn[1] = -turn[0]
-        integers = {name: joined[name].astype(np.int64) for name in ("period", "sign", "bin", "since")}
+        integers = {name: joined[name].astype(np.int64) for name in ("period", "sign", "bin", "since", "to_go")}
         return Cells(
             sample_rate_hz=self._rate_hz,
             samples=self._samples,

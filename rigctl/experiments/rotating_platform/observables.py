@@ -259,6 +259,11 @@ _KNOWN = (
     "temperature_c",
     "start_s",
     "guard_s",
+    "lead_s",
+    "rotation_s",
+    "external_period_asked_s",
+    "v_y_v",
+    "periods",
 )
 
 

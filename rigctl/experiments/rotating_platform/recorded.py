@@ -70,8 +70,17 @@ def table_of(header: Header, conditions: Mapping[str, Any]) -> Pattern | None:
 
 def guard_of(conditions: Mapping[str, Any]) -> float:
     """The guard time after each turn that a run's table was made with [s]; 0 where nothing is said."""
-    guard_s = conditions.get("guard_s", 0.0)
-    return float(guard_s) if isinstance(guard_s, int | float) and math.isfinite(guard_s) else 0.0
+    return _seconds(conditions, "guard_s")
+
+
+def lead_of(conditions: Mapping[str, Any]) -> float:
+    """The time before each motion that a run's table masks with it [s]; 0 where nothing is said."""
+    return _seconds(conditions, "lead_s")
+
+
+def _seconds(conditions: Mapping[str, Any], name: str) -> float:
+    value = conditions.get(name, 0.0)
+    return float(value) if isinstance(value, int | float) and value > 0.0 and math.isfinite(value) else 0.0
 
 
 def _custom(patterns: Mapping[str, Any], period_s: float) -> Pattern | None:

@@ -243,8 +243,23 @@ class Reducer:
 
 def usual_mask(cells: Cells) -> SampledPattern:
     """The dwells of the first period that is like most others, as it was recorded."""
-    usual = np.flatnonzero(cells.faults[:, 0, -1] == 0)
-    own = cells.period == (usual[0] if usual.size else 0)
+    return mask_of(cells, np.ones(cells.period.size, dtype=np.bool_))[0]
+
+
+def mask_of(cells: Cells, keep: BoolArray) -> tuple[SampledPattern, IndexArray]:
+    """The dwells of most periods as far as their cells are kept, and which periods, by samples, are otherwise."""
+    key = 2 * cells.period[keep] + (cells.sign[keep] < 0)
+    count = np.bincount(key, cells.count[keep], 2 * cells.periods).reshape(-1, 2)
+    moment = np.bincount(key, (cells.count * cells.centre)[keep], 2 * cells.periods).reshape(-1, 2)
+    shape = np.rint(np.concatenate([count, moment], axis=1)).astype(np.int64)
+    kinds, first, which, often = np.unique(shape, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    usual = int(np.argmax(np.where(kinds[:, :2].min(axis=1) > 0, often, 0)))
+    missing = np.abs(shape[:, :2] - kinds[usual, :2]).sum(axis=1)
+    shifted = np.where((which.ravel() != usual) & (missing == 0), 1, missing)
+    return _dwells_of(cells, keep & (cells.period == first[usual])), shifted
+
+
+def _dwells_of(cells: Cells, own: BoolArray) -> SampledPattern:
     first = np.rint(0.5 * (cells.centre[own] + cells.samples - cells.count[own])).astype(np.int64)
     stop = first + np.rint(cells.count[own]).astype(np.int64)
     dwells: list[tuple[int, float, float]] = []

@@ -8,8 +8,8 @@ from typing import Any, Protocol, runtime_checkable
 
 from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
 from rigctl.errors import DataError
-from rigctl.experiments.rotating_platform.cells import BEFORE_S, Cells, Columns, cells_of
-from rigctl.experiments.rotating_platform.recorded import MODULATED, Chains, chains, guard_of
+from rigctl.experiments.rotating_platform.cells import Cells, Columns, cells_of
+from rigctl.experiments.rotating_platform.recorded import MODULATED, Chains, chains, guard_of, lead_of
 
 VERSION = 1
 """Of what is kept: counted up whenever cells.py would give other numbers."""
@@ -35,9 +35,9 @@ class PlatformRun:
         return guard_of(self.conditions)
 
     @property
-    def name(self) -> str:
-        """How it is spoken of."""
-        return f"{self.run_id}: pattern {self.conditions['pattern']} of {self.cells.period_s:g} s"
+    def lead_s(self) -> float:
+        """What its table masks before each motion [s]."""
+        return lead_of(self.conditions)
 
 
 @dataclass(frozen=True)
@@ -86,14 +86,14 @@ def chunks_of(source: RunSource, run_id: str) -> Iterable[Columns]:
 
 def _reduced(source: RunSource, record: RunRecord, believed: Chains) -> bytes:
     given = record.conditions
-    guard_s = guard_of(given)
     try:
         return cells_of(
             chunks_of(source, record.run_id),
             believed,
             float(given["modulation_period_s"]),
             float(given["sample_rate_hz"]),
-            [guard_s, BEFORE_S] if guard_s > 0.0 else [],
+            guard_s=guard_of(given),
+            lead_s=lead_of(given),
         ).to_bytes()
     except DataError as error:
         return _REFUSED + f"run {record.run_id}: {error}".encode()

@@ -34,7 +34,7 @@ def estimates(flight, instrument, sky, noise=1.7e-12):
         session, _, amplitudes, sigma = reduced(flight, instrument, sky, name, "fitted", noise)
         runs[name] = FittedRun(session, amplitudes, sigma)
         session, lines, amplitudes, sigma = reduced(flight, instrument, sky, name, "observed", noise)
-        stretches.append(Stretch(name, session, lines, amplitudes, sigma, 1e-13))
+        stretches.append(Stretch(name, session, lines, amplitudes, sigma, (1e-12, 1e-13)))
     return paper_estimate(runs), joint_estimate(stretches)
 
 

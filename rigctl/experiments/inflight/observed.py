@@ -1,0 +1,72 @@
+"""Reduced runs with their noise: what the estimates and the workbench are given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.experiments.inflight.baseline import Stretch, own_channel
+from rigctl.experiments.inflight.joint import joint_estimate
+from rigctl.experiments.inflight.noise import RunNoise, run_noises
+from rigctl.experiments.inflight.paper import FittedRun
+from rigctl.experiments.inflight.reduction import ReducedRun, ReducedStretch
+from rigctl.experiments.inflight.sessions import STIMULUS
+from rigctl.interfaces import FloatArray
+
+_ROUNDS = 3
+_FIRST = 4e-24
+"""Densities to begin with, (m/s2)^2/Hz: only their ratio matters, once."""
+
+_LEAST_OWN = (3e-4, 1e-6)
+"""No moved mass's own channel counts as better known, as a part of its amplitude, in phase and in quadrature. Its
+gain is wanted for nothing else, and a prior of 1e-2 must not drown beside it."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Runs and their noise, and where the baseline's parameters came to rest."""
+
+    runs: tuple[ReducedRun, ...]
+    noises: tuple[RunNoise, ...]
+    values: FloatArray
+
+    def stretches(self) -> list[Stretch]:
+        """The halves of all runs, in order."""
+        return [
+            _stretch(run, half, noise)
+            for run, noise in zip(self.runs, self.noises, strict=True)
+            for half in run.halves
+        ]
+
+    def fitted_runs(self) -> dict[str, FittedRun]:
+        """By session what the published estimate takes: of several runs of one session the last."""
+        found = {}
+        for run, noise in zip(self.runs, self.noises, strict=True):
+            frequencies = np.array([run.session.frequency_of(line) for line in run.whole.lines])
+            sigma = np.sqrt(noise.density(frequencies)) * run.whole.spread
+            found[run.session.name] = FittedRun(run.session, run.whole.amplitudes, sigma)
+        return found
+
+
+def observed(runs: Sequence[ReducedRun]) -> Observed:
+    """Estimate the noise of runs from what the baseline leaves between their lines: fit, look, fit again."""
+    noises: list[RunNoise] = [RunNoise(np.array([0.0, 0.0, _FIRST, 0.0, 0.0]), 1.0, _FIRST, 8.0) for _ in runs]
+    values = np.zeros(0)
+    for _ in range(_ROUNDS):
+        values = joint_estimate(Observed(tuple(runs), tuple(noises), values).stretches()).fit.values
+        noises = run_noises(runs, values)
+    return Observed(tuple(runs), tuple(noises), values)
+
+
+def _stretch(run: ReducedRun, half: ReducedStretch, noise: RunNoise) -> Stretch:
+    frequencies = np.array([run.session.frequency_of(line) for line in half.lines])
+    sigma = np.sqrt(noise.density(frequencies)) * half.spread
+    own = (float("nan"), float("nan"))
+    if run.session.moves_masses and STIMULUS in half.lines:
+        place = half.lines.index(STIMULUS)
+        amplitude = abs(complex(half.amplitudes.table[place] @ own_channel(run.session)))
+        plain = float(np.sqrt(noise.own) * half.spread[place])
+        own = (float(np.hypot(plain, _LEAST_OWN[0] * amplitude)), float(np.hypot(plain, _LEAST_OWN[1] * amplitude)))
+    return Stretch(run.run_id, run.session, half.lines, half.amplitudes, sigma, own)

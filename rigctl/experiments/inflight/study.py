@@ -1,0 +1,347 @@
+"""An in-flight calibration as the workbench sees it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rigctl.campaign.recording import RunSource
+from rigctl.effects.catalogue import Effect, catalogue, unknown_effect
+from rigctl.errors import ConfigError, DataError
+from rigctl.experiments.inflight.baseline import NUISANCES, Baseline
+from rigctl.experiments.inflight.flight import Reducer
+from rigctl.experiments.inflight.observed import Observed, observed
+from rigctl.experiments.inflight.parameters import NAMES
+from rigctl.experiments.inflight.recorded import Reduction, reduction
+from rigctl.experiments.inflight.reduction import ReducedRun
+from rigctl.experiments.inflight.weights import ComplexArray
+from rigctl.fitting.least_squares import Parameter
+from rigctl.interfaces import FloatArray
+from rigctl.workbench.study import Candidate, Line, Model, NoisePool, NotTestable, Observations, Series, Term
+
+if TYPE_CHECKING:
+    from rigctl.effects.plugins import Plugin
+
+DIFFERENTIAL, OWN = "2 m_dx", "own channel"
+
+INSEPARABLE: Mapping[str, tuple[str, ...]] = {
+    "tracker-bias": ("ac12_rad", "ac13_rad", "ac11_dx_m", "ac11_dz_m"),
+    "orbit-dating": ("ac13_rad", "ac11_dx_m", "ac11_dz_m"),
+}
+"""Effects that no session can tell from these parameters, whatever its data: by geometry."""
+
+COMMON: Mapping[str, str] = {
+    "thrust-quantisation": "it moves both masses alike, and only their difference is compared",
+    "mass-drift": "it moves both masses alike, and only their difference is compared",
+    "moved-mass-reaction": "it moves both masses alike, and only their difference is compared",
+    "spring-noise": "it raises the noise, which is measured in each run and not predicted",
+}
+"""Effects without a part in the differential channel's lines."""
+
+_LINEAR = 1e-6
+_STEP = 1e-3
+
+
+class InflightModel:
+    """Baseline and effects for the lines of all halves; a `rigctl.workbench.study.Model`."""
+
+    def __init__(self, study: InflightStudy, terms: Sequence[Term], effects: Sequence[Effect]) -> None:
+        self._study, self._effects = study, tuple(effects)
+        self.terms: tuple[Term, ...] = tuple(terms)
+        baseline = study.baseline
+        self._own = [(effect, name) for effect in effects for name in effect.parameters]
+        self.parameters: Sequence[Parameter] = (
+            *baseline.parameters,
+            *(
+                Parameter(_shown(effect, name, effects), 0.0, step=_STEP * effect.typical[name])
+                for effect, name in self._own
+            ),
+        )
+        self.units: Sequence[str] = (*baseline.units, *(effect.parameters[name] for effect, name in self._own))
+        self.owners: Sequence[str] = (*("" for _ in baseline.parameters), *(effect.id for effect, _ in self._own))
+        self.local: Sequence[bool] = tuple(parameter.name.startswith("gain[") for parameter in self.parameters)
+
+    @property
+    def observations(self) -> Observations:
+        """The data, in the order of predictions."""
+        return self._study.observations
+
+    def predict(self, values: FloatArray) -> FloatArray:
+        """The data for parameter values of shape (m,); shape (n,)."""
+        shared, changes = self._split(values)
+        return np.asarray(self.observations.value - self._study.baseline.residual(shared, changes))
+
+    def jacobian(self, values: FloatArray) -> FloatArray:
+        """d predict / d values, shape (n, m)."""
+        shared, changes = self._split(values)
+        baseline = self._study.baseline
+        columns = [-baseline.jacobian(shared, changes)]
+        at = len(shared)
+        for effect in self._effects:
+            own = values[at : at + len(effect.parameters)]
+            for derivative in self._study.derivatives(effect, own):
+                columns.append(baseline.shift(shared, derivative)[:, None])
+            at += len(effect.parameters)
+        return np.hstack(columns)
+
+    def _split(self, values: FloatArray) -> tuple[FloatArray, list[ComplexArray] | None]:
+        """The baseline's values, and what the effects do to the amplitudes of all halves."""
+        count = len(self._study.baseline.parameters)
+        total: list[ComplexArray] | None = None
+        at = count
+        for effect in self._effects:
+            made = self._study.changes(effect, values[at : at + len(effect.parameters)])
+            total = made if total is None else [a + b for a, b in zip(total, made, strict=True)]
+            at += len(effect.parameters)
+        return values[:count], total
+
+
+class InflightStudy:
+    """A recording of calibration sessions, ours or imported, with what `plugins` add to the catalogue.
+
+    Runs are reduced when first needed, and by a store kept. `ConfigError` when two effects share an id, `DataError`
+    when no run can be used.
+    """
+
+    experiment = "inflight-calibration"
+
+    def __init__(self, source: RunSource, plugins: Sequence[Plugin] = ()) -> None:
+        self._source = source
+        added = [effect for plugin in plugins for effect in plugin.effects.values()]
+        self.catalogue: Mapping[str, Effect] = catalogue(self.experiment, added)
+        self._kept: dict[tuple[str, tuple[float, ...]], list[ComplexArray]] = {}
+        self._units: dict[str, list[list[ComplexArray]] | None] = {}
+
+    def effects(self) -> dict[str, str]:
+        """Every effect that can be added: id and the physics in a sentence."""
+        return {name: effect.summary for name, effect in self.catalogue.items()}
+
+    @property
+    def constants(self) -> Mapping[str, float]:
+        """What the recorder believed."""
+        return self._source.header.constants
+
+    @property
+    def left_out(self) -> Mapping[str, str]:
+        """By run_id, why a valid run could not be reduced."""
+        return self.reduced.left_out
+
+    @cached_property
+    def reduced(self) -> Reduction:
+        """The valid runs."""
+        found = reduction(self._source)
+        if not found.runs:
+            why = next(iter(found.left_out.values()), "there is no valid run")
+            raise DataError(f"no run of this recording can be used: {why}")
+        return found
+
+    @cached_property
+    def observed(self) -> Observed:
+        """The runs with their noise."""
+        return observed(self.reduced.runs)
+
+    @cached_property
+    def baseline(self) -> Baseline:
+        """Of all halves."""
+        return Baseline(self.observed.stretches())
+
+    @cached_property
+    def observations(self) -> Observations:
+        """Lines of all halves, each half a run of its own and a block."""
+        return _observations(self.observed, self.baseline)
+
+    def model(self, terms: Sequence[Term]) -> InflightModel:
+        """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
+        named = {term.effect for term in terms}
+        for name in named:
+            if name not in self.catalogue:
+                raise unknown_effect(name, self.catalogue)
+        if len(named) < len(terms):
+            raise ConfigError("an effect is in the model twice; name it once")
+        effects = [effect for name, effect in self.catalogue.items() if name in named]
+        for effect in effects:
+            if reason := self._untestable(effect):
+                raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
+        return InflightModel(self, terms, effects)
+
+    def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
+        """Every effect that `model` lacks, at the fitted `values`."""
+        there = {term.effect for term in model.terms}
+        shared = np.asarray(values[: len(self.baseline.parameters)])
+        beside = [effect for effect in self.catalogue.values() if effect.id in there]
+        found: list[Candidate] = []
+        refused: list[NotTestable] = []
+        for effect in self.catalogue.values():
+            if effect.id in there:
+                continue
+            if reason := self._untestable(effect):
+                refused.append(NotTestable(effect.id, reason))
+                continue
+            found.append(self._candidate(effect, shared, beside))
+        return found, refused
+
+    def lines(self, model: Model) -> Sequence[Line]:
+        """None yet."""
+        del model
+        return ()
+
+    def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+        """The ten parameters."""
+        sigmas = np.sqrt(np.diag(covariance))
+        return {
+            name: {"value": float(value), "sigma": float(sigma), "unit": unit}
+            for name, value, sigma, unit in zip(NAMES, values, sigmas, model.units, strict=False)
+        }
+
+    def inseparable(self) -> Mapping[str, tuple[str, ...]]:
+        """Effects that by construction are not to be told from parameters of the baseline."""
+        return INSEPARABLE
+
+    # Effects
+
+    def changes(self, effect: Effect, values: FloatArray) -> list[ComplexArray]:
+        """What an effect does to the amplitudes of all halves."""
+        units = self._linear(effect)
+        if units is not None:
+            made = [np.zeros_like(each) for each in units[0]]
+            for value, unit in zip(values, units, strict=True):
+                for total, part in zip(made, unit, strict=True):
+                    total += value * part
+            return made
+        return self._evaluated(effect, values)
+
+    def derivatives(self, effect: Effect, values: FloatArray) -> list[list[ComplexArray]]:
+        """d changes / d each of its parameters."""
+        units = self._linear(effect)
+        if units is not None:
+            return units
+        found = []
+        for place, name in enumerate(effect.parameters):
+            step = _STEP * abs(effect.typical[name])
+            up, down = (self._evaluated(effect, values + sign * step * _unit(place, values)) for sign in (1.0, -1.0))
+            found.append([(a - b) / (2.0 * step) for a, b in zip(up, down, strict=True)])
+        return found
+
+    def _linear(self, effect: Effect) -> list[list[ComplexArray]] | None:
+        """Changes per unit of each parameter; None for an effect that is not linear in them."""
+        if effect.id not in self._units:
+            typical = np.array([effect.typical[name] for name in effect.parameters])
+            units = [
+                [each / size for each in self._evaluated(effect, size * _unit(place, typical))]
+                for place, size in enumerate(typical)
+            ]
+            whole = self._evaluated(effect, 2.0 * typical)
+            summed = [
+                sum(2.0 * size * unit[half] for size, unit in zip(typical, units, strict=True))
+                for half in range(len(whole))
+            ]
+            off = sum(float(np.sum(np.abs(a - b) ** 2)) for a, b in zip(whole, summed, strict=True))
+            size = sum(float(np.sum(np.abs(a) ** 2)) for a in whole)
+            self._units[effect.id] = units if off <= _LINEAR**2 * size else None
+        return self._units[effect.id]
+
+    def _evaluated(self, effect: Effect, values: FloatArray) -> list[ComplexArray]:
+        key = (effect.id, tuple(float(value) for value in values))
+        if key not in self._kept:
+            if len(self._kept) > 200:
+                self._kept.clear()
+            parameters = dict(zip(effect.parameters, map(float, values), strict=True))
+            self._kept[key] = [half for reducer in self._reducers for half in reducer.changes(effect, parameters)]
+        return self._kept[key]
+
+    @cached_property
+    def _reducers(self) -> list[Reducer]:
+        return [Reducer(run) for run in self.reduced.runs]
+
+    def _candidate(self, effect: Effect, shared: FloatArray, beside: Sequence[Effect]) -> Candidate:
+        nothing = np.zeros(len(effect.parameters))
+        columns = [self.baseline.shift(shared, derivative) for derivative in self.derivatives(effect, nothing)]
+        return Candidate(
+            term=Term(effect.id),
+            names=tuple(_shown(effect, name, beside) for name in effect.parameters),
+            units=tuple(effect.parameters.values()),
+            derivative=np.stack(columns, axis=1),
+            typical=np.array([effect.typical[name] for name in effect.parameters]),
+        )
+
+    def _untestable(self, effect: Effect) -> str | None:
+        """Why this recording cannot be asked about an effect; None when it can."""
+        if effect.id in COMMON:
+            return COMMON[effect.id]
+        if "temperature" in effect.needs and not all(_has_temperature(run) for run in self.reduced.runs):
+            return "no temperature is recorded; add columns temperature_1_k and temperature_2_k"
+        try:
+            units = self.derivatives(effect, np.zeros(len(effect.parameters)))
+        except DataError as error:
+            return str(error)
+        size = max(float(np.max(np.abs(half), initial=0.0)) for unit in units for half in unit)
+        return None if size > 0.0 else "it changes nothing in these runs"
+
+
+def _has_temperature(run: ReducedRun) -> bool:
+    names = ("temperature_1_k", "temperature_2_k")
+    return all(name in run.coarse.columns for name in names)
+
+
+def _unit(place: int, like: FloatArray) -> FloatArray:
+    made = np.zeros(len(like))
+    made[place] = 1.0
+    return made
+
+
+def _shown(effect: Effect, name: str, beside: Sequence[Effect]) -> str:
+    """A parameter's name; with its effect's before it where another has the same."""
+    others = {other for each in beside if each.id != effect.id for other in each.parameters}
+    return f"{effect.id}.{name}" if name in others or name in (*NAMES, *NUISANCES) else name
+
+
+def _observations(given: Observed, baseline: Baseline) -> Observations:
+    series: dict[Series, int] = {}
+    series_of: list[int] = []
+    stretch_of: list[int] = []
+    for number, each in enumerate(baseline.stretches):
+        names = []
+        for place in each.compared:
+            line = each.lines[place]
+            where = line.name if line.harmonic == 0 else f"{each.session.name} {line.name}"
+            names += [(DIFFERENTIAL, f"{where} {part}") for part in ("cosine", "sine")]
+        if each.has_own:
+            names += [(OWN, f"{each.session.name} f {part}") for part in ("in-phase", "quadrature")]
+        for channel, component in names:
+            series_of.append(series.setdefault(Series(channel, component, "m/s2"), len(series)))
+            stretch_of.append(number)
+    run_of_stretch = [run for run, each in enumerate(given.runs) for _ in each.halves]
+    run_of = np.array(stretch_of, dtype=np.intp)
+    return Observations(
+        run_ids=tuple(each.run_id for each in baseline.stretches),
+        series=tuple(series),
+        pools=tuple(NoisePool(run.run_id, noise.dof) for run, noise in zip(given.runs, given.noises, strict=True)),
+        value=baseline.observed(),
+        sigma=baseline.sigma(),
+        series_of=np.array(series_of, dtype=np.intp),
+        run_of=run_of,
+        pool_of=np.array(run_of_stretch, dtype=np.intp)[run_of],
+        group_of=np.zeros(len(run_of), dtype=np.intp),
+        block_of=np.arange(len(baseline.stretches), dtype=np.intp),
+        covariates=_covariates(given),
+    )
+
+
+def _covariates(given: Observed) -> dict[str, FloatArray]:
+    """Columns over the halves: when, which half, and every number of runs.csv that varies."""
+    rows = [(run, place, half) for run in given.runs for place, half in enumerate(run.halves)]
+    found = {"half": np.array([float(place) for _, place, _ in rows])}
+    names = dict.fromkeys(name for run in given.runs for name in run.conditions)
+    for name in names:
+        values = [run.conditions.get(name, math.nan) for run, _, _ in rows]
+        numbers = [float(v) if isinstance(v, int | float) and not isinstance(v, bool) else math.nan for v in values]
+        column = np.array(numbers)
+        if name == "start_s":
+            column = column + np.array([0.5 * (half.start_s + half.stop_s) for _, _, half in rows])
+        if np.isfinite(column).any() and np.nanmax(column) > np.nanmin(column):
+            found[name] = column
+    return found

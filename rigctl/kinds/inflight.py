@@ -1,0 +1,81 @@
+"""In-flight calibration of a drag-free differential accelerometer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rigctl.errors import DataError, ProcedureError
+from rigctl.experiments.inflight.monte_carlo import DRAW, Draw, tables
+from rigctl.experiments.inflight.result import calibration
+from rigctl.experiments.inflight.study import InflightStudy
+from rigctl.kinds import Drawn, inflight_campaign
+
+if TYPE_CHECKING:
+    from rigctl.campaign.parts import Part
+    from rigctl.campaign.recording import ChannelInfo, LaserInfo
+    from rigctl.campaign.store import Store
+    from rigctl.config import CampaignFile
+    from rigctl.effects.plugins import Plugin
+    from rigctl.kinds import Plan
+    from rigctl.report.figure_data import Plate
+    from rigctl.rig import Rig
+    from rigctl.workbench.bench import Workbench
+
+
+def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
+    """The sessions a campaign file asks for; `ConfigError`."""
+    del part, plugins
+    return inflight_campaign.CalibrationPlan(inflight_campaign.procedure_of(campaign))
+
+
+def mounted(store: Store) -> Sequence[tuple[str, str, int]]:
+    """Nothing is mounted in orbit."""
+    del store
+    return ()
+
+
+def channels(rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInfo]]:
+    """The columns of telemetry."""
+    return inflight_campaign.channels(rig), {}
+
+
+def study(store: Store, plugins: Sequence[Plugin]) -> InflightStudy:
+    """A store's runs as the workbench sees them."""
+    return InflightStudy(store, plugins)
+
+
+def result(bench: Workbench) -> dict[str, Any]:
+    """The ten parameters of one calibration; of a Monte Carlo study the paper's tables 2 and 3."""
+    from rigctl.workbench.fit import fit
+
+    draws = [Draw.from_json(document.data) for document in bench.store.documents(DRAW)]
+    if draws:
+        return tables(draws)
+    studied = bench.study
+    assert isinstance(studied, InflightStudy)
+    version = bench.current
+    return {"version": version.version, **calibration(studied, fit(studied, version.terms).as_json()["parameters"])}
+
+
+def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
+    """Print the tables, and what is to be said of runs."""
+    from rigctl.report.inflight_tables import result_tables
+    from rigctl.report.terminal_tables import print_tables
+
+    del reference
+    print_tables(result_tables(found), found.get("remarks", ()))
+
+
+def draw(bench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
+    """The tables of the result with their figures."""
+    from rigctl.report.figure_inflight import contributions_plate, errors_plate, estimates_plate
+    from rigctl.report.inflight_tables import result_tables
+
+    del lines_hz, found
+    try:
+        told = result(bench)
+    except (ProcedureError, DataError) as error:
+        return Drawn(left_out={"result of the calibration": str(error)})
+    study_plates: list[Plate[Any]] = [errors_plate(told), contributions_plate(told)] if "table2" in told else []
+    return Drawn(told, result_tables(told), study_plates or [estimates_plate(told)])
