@@ -113,6 +113,10 @@ def kind_of(experiment: str, path: Path | str = "") -> Kind:
         from rigctl.kinds import rotating_platform
 
         return rotating_platform
+    if experiment == "inflight-calibration":
+        from rigctl.kinds import inflight
+
+        return inflight
     if experiment == "table":
         from rigctl.kinds import table
 
