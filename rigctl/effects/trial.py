@@ -12,9 +12,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigctl.effects.catalogue import Effect, FloatArray
+from rigctl.effects.catalogue import POINTS, Effect, FloatArray
 
 _READINGS = 24
+_SAMPLES = 240
 _NOTHING = 1e-12
 _DIFFERENT = 1e-12
 
@@ -86,8 +87,8 @@ def columns_of(effect: Effect) -> tuple[str, ...]:
 
 
 def _shape_of(run: Any) -> tuple[int, ...]:
-    """Runs by points of a period, or readings."""
-    return np.shape(run.t if hasattr(run, "t") else run.signal)
+    """Runs by points of a period, masses by axes by samples, or readings."""
+    return np.broadcast_shapes(np.shape(run.t), np.shape(run.signal)) if hasattr(run, "t") else np.shape(run.signal)
 
 
 def _sizes(effect: Effect) -> dict[str, FloatArray]:
@@ -117,7 +118,15 @@ def _is_a_number_somewhere(values: Any, shape: tuple[int, ...]) -> bool:
 
 def made_up(effect: Effect) -> Any:
     """Runs that differ in every condition, or readings, at the point where the effect acts."""
-    return MadeUpReadings() if effect.on == "response" else _made_up_runs(effect.on)
+    if effect.on == "response":
+        return MadeUpReadings()
+    if effect.on in POINTS["inflight-calibration"]:
+        from rigctl.experiments.inflight.flight import made_up_flight
+
+        return made_up_flight(effect.on, AnyColumns((_SAMPLES,)))
+    if effect.on in POINTS["rotating-platform"]:
+        return _made_up_platform(effect.on)
+    return _made_up_runs(effect.on)
 
 
 def _made_up_runs(point: str) -> Any:
