@@ -114,6 +114,10 @@ class MonteCarlo(Calibration):
     workers: Annotated[int, Field(ge=0)] = 0
     scheduler: str = ""
     kept_draw: Annotated[int, Field(ge=-1)] = -1
+    expected_m_s2_rthz: Positive = 1.2e-12
+    """One-sided amplitude density of a sensor's noise along x: white, and 1/f in power below the corner."""
+    expected_corner_hz: Annotated[float, Field(ge=0)] = 5e-4
+    expected_readout_m_rthz: Annotated[float, Field(ge=0)] = 3e-11
 
 
 @dataclass(frozen=True)

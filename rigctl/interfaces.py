@@ -10,7 +10,7 @@ number of times; a blocked motion then raises `rigctl.errors.MotionStopped`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
@@ -300,6 +300,30 @@ class DragFreeSatellite(Instrument, Protocol):
 
     def fetch(self) -> FloatArray:
         """The rows that came down since the last call, shape (n, channels), n may be 0; NaN where some are lost."""
+        ...
+
+
+class SatelliteEnsemble(Protocol):
+    """Simulated satellites that differ as instruments do, by number; several are flown at once. Can be pickled."""
+
+    at_once: int
+    """As many as are flown in about the time of one."""
+    sample_period_s: float
+    columns: tuple[str, ...]
+    complete: bool
+    """Whether every sample comes down."""
+
+    def telemetry(
+        self, draws: Sequence[int], run: int, session: FlightSession, chunk: int
+    ) -> Iterator[NDArray[np.float64]]:
+        """A session of some draws, shape (samples, columns, draws), `chunk` samples at a time, the last ones fewer.
+
+        `run` is the key of its randomness beside the draw's number: what comes does not depend on the other draws.
+        """
+        ...
+
+    def truths(self, draw: int) -> Mapping[str, Mapping[str, float]]:
+        """What a calibration should find: parameters by name, of `exact_truth` and `paper_truth`."""
         ...
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import signal
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -54,7 +54,7 @@ def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: P
         identities = rig.identities()
         with _store_to_oneself(store_path):
             _write_truth(rig_file, store_path)
-            header = _header(campaign, plan, rig, options, _brought(campaign, plugins))
+            header = _header(campaign, rig, options, _brought(campaign, plugins), plan.kept())
             with Store.create(store_path, header) as store:
                 for name, identity in identities.items():
                     store.set_identity(name, identity)
@@ -238,10 +238,12 @@ def _write_truth(rig_file: config.RigFile, store_path: Path) -> None:
 
 def header_of(campaign: config.CampaignFile, rig_file: config.RigFile) -> Header:
     """The header a store of this campaign would have, before anything is measured; nothing is connected."""
-    return _header(campaign, _plan(campaign, None, ()), Rig(rig_file), Options(), {})
+    return _header(campaign, Rig(rig_file), Options(), {})
 
 
-def _header(campaign: config.CampaignFile, plan: Plan, rig: Rig, options: Options, plugins: Plugins) -> Header:
+def _header(
+    campaign: config.CampaignFile, rig: Rig, options: Options, plugins: Plugins, kept: Mapping[str, Any] | None = None
+) -> Header:
     file = rig.file
     channels, lasers = kind_of(campaign.experiment, campaign.path).channels(rig)
     return Header(
@@ -259,7 +261,7 @@ def _header(campaign: config.CampaignFile, plan: Plan, rig: Rig, options: Option
         extra={
             "certificates": {k: c.model_dump(mode="json") for k, c in file.certificates.items()},
             "unattended": options.unattended,
-            **plan.kept(),
+            **(kept or {}),
             **({PLUGINS: plugins} if plugins else {}),
         },
     )

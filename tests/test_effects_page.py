@@ -14,6 +14,7 @@ from rigctl.cli import app
 from rigctl.effects.catalogue import POINTS, SCOPES
 from rigctl.effects.plugins import load
 from rigctl.errors import ConfigError
+from rigctl.experiments.inflight.flight import FlightRun
 from rigctl.experiments.sensing_axis.chain import Runs
 
 PAGE = (Path(__file__).parent.parent / "docs" / "effects.md").read_text(encoding="utf-8")
@@ -37,9 +38,10 @@ def section(title: str) -> str:
 
 
 def test_the_catalogue_is_listed_as_the_command_gives_it() -> None:
-    found = CliRunner().invoke(app, ["effects", "--json"])
-    said = section("The catalogue").split("|---|---|---|---|---|---|\n", 1)[1].split("\n\n", 1)[0]
-    assert said.splitlines() == [row(each) for each in json.loads(found.stdout)]
+    found = json.loads(CliRunner().invoke(app, ["effects", "--json"]).stdout)
+    for experiment in dict.fromkeys(each["experiment"] for each in found):
+        table = PAGE.split(f"<!-- effects: {experiment} -->\n", 1)[1].split("\n\n", 1)[0]
+        assert table.splitlines()[2:] == [row(each) for each in found if each["experiment"] == experiment]
 
 
 def test_points_scopes_and_fields_are_those_there_are() -> None:
@@ -49,6 +51,9 @@ def test_points_scopes_and_fields_are_those_there_are() -> None:
     first_cells = " ".join(re.findall(r"^\| (.*?) \|", section("What a run has"), re.MULTILINE))
     for name in re.findall(r"`(\w+)", first_cells):
         assert hasattr(Runs, name) or name in Runs.__dataclass_fields__, name
+    in_orbit = " ".join(re.findall(r"^\| (.*?) \|", section("What a run in orbit has"), re.MULTILINE))
+    for name in re.findall(r"`(\w+)", in_orbit):
+        assert hasattr(FlightRun, name) or name in FlightRun.__dataclass_fields__, name
 
 
 def test_the_example_loads(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ POINTS: Mapping[str, tuple[str, ...]] = {
         "laser_m",
     ),
     "rotating-platform": ("platform_angle_rad", "force_m_s2", "reading_m_s2"),
-    "inflight-calibration": ("gradient_1_s2", "off_centring_m", "specific_force_m_s2", "measured_m_s2"),
+    "inflight-calibration": ("gradient_1_s2", "off_centring_m", "mass_force_m_s2", "measured_m_s2"),
     "table": ("response",),
 }
 """Where an effect may act, by experiment, in the order in which a signal passes.

@@ -151,7 +151,7 @@ def thermal_off_centring(run: FlightRun, beta: FloatArray) -> FloatArray:
 
 @effect(
     "wire-stiffness",
-    on="specific_force_m_s2",
+    on="mass_force_m_s2",
     parameters={"stiffness_1": "1/s2", "stiffness_2": "1/s2", "loss_1": "1/s2", "loss_2": "1/s2"},
     typical={"stiffness_1": 2.5e-3, "stiffness_2": 7e-4, "loss_1": 2.5e-5, "loss_2": 7e-6},
     source="wire and electrodes as a spring kappa/m, loss kappa/(m Q); kappa 1e-4 to 1e-2 N/m, Q 50 to 1000",
@@ -169,7 +169,7 @@ def wire_stiffness(
 
 @effect(
     "cubic-stiffness",
-    on="specific_force_m_s2",
+    on="mass_force_m_s2",
     parameters={"cubic_1": "1/(m2 s2)", "cubic_2": "1/(m2 s2)"},
     typical={"cubic_1": 3e5, "cubic_2": 1e5},
     source="a hundredth of the linear stiffness over the motion",
@@ -181,7 +181,7 @@ def cubic_stiffness(run: FlightRun, cubic_1: FloatArray, cubic_2: FloatArray) ->
 
 @effect(
     "charge",
-    on="specific_force_m_s2",
+    on="mass_force_m_s2",
     parameters={"charging_d": "m/s3"},
     typical={"charging_d": 1e-16},
     source="bad contact of the grounding wire, q < 1e-12 C; plausible 1e-18 to 1e-15 m/s3",
@@ -193,7 +193,7 @@ def charge(run: FlightRun, charging_d: FloatArray) -> FloatArray:
 
 @effect(
     "magnetic",
-    on="specific_force_m_s2",
+    on="mass_force_m_s2",
     parameters={"once_cos_d": "m/s2", "once_sin_d": "m/s2", "twice_cos_d": "m/s2", "twice_sin_d": "m/s2"},
     typical={"once_cos_d": 1e-14, "once_sin_d": 1e-14, "twice_cos_d": 1e-14, "twice_sin_d": 1e-14},
     source="remanent moment in the field's gradient (f_orb), susceptibility in its square's (2 f_orb); to 1e-13",
@@ -214,7 +214,7 @@ def magnetic(
 
 @effect(
     "spring-noise",
-    on="specific_force_m_s2",
+    on="mass_force_m_s2",
     parameters={"kappa_over_q": "N/m"},
     typical={"kappa_over_q": 1e-5},
     source="4 kB T kappa/(m^2 Q w): 2e-11 m/s2/rtHz at 0.34 mHz for 1e-3 N/m, Q 100, 0.4 kg",
@@ -228,7 +228,7 @@ def spring_noise(run: FlightRun, kappa_over_q: FloatArray) -> FloatArray:
 
 @effect(
     "thrust-quantisation",
-    on="specific_force_m_s2",
+    on="mass_force_m_s2",
     parameters={"step": "m/s2"},
     typical={"step": 1e-10},
     source="smallest step of the thrusters, 0.1 uN",
@@ -242,7 +242,7 @@ def thrust_quantisation(run: FlightRun, step: FloatArray) -> FloatArray:
 
 @effect(
     "mass-drift",
-    on="specific_force_m_s2",
+    on="mass_force_m_s2",
     parameters={"rate": "m/s"},
     typical={"rate": 4e-11},
     source="gas that is used up, 0.1 mm a month",
@@ -256,7 +256,7 @@ def mass_drift(run: FlightRun, rate: FloatArray) -> FloatArray:
 
 @effect(
     "moved-mass-reaction",
-    on="specific_force_m_s2",
+    on="mass_force_m_s2",
     parameters={"mass_ratio": "1"},
     typical={"mass_ratio": 6e-3},
     source="1.7 kg of 300 kg",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from rigctl.effects.catalogue import Effect, catalogue, effects_in, line_of, said
+from rigctl.effects.catalogue import POINTS, Effect, catalogue, effects_in, line_of, said
 from rigctl.effects.declaration import flaw_of_declaration
 from rigctl.effects.trial import flaw_of_function
 from rigctl.errors import ConfigError
@@ -70,7 +70,7 @@ def _executed(path: Path, source: bytes, name: str) -> ModuleType:
 def _flaw_of_id(effect: Effect, before: Mapping[str, Effect]) -> str | None:
     if effect.id in before:
         return "there are two of this id in the file; rename one"
-    if effect.id in catalogue("sensing-axis"):
+    if any(effect.id in catalogue(name) for name, points in POINTS.items() if effect.on in points):
         return "rigctl has an effect of this id; choose another"
     return None
 

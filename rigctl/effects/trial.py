@@ -12,9 +12,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigctl.effects.catalogue import Effect, FloatArray
+from rigctl.effects.catalogue import POINTS, Effect, FloatArray
 
 _READINGS = 24
+_SAMPLES = 240
 _NOTHING = 1e-12
 _DIFFERENT = 1e-12
 
@@ -86,8 +87,8 @@ def columns_of(effect: Effect) -> tuple[str, ...]:
 
 
 def _shape_of(run: Any) -> tuple[int, ...]:
-    """Runs by points of a period, or readings."""
-    return np.shape(run.t if hasattr(run, "t") else run.signal)
+    """Runs by points of a period, masses by axes by samples, or readings."""
+    return np.broadcast_shapes(np.shape(run.t), np.shape(run.signal)) if hasattr(run, "t") else np.shape(run.signal)
 
 
 def _sizes(effect: Effect) -> dict[str, FloatArray]:
@@ -117,7 +118,57 @@ def _is_a_number_somewhere(values: Any, shape: tuple[int, ...]) -> bool:
 
 def made_up(effect: Effect) -> Any:
     """Runs that differ in every condition, or readings, at the point where the effect acts."""
-    return MadeUpReadings() if effect.on == "response" else _made_up_runs(effect.on)
+    if effect.on == "response":
+        return MadeUpReadings()
+    if effect.on in POINTS["inflight-calibration"]:
+        from rigctl.experiments.inflight.flight import made_up_flight
+
+        return made_up_flight(effect.on, AnyColumns((_SAMPLES,)))
+    if effect.on in POINTS["rotating-platform"]:
+        return _made_up_platform(effect.on)
+    return _made_up_runs(effect.on)
+
+
+def _made_up_platform(point: str) -> Any:
+    from rigctl.experiments.rotating_platform.chain import PlatformRuns
+
+    rng = np.random.default_rng(1)
+    cells = 48
+
+    def scattered(low: float, high: float) -> FloatArray:
+        return np.asarray(rng.uniform(low, high, cells))
+
+    t = np.linspace(0.0, 1410.0, cells)
+    sign = np.where(np.arange(cells) % 2, -1.0, 1.0)
+    a_z, a_y = scattered(1e-4, 2e-3), scattered(-1e-3, -1e-4)
+    force = sign * a_z
+    signals = {
+        "platform_angle_rad": np.zeros(cells) + 1e-5,
+        "force_m_s2": force,
+        "reading_m_s2": force + scattered(-2e-3, 2e-3),
+    }
+    return PlatformRuns(
+        channel="z",
+        t=t,
+        within=t - 720.0,
+        cos=sign,
+        sin=scattered(-1e-3, 1e-3),
+        since=scattered(0.0, 20.0),
+        direction=-sign,
+        speed_squared=scattered(0.0, 1e-2),
+        turning=scattered(-1e-2, 1e-2),
+        c_y=scattered(-1e-3, 1e-3),
+        c_z=scattered(0.0, 2e-3),
+        temperature=scattered(15.0, 30.0),
+        period=np.full(cells, 60.0),
+        g=9.8,
+        columns=AnyColumns((cells,)),
+        a_y=a_y,
+        a_z=a_z,
+        along=force,
+        across=sign * a_y,
+        signal=signals[point],
+    )
 
 
 def _made_up_runs(point: str) -> Any:

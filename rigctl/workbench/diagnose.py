@@ -12,7 +12,7 @@ from rigctl.workbench.findings import Diagnosis, Estimate, Inseparable, Rank, St
 from rigctl.workbench.fit import chi2_p_value
 from rigctl.workbench.score import ABSORBED, contained, likeness
 from rigctl.workbench.search import CATALOGUE_SHARE, Rival, Search, corrected_for
-from rigctl.workbench.study import Line, Study, Term
+from rigctl.workbench.study import DeclaresInseparable, Line, Study, Term
 from rigctl.workbench.threads import one_thread
 
 SAME = 0.99
@@ -223,6 +223,11 @@ def _inseparable(attempt: Attempt) -> tuple[Inseparable, ...]:
         if scored.score.keep.min() < ABSORBED:
             for name, shift in _absorbers(attempt, scored).items():
                 found.append(Inseparable(effect, name, shift))
+    if isinstance(attempt.study, DeclaresInseparable):
+        known = {(each.effect, each.other) for each in found}
+        for effect, names in attempt.study.inseparable().items():
+            pairs = [(effect, f"baseline:{name}") for name in names]
+            found += [Inseparable(*pair) for pair in pairs if pair not in known]
     for number, a in enumerate(attempt.scored):
         for b in attempt.scored[number + 1 :]:
             if _one(a, b):

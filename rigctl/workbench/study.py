@@ -207,6 +207,15 @@ class Study(Protocol):
         ...
 
 
+@runtime_checkable
+class DeclaresInseparable(Protocol):
+    """A study that knows beforehand which effects no data of its kind can tell from the baseline."""
+
+    def inseparable(self) -> Mapping[str, tuple[str, ...]]:
+        """By effect, the parameters of the baseline that take it up."""
+        ...
+
+
 @dataclass(frozen=True)
 class Proposal:
     """A run, or a reading, that could be made next: `settings` by name, with units in the names.

@@ -126,13 +126,15 @@ class NoiseStream:
         return np.asarray(noise, dtype=np.float64)
 
 
-def power_law_filter(density: PowerLaw, rate_hz: float) -> tuple[list[float], list[float], float]:
+def power_law_filter(
+    density: PowerLaw, rate_hz: float, per_decade: float = POLES_PER_DECADE, highest_hz: float = HIGHEST_POLE_HZ
+) -> tuple[list[float], list[float], float]:
     """Poles and zeros in z, slowest first, and the gain of the power.
 
     In y = sin^2(pi f / rate) a first-order section is |1 - p/z|^2 = 4 p (y + c) with c = (1 - p)^2 / 4 p.
     """
-    highest_hz = min(HIGHEST_POLE_HZ, 0.5 * rate_hz)
-    count = math.ceil(POLES_PER_DECADE * math.log10(highest_hz / density.knee_hz)) + 1
+    highest_hz = min(highest_hz, 0.5 * rate_hz)
+    count = math.ceil(per_decade * math.log10(highest_hz / density.knee_hz)) + 1
     corners = np.sin(math.pi * np.geomspace(density.knee_hz, highest_hz, count) / rate_hz) ** 2
     frequency_hz = np.geomspace(3.0 * density.knee_hz, 0.5 * rate_hz, 4000)
     y = np.sin(math.pi * frequency_hz / rate_hz) ** 2

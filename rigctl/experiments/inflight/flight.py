@@ -18,10 +18,12 @@ from rigctl.interfaces import FloatArray
 
 MEASURED_POINT, FORCE_POINT, GRADIENT_POINT, PLACE_POINT = (
     "measured_m_s2",
-    "specific_force_m_s2",
+    "mass_force_m_s2",
     "gradient_1_s2",
     "off_centring_m",
 )
+
+_MADE_UP = 240
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,39 @@ def flight_run(run: ReducedRun, point: str) -> FlightRun:
         temperature=np.array([c.get(f"temperature_{mass}_k", missing) for mass in (1, 2)]),
         columns={**_conditions(run), **c},
         signal=signal,
+    )
+
+
+def made_up_flight(point: str, columns: Mapping[str, FloatArray]) -> FlightRun:
+    """A run of a moved mass, every column filled, to try effects out on; as long as `columns` are."""
+    rng = np.random.default_rng(1)
+    session = Session("k2c_1", 5950.0, 4.0, 9e-3, 9e-6)
+    t_s = np.linspace(0.0, 50.0 * _MADE_UP, _MADE_UP)
+    angle = 2.0 * np.pi * session.orbital_hz * t_s
+    u = np.array([np.cos(angle), np.zeros_like(angle), np.sin(angle)])
+    gradient = 1.1e-6 * (3.0 * u[:, None] * u[None] - np.eye(3)[:, :, None])
+    measured = 1e-8 * rng.standard_normal((2, 3, _MADE_UP))
+    moved, speed = _moved(session, t_s)
+    return FlightRun(
+        session=session.name,
+        t=t_s,
+        orbital=2.0 * np.pi * session.orbital_hz,
+        stimulus=2.0 * np.pi * session.frequency_hz,
+        amplitude=session.amplitude,
+        measured=measured,
+        gradient=gradient,
+        attitude=1e-5 * rng.standard_normal((3, _MADE_UP)),
+        angular_acceleration=1e-8 * rng.standard_normal((3, _MADE_UP)),
+        moved=moved + 0.5 * moved[::-1],
+        moved_speed=speed + 0.5 * speed[::-1],
+        temperature=1e-3 * rng.standard_normal((2, _MADE_UP)),
+        columns=columns,
+        signal={
+            MEASURED_POINT: measured,
+            FORCE_POINT: measured,
+            GRADIENT_POINT: gradient,
+            PLACE_POINT: moved[1] - moved[0],
+        }[point],
     )
 
 

@@ -20,6 +20,8 @@ Target = Literal["none", "drag-free", "attitude", "masses", "mass-1", "mass-2"]
 
 SPEED_OF_LIGHT_M_S = 299792458.0
 EARTH_ORBIT_M_S = 29.78e3
+ORBITAL_M_S = 7.49e3
+"""Of a satellite 720 km high."""
 
 ROOM_K = 290.0
 
@@ -83,56 +85,41 @@ def temperature_k(settings: SatelliteSettings, time_s: FloatArray) -> FloatArray
 
 
 def _orbit(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> None:
-    period_s, e = settings.orbit_period_s, settings.eccentricity
-    believed = place(time_s, period_s, e, 0.0)
-    size = settings.size
-    true = place(
-        time_s + size("orbit-dating", "delay"),
-        period_s,
-        e + size("orbit-precession", "eccentricity_rate") * time_s,
-        size("orbit-precession", "rate") * time_s,
-    )
+    period_s, e, size = settings.orbit_period_s, settings.eccentricity, settings.size
+    believed = true = place(time_s, period_s, e, 0.0)
+    if settings.effects.keys() & {"orbit-dating", "orbit-precession"}:
+        true = place(
+            time_s + size("orbit-dating", "delay"),
+            period_s,
+            e + size("orbit-precession", "eccentricity_rate") * time_s,
+            size("orbit-precession", "rate") * time_s,
+        )
     for at, where in ((FORCING["strength"], true), (FORCING["believed"], believed)):
         made[:, at], made[:, at + 1], made[:, at + 2] = where.strength_s2, where.cosine, where.sine
     if j2 := size("gravity-j2", "j2"):
         inclination, perigee = size("gravity-j2", "inclination"), size("gravity-j2", "perigee")
         _put(made, "gradient", oblateness(true, period_s, j2, inclination, perigee))
-    v_m_s = 2.0 * math.pi * 7.1e6 / period_s
-    _put(
-        made,
-        "tracker",
-        np.stack(
-            [
-                np.full_like(time_s, size("tracker-bias", "x")),
-                size("tracker-bias", "y")
-                + size("tracker-aberration", "annual") * EARTH_ORBIT_M_S / SPEED_OF_LIGHT_M_S
-                + size("tracker-aberration", "orbital") * v_m_s / SPEED_OF_LIGHT_M_S * true.cosine,
-                size("tracker-bias", "z")
-                + size("tracker-aberration", "orbital") * v_m_s / SPEED_OF_LIGHT_M_S * true.sine,
-            ],
-            axis=1,
-        ),
-    )
+    for axis, name in enumerate(AXES):
+        made[:, FORCING["tracker"] + axis] = size("tracker-bias", name)
+    if "tracker-aberration" in settings.effects:
+        orbital = size("tracker-aberration", "orbital") * ORBITAL_M_S / SPEED_OF_LIGHT_M_S
+        made[:, FORCING["tracker"] + 1] += (
+            size("tracker-aberration", "annual") * EARTH_ORBIT_M_S / SPEED_OF_LIGHT_M_S + orbital * true.cosine
+        )
+        made[:, FORCING["tracker"] + 2] += orbital * true.sine
 
 
 def _drag(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> None:
     mean = 2.0 * math.pi / settings.orbit_period_s * time_s
-    c1, s1, c2, s2 = np.cos(mean), np.sin(mean), np.cos(2.0 * mean), np.sin(2.0 * mean)
+    c1, s1 = np.cos(mean), np.sin(mean)
+    c2, s2 = 1.0 - 2.0 * s1**2, 2.0 * s1 * c1
     drag = settings.drag
-    force = [
-        level + once * f + twice * g
-        for level, once, f, twice, g in zip(
-            drag.force_m_s2, drag.force_1_m_s2, (c1, s1, s1), drag.force_2_m_s2, (s2, c2, c2), strict=True
-        )
-    ]
-    torque = [
-        level + once * f + twice * g
-        for level, once, f, twice, g in zip(
-            drag.torque_rad_s2, drag.torque_1_rad_s2, (c1, s1, c1), drag.torque_2_rad_s2, (s2, c2, s2), strict=True
-        )
-    ]
-    _put(made, "force", np.stack(force, axis=1))
-    _put(made, "torque", np.stack(torque, axis=1))
+    for axis, (once, twice) in enumerate(((c1, s2), (s1, c2), (s1, c2))):
+        level, first, second = drag.force_m_s2[axis], drag.force_1_m_s2[axis], drag.force_2_m_s2[axis]
+        made[:, FORCING["force"] + axis] = level + first * once + second * twice
+    for axis, (once, twice) in enumerate(((c1, s2), (s1, c2), (c1, s2))):
+        level, first, second = drag.torque_rad_s2[axis], drag.torque_1_rad_s2[axis], drag.torque_2_rad_s2[axis]
+        made[:, FORCING["torque"] + axis] = level + first * once + second * twice
 
 
 def _injected(made: FloatArray, settings: SatelliteSettings, injection: Injection, time_s: FloatArray) -> None:
@@ -159,14 +146,17 @@ def _injected(made: FloatArray, settings: SatelliteSettings, injection: Injectio
 
 
 def _in_time(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> None:
+    made[:, FORCING["gain"] : FORCING["gain"] + 2] = 1.0
+    made[:, FORCING["loudness"]] = 1.0
+    if not settings.effects:
+        return
     size = settings.size
     n = 2.0 * math.pi / settings.orbit_period_s
     warmer_k = temperature_k(settings, time_s)
     made[:, FORCING["parted"]] = 0.5 * size("thermal-off-centring", "beta") * warmer_k
     for axis, name in enumerate(AXES):
         made[:, FORCING["centre"] + axis] = size("mass-drift", f"rate_{name}") * time_s
-    for k in range(2):
-        mass = str(k + 1)
+    for k, mass in enumerate(("1", "2")):
         made[:, FORCING["applied"] + k] = size("charge", "rate", mass) * time_s + sum(
             size("magnetic", f"a{harmonic}_{name}", mass) * wave(harmonic * n * time_s)
             for harmonic in (1, 2)
@@ -177,8 +167,7 @@ def _in_time(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) 
             + size("bias-drift", "rate", mass) * time_s
             + size("bias-drift", "curvature", mass) * time_s**2
         )
-        made[:, FORCING["gain"] + k] = 1.0 + size("thermal-gain", "kappa", mass) * warmer_k
-    made[:, FORCING["loudness"]] = 1.0
+        made[:, FORCING["gain"] + k] += size("thermal-gain", "kappa", mass) * warmer_k
     if change := size("noise-level", "change"):
         made[:, FORCING["loudness"]] += change * np.sin(2.0 * math.pi * time_s / size("noise-level", "period"))
 

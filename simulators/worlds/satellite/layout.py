@@ -7,7 +7,7 @@ from collections.abc import Mapping
 LANES = 16
 """Draws that go in lock step: four vectors of four, or two of eight."""
 
-POLES = 24
+POLES = 12
 """Of the filter that makes white noise into the sensor's; more than the densities need, unused ones are zero."""
 
 

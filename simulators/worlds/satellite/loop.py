@@ -52,7 +52,8 @@ _NYZ, _NR, _NG, _NS, _NF, _NT = (
 )
 _LEAST, _SMALLEST, _LARGEST, _CUBIC, _CROSS = _C["least"], _C["smallest"], _C["largest"], _C["cubic"], _C["cross"]
 
-CHANNELS = len(layout.COLUMNS)
+# Constants of other files are compiled in: whoever changes layout or normals touches this file too.
+_PARAMETERS, _STATES = layout.PARAMETERS * L, layout.STATES * L
 _NOISES = PER_STEP * L
 
 
@@ -70,10 +71,12 @@ def advance(
 ) -> None:
     """Steps `first`, `first` + 1, ... one per row of `forcing`; `state` is changed.
 
-    `out` (steps, CHANNELS * LANES), or with no row when nobody listens; `extra` (steps, 6 * LANES), or with no row,
+    `out` (steps, columns * LANES), or with no row when nobody listens; `extra` (steps, 6 * LANES), or with no row,
     adds to what the sensors measure. `parameter`, `state` and `constant` are flat, placed by `layout`. `red`
     (2, 3, POLES) has of each mass' noise filter poles, residues and, first of its row, the white part's amplitude.
     """
+    if parameter.size != _PARAMETERS or state.size != _STATES or red.shape[2] != _POLES:
+        raise ValueError("the compiled loop is older than its layout; touch loop.py")
     noise = np.empty(_NOISES)
     words = np.empty(_NOISES, dtype=np.uint64)
     doubles = words.view(np.float64)

@@ -17,7 +17,7 @@ EARTH_M3_S2 = 3.986004418e14
 EARTH_RADIUS_M = 6378137.0
 
 _KEPLER_STEPS = 20
-_CONVERGED = 1e-14
+_CONVERGED = 1e-8
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,18 @@ def place(
     n = 2.0 * math.pi / period_s
     mean = n * time_s
     e = np.asarray(eccentricity, dtype=np.float64)
-    anomaly = mean + e * np.sin(mean) * (1.0 + e * np.cos(mean))
+    sine, cosine = np.sin(mean), np.cos(mean)
+    anomaly = mean + e * sine * (1.0 + e * cosine)
     for _ in range(_KEPLER_STEPS):
-        step = (anomaly - e * np.sin(anomaly) - mean) / (1.0 - e * np.cos(anomaly))
+        sine, cosine = np.sin(anomaly), np.cos(anomaly)
+        step = (anomaly - e * sine - mean) / (1.0 - e * cosine)
         anomaly = anomaly - step
-        if np.max(np.abs(step), initial=0.0) < _CONVERGED * max(1.0, float(np.max(np.abs(mean), initial=0.0))):
+        # Newton's steps shrink as squares: one more would be below rounding, and this one is turned to first order.
+        if np.max(np.abs(step), initial=0.0) < _CONVERGED:
             break
-    nearness = 1.0 / (1.0 - e * np.cos(anomaly))
-    cosine, sine = (np.cos(anomaly) - e) * nearness, np.sqrt(1.0 - e**2) * np.sin(anomaly) * nearness
+    sine, cosine = sine - step * cosine, cosine + step * sine
+    nearness = 1.0 / (1.0 - e * cosine)
+    cosine, sine = (cosine - e) * nearness, np.sqrt(1.0 - e**2) * sine * nearness
     if np.any(turned_rad):
         c, s = np.cos(turned_rad), np.sin(turned_rad)
         cosine, sine = cosine * c - sine * s, sine * c + cosine * s

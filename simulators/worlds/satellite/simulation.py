@@ -37,8 +37,9 @@ FloatArray = NDArray[np.float64]
 
 BOLTZMANN_J_K = 1.380649e-23
 SETTLED_AT_ONCE = 4096
-KNEE_HZ = 1e-7
-"""The 1/f noise goes down to here: ten thousand hours."""
+KNEE_HZ, HIGHEST_HZ = 1e-6, 0.1
+"""The 1/f noise goes down to here, some hundred hours, and is followed up to here, where white is all there is."""
+PER_DECADE = 2.0
 
 
 class Simulation:
@@ -168,7 +169,9 @@ def _coloured(settings: SatelliteSettings, mass: str) -> FloatArray:
     # Two-sided, as the filter's design has it; some white to stand on, if there is none, at the Nyquist frequency.
     rate_hz = 1.0 / settings.sample_period_s
     floor = max(white, 1e-3 * red * settings.sample_period_s)
-    poles, zeros, gain = power_law_filter(PowerLaw(0.5 * floor, 0.5 * red, 1.0, KNEE_HZ), rate_hz)
+    poles, zeros, gain = power_law_filter(
+        PowerLaw(0.5 * floor, 0.5 * red, 1.0, KNEE_HZ), rate_hz, PER_DECADE, HIGHEST_HZ
+    )
     for i, pole in enumerate(poles):
         others = np.prod([pole - other for j, other in enumerate(poles) if j != i])
         made[0, i] = pole

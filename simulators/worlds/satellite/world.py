@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.clock import SimulationClock
-from simulators.worlds.satellite.forcing import ROOM_K, Command, Injection, temperature_k
+from simulators.worlds.satellite.ensemble import Ensemble, command_of
+from simulators.worlds.satellite.forcing import ROOM_K, temperature_k
 from simulators.worlds.satellite.layout import COLUMNS
 from simulators.worlds.satellite.settings import SatelliteSettings
 
@@ -32,6 +33,10 @@ class Satellite:
     identity = {"model": "drag-free satellite", "serial": "simulated", "firmware": "1"}
     columns = ("t_s", *COLUMNS, "temperature_1_k", "temperature_2_k")
 
+    def ensemble(self) -> Ensemble:
+        """All satellites of this kind."""
+        return Ensemble(self._settings)
+
     @property
     def sample_period_s(self) -> float:
         """Of the telemetry."""
@@ -50,9 +55,7 @@ class Satellite:
         from simulators.worlds.satellite.simulation import Simulation
 
         settings = self._settings
-        injection = Injection(**{key: command[key] for key in Injection.__dataclass_fields__})
-        samples = round(float(command["duration_s"]) / settings.sample_period_s)
-        asked = Command(samples, injection, command["hold"])
+        asked = command_of(settings, command)
         self._simulation = Simulation(settings, [settings.draw], self._run, asked)
         orbits = math.ceil((self._clock.now_s() + settings.settle_s) / settings.orbit_period_s)
         self._perigee_s = orbits * settings.orbit_period_s

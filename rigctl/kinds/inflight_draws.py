@@ -1,0 +1,187 @@
+"""One draw of the Monte Carlo after another: sessions reduced while they are simulated, estimates from what is left.
+
+A unit of work is one session of as many draws as the ensemble flies at once. What it needs can be pickled, so that it
+may run in a thread here or in a process elsewhere; what comes of it is the same.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from procedures.inflight import MonteCarlo
+from rigctl.experiments.inflight.baseline import Stretch, own_channel
+from rigctl.experiments.inflight.joint import joint_estimate
+from rigctl.experiments.inflight.monte_carlo import Draw
+from rigctl.experiments.inflight.paper import FittedRun, paper_estimate
+from rigctl.experiments.inflight.parameters import NAMES
+from rigctl.experiments.inflight.series import INDEX, SERIES, Amplitudes, central, raw_series
+from rigctl.experiments.inflight.sessions import STIMULUS, Line, Session, session_of
+from rigctl.experiments.inflight.weights import weights
+from rigctl.interfaces import FloatArray, SatelliteEnsemble
+from rigctl.workbench.threads import one_thread
+
+CHUNK = 1024
+"""Samples that are made and reduced at a time: sixteen draws of them stay near the processor."""
+
+LEAST_OWN = (3e-4, 1e-6)
+"""No moved mass's own channel counts as better known, as a part of its amplitude, in phase and in quadrature."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A session of some draws of an ensemble."""
+
+    ensemble: SatelliteEnsemble
+    study: MonteCarlo
+    orbit_period_s: float
+    name: str
+    run: int
+    draws: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Weights of all samples, (2 lines + 1, samples): of the published lines, of the observed, of a sum."""
+
+    session: Session
+    published: tuple[Line, ...]
+    observed: tuple[Line, ...]
+    rows: FloatArray
+
+    @property
+    def spread(self) -> FloatArray:
+        """Standard uncertainty of one component of each line in noise of unit density, (lines,)."""
+        square = np.einsum("ij,ij->i", self.rows[:-1], self.rows[:-1])
+        return np.asarray(np.sqrt(0.5 * (square[0::2] + square[1::2]) / (2.0 * self.session.sample_period_s)))
+
+
+@one_thread
+def reduce_unit(unit: Unit) -> bytes:
+    """Simulate a unit and reduce it; see `sessions_of` for what comes back."""
+    prepared = rows_of(unit)
+    session, rows = prepared.session, prepared.rows
+    parts = np.zeros((len(SERIES), len(rows), len(unit.draws)))
+    filled = INDEX["force x" if session.moves_masses else "moved"]
+    at = 0
+    asked = unit.study.session(unit.name, unit.orbit_period_s)
+    for chunk in unit.ensemble.telemetry(unit.draws, unit.run, asked, CHUNK):
+        t_s = session.sample_period_s * np.arange(at, at + len(chunk), dtype=np.float64)
+        columns = {name: chunk[:, place] for place, name in enumerate(unit.ensemble.columns)}
+        series = raw_series(session, t_s[:, np.newaxis], columns).T[:filled]
+        parts[:filled] += rows[:, at : at + len(chunk)] @ series
+        at += len(chunk)
+    made = io.BytesIO()
+    np.savez(made, parts=parts[:, :-1], means=parts[:, -1] / at, draws=np.array(unit.draws), spread=prepared.spread)
+    return made.getvalue()
+
+
+def rows_of(unit: Unit) -> _Rows:
+    """The weights of a unit's session: large, so one at a time, and made once for all of its draws."""
+    with _MAKING:
+        return _rows(unit.study, unit.name, unit.orbit_period_s, unit.ensemble.sample_period_s)
+
+
+_MAKING = threading.Lock()
+
+
+@lru_cache(maxsize=1)
+def _rows(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) -> _Rows:
+    session = flown(study, name, orbit_period_s, step_s)
+    duration_s = study.session(name, orbit_period_s).duration_s
+    t_s = step_s * np.arange(round(duration_s / step_s), dtype=np.float64)
+    published, observed = session.fitted_lines(), session.reduced_lines(duration_s)
+    made = [weights(t_s, [session.frequency_of(line) for line in lines]) for lines in (published, observed)]
+    return _Rows(session, published, observed, np.vstack([*made, np.ones((1, len(t_s)))]))
+
+
+def flown(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) -> Session:
+    """A session as the analysis knows it."""
+    return session_of(name, study.conditions(name, step_s), orbit_period_s, step_s)
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedUnit:
+    """A reduced unit, read back: `parts` (series, 2 lines, draws), `means` (series, draws), `spread` (lines,)."""
+
+    parts: FloatArray
+    means: FloatArray
+    draws: tuple[int, ...]
+    spread: FloatArray
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> ReducedUnit:
+        """What `reduce_unit` has made."""
+        with np.load(io.BytesIO(data), allow_pickle=False) as kept:
+            return cls(kept["parts"], kept["means"], tuple(kept["draws"].tolist()), kept["spread"])
+
+    def amplitudes(self, draw: int) -> Amplitudes:
+        """Of one draw, at all lines."""
+        place = self.draws.index(draw)
+        parts = self.parts[:, :, place].T
+        return central(np.asarray(parts[0::2] - 1j * parts[1::2]), self.means[:, place])
+
+
+def estimated(
+    draw: int, study: MonteCarlo, orbit_period_s: float, step_s: float, units: Mapping[str, ReducedUnit]
+) -> dict[str, tuple[dict[str, float], dict[str, float]]]:
+    """Values and sigmas by parameter of both estimates, "paper" and "joint", from a draw's reduced sessions."""
+    fitted, stretches = {}, []
+    for name, unit in units.items():
+        session = flown(study, name, orbit_period_s, step_s)
+        everything = unit.amplitudes(draw)
+        published = session.fitted_lines()
+        observed = session.reduced_lines(study.session(name, orbit_period_s).duration_s)
+        first, rest = slice(0, len(published)), slice(len(published), None)
+        sigma = np.sqrt(_density(study, session, (*published, *observed))) * unit.spread
+        fitted[name] = FittedRun(session, _at(everything, first), sigma[first])
+        stretches.append(_stretch(name, session, observed, _at(everything, rest), sigma[rest]))
+    paper, joint = paper_estimate(fitted), joint_estimate(stretches)
+    return {
+        "paper": (_named(paper.values), _named(paper.sigmas)),
+        "joint": (_named(joint.values), _named(joint.sigmas)),
+    }
+
+
+def draw_of(number: int, estimates: Mapping[str, Any], truths: Mapping[str, Mapping[str, float]]) -> Draw:
+    """A draw of the study with its score."""
+    return Draw(
+        number,
+        {name: values for name, (values, _) in estimates.items()},
+        {name: sigmas for name, (_, sigmas) in estimates.items()},
+        truths,
+    )
+
+
+def _density(study: MonteCarlo, session: Session, lines: Sequence[Line]) -> FloatArray:
+    """One-sided density of m_1x - m_2x that the study expects at some lines, (m/s2)^2/Hz."""
+    f_hz = np.array([session.frequency_of(line) for line in lines])
+    white = study.expected_m_s2_rthz**2 * (1.0 + study.expected_corner_hz / f_hz)
+    return np.asarray(2.0 * (white + (study.expected_readout_m_rthz * (2.0 * math.pi * f_hz) ** 2) ** 2))
+
+
+def _stretch(name: str, session: Session, lines: tuple[Line, ...], found: Amplitudes, sigma: FloatArray) -> Stretch:
+    own = (math.nan, math.nan)
+    if session.moves_masses and STIMULUS in lines:
+        place = lines.index(STIMULUS)
+        amplitude = abs(complex(found.table[place] @ own_channel(session)))
+        own = (
+            math.hypot(float(sigma[place]), LEAST_OWN[0] * amplitude),
+            math.hypot(float(sigma[place]), LEAST_OWN[1] * amplitude),
+        )
+    return Stretch(name, session, lines, found, sigma, own)
+
+
+def _at(found: Amplitudes, lines: slice) -> Amplitudes:
+    return Amplitudes(found.table[lines], found.mean_square)
+
+
+def _named(values: FloatArray) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(NAMES, values, strict=True)}

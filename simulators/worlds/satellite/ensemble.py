@@ -1,0 +1,53 @@
+"""Many satellites of one kind, by number: telemetry in lock step, and what a calibration of each should find."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.worlds.satellite.forcing import Command, Injection
+from simulators.worlds.satellite.instrument import truths
+from simulators.worlds.satellite.layout import COLUMNS, LANES
+from simulators.worlds.satellite.settings import SatelliteSettings
+
+FloatArray = NDArray[np.float64]
+
+
+class Ensemble:
+    """The satellites that a seed makes; settings are all there is to it."""
+
+    at_once = LANES
+    columns = COLUMNS
+
+    def __init__(self, settings: SatelliteSettings) -> None:
+        self._settings = settings
+        self.sample_period_s = settings.sample_period_s
+        self.complete = settings.missing.fraction == 0.0
+
+    def telemetry(self, draws: Sequence[int], run: int, session: Any, chunk: int) -> Iterator[FloatArray]:
+        """A session of some draws, (samples, columns, draws), `chunk` samples at a time; the last ones fewer.
+
+        `session` has `duration_s`, `hold` and a `stimulus` with the fields of an `Injection`.
+        """
+        # The compiler takes a second to load: not before somebody asks for it.
+        from simulators.worlds.satellite.simulation import Simulation
+
+        told = {field.name: getattr(session.stimulus, field.name) for field in fields(Injection)}
+        command = command_of(self._settings, {"duration_s": session.duration_s, "hold": session.hold, **told})
+        simulation = Simulation(self._settings, draws, run, command)
+        while simulation.taken < command.samples:
+            yield simulation.take(chunk)
+
+    def truths(self, draw: int) -> dict[str, Mapping[str, float]]:
+        """The parameters of a draw, by `exact_truth` and `paper_truth`."""
+        return truths(self._settings, draw)
+
+
+def command_of(settings: SatelliteSettings, told: Mapping[str, Any]) -> Command:
+    """A telecommand: `duration_s`, `hold`, and what is injected."""
+    injection = Injection(**{field.name: told[field.name] for field in fields(Injection)})
+    return Command(round(float(told["duration_s"]) / settings.sample_period_s), injection, told["hold"])
