@@ -35,9 +35,8 @@ class CalibrationPlan:
         check(flight, self.calibration)
         return CalibrationWork(flight, self.calibration)
 
-    def told(self, rig: Rig) -> Mapping[str, Any]:
+    def told(self) -> Mapping[str, Any]:
         """Sessions, and how long they are together."""
-        del rig
         sessions = self.calibration.sessions
         return {"sessions": list(sessions), "orbits": sum(self.calibration.orbits_of(name) for name in sessions)}
 
