@@ -20,7 +20,9 @@ app = typer.Typer()
 
 @app.command()
 def effects(
-    effect: Annotated[str | None, typer.Argument(metavar="ID", help="Tell all about this one.")] = None,
+    effect: Annotated[
+        str | None, typer.Argument(metavar="ID", help="Tell all about this one: ID, or EXPERIMENT:ID.")
+    ] = None,
     figure: Annotated[Path | None, typer.Option(metavar="FILE.svg", help="Draw its signature.")] = None,
     plugin: Plugins = None,
     as_json: Json = False,
@@ -33,21 +35,25 @@ def effects(
         if figure is not None:
             raise ConfigError("--figure draws one effect: name it, as in `rigctl effects roll-gravity --figure FILE`")
         if as_json:
-            print_json([_told(each) for each in known.values()])
+            print_json([_told(each) for each in known])
         else:
-            _print_catalogue(list(known.values()))
+            _print_catalogue(known)
         return
-    if effect not in known:
-        raise unknown_effect(effect, known)
+    experiment, _, name = effect.rpartition(":")
+    found = [each for each in known if each.id == name and experiment in ("", _experiment(each))]
+    if not found:
+        raise unknown_effect(effect, [each.id for each in known])
     if figure is not None:
-        _draw(known[effect], figure)
+        _draw(found[0], figure)
     if as_json:
-        print_json(_told(known[effect]))
+        print_json({**_told(found[0]), "others": [_told(each) for each in found[1:]]})
     else:
-        _print_effect(known[effect])
+        for each in found:
+            _print_effect(each)
 
 
-def _known(plugins: Sequence[Path]) -> dict[str, Effect]:
+def _known(plugins: Sequence[Path]) -> list[Effect]:
+    """Every experiment's effects: an id may mean one thing here and another there."""
     from rigctl.effects.catalogue import POINTS, catalogue
 
     found: list[Effect] = []
@@ -55,7 +61,7 @@ def _known(plugins: Sequence[Path]) -> dict[str, Effect]:
         from rigctl.effects.plugins import load
 
         found = [each for path in plugins for each in load(path).effects.values()]
-    return {name: each for experiment in POINTS for name, each in catalogue(experiment, found).items()}
+    return [each for experiment in POINTS for each in catalogue(experiment, found).values()]
 
 
 def _experiment(effect: Effect) -> str:
@@ -83,7 +89,11 @@ def _told(effect: Effect) -> dict[str, Any]:
 
 def _print_catalogue(found: Sequence[Effect]) -> None:
     width = max(len(each.id) for each in found)
+    experiment = ""
     for each in found:
+        if _experiment(each) != experiment:
+            experiment = _experiment(each)
+            say(f"{experiment}:")
         say(f"{each.id:{width}}  {each.summary}")
     say("A `table` recording has a catalogue made from its columns: linear[C], power2[C], power3[C], inverse[C],")
     say("exponential[C], periodic[C], step[C], interaction[A,B], drift; of its words level[C].")
@@ -106,7 +116,7 @@ def _print_effect(effect: Effect) -> None:
 def _draw(effect: Effect, path: Path) -> None:
     from rigctl.effects.trial import columns_of
 
-    if _experiment(effect) != "sensing-axis":
+    if _experiment(effect) == "table":
         raise DataError(f"'{effect.id}' has no signature of its own: it depends on the table it is added to")
     if columns := columns_of(effect):
         raise DataError(
@@ -114,6 +124,12 @@ def _draw(effect: Effect, path: Path) -> None:
             "`rigctl report` draws a store's residuals against such columns"
         )
     from rigctl.report.figure_data import svg_document
+
+    if _experiment(effect) == "rotating-platform":
+        from rigctl.report.figure_platform_signature import signature_plate as platform_plate
+
+        path.write_text(svg_document(platform_plate(effect)), encoding="utf-8")
+        return
     from rigctl.report.figure_signature import signature_plate
 
     path.write_text(svg_document(signature_plate(effect)), encoding="utf-8")

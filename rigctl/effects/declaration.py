@@ -33,6 +33,9 @@ def flaw_of_declaration(effect: Effect) -> str | None:
         return f"scope = {effect.scope!r} is none; use one of: {', '.join(SCOPES)}"
     if effect.scope == "head" and effect.on != "laser_m":
         return f"scope 'head' goes with on = 'laser_m', not '{effect.on}'"
+    scopes = ("recording", "channel") if effect.on in POINTS["rotating-platform"] else set(SCOPES) - {"channel"}
+    if effect.scope not in scopes:
+        return f"scope '{effect.scope}' does not go with on = '{effect.on}': the platform alone has channels"
     if effect.on == "response" and effect.scope != "recording":
         return "an effect on 'response' has the scope 'recording': a table has no axes and no heads"
     if effect.scanned or effect.needs:

@@ -69,11 +69,12 @@ class Recorded:
 
     channels: tuple[ChannelRun, ...]
     g_m_s2: float
+    imagined: frozenset[str] = frozenset()
 
     @cached_property
     def observations(self) -> Observations:
         """The vector."""
-        return stacked(self.channels)
+        return stacked(self.channels, self.imagined)
 
     @cached_property
     def run_ids(self) -> tuple[str, ...]:

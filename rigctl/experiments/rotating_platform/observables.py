@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,7 +87,7 @@ def channel_runs(runs: Sequence[PlatformRun]) -> tuple[list[ChannelRun], dict[st
             likelihoods = told[reducer.channel]
             others = likelihoods[:number] + likelihoods[number + 1 :]
             noise = run_noise(likelihoods[number], others, run.cells.period_s)
-            found.append(_channel_run(run, reducer, noise))
+            found.append(channel_run(run, reducer, noise))
     return found, left_out
 
 
@@ -109,8 +109,8 @@ def bias_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
     return np.stack([ones, within], axis=1), np.stack([np.zeros_like(ones), spread], axis=1)
 
 
-def stacked(channels: Sequence[ChannelRun]) -> Observations:
-    """The vector of all observables; `DataError` when there is none."""
+def stacked(channels: Sequence[ChannelRun], imagined: Collection[str] = ()) -> Observations:
+    """The vector of all observables; `DataError` when there is none. An `imagined` run is one row of covariates."""
     if not channels:
         raise DataError("no valid run could be reduced: there is nothing to fit")
     rows: list[Row] = []
@@ -122,18 +122,14 @@ def stacked(channels: Sequence[ChannelRun]) -> Observations:
     at = 0
     for each in channels:
         number = runs.index(each.run.run_id)
-        for group in each.reducer.groups.tolist():
-            key = (each.run.run_id, "group", group)
+        if each.run.run_id in imagined:
+            key = (each.run.run_id, "whole", 0)
             if key not in place:
                 place[key] = len(rows)
-                rows.append(_group_row(number, each, group))
-        for one in each.reducer.bins:
-            key = (each.run.run_id, "bin", 2 * one.number + (one.sign < 0))
-            if key not in place:
-                place[key] = len(rows)
-                rows.append(_bin_row(number, each, one))
-        own_rows = [place[each.run.run_id, "group", group] for group in each.reducer.groups.tolist()] * 4
-        own_rows += [place[each.run.run_id, "bin", 2 * one.number + (one.sign < 0)] for one in each.reducer.bins]
+                rows.append(_group_row(number, each, 0))
+            own_rows = [place[key]] * each.value.size
+        else:
+            own_rows = _rows_of(number, each, rows, place)
         first = len(COMPONENTS) * CHANNELS.index(each.channel)
         own_series = [first + output for output in range(4) for _ in each.reducer.groups]
         own_series += [first + 4 + (one.number == BEFORE) for one in each.reducer.bins]
@@ -159,6 +155,25 @@ def stacked(channels: Sequence[ChannelRun]) -> Observations:
         covariates=_covariates(rows),
         factors=tuple(factors),
     )
+
+
+def _rows_of(number: int, each: ChannelRun, rows: list[Row], place: dict[tuple[str, str, int], int]) -> list[int]:
+    """The row of each observable; those that the other channel has made already are shared."""
+    own: list[int] = []
+    for group in each.reducer.groups.tolist():
+        key = (each.run.run_id, "group", group)
+        if key not in place:
+            place[key] = len(rows)
+            rows.append(_group_row(number, each, group))
+        own.append(place[key])
+    own *= 4
+    for one in each.reducer.bins:
+        key = (each.run.run_id, "bin", 2 * one.number + (one.sign < 0))
+        if key not in place:
+            place[key] = len(rows)
+            rows.append(_bin_row(number, each, one))
+        own.append(place[key])
+    return own
 
 
 def _likelihood(reducer: Reducer) -> Likelihood:
@@ -193,7 +208,8 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     )
 
 
-def _channel_run(run: PlatformRun, reducer: Reducer, noise: RunNoise) -> ChannelRun:
+def channel_run(run: PlatformRun, reducer: Reducer, noise: RunNoise) -> ChannelRun:
+    """A channel of a run with its observables and, from its noise, their covariance."""
     covariance = joint_covariance(noise, reducer.sampled, reducer.per_group, reducer.groups.tolist())
     sigma = np.sqrt(np.diag(covariance))
     factor = np.linalg.cholesky(covariance / np.outer(sigma, sigma))

@@ -98,8 +98,8 @@ class RunResult:
         cells, found = self.run.cells, []
         if cells.drift_s:
             found.append(
-                f"{self.run.run_id}: the turns come {cells.drift_s:+.3g} s later in the last period than in the first: "
-                "the platform's clock is not that of the samples; every period is fitted jointly"
+                f"{self.run.run_id}: the turns come {cells.drift_s:+.3g} s later in the last period than in the "
+                "first: the platform's clock is not that of the samples; every period is fitted jointly"
             )
         if cells.off_stop:
             found.append(
@@ -139,7 +139,7 @@ class RunResult:
 
 @dataclass(frozen=True)
 class PlatformResult:
-    """The whole recording: `tilt_gain` and accelerations of the fit, wobbles where the electrical biases are known."""
+    """The recording: `tilt_gain` and accelerations of the fit, wobbles where the electrical biases are known."""
 
     tilt_gain: Value
     accel_m_s2: Mapping[str, Value]
@@ -197,7 +197,7 @@ def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
         values[channel] = _means(sampled, series, number, estimator, noises[channel])
         gain = chains.gain_v_per_m_s2[channel]
         precisions[channel] = _precision(sampled, accel[channel], estimator, noises[channel], gain)
-    commanded = _commanded(cells, sampled)
+    commanded = _commanded(cells)
     return RunResult(
         run,
         sampled,
@@ -206,7 +206,7 @@ def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
         found,
         values,
         precisions,
-        _response_of(run, sampled, series, commanded),
+        _response_of(run, sampled, series),
         commanded,
         _dropped(cells),
     )
@@ -300,24 +300,20 @@ def _by_period(cells: Cells, modulated: FloatArray, *, slope: bool = False) -> F
         return np.asarray(total / count)
 
 
-def _commanded(cells: Cells, sampled: SampledPattern) -> FloatArray:
+def _commanded(cells: Cells) -> FloatArray:
     """What was commanded of a_Z, as the mean over the kept samples of each period."""
-    del sampled
     total = np.bincount(cells.period, cells.count * cells.state[:, 0], cells.periods)
     count = np.bincount(cells.period, cells.count, cells.periods)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(total / count)
 
 
-def _response_of(
-    run: PlatformRun, sampled: SampledPattern, series: PeriodEstimates, commanded: FloatArray
-) -> SineResponse | None:
-    """How acceleration and bias follow an external sine or triangle; None for none, or when the periods cannot tell."""
+def _response_of(run: PlatformRun, sampled: SampledPattern, series: PeriodEstimates) -> SineResponse | None:
+    """How acceleration and bias follow an external sine or triangle; None for none, or where periods cannot tell."""
     period_s = float(run.conditions.get("external_period_s", math.nan))
     if run.conditions.get("external") not in ("sine", "triangle") or not period_s > 0.0:
         return None
     number = CHANNELS.index("z")
-    del commanded
     try:
         return measured_sine(
             sampled,

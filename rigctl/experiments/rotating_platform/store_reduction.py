@@ -11,7 +11,7 @@ from rigctl.errors import DataError
 from rigctl.experiments.rotating_platform.cells import Cells, Columns, cells_of
 from rigctl.experiments.rotating_platform.recorded import MODULATED, Chains, chains, guard_of, lead_of
 
-VERSION = 1
+VERSION = 2
 """Of what is kept: counted up whenever cells.py would give other numbers."""
 
 RECIPE = f"rotating-platform {VERSION}"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -13,12 +15,13 @@ from rigctl.campaign.recording import RunSource
 from rigctl.effects.catalogue import Effect, catalogue, unknown_effect
 from rigctl.effects.plugins import Plugin
 from rigctl.errors import DataError
+from rigctl.experiments.rotating_platform.imagined import imagined_channels, options
 from rigctl.experiments.rotating_platform.model import Placed, PlatformModel, Recorded, placed, slopes_at_zero
 from rigctl.experiments.rotating_platform.observables import channel_runs
 from rigctl.experiments.rotating_platform.recorded import chains
 from rigctl.experiments.rotating_platform.store_reduction import reduction
 from rigctl.interfaces import FloatArray
-from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Term
+from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Proposal, Term
 
 NOT_TESTED = ("theta-locked-bias", "pendulum-reaction")
 """Effects that no modulation shows: they turn with the platform as an acceleration does."""
@@ -99,6 +102,21 @@ class PlatformStudy:
                 here.parameters, values, sigmas, here.units, range(3), strict=False
             )
         }
+
+    def options(self) -> list[Proposal]:
+        """Patterns, periods and tilts for the next runs."""
+        return options([each.run for each in self.recorded.channels])
+
+    def extended(self, proposals: Sequence[Proposal]) -> PlatformStudy:
+        """This recording and runs that could be made next."""
+        other = copy.copy(self)
+        further = imagined_channels(proposals, self.recorded.channels, chains(self.source.header))
+        other.recorded = replace(
+            self.recorded,
+            channels=(*self.recorded.channels, *further),
+            imagined=frozenset(each.run.run_id for each in further),
+        )
+        return other
 
     def _placed(self, terms: Sequence[Term]) -> list[Placed]:
         found: list[Placed] = []

@@ -1,0 +1,147 @@
+"""Runs that could be made next, or that never will: a pattern's table turned into cells without a rig."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rigctl.errors import ConfigError
+from rigctl.experiments.rotating_platform.cells import Cells, cells_of
+from rigctl.experiments.rotating_platform.observables import ChannelRun, channel_run
+from rigctl.experiments.rotating_platform.patterns import Pattern, named_pattern
+from rigctl.experiments.rotating_platform.recorded import CHANNELS, Chains
+from rigctl.experiments.rotating_platform.reducer import Reducer
+from rigctl.experiments.rotating_platform.run_noise import RunNoise
+from rigctl.experiments.rotating_platform.store_reduction import PlatformRun
+from rigctl.interfaces import FloatArray
+from rigctl.workbench.study import Proposal
+
+PATTERNS = ("b", "c")
+PERIODS_S = (60.0, 300.0, 1200.0)
+LEVELS_V = (0.0, 0.5, 1.0, 1.5)
+LASTS_S = 3600.0
+"""About so long is a run that is proposed."""
+
+SAMPLE_RATE_HZ = 10.0
+BETWEEN_S = 120.0
+"""Setting the tilt and waiting until the pendulum is at rest."""
+
+_UNIT = Chains(
+    gain_v_per_m_s2={"z": 1.0, "y": 1.0},
+    command_v_per_m_s2={"z": 1.0, "y": 1.0},
+    bias_v={},
+    full_scale_v={"z": math.inf, "y": math.inf},
+    g_m_s2=9.81,
+)
+
+
+def imagined_cells(
+    pattern: Pattern,
+    periods: int,
+    sample_rate_hz: float = SAMPLE_RATE_HZ,
+    *,
+    c_z_m_s2: float = 0.0,
+    c_y_m_s2: float = 0.0,
+    mask_short_s: float = 0.0,
+) -> Cells:
+    """The cells of a run of `periods` with nothing read; half turns are cycloids, back and forth.
+
+    `mask_short_s` ends the mask so much before the motion.
+    """
+    samples_made = round(periods * pattern.period_s * sample_rate_hz)
+    t_s: FloatArray = np.asarray((np.arange(samples_made) + 0.5) / sample_rate_hz)
+    theta, moving = _course(pattern, periods, t_s, mask_short_s)
+    nothing = np.zeros(t_s.size)
+    samples = {
+        "t_s": t_s,
+        "q_a_v": nothing,
+        "q_b_v": nothing,
+        "theta_deg": np.rad2deg(theta),
+        "moving": moving,
+        "dm1_z_v": np.full(t_s.size, c_z_m_s2),
+        "dm1_y_v": np.full(t_s.size, c_y_m_s2),
+    }
+    given = {"guard_s": pattern.guard_s, "lead_s": pattern.lead_s}
+    return cells_of([samples], _UNIT, pattern.period_s, sample_rate_hz, **given)
+
+
+def _course(pattern: Pattern, periods: int, t_s: FloatArray, mask_short_s: float) -> tuple[FloatArray, FloatArray]:
+    stop = 0.0 if pattern.dwells[0].sign > 0 else math.pi
+    theta, moving = np.full(t_s.size, stop), np.zeros(t_s.size)
+    moving[t_s < pattern.dwells[0].start_s] = 1.0
+    for number in range(periods):
+        for turn in pattern.turns:
+            begin_s = number * pattern.period_s + turn.start_s
+            target = 0.0 if turn.to_sign > 0 else math.pi
+            phase = 2.0 * np.pi * np.clip((t_s - begin_s) / pattern.rotation_s, 0.0, 1.0)
+            theta += (target - stop) * (phase - np.sin(phase)) / (2.0 * np.pi)
+            end_s = begin_s + pattern.rotation_s - mask_short_s
+            moving[(t_s >= begin_s) & (t_s < end_s)] = 1.0
+            stop = target
+    return theta, moving
+
+
+def options(seen: Sequence[PlatformRun]) -> list[Proposal]:
+    """Patterns, periods and tilts for the next runs, of an hour each; a tilt across too, which few runs have."""
+    found = []
+    for name in PATTERNS:
+        for period_s in PERIODS_S:
+            for v_z, v_y in [*((level, 0.0) for level in LEVELS_V), (0.0, 1.0)]:
+                periods = max(round(LASTS_S / period_s), 3)
+                settings = {
+                    "pattern": name,
+                    "modulation_period_s": period_s,
+                    "periods": periods,
+                    "v_z_v": v_z,
+                    "v_y_v": v_y,
+                    "sample_rate_hz": _rate(seen),
+                }
+                found.append(Proposal(settings, periods * period_s + BETWEEN_S))
+    return found
+
+
+def imagined_channels(proposals: Sequence[Proposal], seen: Sequence[ChannelRun], chains: Chains) -> list[ChannelRun]:
+    """The proposed runs in both channels, with the noise of the last run there was."""
+    found: list[ChannelRun] = []
+    made: dict[str, Cells] = {}
+    noises: dict[str, RunNoise] = {each.channel: each.noise for each in seen}
+    later_s = max((_end_s(each.run) for each in seen), default=0.0) + BETWEEN_S
+    for number, proposal in enumerate(proposals, start=1):
+        given = proposal.settings
+        cells = _cells(given, chains, made)
+        conditions = {**_conditions(given), "start_s": later_s}
+        run = PlatformRun(f"next {number}", conditions, cells)
+        found += [channel_run(run, Reducer(cells, channel), noises[channel]) for channel in CHANNELS]
+    return found
+
+
+def _cells(given: Mapping[str, Any], chains: Chains, made: dict[str, Cells]) -> Cells:
+    key = repr(sorted(given.items()))
+    if key not in made:
+        name = str(given["pattern"])
+        if name == "custom":
+            raise ConfigError("a custom pattern cannot be proposed: name a, b, c or c_tm")
+        made[key] = imagined_cells(
+            named_pattern(name, float(given["modulation_period_s"])),
+            int(given["periods"]),
+            float(given.get("sample_rate_hz", SAMPLE_RATE_HZ)),
+            c_z_m_s2=float(given["v_z_v"]) / chains.command_v_per_m_s2["z"],
+            c_y_m_s2=float(given.get("v_y_v", 0.0)) / chains.command_v_per_m_s2["y"],
+        )
+    return made[key]
+
+
+def _conditions(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {**given, "external": "constant", "temperature_c": math.nan}
+
+
+def _rate(seen: Sequence[PlatformRun]) -> float:
+    return seen[-1].cells.sample_rate_hz if seen else SAMPLE_RATE_HZ
+
+
+def _end_s(run: PlatformRun) -> float:
+    start_s = float(run.conditions.get("start_s", 0.0))
+    return (start_s if math.isfinite(start_s) else 0.0) + run.cells.periods * run.cells.period_s
