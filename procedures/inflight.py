@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
@@ -119,6 +119,13 @@ class MonteCarlo(Calibration):
     expected_corner_hz: Annotated[float, Field(ge=0)] = 5e-4
     expected_readout_m_rthz: Annotated[float, Field(ge=0)] = 3e-11
 
+    @model_validator(mode="after")
+    def _all_parameters(self) -> Self:
+        both = {"dx", "dz"} if "dx+dz" in self.sessions else set()
+        if missing := [name for name in TEN if name not in {*self.sessions, *both}]:
+            raise ValueError(f"a study scores all ten parameters; add sessions {', '.join(missing)}")
+        return self
+
 
 @dataclass(frozen=True)
 class Flight:
@@ -167,7 +174,6 @@ def _remarks(name: str, session: FlightSession, orbit_period_s: float) -> list[s
 
 def calibrate(session: Session, flight: Flight, calibration: Calibration) -> None:
     """One run per session; everything is in the session's store."""
-    session.plan(len(calibration.sessions))
     for remark in check(flight, calibration):
         session.event("remark", text=remark)
     for name in calibration.sessions:

@@ -161,8 +161,12 @@ class SatelliteBench:
         return np.full_like(times_s, np.nan)
 
     def operate(self, action: Mapping[str, Any]) -> float:
-        """No hand reaches it."""
-        raise ValueError(f"no such action: {dict(action)}; there is run")
+        """No hand reaches it; but there are many."""
+        match dict(action):
+            case {"draw": int(draw)} if draw >= 0:
+                return self.world.choose(draw)
+            case _:
+                raise ValueError(f"no such action: {dict(action)}; there are draw and run")
 
 
 BENCHES: Mapping[str, tuple[type[Any], Callable[[Any, SimulationClock, TriggerLine], Bench]]] = {

@@ -65,6 +65,14 @@ class Session:
         """Tell how many runs the procedure expects in all, for the progress and its ETA."""
         self._progress.plan(runs)
 
+    def counted(self, runs: int, *, replayed: bool = False) -> None:
+        """So many runs more are over whose samples nobody keeps, for the progress and its ETA."""
+        for _ in range(runs):
+            if replayed:
+                self._progress.replayed(valid=True)
+            else:
+                self._progress.ran(valid=True)
+
     def acquire(self, key: str, conditions: Mapping[str, Any], measure: Measure) -> RunRecord:
         """One run: measured and durable when this returns, or as recorded when the store already has `key`.
 

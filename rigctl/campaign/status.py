@@ -23,5 +23,7 @@ def status_of(path: Path) -> dict[str, Any]:
         status = {"state": state, "step": "", "runs_planned": len(runs), "eta_s": 0.0}
     if status["state"] in {"running", "paused"} and not is_held(store_lock(path)):
         status["state"] = "interrupted"
-    planned = max(int(status["runs_planned"]), len(runs))
-    return {**status, "runs_done": len(runs), "runs_planned": planned, "runs_invalid": invalid}
+    # A study has runs whose samples nobody keeps.
+    done = max(int(status.get("runs_done", 0)), len(runs))
+    planned = max(int(status["runs_planned"]), done)
+    return {**status, "runs_done": done, "runs_planned": planned, "runs_invalid": invalid}

@@ -173,7 +173,7 @@ def _show_outcome(store: Path, plugins: tuple[Path, ...], *, as_json: bool) -> N
         return
     results.show(store, {**found, "budget": {}})
     more = f"; `rigctl result {store}` shows the uncertainty budget, `rigctl report` the figures"
-    say(f"store: {store}{more if found['axes'] else ''}")
+    say(f"store: {store}{more if found.get('axes') else ''}")
 
 
 @app.command()

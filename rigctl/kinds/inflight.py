@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
     """The sessions a campaign file asks for; `ConfigError`."""
     del part, plugins
-    return inflight_campaign.CalibrationPlan(inflight_campaign.procedure_of(campaign))
+    return inflight_campaign.plan_of(campaign)
 
 
 def mounted(store: Store) -> Sequence[tuple[str, str, int]]:

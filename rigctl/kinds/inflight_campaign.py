@@ -10,6 +10,7 @@ from procedures.inflight import Calibration, Flight, MonteCarlo, calibrate, chec
 from rigctl import config
 from rigctl.campaign.recording import ChannelInfo
 from rigctl.errors import ConfigError
+from rigctl.kinds.inflight_monte_carlo import MonteCarloPlan
 
 if TYPE_CHECKING:
     from rigctl.campaign.session import Session
@@ -35,8 +36,9 @@ class CalibrationPlan:
         check(flight, self.calibration)
         return CalibrationWork(flight, self.calibration)
 
-    def told(self) -> Mapping[str, Any]:
+    def told(self, rig: Rig) -> Mapping[str, Any]:
         """Sessions, and how long they are together."""
+        del rig
         sessions = self.calibration.sessions
         return {"sessions": list(sessions), "orbits": sum(self.calibration.orbits_of(name) for name in sessions)}
 
@@ -54,14 +56,21 @@ class CalibrationWork:
 
     def run(self, session: Session) -> None:
         """Carry it out."""
+        session.plan(len(self.calibration.sessions))
         calibrate(session, self.flight, self.calibration)
 
     def rest(self) -> None:
         """Nothing moves that could rest."""
 
 
-def procedure_of(campaign: config.CampaignFile) -> Calibration:
+def plan_of(campaign: config.CampaignFile) -> CalibrationPlan | MonteCarloPlan:
     """What a campaign file asks for; `ConfigError`."""
+    procedure = procedure_of(campaign)
+    return MonteCarloPlan(procedure) if isinstance(procedure, MonteCarlo) else CalibrationPlan(procedure)
+
+
+def procedure_of(campaign: config.CampaignFile) -> Calibration:
+    """The `[procedure]` table of a campaign file; `ConfigError`."""
     model: type[Calibration] = MonteCarlo if campaign.procedure.get("name") == "monte-carlo" else Calibration
     return config.validated(model, campaign.procedure, campaign.path, "procedure")
 

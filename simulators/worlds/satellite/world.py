@@ -46,6 +46,11 @@ class Satellite:
         """The key of the next session's randomness."""
         self._run = number
 
+    def choose(self, draw: int) -> float:
+        """Be another satellite of the ensemble, from the next session on; the rig time of that."""
+        self._settings = self._settings.model_copy(update={"draw": draw})
+        return self._clock.now_s()
+
     def begin(self, command: Mapping[str, Any]) -> float:
         """Carry out a session from the first perigee for which the loops can settle; its rig time.
 
