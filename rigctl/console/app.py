@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import signal
-import time
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from textual import work
 from textual.app import App, ComposeResult, SystemCommand
@@ -22,11 +20,13 @@ from textual.widgets import ContentSwitcher, Footer, Static
 
 from rigctl.console import campaigns, state
 from rigctl.console import messages as say
-from rigctl.console.analyst import Analyst
+from rigctl.console.analyses import Analyses
 from rigctl.console.feed import Feed, StoreView
+from rigctl.console.holding import Holding
 from rigctl.console.palette import Commands
 from rigctl.console.screens.campaign import CampaignPane
 from rigctl.console.screens.log import LogPane
+from rigctl.console.screens.panes import Panes
 from rigctl.console.screens.results import ResultsPane
 from rigctl.console.screens.rig import RigPane
 from rigctl.console.screens.workbench import WorkbenchPane
@@ -34,27 +34,10 @@ from rigctl.console.themes import DARK, LIGHT
 from rigctl.console.widgets.bars import SCREENS, Banner, Standing, TabBar, TopBar
 from rigctl.console.widgets.dialogs import ConfirmDialog, HelpDialog, OpenDialog, QuestionDialog
 
-if TYPE_CHECKING:
-    from rigctl.console.bench import LiveBench
-
 SMALLEST = (80, 24)
 DRAW_S = 0.1
 FIRST_S = 0.25
 """What is open at the start is opened after the first paint: its imports take seconds."""
-
-LIVE_S = 1.0
-"""Least time between two null searches that are worked out while a campaign runs."""
-
-
-@dataclass(frozen=True)
-class Panes:
-    """The five screens."""
-
-    rig: RigPane
-    campaign: CampaignPane
-    results: ResultsPane
-    workbench: WorkbenchPane
-    log: LogPane
 
 
 class Console(App[None]):
@@ -84,20 +67,16 @@ class Console(App[None]):
         self.directory = directory or state.state_directory()
         self.kept = state.load(self.directory)
         self._place = place
-        self._analyst = Analyst(plugins)
         self._feed = Feed(self.post_message)
         self._campaigns = campaigns.Campaigns(self.post_message)
-        self._bench: LiveBench | None = None
-        self._rig: Path | None = None
+        self._holding = Holding(self.post_message, self.call_from_thread)
         self._view: StoreView | None = None
         self._panes = Panes(
             RigPane(self.kept.jog_step), CampaignPane(), ResultsPane(), WorkbenchPane(self.kept.covariate), LogPane()
         )
         self._alarms = 0
         self._asked = 0
-        self._searched: tuple[object, ...] = ()
-        self._searched_s = 0.0
-        self._searching = False
+        self._analyses = Analyses(self._panes, plugins, self._beside, self._note)
         self._shown_view: StoreView | None = None
         self.register_theme(DARK)
         self.register_theme(LIGHT)
@@ -140,9 +119,8 @@ class Console(App[None]):
     def on_unmount(self) -> None:
         """Leave everything in order: instruments at rest, state kept."""
         self._feed.close()
-        self._analyst.close()
-        if self._bench is not None:
-            self._bench.close()
+        self._analyses.close()
+        self._holding.close()
         self._keep_state()
 
     def _keep_state(self) -> None:
@@ -154,8 +132,7 @@ class Console(App[None]):
     def _terminal_lost(self) -> None:
         """The terminal is gone: the campaign does what its file chose, a rig of ours comes to rest."""
         told = "The terminal was lost"
-        if self._bench is not None:
-            self._bench.stop()
+        if self._holding.stop():
             told += "; the rig was brought to rest"
         view = self._view
         if view is not None and view.alive and self._campaigns.signal(view.path, signal.SIGHUP):
@@ -184,10 +161,9 @@ class Console(App[None]):
             self._note(str(error), "error")
             return self.kept.screen
         if kind == "rig":
-            self._rig = path
             self.kept.rig = str(path.absolute())
             self._panes.rig.show_opening(str(path))
-            self._take_bench()
+            self._holding.take(path)
             return "rig"
         self._show_campaign_file(path, text)
         return "campaign"
@@ -198,35 +174,14 @@ class Console(App[None]):
         self.kept.campaign = str(path.absolute())
         await self._panes.campaign.show_file(path, text)
 
+    def _beside(self, group: str, work: Coroutine[Any, Any, None]) -> None:
+        self.run_worker(work, group=group, exclusive=group == "dry-run")
+
     def _watch(self, store: Path) -> None:
         self.kept.store = str(store.absolute())
         self._view = self._shown_view = None
-        self._searched = ()
         self._panes.results.clear()
         self._feed.watch(store)
-
-    @work(thread=True, exclusive=True, group="bench")
-    def _take_bench(self) -> None:
-        from rigctl.console.bench import open_bench
-        from rigctl.errors import RigError
-
-        if self._rig is None:
-            return
-        if self._bench is not None:
-            self._bench.close()
-            self._bench = None
-        try:
-            self._bench = open_bench(self._rig, self.post_message)
-        except RigError as error:
-            self.post_message(say.Noted(str(error), "error"))
-        self.call_from_thread(self._panes.rig.show_opening, "")
-
-    @work(thread=True, group="bench")
-    def _give_bench(self, then: Callable[[], None] = lambda: None) -> None:
-        bench, self._bench = self._bench, None
-        if bench is not None:
-            bench.close()
-        self.call_from_thread(then)
 
     # Ten times a second
 
@@ -236,11 +191,15 @@ class Console(App[None]):
             return
         self._keep_focus()
         current = self.kept.screen
-        bench, view = self._bench, self._view
+        bench, view = self._holding.bench, self._view
         held = view is not None and view.alive
         if current == "rig" and bench is not None and not held:
             self._panes.rig.show_bench(bench.views(), bench.strips())
-        if view is None or view is self._shown_view:
+        if view is None:
+            return
+        if current == "campaign":
+            self._analyses.follow(view)
+        if view is self._shown_view:
             return
         self._shown_view = view
         if current == "rig" and (held or bench is None):
@@ -248,35 +207,10 @@ class Console(App[None]):
         self._panes.campaign.show_store(view)
         self._panes.log.show_store(view)
         self._tell_standing()
-        self._ask_null_search(view)
-
-    def _ask_null_search(self, view: StoreView) -> None:
-        """While a campaign runs, and its screen is looked at, the response is worked out anew after every run."""
-        if self.kept.screen != "campaign" or view.experiment != "sensing-axis" or not view.runs:
-            return
-        signs = (view.path, len(view.runs))
-        if signs == self._searched or self._searching or time.monotonic() - self._searched_s < LIVE_S:
-            return
-        self._searched, self._searched_s = signs, time.monotonic()
-        self._search(view.path)
-
-    @work(group="null-search")
-    async def _search(self, store: Path) -> None:
-        self._searching = True
-        try:
-            found = await self._analyst.ask("null_search", store, live=True)
-        except Exception as error:  # noqa: BLE001 - too few runs, or a model of one's own: the picture waits
-            self.log(error)
-        else:
-            if self.is_running:
-                self._panes.campaign.show_null_search(found)
-        finally:
-            self._searching = False
-            self._shown_view = None
 
     def _tell_standing(self) -> None:
         view = self._view
-        names = [str(path) for path in (self._rig, view.path if view else None) if path]
+        names = [str(path) for path in (self._holding.rig, view.path if view else None) if path]
         campaign = ""
         if view is not None:
             done, planned = view.status.get("runs_done"), view.status.get("runs_planned")
@@ -292,11 +226,11 @@ class Console(App[None]):
         before, self._view = self._view, message.view
         ended = before is not None and before.path == message.view.path and before.alive and not message.view.alive
         if before is None or before.path != message.view.path:
-            self._analyse("model", quiet=True)
+            self._analyses.ask(message.view.path, "model", quiet=True)
         if (before is None or ended) and message.view.runs and not message.view.alive:
-            self._analyse("result", quiet=True)
+            self._analyses.ask(message.view.path, "result", quiet=True)
         if ended:
-            self._analyse("model", quiet=True)
+            self._analyses.ask(message.view.path, "model", quiet=True)
             self._note(f"the campaign is {message.view.state}")
         question = message.view.question
         banner = self._base.query_one(Banner)
@@ -319,8 +253,12 @@ class Console(App[None]):
         """A process of ours has ended."""
         if message.status not in {0, 130}:
             self._note(message.said or f"the campaign's process ended with status {message.status}", "error")
-        if self._rig is not None and self._bench is None:
-            self._take_bench()
+        if self._holding.bench is None:
+            self._holding.take()
+
+    def on_bench_taken(self) -> None:
+        """It is open, or was refused."""
+        self._panes.rig.show_opening("")
 
     def on_stopped(self, message: say.Stopped) -> None:
         """What came of a STOP."""
@@ -362,27 +300,15 @@ class Console(App[None]):
 
     def action_stop(self) -> None:
         """STOP: from every screen and dialog, whatever else is going on."""
-        bench, view = self._bench, self._view
-        if bench is not None:
-            bench.stop()
+        view = self._view
+        held = self._holding.stop()
         if view is not None and view.alive:
             self._campaigns.signal(view.path, signal.SIGTERM)
             self._send(lambda: campaigns.request(view.path, "abort"))
-            self._stop_from_outside(view)
+            self._holding.stop_from_outside(view)
         self._act("STOP")
-        if bench is None and (view is None or not view.alive):
+        if not held and (view is None or not view.alive):
             self._note("STOP: no rig is held here, and no campaign runs", "warning")
-
-    @work(thread=True, group="stop")
-    def _stop_from_outside(self, view: StoreView) -> None:
-        """Second connections to what a campaign holds, as `rigctl stop` makes them."""
-        from rigctl.console.bench import stop_from_outside
-        from rigctl.errors import RigError
-
-        try:
-            stop_from_outside(view.rig_toml, view.path, self.post_message)
-        except RigError as error:
-            self.post_message(say.Noted(str(error), "warning"))
 
     def on_stop_button_pressed(self) -> None:
         """By mouse."""
@@ -481,12 +407,12 @@ class Console(App[None]):
 
     def action_bench(self) -> None:
         """Hold the rig."""
-        self._take_bench()
+        self._holding.take()
 
     def action_release(self) -> None:
         """Give it free."""
         self._act("release the rig")
-        self._give_bench()
+        self._holding.give()
 
     def action_leave(self) -> None:
         """Quit; a campaign goes on."""
@@ -507,26 +433,26 @@ class Console(App[None]):
 
     def on_move_asked(self, message: say.MoveAsked) -> None:
         """Move a stage of the rig that is held."""
-        if self._bench is None:
+        if self._holding.bench is None:
             self._note("no rig is held here; the campaign moves it", "warning")
             return
         self._act(f"move {message.name} to {message.value:g}")
-        self._bench.move(message.name, message.value)
+        self._holding.bench.move(message.name, message.value)
 
     def on_home_asked(self, message: say.HomeAsked) -> None:
         """Home a stage of the rig that is held."""
-        if self._bench is None:
+        if self._holding.bench is None:
             self._note("no rig is held here; the campaign moves it", "warning")
             return
         self._act(f"home {message.name}")
-        self._bench.home(message.name)
+        self._holding.bench.home(message.name)
 
     def on_reconnect_asked(self) -> None:
         """Try again."""
-        if self._bench is None:
-            self._take_bench()
+        if self._holding.bench is None:
+            self._holding.take()
         else:
-            self._bench.reconnect()
+            self._holding.bench.reconnect()
 
     def on_start_asked(self, message: say.StartAsked) -> None:
         """Give the rig free, then start a campaign on it and watch its store."""
@@ -537,22 +463,11 @@ class Console(App[None]):
             self._campaigns.start(launch)
             self._watch(launch.store)
 
-        self._give_bench(go)
+        self._holding.give(go)
 
     def on_dry_run_asked(self, message: say.DryRunAsked) -> None:
         """Have it worked out."""
-        self._dry_run(message.campaign, message.rig)
-
-    @work(exclusive=True, group="dry-run")
-    async def _dry_run(self, campaign: Path, rig: Path | None) -> None:
-        from rigctl.console.form import plan_told
-
-        pane = self._panes.campaign
-        pane.show_plan("… checking")
-        try:
-            pane.show_plan(plan_told(await self._analyst.ask("dry_run", campaign, rig)))
-        except Exception as error:  # noqa: BLE001 - told to the operator
-            pane.show_plan(f"✗ {_told(error)}")
+        self._analyses.dry_run(message.campaign, message.rig)
 
     def on_request_asked(self, message: say.RequestAsked) -> None:
         """Pause, resume, abort."""
@@ -562,7 +477,7 @@ class Console(App[None]):
             return
         self._act(f"{message.kind} {view.path}")
         if message.kind == "resume" and not view.alive:
-            self._give_bench(lambda: self._campaigns.resume(view.path))
+            self._holding.give(lambda: self._campaigns.resume(view.path))
             return
         self._send(lambda: campaigns.request(view.path, message.kind))
 
@@ -582,51 +497,7 @@ class Console(App[None]):
             return
         if message.what in {"add", "remove"}:
             self._act(f"model {message.what} {' '.join(message.arguments[0])}")
-        self._analyse(message.what, *message.arguments)
-
-    @work(group="analysis")
-    async def _analyse(self, what: str, *arguments: Any, quiet: bool = False) -> None:
-        view = self._view
-        if view is None:
-            return
-        bench = self._panes.workbench
-        if not quiet:
-            bench.show_busy(f"{what.replace('_', ' ')} of {view.path.name} …")
-        try:
-            found = await self._analyst.ask(what, view.path, *arguments)
-        except Exception as error:  # noqa: BLE001 - told to the operator
-            if not quiet:
-                self._note(_told(error), "error")
-            return
-        finally:
-            if not quiet and what not in {"model"}:
-                self._analyse("model", quiet=True)
-        if self.is_running:
-            await self._show_found(what, found)
-
-    async def _show_found(self, what: str, found: Any) -> None:
-        bench, results = self._panes.workbench, self._panes.results
-        if what == "result":
-            await results.show_result(found)
-        elif what == "compare_with":
-            results.show_comparison(found)
-        elif what == "model":
-            bench.show_model(found)
-        elif what == "fit":
-            bench.show_fit(found)
-            self._analyse("history", quiet=True)
-            self._analyse("residuals", bench.covariate, quiet=True)
-        elif what == "diagnose":
-            bench.show_diagnosis(found)
-        elif what == "recommend":
-            bench.show_next(found)
-        elif what == "history":
-            bench.show_history(found)
-        elif what == "residuals":
-            bench.show_residuals(found)
-        elif what in {"add", "remove"}:
-            self._note(f"model version {found[-1]['version']}: {' + '.join(['baseline', *found[-1]['effects']])}")
-            self._analyse("fit")
+        self._analyses.ask(self._view.path, message.what, *message.arguments)
 
     def on_resize(self, event: Resize) -> None:
         """A terminal that is too small says so."""
@@ -654,11 +525,3 @@ class Console(App[None]):
 def _load_forms() -> None:
     """What the form needs takes most of a second to import."""
     import rigctl.config  # noqa: F401
-
-
-def _told(error: Exception) -> str:
-    from rigctl.errors import RigError
-
-    if isinstance(error, RigError):
-        return str(error)
-    return f"internal error: {type(error).__name__}: {error}"

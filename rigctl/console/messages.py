@@ -98,6 +98,10 @@ class Noted(Message):
         self.severity: Severity = severity
 
 
+class BenchTaken(Message):
+    """The rig that was to be opened is open, or was refused."""
+
+
 class StoreSeen(Message):
     """The store as it is now."""
 

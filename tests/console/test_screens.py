@@ -136,7 +136,7 @@ def test_a_file_that_cannot_be_used_is_refused_as_any_command_does(
 
 
 def at(seat: Any, angle_deg: float) -> bool:
-    rotation = seat.app._bench.views()[0]
+    rotation = seat.app._holding.bench.views()[0]
     return rotation.state == "ready" and abs(rotation.values[0].value - angle_deg) < 1e-3
 
 

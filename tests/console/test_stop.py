@@ -19,7 +19,7 @@ class Watch:
     """Notes when the stages have been told to stop, and have obeyed."""
 
     def __init__(self, seat: Any, *names: str) -> None:
-        bench = seat.app._bench
+        bench = seat.app._holding.bench
         assert bench is not None
         self.stopped_s: dict[str, float] = {}
         for name in names:
@@ -34,9 +34,11 @@ class Watch:
 
 
 async def ready(seat: Any) -> None:
-    await seat.until(
-        lambda: seat.app._bench and all(v.state != "connecting" for v in seat.app._bench.views()), timeout_s=90.0
-    )
+    def connected() -> bool:
+        bench = seat.app._holding.bench
+        return bench is not None and all(view.state != "connecting" for view in bench.views())
+
+    await seat.until(connected, timeout_s=90.0)
     await seat.sees("● ready")
 
 
@@ -58,7 +60,7 @@ async def stops(seat: Any, key: str = "f8") -> float:
 
 
 def angle(seat: Any) -> float:
-    bench = seat.app._bench
+    bench = seat.app._holding.bench
     assert bench is not None
     return next(view for view in bench.views() if view.name == "rotation").values[0].value
 
@@ -79,10 +81,10 @@ def test_stop_halts_a_move_within_100_ms(serve: Any, at_console: Any, situation:
             if situation == "another screen":
                 await seat.press("4")
             if situation == "an instrument hangs":
-                await seat.until(lambda: any(v.state in {"silent", "lost"} for v in seat.app._bench.views()))
+                await seat.until(lambda: any(v.state in {"silent", "lost"} for v in seat.app._holding.bench.views()))
             took_s.append(await stops(seat, "ctrl+x" if situation == "another screen" else "f8"))
             await seat.press("escape")
-            bench = seat.app._bench
+            bench = seat.app._holding.bench
             assert bench is not None
             await seat.until(lambda bench=bench: bench.views()[0].state == "stopped")
             assert abs(angle(seat) - float(target)) > 1.0, "it arrived: nothing was stopped"

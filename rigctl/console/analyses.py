@@ -1,0 +1,127 @@
+"""What is worked out from a store: asked of the analyst, shown on the screens once it is found."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rigctl.console.analyst import Analyst
+
+if TYPE_CHECKING:
+    from rigctl.console.feed import StoreView
+    from rigctl.console.messages import Severity
+    from rigctl.console.screens.panes import Panes
+
+LIVE_S = 1.0
+"""Least time between two null searches that are worked out while a campaign runs."""
+
+Start = Callable[[str, Coroutine[Any, Any, None]], object]
+"""Runs a coroutine beside the event loop's other work; one of a group follows the other or replaces it."""
+
+
+class Analyses:
+    """Asks for one thing after the other; whatever fails is one line to the operator."""
+
+    def __init__(
+        self, panes: Panes, plugins: Sequence[Path], start: Start, tell: Callable[[str, Severity], None]
+    ) -> None:
+        self._panes = panes
+        self._analyst = Analyst(plugins)
+        self._start = start
+        self._tell = tell
+        self._searched: tuple[object, ...] = ()
+        self._searched_s = 0.0
+        self._searching = False
+
+    def close(self) -> None:
+        """End what is still being worked out."""
+        self._analyst.close()
+
+    def ask(self, store: Path, what: str, *arguments: Any, quiet: bool = False) -> None:
+        """A function of `rigctl.console.analysis`; `quiet` ones nobody has asked for, and none is told of failing."""
+        self._start("analysis", self._work_out(store, what, arguments, quiet))
+
+    def dry_run(self, campaign: Path, rig: Path | None) -> None:
+        """What a campaign file would do."""
+        self._start("dry-run", self._try_out(campaign, rig))
+
+    def follow(self, view: StoreView) -> None:
+        """While a campaign runs, and its screen is looked at, the response is worked out anew after every run."""
+        if not view.runs:
+            return
+        signs = (view.path, len(view.runs))
+        if signs == self._searched or self._searching or time.monotonic() - self._searched_s < LIVE_S:
+            return
+        self._searched, self._searched_s = signs, time.monotonic()
+        self._searching = True
+        self._start("null-search", self._search(view.path))
+
+    async def _search(self, store: Path) -> None:
+        try:
+            self._panes.campaign.show_null_search(await self._analyst.ask("null_search", store, live=True))
+        except Exception:  # noqa: BLE001 - too few runs, or a model of one's own: the picture waits
+            return
+        finally:
+            self._searching = False
+
+    async def _try_out(self, campaign: Path, rig: Path | None) -> None:
+        from rigctl.console.form import plan_told
+
+        pane = self._panes.campaign
+        pane.show_plan("… checking")
+        try:
+            pane.show_plan(plan_told(await self._analyst.ask("dry_run", campaign, rig)))
+        except Exception as error:  # noqa: BLE001 - told to the operator
+            pane.show_plan(f"✗ {in_one_line(error)}")
+
+    async def _work_out(self, store: Path, what: str, arguments: Sequence[Any], quiet: bool) -> None:
+        if not quiet:
+            self._panes.workbench.show_busy(f"{what.replace('_', ' ')} of {store.name} …")
+        try:
+            await self._show(store, what, await self._analyst.ask(what, store, *arguments))
+        except Exception as error:  # noqa: BLE001 - told to the operator
+            if not quiet:
+                self._tell(in_one_line(error), "error")
+        finally:
+            if not quiet and what != "model":
+                self.ask(store, "model", quiet=True)
+
+    async def _show(self, store: Path, what: str, found: Any) -> None:
+        bench, results = self._panes.workbench, self._panes.results
+        if not bench.is_running:  # on the way out
+            return
+        shows: Mapping[str, Callable[[Any], Awaitable[None] | None]] = {
+            "result": results.show_result,
+            "compare_with": results.show_comparison,
+            "model": bench.show_model,
+            "fit": bench.show_fit,
+            "diagnose": bench.show_diagnosis,
+            "recommend": bench.show_next,
+            "history": bench.show_history,
+            "residuals": bench.show_residuals,
+            "add": self._tell_version,
+            "remove": self._tell_version,
+        }
+        if (pending := shows[what](found)) is not None:
+            await pending
+        if what in {"add", "remove"}:
+            self.ask(store, "fit")
+        if what == "fit":
+            self.ask(store, "history", quiet=True)
+            self.ask(store, "residuals", bench.covariate, quiet=True)
+
+    def _tell_version(self, made: Sequence[Mapping[str, Any]]) -> None:
+        version = made[-1]
+        told = f"model version {version['version']}: {' + '.join(['baseline', *version['effects']])}"
+        self._tell(told, "information")
+
+
+def in_one_line(error: BaseException) -> str:
+    """What the operator is told of a failure."""
+    from rigctl.errors import RigError
+
+    if isinstance(error, RigError):
+        return str(error)
+    return f"internal error: {type(error).__name__}: {' '.join(str(error).split())}"

@@ -1,0 +1,88 @@
+"""The rig this console holds, if it holds one: taken, given free, stopped. Nothing here keeps the screen waiting."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rigctl.console.messages import BenchTaken, Noted
+
+if TYPE_CHECKING:
+    from textual.message import Message
+
+    from rigctl.console.bench import LiveBench
+    from rigctl.console.feed import StoreView
+
+
+class Holding:
+    """A rig file and, while it is held, its instruments; `post` and `call` bring things to the screen's thread."""
+
+    def __init__(self, post: Callable[[Message], object], call: Callable[[Callable[[], None]], object]) -> None:
+        self.rig: Path | None = None
+        self.bench: LiveBench | None = None
+        self._post = post
+        self._call = call
+        self._one_at_a_time = threading.Lock()
+
+    def take(self, rig: Path | None = None) -> None:
+        """Hold a rig, or again the one that was given free; `BenchTaken` is posted when it is there or refused."""
+        self.rig = rig or self.rig
+        if self.rig is not None:
+            self._begin(self._take, self.rig)
+
+    def give(self, then: Callable[[], None] = lambda: None) -> None:
+        """Give the instruments free for others, then go on with `then`."""
+        self._begin(self._give, then)
+
+    def stop(self) -> bool:
+        """Bring everything that is held to rest; returns at once, False when nothing is held."""
+        if self.bench is None:
+            return False
+        self.bench.stop()
+        return True
+
+    def stop_from_outside(self, view: StoreView) -> None:
+        """Second connections to what a campaign holds, as `rigctl stop` makes them."""
+        self._begin(self._stop_from_outside, view)
+
+    def close(self) -> None:
+        """Bring everything to rest and let go; waits until that is done."""
+        with self._one_at_a_time:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        bench, self.bench = self.bench, None
+        if bench is not None:
+            bench.close()
+
+    def _begin(self, act: Callable[..., None], *arguments: Any) -> None:
+        def safely() -> None:
+            from rigctl.console.analyses import in_one_line
+
+            try:
+                act(*arguments)
+            except Exception as error:  # noqa: BLE001 - whatever went wrong in this thread, the operator hears of it
+                self._post(Noted(in_one_line(error), "error"))
+
+        threading.Thread(target=safely, name=act.__name__, daemon=True).start()
+
+    def _take(self, rig: Path) -> None:
+        from rigctl.console.bench import open_bench
+
+        try:
+            with self._one_at_a_time:
+                self._let_go()
+                self.bench = open_bench(rig, self._post)
+        finally:
+            self._post(BenchTaken())
+
+    def _give(self, then: Callable[[], None]) -> None:
+        self.close()
+        self._call(then)
+
+    def _stop_from_outside(self, view: StoreView) -> None:
+        from rigctl.console.bench import stop_from_outside
+
+        stop_from_outside(view.rig_toml, view.path, self._post)
