@@ -11,7 +11,7 @@ import numpy as np
 
 from procedures.course import Course, Leg
 from procedures.stream import Block, FollowingMeter, PacingMeter, Stream
-from procedures.time_table import HASTE, Motion, TimeTable
+from procedures.time_table import EARLY_S, Motion, TimeTable, shortest_turn_s
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.clock import Clock
@@ -20,9 +20,9 @@ from rigctl.interfaces import FloatArray, Started, Thermometer, TimedRotationSta
 
 FETCH_S, FETCH_ROWS = 60.0, 10_000
 """Meters are read at least so often: what a crash costs, and what their memories hold many times."""
-EARLY_S = 0.1
-"""How much before its time a turn is to be over: the controller takes a while to say that it is."""
 AT_ONCE_S = 1e-6
+SLACK = 1.001
+"""The stage reckons with where it stands, not with where it should."""
 RUN_UP_S = 0.5
 """Where the platform turns as a run begins, the meters start so long before the turn does."""
 THERMOMETER_S = 3.0
@@ -160,8 +160,8 @@ class _Recording:
         if self._stream.record_ends_s < self._bench.clock.now_s() + self._period_s:
             self._fetch()
         stage, from_deg, began_s = self._bench.platform, self._course.angle_deg, self._now_s()
-        left_s = motion.stop_s - EARLY_S - began_s
-        stage.turn_to(motion.to_deg, max(left_s, HASTE * (motion.stop_s - motion.start_s)))
+        shortest_s = SLACK * shortest_turn_s(stage.limits, abs(motion.to_deg - from_deg))
+        stage.turn_to(motion.to_deg, max(motion.stop_s - EARLY_S - began_s, shortest_s))
         ended_s = self._now_s()
         self._course.add(Leg(began_s, ended_s, from_deg, stage.angle().value))
 

@@ -79,7 +79,8 @@ class Stream:
         self._next = 0
         self._end = 0
         self._late_s = 0.0
-        self._waiting = (np.empty(0), np.empty(0))
+        self._waiting = [np.empty(0), np.empty(0)]
+        self._blocks: list[Block] = []
         self._failures = 0
         self.lost = 0
 
@@ -105,49 +106,50 @@ class Stream:
     def fetch(self) -> list[Block]:
         """The rows since the last call; begins the next record when one is complete.
 
-        Raises the meters' error when several records in a row fail.
+        Raises `ProcedureError` when several records in a row fail.
         """
-        blocks: list[Block] = []
         while not self.finished:
             try:
-                blocks += self._paired()
+                self._take()
                 if self._next < self._end:
                     break
-                blocks += self._go_on()
+                self._go_on()
             except (InstrumentError, LinkError) as error:
-                blocks += self._recovered(error)
+                self._recover(error)
+        blocks, self._blocks = self._blocks, []
         return blocks
 
-    def _paired(self) -> list[Block]:
+    def _take(self) -> None:
         """Rows that both meters have, after waiting for the last of a record that is over."""
-        found = []
         while True:
-            parts = self._pacing.fetch(), self._following.fetch()
-            a, b = (np.concatenate([had, part[:, 0]]) for had, part in zip(self._waiting, parts, strict=True))
+            # One after the other: what the first has is kept when the second fails.
+            self._waiting[0] = np.concatenate([self._waiting[0], self._pacing.fetch()[:, 0]])
+            self._waiting[1] = np.concatenate([self._waiting[1], self._following.fetch()[:, 0]])
+            a, b = self._waiting
             count = min(len(a), len(b), self._end - self._next)
-            self._waiting = a[count:], b[count:]
+            self._waiting = [a[count:], b[count:]]
             if count:
                 self._failures = 0
-                found.append(self._given(np.stack([a[:count], b[:count]], axis=1)))
-            over_s = self._session.clock.now_s() - self._time_s(self._end - 1)
+                self._give(np.stack([a[:count], b[:count]], axis=1))
+            over_s = self._session.clock.now_s() - self.record_ends_s
             if self._next >= self._end or over_s < 0.0:
-                return found
+                return
             if over_s > GRACE_S:
-                missing = self._end - self._next
-                raise InstrumentError(f"{self._following.name}: {missing} samples at the end of a record never came")
+                raise InstrumentError(
+                    f"{self._following.name}: {self._end - self._next} samples at the end of a record never came"
+                )
             self._session.wait_s(LOOK_S)
 
-    def _go_on(self) -> list[Block]:
-        """The next record, and the rows that passed meanwhile."""
-        if self.finished:
-            return []
-        return self._passed(self._begin_record(self._next))
+    def _go_on(self) -> None:
+        """The next record, and rows for what passed meanwhile."""
+        if not self.finished:
+            self._pass(self._begin_record(self._next))
 
-    def _recovered(self, error: RigError) -> list[Block]:
+    def _recover(self, error: RigError) -> None:
         """After a record failed: what one meter alone had, and another record."""
-        self._failures += 1
-        blocks = self._unpaired()
+        self._give_unpaired()
         while True:
+            self._failures += 1
             if self._failures > FAILURES_IN_A_ROW:
                 raise ProcedureError(f"{self._failures} records in a row failed, the last one: {error}") from error
             self._session.event("record-lost", sample=self._next, error=str(error))
@@ -156,42 +158,36 @@ class Stream:
                     meter.stop()
             self._session.wait_s(PREPARE_S)
             try:
-                return blocks + self._go_on()
+                return self._go_on()
             except (InstrumentError, LinkError) as again:
                 error = again
-                self._failures += 1
 
-    def _unpaired(self) -> list[Block]:
+    def _give_unpaired(self) -> None:
         a, b = self._waiting
         count = min(max(len(a), len(b)), self._end - self._next)
-        self._waiting = (np.empty(0), np.empty(0))
-        if not count:
-            return []
         rows = np.full((count, 2), np.nan)
         rows[: len(a), 0], rows[: len(b), 1] = a[:count], b[:count]
+        self._waiting = [np.empty(0), np.empty(0)]
         self.lost += count
-        return [self._given(rows)]
+        self._give(rows)
 
-    def _passed(self, number: int) -> list[Block]:
+    def _pass(self, number: int) -> None:
         """Rows up to a sample number, of which nothing is known."""
-        blocks = []
         if number > self._next:
             self._session.event("gap", sample=self._next, samples=number - self._next)
             self.lost += number - self._next
         while self._next < number:
-            count = min(number - self._next, GAP_ROWS)
-            blocks.append(self._given(np.full((count, 2), np.nan)))
-        return blocks
+            self._give(np.full((min(number - self._next, GAP_ROWS), 2), np.nan))
 
-    def _given(self, rows: FloatArray) -> Block:
-        block = Block(self._next, rows, self._late_s)
-        self._next += len(rows)
-        return block
+    def _give(self, rows: FloatArray) -> None:
+        if len(rows):
+            self._blocks.append(Block(self._next, rows, self._late_s))
+            self._next += len(rows)
 
     def _begin_record(self, number: int | None) -> int:
-        """Start a record at a sample number or as soon after it as can be; the number it began with."""
+        """Start a record at a sample number, or as soon after it as can be; returns the number it began with."""
         delay_s = self._pacing.first_sample_after_s
-        self._waiting = (np.empty(0), np.empty(0))
+        self._waiting = [np.empty(0), np.empty(0)]
         if number is None:
             end = self._end_after(0)
             self._following.follow(end, self._period_s)

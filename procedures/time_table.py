@@ -12,8 +12,8 @@ from rigctl.experiments.rotating_platform.patterns import Pattern
 from rigctl.interfaces import RotationLimits
 
 HALF_TURN_DEG = 180.0
-HASTE = 0.8
-"""The least part of its time that a late turn is asked to take, to be in time for the dwell behind it."""
+EARLY_S = 0.1
+"""How much before its time a turn is to be over: the controller takes a while to say that it is."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class TimeTable:
                     f"{limits.angle_max_deg:g} deg; turn back and forth, or widen the limits if no cable minds"
                 )
         for motion in self.motions:
-            _check_speed(name, limits, abs(motion.to_deg - at_deg), HASTE * (motion.stop_s - motion.start_s))
+            _check_speed(name, limits, abs(motion.to_deg - at_deg), motion.stop_s - motion.start_s - EARLY_S)
             at_deg = motion.to_deg
 
 
@@ -84,12 +84,17 @@ def _angle_deg(sign: int) -> float:
     return 0.0 if sign > 0 else HALF_TURN_DEG
 
 
+def shortest_turn_s(limits: RotationLimits, distance_deg: float) -> float:
+    """What a cycloid takes at least: its peaks are twice the mean speed, and 2 pi distances by the square of time."""
+    return max(
+        2.0 * distance_deg / limits.speed_deg_s, math.sqrt(2.0 * math.pi * distance_deg / limits.acceleration_deg_s2)
+    )
+
+
 def _check_speed(name: str, limits: RotationLimits, distance_deg: float, duration_s: float) -> None:
-    """A cycloid's peaks: twice the mean speed, and 2 pi distances by the square of the time."""
-    speed, acceleration = 2.0 * distance_deg / duration_s, 2.0 * math.pi * distance_deg / duration_s**2
-    if speed > limits.speed_deg_s or acceleration > limits.acceleration_deg_s2:
+    shortest_s = shortest_turn_s(limits, distance_deg)
+    if duration_s < shortest_s:
         raise LimitError(
-            f"{name}: {distance_deg:g} deg within {duration_s:.3g} s take up to {speed:.3g} deg/s and "
-            f"{acceleration:.3g} deg/s2; its limits are {limits.speed_deg_s:g} deg/s and "
-            f"{limits.acceleration_deg_s2:g} deg/s2: longer rotation_s, or wider limits"
+            f"{name}: {distance_deg:g} deg within {duration_s:.3g} s; {limits.speed_deg_s:g} deg/s and "
+            f"{limits.acceleration_deg_s2:g} deg/s2 allow {shortest_s:.3g} s: longer rotation_s, or wider limits"
         )

@@ -85,12 +85,15 @@ class ChainRecord:
         self._ringing = RingingFilter(cutoff_hz, turntable, self._inertial) if cutoff_hz else None
 
     def output_v(self, times_s: FloatArray, flipped: int = 0) -> FloatArray:
-        """What the converter gives [V]; with `flipped` +1 or -1 the sensor feels g alone, without the amplifier."""
+        """What is read [V]; with `flipped` +1 or -1 the sensor feels g alone, and is read past amplifier and converter.
+
+        Without the amplifier's noise the converter's steps, of a few times the bias, would be all there is to see.
+        """
         index = np.rint((times_s - self._first_s) / self._period_s).astype(np.int64)
         noise_v = self._noise.at(index) if self._noise else np.zeros(times_s.shape)
         if flipped:
             felt = np.full(times_s.shape, flipped * self._settings.g_m_s2)
-            return self._converted((self._amplified(felt, times_s) + noise_v) / self._chain.amplifier)
+            return (self._amplified(felt, times_s) + noise_v) / self._chain.amplifier
         return self._converted(self._amplified(self._felt(times_s, index), times_s) + noise_v)
 
     def _felt(self, times_s: FloatArray, index: NDArray[np.int64]) -> FloatArray:

@@ -1,0 +1,215 @@
+"""The two meters' rows come in order whatever happens to a record: what was lost is NaN, and said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from procedures.stream import Stream
+from rigctl.errors import Aborted, InstrumentError, LinkLost, ProcedureError
+from rigctl.interfaces import FloatArray
+from simulators.clock import VirtualClock
+
+PERIOD_S, DELAY_S = 0.1, 0.003
+
+
+@dataclass
+class Hall:
+    """A session's clock and events, and nothing else of it."""
+
+    clock: VirtualClock = field(default_factory=VirtualClock)
+    told: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    aborted: bool = False
+
+    def wait_s(self, duration_s: float) -> None:
+        if self.aborted:
+            raise Aborted("asked to")
+        self.clock.sleep_s(duration_s)
+
+    def event(self, kind: str, **data: Any) -> None:
+        self.told.append((kind, data))
+
+    def of(self, kind: str) -> list[dict[str, Any]]:
+        return [data for name, data in self.told if name == kind]
+
+
+class Edges:
+    """The trigger line: when the record began, and how many edges it has."""
+
+    first_s, count = np.inf, 0
+
+
+class Meter:
+    """Reads the time of each edge; raises what it is told to at certain fetches."""
+
+    def __init__(self, name: str, hall: Hall, edges: Edges, longest: int, fails: dict[int, Exception]) -> None:
+        self.name, self._hall, self._edges, self._longest = name, hall, edges, longest
+        self._fails, self._fetches, self._taken, self._on = fails, 0, 0, False
+        self.first_sample_after_s = DELAY_S
+        self.starts = 0
+        self.refuses: Exception | None = None
+
+    def longest_record(self, period_s: float) -> int:
+        return self._longest
+
+    def start(self, samples: int, period_s: float, at_s: float | None = None) -> float:
+        self._begin(samples)
+        if at_s is not None:
+            self._hall.clock.sleep_s(max(at_s - self._hall.clock.now_s(), 0.0))
+        self._edges.first_s, self._edges.count = self._hall.clock.now_s() + DELAY_S, samples
+        return self._hall.clock.now_s()
+
+    def follow(self, samples: int, period_s: float) -> None:
+        self._begin(samples)
+
+    def _begin(self, samples: int) -> None:
+        assert 1 <= samples <= self._longest
+        if self.refuses is not None:
+            raise self.refuses
+        self.starts += 1
+        self._taken, self._on = 0, True
+
+    def stop(self) -> None:
+        self._on = False
+
+    def fetch(self) -> FloatArray:
+        self._fetches += 1
+        if (error := self._fails.pop(self._fetches, None)) is not None:
+            raise error
+        if not self._on:
+            return np.empty((0, 1))
+        came = int(np.floor((self._hall.clock.now_s() - self._edges.first_s) / PERIOD_S + 1e-6)) + 1
+        index = np.arange(self._taken, max(min(came, self._edges.count), self._taken))
+        self._taken += len(index)
+        return (self._edges.first_s + index * PERIOD_S)[:, np.newaxis]
+
+
+def setting(
+    samples: int, longest: int = 10**6, breaks: tuple[int, ...] = (), **fails: dict[int, Exception]
+) -> tuple[Hall, Stream, Meter, Meter]:
+    hall, edges = Hall(), Edges()
+    a = Meter("a", hall, edges, longest, dict(fails.get("a", {})))
+    b = Meter("b", hall, edges, longest, dict(fails.get("b", {})))
+    return hall, Stream(hall, (a, b), samples, PERIOD_S, breaks), a, b  # type: ignore[arg-type]
+
+
+def everything(hall: Hall, stream: Stream, look_s: float) -> FloatArray:
+    """All rows, made sure to come in order and at the times they belong to."""
+    stream.begin()
+    rows, at = [], 0
+    while not stream.finished:
+        hall.wait_s(look_s)
+        for block in stream.fetch():
+            assert block.first == at
+            times_s = stream.begun_s + (block.first + np.arange(len(block.rows))) * PERIOD_S + block.late_s
+            known = ~np.isnan(block.rows)
+            assert block.rows[known] == pytest.approx(np.stack([times_s, times_s], axis=1)[known], abs=1e-6)
+            assert abs(block.late_s) <= 0.5 * PERIOD_S
+            at += len(block.rows)
+            rows.append(block.rows)
+    return np.concatenate(rows)
+
+
+def test_a_short_run_is_one_record() -> None:
+    hall, stream, a, b = setting(500)
+    rows = everything(hall, stream, 7.0)
+    assert rows.shape == (500, 2)
+    assert not np.isnan(rows).any()
+    assert (a.starts, b.starts, stream.lost, hall.told) == (1, 1, 0, [])
+
+
+def test_a_run_longer_than_a_record_is_several_which_end_at_a_break() -> None:
+    hall, stream, a, _ = setting(1000, longest=300, breaks=(100, 280, 290, 500, 560, 800, 830))
+    rows = everything(hall, stream, 0.5)
+    begun = [0, *(told["sample"] for told in hall.of("record"))]
+    assert a.starts == 4
+    for at, wanted in zip(begun[1:], (290, 560, 830), strict=True):
+        assert wanted <= at <= wanted + 6, "a record ends at the last break it reaches"
+    lost = np.flatnonzero(np.isnan(rows).any(axis=1))
+    assert stream.lost == len(lost) == sum(told["samples"] for told in hall.of("gap"))
+
+
+def test_without_breaks_hardly_anything_is_lost_between_records() -> None:
+    hall, stream, a, _ = setting(1000, longest=250)
+    rows = everything(hall, stream, 0.1)
+    assert a.starts == 4
+    assert np.isnan(rows).any(axis=1).sum() <= 6
+
+
+@pytest.mark.parametrize("error", [InstrumentError("a: its memory overflowed"), LinkLost("a: no connection")])
+@pytest.mark.parametrize("which", ["a", "b"])
+def test_one_glitch_costs_a_gap_and_not_the_run(error: Exception, which: str) -> None:
+    hall, stream, a, b = setting(600, **{which: {5: error}})
+    rows = everything(hall, stream, 3.0)
+    assert len(rows) == 600
+    assert 0 < np.isnan(rows).any(axis=1).sum() < 70
+    assert [told["error"] for told in hall.of("record-lost")] == [str(error)]
+    assert a.starts == b.starts == 2
+    assert sum(told["samples"] for told in hall.of("gap")) <= stream.lost
+
+
+def test_rows_that_one_meter_alone_has_are_kept() -> None:
+    hall, stream, _, _ = setting(400, b={4: InstrumentError("b: edges were lost")})
+    rows = everything(hall, stream, 3.0)
+    only_a = ~np.isnan(rows[:, 0]) & np.isnan(rows[:, 1])
+    assert only_a.sum() == 30
+
+
+def test_a_meter_that_fails_again_and_again_ends_the_run_with_its_words() -> None:
+    hall, stream, a, _ = setting(600)
+    stream.begin()
+    a._fails[1] = InstrumentError("a: broken")
+    a.refuses = InstrumentError("a: still broken")
+    hall.wait_s(3.0)
+    with pytest.raises(ProcedureError, match="records in a row failed, the last one: a: still broken"):
+        stream.fetch()
+    assert len(hall.of("record-lost")) == 3
+
+
+def test_a_meter_that_stays_silent_is_started_anew() -> None:
+    hall, stream, _, b = setting(300)
+    stream.begin()
+    hall.wait_s(20.0)
+    b.stop()
+    rows = []
+    while not stream.finished:
+        hall.wait_s(10.0)
+        rows += [block.rows for block in stream.fetch()]
+    assert sum(map(len, rows)) == 300
+    assert "samples at the end of a record never came" in hall.of("record-lost")[0]["error"]
+
+
+def test_an_abort_is_not_taken_for_a_glitch() -> None:
+    hall, stream, a, _ = setting(600)
+    stream.begin()
+    hall.wait_s(3.0)
+    a._fails[1] = InstrumentError("a: readings never came; was it stopped from elsewhere?")
+    hall.aborted = True
+    with pytest.raises(Aborted):
+        stream.fetch()
+    assert a.starts == 1
+
+
+@settings(deadline=None, max_examples=80)
+@given(
+    samples=st.integers(1, 900),
+    longest=st.integers(40, 400),
+    breaks=st.sets(st.integers(1, 900), max_size=12),
+    failing=st.lists(st.tuples(st.sampled_from("ab"), st.integers(2, 40)), max_size=3),
+    look_s=st.sampled_from([0.03, 0.1, 1.0, 7.7]),
+)
+def test_whatever_fails_when_no_row_is_out_of_its_place(
+    samples: int, longest: int, breaks: set[int], failing: list[tuple[str, int]], look_s: float
+) -> None:
+    fails: dict[str, dict[int, Exception]] = {
+        name: {n: InstrumentError(f"{name}: failed") for meter, n in failing if meter == name} for name in "ab"
+    }
+    hall, stream, _, _ = setting(samples, longest, tuple(sorted(breaks)), **fails)
+    rows = everything(hall, stream, look_s)
+    assert len(rows) == samples
+    assert stream.lost == np.isnan(rows).any(axis=1).sum()
