@@ -142,7 +142,7 @@ def cells_of(
 
     Raises `DataError` for a run without one whole period, or without a dwell.
     """
-    stream = _Stream(chains, period_s, sample_rate_hz)
+    stream = Stream(chains, period_s, sample_rate_hz)
     cutter: _Cutter | None = None
     for chunk in chunks:
         stream.take(chunk)
@@ -159,7 +159,7 @@ def cells_of(
     return cutter.joined()
 
 
-class _Stream:
+class Stream:
     """Chunks as rows on an even time base: readings [m/s2], moving, angle [rad], commands [m/s2], temperature."""
 
     def __init__(self, chains: Chains, period_s: float, sample_rate_hz: float) -> None:
@@ -169,6 +169,7 @@ class _Stream:
         self._waiting: list[FloatArray] = []
 
     def take(self, chunk: Columns) -> None:
+        """Add a chunk."""
         t_s = chunk["t_s"]
         if not t_s.size:
             return

@@ -70,11 +70,12 @@ class Recorded:
     channels: tuple[ChannelRun, ...]
     g_m_s2: float
     imagined: frozenset[str] = frozenset()
+    peaks: Mapping[str, float] | None = None
 
     @cached_property
     def observations(self) -> Observations:
         """The vector."""
-        return stacked(self.channels, self.imagined)
+        return stacked(self.channels, self.imagined, self.peaks)
 
     @cached_property
     def run_ids(self) -> tuple[str, ...]:
@@ -188,7 +189,8 @@ class Recorded:
                 each.reducer.operator if each.channel == channel else sparse.csr_matrix((each.value.size, 0))
                 for each in self.channels
             ]
-            found[channel] = sparse.csr_matrix(sparse.block_diag(parts))
+            rest = sparse.csr_matrix((len(self.observations.value) - self.rows[-1].stop, 0))
+            found[channel] = sparse.csr_matrix(sparse.block_diag([*parts, rest]))
         return found
 
     def reduced(self, added: Mapping[str, FloatArray]) -> FloatArray:

@@ -27,9 +27,9 @@ from rigctl.interfaces import FloatArray
 from rigctl.workbench.study import IntArray, NoisePool, Observations, Series
 
 OUTPUTS = ("accel mean", "accel slope", "bias mean", "bias slope")
-AFTER_TURN, BEFORE_TURN = "after turn", "before turn"
-COMPONENTS = (*OUTPUTS, AFTER_TURN, BEFORE_TURN)
-UNITS = ("m/s2", "m/s3", "m/s2", "m/s3", "m/s2", "m/s2")
+AFTER_TURN, BEFORE_TURN, SPECTRUM = "after turn", "before turn", "spectrum"
+COMPONENTS = (*OUTPUTS, AFTER_TURN, BEFORE_TURN, SPECTRUM)
+UNITS = ("m/s2", "m/s3", "m/s2", "m/s3", "m/s2", "m/s2", "1")
 
 READ: Mapping[str, str] = {"z": "m_z", "y": "m_y"}
 """How the calibrated reading of a channel is called."""
@@ -41,7 +41,7 @@ SERIES = tuple(
 )
 
 _STRETCHES = 4
-_TREND = 2
+_KNOWN_DOF = 1e6
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,13 @@ def bias_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
     return np.stack([ones, within], axis=1), np.stack([np.zeros_like(ones), spread], axis=1)
 
 
-def stacked(channels: Sequence[ChannelRun], imagined: Collection[str] = ()) -> Observations:
-    """The vector of all observables; `DataError` when there is none. An `imagined` run is one row of covariates."""
+def stacked(
+    channels: Sequence[ChannelRun], imagined: Collection[str] = (), peaks: Mapping[str, float] | None = None
+) -> Observations:
+    """The vector of all observables, then those of the spectra; `DataError` when there is none.
+
+    An `imagined` run is one row of covariates. `peaks`, by run and channel, are the highest in its spectrum, in sigma.
+    """
     if not channels:
         raise DataError("no valid run could be reduced: there is nothing to fit")
     rows: list[Row] = []
@@ -140,17 +145,30 @@ def stacked(channels: Sequence[ChannelRun], imagined: Collection[str] = ()) -> O
         pool_of += [len(pools) - 1] * len(own_rows)
         factors.append((np.arange(at, at + len(own_rows)), each.factor))
         at += len(own_rows)
+    sigma = [each.sigma for each in channels]
+    value = [each.value for each in channels]
+    for channel in CHANNELS:
+        pools.append(NoisePool(f"{READ[channel]} spectrum", _KNOWN_DOF))
+        for number, run_id in enumerate(runs):
+            peak = (peaks or {}).get(f"{run_id} {channel}")
+            if peak is None:
+                continue
+            series_of.append(len(COMPONENTS) * CHANNELS.index(channel) + COMPONENTS.index(SPECTRUM))
+            pool_of.append(len(pools) - 1)
+            run_of.append(next(i for i, row in enumerate(rows) if row.run == number))
+            value.append(np.array([peak]))
+            sigma.append(np.ones(1))
     alone = len(runs) == 1
     return Observations(
         run_ids=tuple(runs[row.run] for row in rows),
         series=SERIES,
         pools=tuple(pools),
-        value=np.concatenate([each.value for each in channels]),
-        sigma=np.concatenate([each.sigma for each in channels]),
+        value=np.concatenate(value),
+        sigma=np.concatenate(sigma),
         series_of=np.array(series_of),
         run_of=np.array(run_of),
         pool_of=np.array(pool_of),
-        group_of=np.zeros(at, dtype=np.intp),
+        group_of=np.zeros(len(series_of), dtype=np.intp),
         block_of=np.array([row.stretch if alone else row.run for row in rows]),
         covariates=_covariates(rows),
         factors=tuple(factors),

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
 from rigctl.errors import DataError
 from rigctl.experiments.rotating_platform.cells import Cells, Columns, cells_of
+from rigctl.experiments.rotating_platform.lines import Spectra, line_amplitudes, spectra, without_lines
 from rigctl.experiments.rotating_platform.recorded import MODULATED, Chains, chains, guard_of, lead_of
 
 VERSION = 2
 """Of what is kept: counted up whenever cells.py would give other numbers."""
 
-RECIPE = f"rotating-platform {VERSION}"
 _REFUSED = b"!"
 
 Progress = Callable[[int, int], None]
@@ -57,19 +57,28 @@ class InChunks(Protocol):
         ...
 
 
-def reduction(source: RunSource, progress: Progress | None = None) -> Reduction:
-    """The cells of all valid modulated runs; what a store keeps of earlier calls is used, what is new is kept."""
+def recipe(lines_hz: Sequence[float] = ()) -> str:
+    """The name under which reductions with these lines taken off are kept."""
+    return " ".join(["rotating-platform", str(VERSION), *(repr(float(line)) for line in lines_hz)])
+
+
+def reduction(source: RunSource, lines_hz: Sequence[float] = (), progress: Progress | None = None) -> Reduction:
+    """The cells of all valid modulated runs, steady lines at `lines_hz` taken off them.
+
+    What a store keeps of earlier calls is used, what is new is kept.
+    """
     believed = chains(source.header)
+    name = recipe(lines_hz)
     records = [r for r in source.runs(valid_only=True) if r.conditions["pattern"] in MODULATED]
     store = source if isinstance(source, KeepsReductions) else None
-    kept = store.reduced_names(RECIPE) if store is not None else set()
+    kept = store.reduced_names(name) if store is not None else set()
     runs, left_out = [], {}
     for done, record in enumerate(records, start=1):
-        data = store.reduction(RECIPE, record.run_id) if store is not None and record.run_id in kept else None
+        data = store.reduction(name, record.run_id) if store is not None and record.run_id in kept else None
         if data is None:
-            data = _reduced(source, record, believed)
+            data = _reduced(source, record, believed, lines_hz)
             if store is not None and not store.readonly:
-                store.keep_reductions(RECIPE, {record.run_id: data})
+                store.keep_reductions(name, {record.run_id: data})
             if progress is not None:
                 progress(done, len(records))
         if data.startswith(_REFUSED):
@@ -84,16 +93,38 @@ def chunks_of(source: RunSource, run_id: str) -> Iterable[Columns]:
     return source.sample_chunks(run_id) if isinstance(source, InChunks) else [source.samples(run_id)]
 
 
-def _reduced(source: RunSource, record: RunRecord, believed: Chains) -> bytes:
+def samples_of(source: RunSource, run: PlatformRun, lines_hz: Sequence[float]) -> Iterable[Columns]:
+    """A run's samples in pieces, lines taken off."""
+    if not lines_hz:
+        return chunks_of(source, run.run_id)
+    believed = chains(source.header)
+    sizes = line_amplitudes(chunks_of(source, run.run_id), believed, run.cells, lines_hz)
+    return without_lines(chunks_of(source, run.run_id), believed, lines_hz, sizes)
+
+
+def scan(source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[float]) -> Spectra:
+    """The scan for further lines in what the fits of all periods leave."""
+    samples = {run.run_id: (run.cells, samples_of(source, run, lines_hz)) for run in runs}
+    return spectra(source, samples, chains(source.header), f"scan {recipe(lines_hz)}")
+
+
+def _reduced(source: RunSource, record: RunRecord, believed: Chains, lines_hz: Sequence[float]) -> bytes:
     given = record.conditions
-    try:
+
+    def cells(chunks: Iterable[Columns]) -> Cells:
         return cells_of(
-            chunks_of(source, record.run_id),
+            chunks,
             believed,
             float(given["modulation_period_s"]),
             float(given["sample_rate_hz"]),
             guard_s=guard_of(given),
             lead_s=lead_of(given),
-        ).to_bytes()
+        )
+
+    try:
+        found = cells(chunks_of(source, record.run_id))
+        if lines_hz:
+            found = cells(samples_of(source, PlatformRun(record.run_id, given, found), lines_hz))
+        return found.to_bytes()
     except DataError as error:
         return _REFUSED + f"run {record.run_id}: {error}".encode()

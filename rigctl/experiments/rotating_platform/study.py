@@ -16,15 +16,17 @@ from rigctl.effects.catalogue import Effect, catalogue, unknown_effect
 from rigctl.effects.plugins import Plugin
 from rigctl.errors import DataError
 from rigctl.experiments.rotating_platform.imagined import imagined_channels, options
+from rigctl.experiments.rotating_platform.lines import Spectra, found_lines
 from rigctl.experiments.rotating_platform.model import Placed, PlatformModel, Recorded, placed, slopes_at_zero
 from rigctl.experiments.rotating_platform.observables import channel_runs
 from rigctl.experiments.rotating_platform.recorded import chains
-from rigctl.experiments.rotating_platform.store_reduction import reduction
+from rigctl.experiments.rotating_platform.store_reduction import reduction, scan
 from rigctl.interfaces import FloatArray
+from rigctl.signals.lines import FoundLine
 from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Proposal, Term
 
-NOT_TESTED = ("theta-locked-bias", "pendulum-reaction")
-"""Effects that no modulation shows: they turn with the platform as an acceleration does."""
+LINE = "line"
+"""The effect that is found in the samples, not in the outputs of the periods."""
 
 
 class PlatformStudy:
@@ -40,17 +42,42 @@ class PlatformStudy:
         added = [effect for plugin in plugins for effect in plugin.effects.values()]
         self.catalogue: Mapping[str, Effect] = catalogue(self.experiment, added)
         self.left_out: dict[str, str] = {}
+        self._reduced: dict[tuple[float, ...], Recorded] = {}
+        self._spectra: dict[tuple[float, ...], Spectra] = {}
+        self._proposals: tuple[Proposal, ...] = ()
+        self._wider: dict[tuple[tuple[float, ...], int], Recorded] = {}
 
-    @cached_property
+    @property
     def recorded(self) -> Recorded:
         """All runs, reduced; `DataError` when there are none."""
-        found = reduction(self.source)
-        channels, refused = channel_runs(found.runs)
-        self.left_out = {**found.left_out, **refused}
-        if not channels:
-            why = next(iter(self.left_out.values()), "it has no modulated run")
-            raise DataError(f"no valid run could be reduced: {why}")
-        return Recorded(tuple(channels), chains(self.source.header).g_m_s2)
+        return self._recorded(())
+
+    def _recorded(self, lines_hz: tuple[float, ...]) -> Recorded:
+        """The same with lines taken off the samples, and proposed runs beside them."""
+        if lines_hz not in self._reduced:
+            found = reduction(self.source, lines_hz)
+            channels, refused = channel_runs(found.runs)
+            self.left_out = {**found.left_out, **refused}
+            if not channels:
+                why = next(iter(self.left_out.values()), "it has no modulated run")
+                raise DataError(f"no valid run could be reduced: {why}")
+            runs = list({each.run.run_id: each.run for each in channels}.values())
+            self._spectra[lines_hz] = scan(self.source, runs, lines_hz)
+            g_m_s2 = chains(self.source.header).g_m_s2
+            self._reduced[lines_hz] = Recorded(tuple(channels), g_m_s2, peaks=self._spectra[lines_hz].peaks)
+        here = self._reduced[lines_hz]
+        if not self._proposals:
+            return here
+        key = (lines_hz, len(self._proposals))
+        if key not in self._wider:
+            further = imagined_channels(self._proposals, here.channels, chains(self.source.header))
+            self._wider[key] = replace(
+                here,
+                channels=(*here.channels, *further),
+                imagined=frozenset(each.run.run_id for each in further),
+                peaks=None,
+            )
+        return self._wider[key]
 
     def effects(self) -> dict[str, str]:
         """Every effect that can be added, in the order in which they act: id and the physics in a sentence."""
@@ -63,7 +90,7 @@ class PlatformStudy:
                 raise unknown_effect(term.effect, self.catalogue)
             if reason := self._untestable(self.catalogue[term.effect]):
                 raise DataError(f"'{term.effect}' cannot be in a model of this recording: {reason}")
-        return PlatformModel(self.recorded, self._placed(terms), terms)
+        return PlatformModel(self._recorded(_lines_of(terms)), self._placed(terms), terms)
 
     def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         """Every effect that `model` lacks, at the fitted `values`; a scanned one once per value of its scan."""
@@ -89,8 +116,11 @@ class PlatformStudy:
 
     def lines(self, model: Model) -> Sequence[Line]:
         """Steady lines in what is left of the samples."""
-        del model
-        return ()
+        lines_hz = _lines_of(model.terms)
+        self._recorded(lines_hz)
+        periods_s = [each.run.cells.period_s for each in self._reduced[lines_hz].channels]
+        found = self._spectra[lines_hz]
+        return [_line(each, found.scan.shortest_s) for each in found_lines(found, periods_s)]
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """The gain of the tilt and the accelerations without one."""
@@ -110,12 +140,7 @@ class PlatformStudy:
     def extended(self, proposals: Sequence[Proposal]) -> PlatformStudy:
         """This recording and runs that could be made next."""
         other = copy.copy(self)
-        further = imagined_channels(proposals, self.recorded.channels, chains(self.source.header))
-        other.recorded = replace(
-            self.recorded,
-            channels=(*self.recorded.channels, *further),
-            imagined=frozenset(each.run.run_id for each in further),
-        )
+        other._proposals, other._wider = tuple(proposals), {}
         return other
 
     def _placed(self, terms: Sequence[Term]) -> list[Placed]:
@@ -128,7 +153,7 @@ class PlatformStudy:
         return found
 
     def _candidate(self, model: PlatformModel, values: FloatArray, one: Placed) -> Candidate:
-        amplitudes, columns = slopes_at_zero(model, values, one, self.recorded.observations.sigma)
+        amplitudes, columns = slopes_at_zero(model, values, one, model.observations.sigma)
         return Candidate(
             term=one.term,
             names=tuple(each.name for each in amplitudes),
@@ -157,6 +182,31 @@ class PlatformStudy:
 _NOTHING_HERE = {
     "off-centre": "the platform is at rest wherever samples count",
 }
+
+
+def _lines_of(terms: Sequence[Term]) -> tuple[float, ...]:
+    """Frequencies that are taken off the samples."""
+    return tuple(float(term.choice["frequency_hz"]) for term in terms if "frequency_hz" in term.choice)
+
+
+def _line(found: FoundLine, duration_s: float) -> Line:
+    # Cramer-Rao for a sine of free phase in each run, in terms of the relative uncertainty of its amplitude.
+    spread_hz = 3.0**0.5 / (np.pi * duration_s) * found.sigma / found.amplitude
+    frequency = {"value": found.frequency_hz, "sigma": float(spread_hz), "unit": "Hz"}
+    return Line(
+        term=Term(LINE, {"frequency_hz": found.frequency_hz}),
+        channel="m_z",
+        frequency_hz=found.frequency_hz,
+        amplitude=found.amplitude,
+        sigma=found.sigma,
+        unit="m/s2",
+        p_value=found.p_value,
+        held_out_error_ratio=found.held_out_error_ratio,
+        parameters={
+            "amplitude": {"value": found.amplitude, "sigma": found.sigma, "unit": "m/s2"},
+            "frequency": {**frequency, "aliases_hz": list(found.aliases_hz)},
+        },
+    )
 
 
 def choices(effect: Effect) -> list[Term]:
