@@ -48,15 +48,15 @@ class Progress:
         self._planned = self._before + runs
         self._publish()
 
-    def replayed(self, *, valid: bool) -> None:
-        """A run that was recorded before a restart."""
-        self._done += 1
+    def replayed(self, *, valid: bool, runs: int = 1) -> None:
+        """A run, or several, that was recorded before a restart."""
+        self._done += runs
         self._invalid += not valid
 
-    def ran(self, *, valid: bool) -> None:
-        """A run was measured."""
-        self._done += 1
-        self._measured += 1
+    def ran(self, *, valid: bool, runs: int = 1) -> None:
+        """A run was measured, or several were."""
+        self._done += runs
+        self._measured += runs
         self._invalid += not valid
         self._publish()
 

@@ -67,11 +67,10 @@ class Session:
 
     def counted(self, runs: int, *, replayed: bool = False) -> None:
         """So many runs more are over whose samples nobody keeps, for the progress and its ETA."""
-        for _ in range(runs):
-            if replayed:
-                self._progress.replayed(valid=True)
-            else:
-                self._progress.ran(valid=True)
+        if replayed:
+            self._progress.replayed(valid=True, runs=runs)
+        else:
+            self._progress.ran(valid=True, runs=runs)
 
     def acquire(self, key: str, conditions: Mapping[str, Any], measure: Measure) -> RunRecord:
         """One run: measured and durable when this returns, or as recorded when the store already has `key`.

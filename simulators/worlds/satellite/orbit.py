@@ -16,8 +16,8 @@ FloatArray = NDArray[np.float64]
 EARTH_M3_S2 = 3.986004418e14
 EARTH_RADIUS_M = 6378137.0
 
-_KEPLER_STEPS = 20
-_CONVERGED = 1e-8
+NEARLY_ROUND = 0.02
+"""Up to this eccentricity the series that Kepler's equation begins with is right to 1e-5, and Newton squares that."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,12 @@ def place(
     e = np.asarray(eccentricity, dtype=np.float64)
     sine, cosine = np.sin(mean), np.cos(mean)
     anomaly = mean + e * sine * (1.0 + e * cosine)
-    for _ in range(_KEPLER_STEPS):
+    step = np.zeros_like(mean)
+    # A number of steps that does not depend on which times are asked for together.
+    for _ in range(2 if np.max(e) < NEARLY_ROUND else 7):
         sine, cosine = np.sin(anomaly), np.cos(anomaly)
         step = (anomaly - e * sine - mean) / (1.0 - e * cosine)
         anomaly = anomaly - step
-        # Newton's steps shrink as squares: one more would be below rounding, and this one is turned to first order.
-        if np.max(np.abs(step), initial=0.0) < _CONVERGED:
-            break
     sine, cosine = sine - step * cosine, cosine + step * sine
     nearness = 1.0 / (1.0 - e * cosine)
     cosine, sine = (cosine - e) * nearness, np.sqrt(1.0 - e**2) * sine * nearness
