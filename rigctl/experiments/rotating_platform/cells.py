@@ -357,7 +357,7 @@ class _Cutter:
             for kind, where in enumerate((gap, saturated, astray)):
                 faults[:, number, kind] = where.reshape(periods, q).sum(axis=1)
         cos, sin = np.cos(theta_ahead[:length]), np.sin(theta_ahead[:length])
-        c_z, c_y = (np.nan_to_num(row) for row in block[4:6])
+        c_z, c_y = (_filled(row) for row in block[4:6])
         geometry = np.empty((count.size, len(GEOMETRY)))
         ramps = np.empty_like(geometry)
         for column, values in enumerate((cos, sin, c_z * cos, c_z * sin, c_y * cos, c_y * sin)):
@@ -451,6 +451,15 @@ def _held(moving: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray
     turned = (np.cos(theta[before]) > 0.0) != (np.cos(theta[after]) > 0.0)
     held = np.where(known, moving, np.where(turned, 1.0, moving[before]))
     return np.nan_to_num(held, nan=1.0), np.nan_to_num(theta[before])
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    """What was commanded while samples were lost: straight lines between what is known; 0 where nothing is."""
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return np.nan_to_num(values)
+    index = np.arange(values.size)
+    return np.asarray(np.interp(index, index[known], values[known]))
 
 
 def _stopped_elsewhere(theta: FloatArray, rests: BoolArray) -> BoolArray:

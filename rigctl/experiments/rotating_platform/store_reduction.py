@@ -12,7 +12,7 @@ from rigctl.experiments.rotating_platform.cells import Cells, Columns, cells_of
 from rigctl.experiments.rotating_platform.lines import Spectra, line_amplitudes, spectra, without_lines
 from rigctl.experiments.rotating_platform.recorded import MODULATED, Chains, chains, guard_of, lead_of
 
-VERSION = 2
+VERSION = 3
 """Of what is kept: counted up whenever cells.py would give other numbers."""
 
 _REFUSED = b"!"
