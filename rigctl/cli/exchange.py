@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 SAY_EVERY_S = 2.0
 
+_REDUCED = ("sensing-axis", "inflight-calibration")
+"""Experiments whose runs are reduced as soon as they are imported."""
+
 app = typer.Typer()
 
 
@@ -34,7 +37,7 @@ def import_(
     with import_bundle(bundle, store) as imported:
         report = import_report(imported) or ImportReport(len(imported.runs()))
         read = _read(imported, report)
-        left_out = _reduced(imported) if imported.header.experiment == "sensing-axis" else {}
+        left_out = _reduced(imported) if imported.header.experiment in _REDUCED else {}
     if as_json:
         print_json(
             {
@@ -67,7 +70,10 @@ def _read(store: Store, report: ImportReport) -> str:
 
 def _reduced(store: Store) -> dict[str, str]:
     """Reduce the valid runs once and for all, saying how fast; which were left out, and why."""
-    from rigctl.experiments.sensing_axis.store_reduction import reduction
+    if store.header.experiment == "inflight-calibration":
+        from rigctl.experiments.inflight.recorded import reduction
+    else:
+        from rigctl.experiments.sensing_axis.store_reduction import reduction  # type: ignore[assignment]
 
     began_s = said_s = time.monotonic()
 

@@ -375,3 +375,17 @@ def noise_level(run: FlightRun, change: FloatArray) -> FloatArray:
     """The noise is louder at times: it is measured in each run, and found by comparing stretches."""
     del change
     return np.zeros_like(run.signal)
+
+
+@effect(
+    "steady-line",
+    on="measured_m_s2",
+    parameters={"amplitude": "m/s2", "frequency": "Hz"},
+    typical={"amplitude": 1e-13, "frequency": 1e-2},
+    source="clanks of tanks and wheels, thermal cycles of heaters",
+    scanned=True,
+)
+def steady_line(run: FlightRun, amplitude: FloatArray, frequency: FloatArray) -> FloatArray:
+    """A line between those of orbit and stimulus, from whatever source: found in the samples, it moves no other."""
+    del amplitude, frequency
+    return np.zeros_like(run.signal)

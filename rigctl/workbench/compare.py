@@ -65,6 +65,7 @@ def compared(attempt: Attempt, version: int) -> Comparison:
                 "p_value": line.p_value,
             }
             for line in attempt.study.lines(attempt.model)
+            if np.isfinite(line.frequency_hz)
         ),
         observations=given,
         residuals=left,

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
 from rigctl.errors import DataError
 from rigctl.experiments.inflight.reduction import VERSION, ReducedRun, from_bytes, reduce_run, to_bytes
+from rigctl.interfaces import FloatArray
 
 RECIPE = f"inflight-calibration {VERSION}"
 _REFUSED = b"!"
@@ -48,6 +50,25 @@ def reduction(source: RunSource, progress: Progress | None = None) -> Reduction:
         else:
             runs.append(from_bytes(data, record.run_id, record.conditions))
     return Reduction(tuple(runs), left_out)
+
+
+def reduced_without(
+    source: RunSource,
+    run: ReducedRun,
+    pulses_s: FloatArray,
+    samples: Callable[[ReducedRun], Mapping[str, FloatArray]],
+    orbit_period_s: float,
+) -> ReducedRun:
+    """A run reduced again without what pulses cover; `samples` gives them masked. Kept like the others."""
+    kept = source if isinstance(source, KeepsReductions) else None
+    recipe = f"{RECIPE} without {zlib.crc32(pulses_s.tobytes()):08x}"
+    data = kept.reduction(recipe, run.run_id) if kept and run.run_id in kept.reduced_names(recipe) else None
+    if data is None:
+        found = reduce_run(run.run_id, run.conditions, samples(run), orbit_period_s)
+        data = to_bytes(replace(found, remarks=run.remarks))
+        if kept and not kept.readonly:
+            kept.keep_reductions(recipe, {run.run_id: data})
+    return from_bytes(data, run.run_id, run.conditions)
 
 
 def orbit_period_of(source: RunSource) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -23,7 +23,7 @@ from rigctl.experiments.inflight.sessions import (
     resolution_remark,
     session_of,
 )
-from rigctl.experiments.inflight.weights import BoolArray, weights
+from rigctl.experiments.inflight.weights import weights
 from rigctl.interfaces import FloatArray
 
 VERSION = 1
@@ -192,10 +192,3 @@ def from_bytes(data: bytes, run_id: str, conditions: Mapping[str, Any]) -> Reduc
     return ReducedRun(
         run_id, session, dict(conditions), whole, tuple(halves), between, coarse, tuple(head["remarks"])
     )
-
-
-def without(run: ReducedRun, present: BoolArray, samples: Mapping[str, FloatArray]) -> ReducedRun:
-    """The run reduced again without some of its samples: False in `present`, one per row of `samples`."""
-    kept = {name: np.where(present, column, np.nan) if name != "t_s" else column for name, column in samples.items()}
-    found = reduce_run(run.run_id, run.conditions, kept, run.session.orbit_period_s)
-    return replace(found, remarks=run.remarks)

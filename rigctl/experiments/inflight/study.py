@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigctl.campaign.recording import RunSource
+from rigctl.campaign.recording import KeepsReductions, RunSource
 from rigctl.effects.catalogue import Effect, catalogue, unknown_effect
 from rigctl.errors import ConfigError, DataError
-from rigctl.experiments.inflight.baseline import NUISANCES, Baseline
+from rigctl.experiments.inflight.baseline import NUISANCES, Baseline, Stretch
 from rigctl.experiments.inflight.flight import Reducer
+from rigctl.experiments.inflight.found import level_found, line_found, loudness, pulses_found
+from rigctl.experiments.inflight.kept_scan import scan_from_bytes, scan_to_bytes
 from rigctl.experiments.inflight.observed import Observed, observed
 from rigctl.experiments.inflight.parameters import NAMES
-from rigctl.experiments.inflight.recorded import Reduction, reduction
+from rigctl.experiments.inflight.recorded import RECIPE, Reduction, orbit_period_of, reduced_without, reduction
 from rigctl.experiments.inflight.reduction import ReducedRun
+from rigctl.experiments.inflight.samples import RunScan, covered, scan
 from rigctl.experiments.inflight.weights import ComplexArray
 from rigctl.fitting.least_squares import Parameter
 from rigctl.interfaces import FloatArray
@@ -42,6 +48,13 @@ COMMON: Mapping[str, str] = {
 }
 """Effects without a part in the differential channel's lines."""
 
+PULSES, LEVEL, LINE = "glitches", "noise-level", "steady-line"
+"""Effects that are looked for in the samples."""
+
+SHOWN_P = 0.01
+"""What the samples show is spoken of when noise does so less often."""
+
+_IN_SAMPLES = (PULSES, LEVEL, LINE)
 _LINEAR = 1e-6
 _STEP = 1e-3
 
@@ -64,6 +77,11 @@ class InflightModel:
         self.units: Sequence[str] = (*baseline.units, *(effect.parameters[name] for effect, name in self._own))
         self.owners: Sequence[str] = (*("" for _ in baseline.parameters), *(effect.id for effect, _ in self._own))
         self.local: Sequence[bool] = tuple(parameter.name.startswith("gain[") for parameter in self.parameters)
+
+    @property
+    def study(self) -> InflightStudy:
+        """The study whose data it predicts."""
+        return self._study
 
     @property
     def observations(self) -> Observations:
@@ -113,6 +131,8 @@ class InflightStudy:
         self._source = source
         added = [effect for plugin in plugins for effect in plugin.effects.values()]
         self.catalogue: Mapping[str, Effect] = catalogue(self.experiment, added)
+        self._masked: Mapping[str, FloatArray] = {}
+        self._levels: Mapping[str, RunScan] = {}
         self._kept: dict[tuple[str, tuple[float, ...]], list[ComplexArray]] = {}
         self._units: dict[str, list[list[ComplexArray]] | None] = {}
 
@@ -147,7 +167,13 @@ class InflightStudy:
     @cached_property
     def baseline(self) -> Baseline:
         """Of all halves."""
-        return Baseline(self.observed.stretches())
+        return Baseline([self._loud(stretch, place) for place, stretch in enumerate(self.observed.stretches())])
+
+    def _loud(self, stretch: Stretch, place: int) -> Stretch:
+        if stretch.run_id not in self._levels:
+            return stretch
+        half = [each for run in self.reduced.runs for each in run.halves][place]
+        return replace(stretch, sigma=stretch.sigma * loudness(self._levels[stretch.run_id], half))
 
     @cached_property
     def observations(self) -> Observations:
@@ -162,32 +188,106 @@ class InflightStudy:
                 raise unknown_effect(name, self.catalogue)
         if len(named) < len(terms):
             raise ConfigError("an effect is in the model twice; name it once")
-        effects = [effect for name, effect in self.catalogue.items() if name in named]
+        here = self._without_pulses if PULSES in named else self
+        here = here._by_level if LEVEL in named else here
+        effects = [each for name, each in self.catalogue.items() if name in named and name not in _IN_SAMPLES]
         for effect in effects:
-            if reason := self._untestable(effect):
+            if reason := here._untestable(effect):
                 raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
-        return InflightModel(self, terms, effects)
+        return InflightModel(here, terms, effects)
 
     def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         """Every effect that `model` lacks, at the fitted `values`."""
+        here = _own(model).study
         there = {term.effect for term in model.terms}
         shared = np.asarray(values[: len(self.baseline.parameters)])
         beside = [effect for effect in self.catalogue.values() if effect.id in there]
         found: list[Candidate] = []
         refused: list[NotTestable] = []
         for effect in self.catalogue.values():
-            if effect.id in there:
+            if effect.id in there or effect.id in _IN_SAMPLES:
                 continue
-            if reason := self._untestable(effect):
+            if reason := here._untestable(effect):
                 refused.append(NotTestable(effect.id, reason))
                 continue
-            found.append(self._candidate(effect, shared, beside))
+            found.append(here._candidate(effect, shared, beside))
         return found, refused
 
     def lines(self, model: Model) -> Sequence[Line]:
-        """None yet."""
-        del model
-        return ()
+        """What the samples show beside the lines: pulses, unsteady noise, and the strongest line between the known.
+
+        Pulses and noise have no frequency, NaN.
+        """
+        there = {term.effect for term in model.terms}
+        here = _own(model).study
+        found = [] if PULSES in there else [pulses_found(here.scans)]
+        found += [] if LEVEL in there else [level_found(here.scans)]
+        known = [float(term.choice["frequency_hz"]) for term in model.terms if "frequency_hz" in term.choice]
+        found += [line_found(here.scans, known)]
+        return [each for each in found if each is not None and each.p_value < SHOWN_P]
+
+    @cached_property
+    def scans(self) -> list[RunScan]:
+        """All runs' samples looked through, with the baseline as fitted to them; kept for just these runs."""
+        runs = self.reduced.runs
+        hidden = b"".join(pulses.tobytes() for pulses in self._masked.values())
+        names = " ".join(sorted(run.run_id for run in runs))
+        recipe = f"{RECIPE} samples {zlib.crc32(names.encode() + hidden):08x}"
+        kept = self._source if isinstance(self._source, KeepsReductions) else None
+        known = kept.reduced_names(recipe) if kept else set()
+        found = []
+        for run in runs:
+            data = kept.reduction(recipe, run.run_id) if kept and run.run_id in known else None
+            if data is not None:
+                found.append(scan_from_bytes(data))
+                continue
+            found.append(scan(run, self._samples(run), self.observed.values))
+            if kept and not kept.readonly:
+                kept.keep_reductions(recipe, {run.run_id: scan_to_bytes(found[-1])})
+        return found
+
+    def _samples(self, run: ReducedRun) -> dict[str, FloatArray]:
+        samples = self._source.samples(run.run_id)
+        pulses = self._masked.get(run.run_id)
+        if pulses is None:
+            return samples
+        hidden = covered(samples["t_s"], pulses)
+        return {
+            name: column if name == "t_s" else np.where(hidden, np.nan, column) for name, column in samples.items()
+        }
+
+    @cached_property
+    def _without_pulses(self) -> InflightStudy:
+        """This study without the samples that pulses cover."""
+        other = self._copied()
+        other._masked = {each.run_id: each.pulses.at_s for each in self.scans if len(each.pulses.at_s)}
+        period_s = orbit_period_of(self._source)
+        runs, left_out = [], dict(self.reduced.left_out)
+        for run in self.reduced.runs:
+            if run.run_id not in other._masked:
+                runs.append(run)
+                continue
+            try:
+                runs.append(reduced_without(self._source, run, other._masked[run.run_id], other._samples, period_s))
+            except DataError as error:
+                left_out[run.run_id] = str(error)
+        other.reduced = Reduction(tuple(runs), left_out)
+        return other
+
+    @cached_property
+    def _by_level(self) -> InflightStudy:
+        """This study with the noise of each half as loud as its own samples say."""
+        other = self._copied()
+        other.reduced, other._levels = self.reduced, {each.run_id: each for each in self.scans}
+        return other
+
+    def _copied(self) -> InflightStudy:
+        other = copy.copy(self)
+        for name in list(vars(other)):
+            if isinstance(getattr(type(self), name, None), cached_property):
+                del vars(other)[name]
+        other._kept, other._units = {}, {}
+        return other
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """The ten parameters."""
@@ -280,6 +380,12 @@ class InflightStudy:
             return str(error)
         size = max(float(np.max(np.abs(half), initial=0.0)) for unit in units for half in unit)
         return None if size > 0.0 else "it changes nothing in these runs"
+
+
+def _own(model: Model) -> InflightModel:
+    if not isinstance(model, InflightModel):
+        raise TypeError("a model of this study is wanted")
+    return model
 
 
 def _has_temperature(run: ReducedRun) -> bool:
