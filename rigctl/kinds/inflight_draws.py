@@ -49,17 +49,16 @@ class Unit:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Weights of all samples, (2 lines + 1, samples): of the published lines, of the observed, of a sum."""
+    """Weights of all samples, (2 lines, samples) each: of the published estimate's lines, and of those observed."""
 
     session: Session
-    published: tuple[Line, ...]
-    observed: tuple[Line, ...]
-    rows: FloatArray
+    published: FloatArray
+    observed: FloatArray
 
     @property
     def spread(self) -> FloatArray:
         """Standard uncertainty of one component of each line in noise of unit density, (lines,)."""
-        square = np.einsum("ij,ij->i", self.rows[:-1], self.rows[:-1])
+        square = np.concatenate([np.einsum("ij,ij->i", rows, rows) for rows in (self.published, self.observed)])
         return np.asarray(np.sqrt(0.5 * (square[0::2] + square[1::2]) / (2.0 * self.session.sample_period_s)))
 
 
@@ -67,8 +66,9 @@ class _Rows:
 def reduce_unit(unit: Unit) -> bytes:
     """Simulate a unit and reduce it; see `sessions_of` for what comes back."""
     prepared = rows_of(unit)
-    session, rows = prepared.session, prepared.rows
-    parts = np.zeros((len(SERIES), len(rows), len(unit.draws)))
+    session, groups = prepared.session, (prepared.published, prepared.observed)
+    parts = [np.zeros((len(SERIES), len(rows), len(unit.draws))) for rows in groups]
+    totals = np.zeros((len(SERIES), len(unit.draws)))
     filled = INDEX["force x" if session.moves_masses else "moved"]
     at = 0
     asked = unit.study.session(unit.name, unit.orbit_period_s)
@@ -76,10 +76,18 @@ def reduce_unit(unit: Unit) -> bytes:
         t_s = session.sample_period_s * np.arange(at, at + len(chunk), dtype=np.float64)
         columns = {name: chunk[:, place] for place, name in enumerate(unit.ensemble.columns)}
         series = raw_series(session, t_s[:, np.newaxis], columns).T[:filled]
-        parts[:filled] += rows[:, at : at + len(chunk)] @ series
+        for part, rows in zip(parts, groups, strict=True):
+            part[:filled] += rows[:, at : at + len(chunk)] @ series
+        totals[:filled] += np.ones(len(chunk)) @ series
         at += len(chunk)
     made = io.BytesIO()
-    np.savez(made, parts=parts[:, :-1], means=parts[:, -1] / at, draws=np.array(unit.draws), spread=prepared.spread)
+    np.savez(
+        made,
+        parts=np.concatenate(parts, axis=1),
+        means=totals / at,
+        draws=np.array(unit.draws),
+        spread=prepared.spread,
+    )
     return made.getvalue()
 
 
@@ -97,9 +105,11 @@ def _rows(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) ->
     session = flown(study, name, orbit_period_s, step_s)
     duration_s = study.session(name, orbit_period_s).duration_s
     t_s = step_s * np.arange(round(duration_s / step_s), dtype=np.float64)
-    published, observed = session.fitted_lines(), session.reduced_lines(duration_s)
-    made = [weights(t_s, [session.frequency_of(line) for line in lines]) for lines in (published, observed)]
-    return _Rows(session, published, observed, np.vstack([*made, np.ones((1, len(t_s)))]))
+    published, observed = (
+        weights(t_s, [session.frequency_of(line) for line in lines])
+        for lines in (session.fitted_lines(), session.reduced_lines(duration_s))
+    )
+    return _Rows(session, published, observed)
 
 
 def flown(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) -> Session:

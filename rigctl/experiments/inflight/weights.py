@@ -32,6 +32,7 @@ FEWEST_SAMPLES = 0.3
 """Part of a stretch's samples that must be there."""
 
 _SINGULAR = 1e-6
+_AT_ONCE = 1 << 16
 
 
 def band_pass(lowest_hz: float, highest_hz: float, sample_rate_hz: float) -> FloatArray:
@@ -75,13 +76,18 @@ def _filtered(t_s: FloatArray, lines_hz: Sequence[float]) -> FloatArray:
     step_s = float(t_s[1] - t_s[0])
     sections = band_pass(min(lines_hz), max(lines_hz), 1.0 / step_s)
     dropped = round(DROPPED_S / step_s)
-    lines = templates(t_s, lines_hz)
-    rows = np.asarray(signal.sosfilt(sections, lines - lines.mean(axis=1, keepdims=True), axis=1))
+    # In place and row by row: those of forty orbits are hundreds of megabytes.
+    rows = templates(t_s, lines_hz)
+    for row in rows:
+        row[:] = signal.sosfilt(sections, row - row.mean())
     rows[:, :dropped] = 0.0
     normal = rows @ rows.T
-    rows = signal.sosfilt(sections, rows[:, ::-1], axis=1)[:, ::-1]
-    rows = _solved(normal, rows)
-    return np.asarray(rows - rows.mean(axis=1, keepdims=True))
+    for row in rows:
+        row[:] = signal.sosfilt(sections, row[::-1])[::-1]
+    for start in range(0, rows.shape[1], _AT_ONCE):
+        rows[:, start : start + _AT_ONCE] = _solved(normal, rows[:, start : start + _AT_ONCE])
+    rows -= rows.mean(axis=1, keepdims=True)
+    return rows
 
 
 def _tapered(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray) -> FloatArray:
