@@ -154,9 +154,15 @@ class Store:
         found = self._records("WHERE key = ? AND state = 'finished'", (key,))
         return found[0] if found else None
 
-    def runs(self, *, valid_only: bool = False) -> list[RunRecord]:
-        """The finished runs in the order they were begun."""
-        return self._records(f"WHERE state = 'finished'{' AND valid' if valid_only else ''} ORDER BY number")
+    def runs(self, *, valid_only: bool = False, skip: int = 0) -> list[RunRecord]:
+        """The finished runs in the order they were begun, without the first `skip`."""
+        wanted = f"WHERE state = 'finished'{' AND valid' if valid_only else ''} ORDER BY number LIMIT -1 OFFSET ?"
+        return self._records(wanted, (skip,))
+
+    def run_counts(self) -> tuple[int, int]:
+        """How many runs are finished, and how many of them are declared invalid; cheap."""
+        found = self._read("SELECT COUNT(*), COALESCE(SUM(NOT valid), 0) FROM runs WHERE state = 'finished'")
+        return int(found[0][0]), int(found[0][1])
 
     def interrupted_runs(self) -> list[RunRecord]:
         """Runs begun and never finished: cut off or, while a campaign is at it, still `acquiring`."""
@@ -191,6 +197,25 @@ class Store:
         return {
             name: np.frombuffer(bytearray(b"".join(parts)), dtype="<f8").astype(np.float64, copy=False)
             for name, parts in chunks.items()
+        }
+
+    def last_samples(self, run_id: str, count: int) -> dict[str, FloatArray]:
+        """At most the last `count` of every column, as `samples`, without reading the whole of a long run."""
+        number = self._number(run_id)
+        query = "SELECT name, data FROM samples WHERE id >= ? AND id < ? ORDER BY id DESC"
+        chunks: dict[str, list[bytes]] = {}
+        lengths: dict[str, int] = {}
+        with schema.database_errors(self.path):
+            rows = self._connection.execute(query, (schema.first_chunk_id(number), schema.first_chunk_id(number + 1)))
+            for name, data in rows:
+                if name in chunks and min(lengths.values()) >= count:
+                    break
+                chunks.setdefault(name, []).append(data)
+                lengths[name] = lengths.get(name, 0) + len(data) // 8
+            rows.close()
+        return {
+            name: np.frombuffer(b"".join(reversed(parts)), dtype="<f8")[-count:].astype(np.float64)
+            for name, parts in reversed(chunks.items())
         }
 
     def mark(self, run_id: str, valid: bool, reason: str) -> None:
@@ -230,12 +255,13 @@ class Store:
         with self._writing():
             return self._insert_event(kind, data, rig_time_s)
 
-    def events(self, kind: str | None = None) -> list[Event]:
-        """All events in order, or those of one kind."""
-        query = "SELECT id, time, rig_time_s, kind, data FROM events WHERE ? IS NULL OR kind = ? ORDER BY id"
+    def events(self, kind: str | None = None, *, after: int = 0) -> list[Event]:
+        """All events in order, or those of one kind, or those after event number `after`."""
+        wanted = "id > ? AND (? IS NULL OR kind = ?)"
+        query = f"SELECT id, time, rig_time_s, kind, data FROM events WHERE {wanted} ORDER BY id"  # noqa: S608
         return [
             Event(number, time, rig_time_s, name, json.loads(data))
-            for number, time, rig_time_s, name, data in self._read(query, (kind, kind))
+            for number, time, rig_time_s, name, data in self._read(query, (after, kind, kind))
         ]
 
     def _insert_event(self, kind: str, data: Mapping[str, Any], rig_time_s: float | None) -> int:

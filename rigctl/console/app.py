@@ -23,6 +23,7 @@ from rigctl.console import messages as say
 from rigctl.console.analyses import Analyses
 from rigctl.console.feed import Feed, StoreView
 from rigctl.console.holding import Holding
+from rigctl.console.log_lines import Search, earlier
 from rigctl.console.palette import Commands
 from rigctl.console.screens.campaign import CampaignPane
 from rigctl.console.screens.log import LogPane
@@ -498,6 +499,27 @@ class Console(App[None]):
         if message.what in {"add", "remove"}:
             self._act(f"model {message.what} {' '.join(message.arguments[0])}")
         self._analyses.ask(self._view.path, message.what, *message.arguments)
+
+    def on_search_asked(self, message: say.SearchAsked) -> None:
+        """Go through the whole store, unless all of it is on the screen."""
+        view, log = self._view, self._panes.log
+        if view is not None and log.first_event > 1:
+            self._find(view.path, message.search, log.first_event)
+
+    @work(thread=True, exclusive=True, group="search")
+    def _find(self, store: Path, search: Search, before: int) -> None:
+        from rigctl.errors import RigError
+
+        try:
+            found = earlier(store, search, before)
+        except RigError as error:
+            self.post_message(say.Noted(str(error), "error"))
+        else:
+            self.post_message(say.EarlierFound(search, found))
+
+    def on_earlier_found(self, message: say.EarlierFound) -> None:
+        """Show it above what is kept."""
+        self._panes.log.show_earlier(message.search, message.lines)
 
     def on_resize(self, event: Resize) -> None:
         """A terminal that is too small says so."""

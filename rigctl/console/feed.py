@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +21,16 @@ if TYPE_CHECKING:
     from rigctl.interfaces import FloatArray
 
 LOOK_S = 0.25
+EVENTS = 2000
+"""So many events are kept in sight; a search goes through all of them in the store."""
+
+SAMPLES = 20_000
+"""So many of a run's last samples are shown: a run of hours at 200 Hz is not read again four times a second."""
 
 
 @dataclass(frozen=True)
 class StoreView:
-    """A store at one moment; `samples` are those of the run that is being recorded, else of the last one."""
+    """A store at one moment; `events` are the last ones, `samples` those of the run in work, else of the last one."""
 
     path: Path
     title: str
@@ -90,12 +96,12 @@ class Feed:
 
         with Store.open(path, readonly=True) as store:
             seen: object = None
-            view: StoreView | None = None
+            watched = _Watched(store)
             while not self._changed.is_set():
                 now = _signs(path)
                 if now != seen:
-                    seen, view = now, _view(store, view)
-                    self._post(StoreSeen(view))
+                    seen = now
+                    self._post(StoreSeen(watched.look()))
                 self._changed.wait(LOOK_S)
 
 
@@ -113,37 +119,66 @@ def _signs(path: Path) -> tuple[object, ...]:
     return tuple(signs)
 
 
-def _view(store: Store, before: StoreView | None) -> StoreView:
-    from rigctl.campaign.locks import is_held, store_lock
-    from rigctl.campaign.questions import open_question
-    from rigctl.campaign.status import status_of
+class _Watched:
+    """An open store, and what has been read of it: every look reads only what is new."""
 
-    alive = is_held(store_lock(store.path))
-    runs = tuple(store.runs())
-    view = StoreView(
-        path=store.path,
-        title=store.header.title,
-        experiment=store.header.experiment,
-        status=status_of(store.path),
-        alive=alive,
-        runs=runs,
-        events=tuple(store.events()),
-        identities=store.identities() if before is None or not before.identities else before.identities,
-        question=open_question(store) if alive else None,
-        campaign_toml=store.header.campaign_toml or "",
-        rig_toml=store.header.rig_toml or "",
-    )
-    return _with_samples(store, view, before)
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._runs: list[RunRecord] = []
+        self._events: deque[Event] = deque(maxlen=EVENTS)
+        self._last_event = 0
+        self._identities: Mapping[str, Mapping[str, Any]] = {}
+        self._run_id = ""
+        self._recording = False
+        self._samples: Mapping[str, FloatArray] = {}
+        self._sampled_s = 0.0
 
+    def look(self) -> StoreView:
+        """The store as it is now."""
+        from rigctl.campaign.locks import is_held, store_lock
+        from rigctl.campaign.questions import open_question
+        from rigctl.campaign.status import status_in
 
-def _with_samples(store: Store, view: StoreView, before: StoreView | None) -> StoreView:
-    acquiring = [run.run_id for run in store.interrupted_runs() if run.state == "acquiring"] if view.alive else []
-    last = acquiring[-1] if acquiring else view.runs[-1].run_id if view.runs else ""
-    if not last:
-        return view
-    if before is not None and last == before.run_id and not acquiring and before.samples:
-        return replace(view, run_id=last, samples=before.samples, sampled_s=before.sampled_s)
-    samples = store.samples(last)
-    if not samples and before is not None:  # it has only begun: the one before stays in sight
-        return replace(view, run_id=before.run_id, samples=before.samples, sampled_s=before.sampled_s)
-    return replace(view, run_id=last, samples=samples, sampled_s=time.monotonic())
+        store = self._store
+        alive = is_held(store_lock(store.path))
+        self._read_events()
+        self._runs += store.runs(skip=len(self._runs))
+        self._identities = self._identities or store.identities()
+        self._read_samples(alive)
+        return StoreView(
+            path=store.path,
+            title=store.header.title,
+            experiment=store.header.experiment,
+            status=status_in(store),
+            alive=alive,
+            runs=tuple(self._runs),
+            events=tuple(self._events),
+            identities=self._identities,
+            question=open_question(store) if alive else None,
+            run_id=self._run_id,
+            samples=self._samples,
+            sampled_s=self._sampled_s,
+            campaign_toml=store.header.campaign_toml or "",
+            rig_toml=store.header.rig_toml or "",
+        )
+
+    def _read_events(self) -> None:
+        fresh = self._store.events(after=self._last_event)
+        if not fresh:
+            return
+        self._events.extend(fresh)
+        self._last_event = fresh[-1].id
+        if any(event.kind == "mark" for event in fresh):  # a run that was read is another now
+            self._runs = []
+
+    def _read_samples(self, alive: bool) -> None:
+        unfinished = self._store.interrupted_runs() if alive else []
+        acquiring = [run.run_id for run in unfinished if run.state == "acquiring"]
+        finished = self._runs[-1].run_id if self._runs else ""
+        run_id = acquiring[-1] if acquiring else finished
+        if not run_id or (run_id == self._run_id and not self._recording and not acquiring):
+            return
+        samples = self._store.last_samples(run_id, SAMPLES)
+        if samples:  # one that has only begun leaves the one before in sight
+            self._run_id, self._samples, self._sampled_s = run_id, samples, time.monotonic()
+            self._recording = bool(acquiring)

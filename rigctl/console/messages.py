@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -10,6 +11,7 @@ from textual.message import Message
 
 if TYPE_CHECKING:
     from rigctl.console.feed import StoreView
+    from rigctl.console.log_lines import LogLine, Search
 
 Severity = Literal["information", "warning", "error"]
 Request = Literal["pause", "resume", "abort"]
@@ -87,6 +89,23 @@ class AnalysisAsked(Message):
         super().__init__()
         self.what = what
         self.arguments = arguments
+
+
+class SearchAsked(Message):
+    """Search the events of the store that are not kept on the screen."""
+
+    def __init__(self, search: Search) -> None:
+        super().__init__()
+        self.search = search
+
+
+class EarlierFound(Message):
+    """What a search has found there."""
+
+    def __init__(self, search: Search, lines: Sequence[LogLine]) -> None:
+        super().__init__()
+        self.search = search
+        self.lines = lines
 
 
 class Noted(Message):

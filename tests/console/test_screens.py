@@ -61,7 +61,7 @@ def test_screens_look_as_they_did(
         await seat.press("2")
         await look("campaign", "DONE", "θ − θ0")
         await seat.press("4", "f")
-        await look("workbench", "theta0[")
+        await look("workbench", "theta0[", "model version 1")
         await seat.press("5")
         await look("log", "done")
         await seat.press("2", "f1")
@@ -164,7 +164,7 @@ def test_a_move_outside_the_limits_is_refused_where_it_is_typed(desk: Any, at_co
         await seat.until(lambda: at(seat, 170.0))
         await seat.sees("● ready")
         await seat.press("right_square_bracket")
-        await seat.until(lambda: any("171 deg is outside" in told for _, _, told in seat.app._panes.log._lines))
+        await seat.until(lambda: any("171 deg is outside" in line.text for line in seat.app._panes.log._lines))
         await seat.press("left_square_bracket")
         await seat.until(lambda: at(seat, 169.0))
 

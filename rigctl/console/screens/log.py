@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections import deque
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
@@ -12,11 +13,15 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.widgets import Input, RichLog, Static
 
+from rigctl.console.log_lines import LogLine, Search, line_of
+from rigctl.console.messages import SearchAsked
+
 if TYPE_CHECKING:
     from rigctl.console.feed import StoreView
 
 KEPT = 2000
-ALARMS = {"failed", "aborted", "mounting-lost", "alarm"}
+SHOWN = 300
+"""So many are written at once, the newest: who looks for another searches."""
 
 
 class LogPane(Vertical):
@@ -30,9 +35,11 @@ class LogPane(Vertical):
 
     def __init__(self) -> None:
         super().__init__(id="log")
-        self._lines: deque[tuple[str, str, str]] = deque(maxlen=KEPT)
-        self._last_event: tuple[object, int] = (None, 0)
-        self._only_alarms = False
+        self.search = Search()
+        self._lines: deque[LogLine] = deque(maxlen=KEPT)
+        self._earlier: list[LogLine] = []
+        self._store: Path | None = None
+        self._last_event = 0
 
     def compose(self) -> ComposeResult:
         """Search on top, lines below."""
@@ -42,19 +49,27 @@ class LogPane(Vertical):
 
     def add(self, time: str, kind: str, text: str) -> None:
         """Something happened in this console: an action, a note, an alarm."""
-        self._lines.append((time, kind, text))
-        self._write((time, kind, text))
+        self._append([LogLine(time, kind, text)])
 
     def show_store(self, view: StoreView) -> None:
         """Events of the store that have not been shown."""
-        path, last = self._last_event
-        if path != view.path:
-            last = 0
-        for event in view.events:
-            if event.id > last:
-                self.add(event.time, event.kind, _told(event.data))
-                last = event.id
-        self._last_event = (view.path, last)
+        if self._store != view.path:
+            self._store, self._last_event, self._earlier = view.path, 0, []
+        fresh = [line_of(event) for event in view.events if event.id > self._last_event]
+        if fresh:
+            self._last_event = fresh[-1].event
+            self._append(fresh)
+
+    def show_earlier(self, search: Search, lines: Sequence[LogLine]) -> None:
+        """What a search has found among the events of the store that are not kept here."""
+        if search == self.search:
+            self._earlier = list(lines)
+            self._rewrite()
+
+    @property
+    def first_event(self) -> int:
+        """The number of the first event of the store that is kept here; beyond the last one without any."""
+        return next((line.event for line in self._lines if line.event), self._last_event + 1)
 
     def action_search(self) -> None:
         """Into the search."""
@@ -66,44 +81,44 @@ class LogPane(Vertical):
 
     def action_alarms(self) -> None:
         """Alarms only, or all."""
-        self._only_alarms = not self._only_alarms
-        self._rewrite()
+        self._look_for(Search(self.search.words, not self.search.only_alarms))
 
-    def on_input_changed(self) -> None:
+    def on_input_changed(self, event: Input.Changed) -> None:
         """Search as one types."""
-        self._rewrite()
+        self._look_for(Search(event.value, self.search.only_alarms))
 
     def on_input_submitted(self) -> None:
         """Back to what was found."""
         self.query_one(RichLog).focus()
 
+    def _look_for(self, search: Search) -> None:
+        self.search, self._earlier = search, []
+        self._rewrite()
+        if search != Search():
+            self.post_message(SearchAsked(search))
+
+    def _append(self, lines: Sequence[LogLine]) -> None:
+        self._lines.extend(lines)
+        self._write(line for line in lines if self.search.finds(line))
+
     def _rewrite(self) -> None:
-        log = self.query_one(RichLog)
-        log.clear()
-        for line in self._lines:
-            self._write(line)
-        shown = sum(map(self._wanted, self._lines))
-        only = ", alarms only" if self._only_alarms else ""
-        self.query_one("#log-line", Static).update(f"{shown} of {len(self._lines)} lines{only}")
+        self.query_one(RichLog).clear()
+        found = [*self._earlier, *(line for line in self._lines if self.search.finds(line))]
+        self._write(found)
+        newest = f", the newest {SHOWN} are shown" if len(found) > SHOWN else ""
+        only = ", alarms only" if self.search.only_alarms else ""
+        told = f"{len(found)} lines{only}{newest}" if self.search != Search() else ""
+        self.query_one("#log-line", Static).update(told)
 
-    def _wanted(self, line: tuple[str, str, str]) -> bool:
-        if self._only_alarms and line[1] not in ALARMS:
-            return False
-        return self.query_one(Input).value.lower() in " ".join(line).lower()
-
-    def _write(self, line: tuple[str, str, str]) -> None:
-        if not self._wanted(line):
-            return
-        time, kind, told = line
-        text = Text()
-        text.append(f"{time[11:19]} ", style="dim")
-        text.append(f"{'! ' if kind in ALARMS else '  '}{kind:<13} ", style="bold" if kind in ALARMS else "")
-        text.append(told)
-        self.query_one(RichLog).write(text)
+    def _write(self, lines: Iterable[LogLine]) -> None:
+        shown = [_shown(line) for line in list(lines)[-SHOWN:]]
+        if shown:  # all at once: line by line it takes several times as long
+            self.query_one(RichLog).write(Text("\n").join(shown))
 
 
-def _told(data: object) -> str:
-    if isinstance(data, dict):
-        parts = (f"{key}: {value if isinstance(value, str) else json.dumps(value)}" for key, value in data.items())
-        return ", ".join(parts)
-    return json.dumps(data)
+def _shown(line: LogLine) -> Text:
+    text = Text()
+    text.append(f"{line.time[11:19]} ", style="dim")
+    text.append(f"{'! ' if line.alarm else '  '}{line.kind:<13} ", style="bold" if line.alarm else "")
+    text.append(line.text)
+    return text

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 COLUMNS = ("instrument", "state", "value", "age", "identity")
 MARKS = {"ready": "●", "moving": "▶", "homing": "▶", "stopped": "■", "lost": "✗", "silent": "?", "connecting": "…"}
 STALE_S = 3.0
+NUMBERS_S = 0.5
+"""Numbers that change faster cannot be read, and a table is dear to draw; a change of state is shown at once."""
 
 
 class RigPane(Vertical):
@@ -46,6 +48,9 @@ class RigPane(Vertical):
         self.jog_step = jog_step
         self.opening = ""
         self._views: dict[str, InstrumentView] = {}
+        self._rows: dict[str, tuple[str, ...]] = {}
+        self._numbers_s = 0.0
+        self._said: dict[str, Text] = {}
 
     def compose(self) -> ComposeResult:
         """Table, line of details, charts."""
@@ -94,7 +99,8 @@ class RigPane(Vertical):
             values = columns.get(column)
             if values is None or t_s is None or not len(values):
                 return None
-            return Line(t_s[: len(values)], values[: len(t_s)], name, colour=colour)
+            shown = min(len(values), len(t_s))  # of a run that is being recorded one may be longer
+            return Line(t_s[-shown:], values[-shown:], name, colour=colour)
 
         heads = [name for name in columns if name.startswith("laser")]
         told = f"run {view.run_id}, t / s"
@@ -141,34 +147,42 @@ class RigPane(Vertical):
                 levels=levels,
             )
         self.query_one("#chart-spectrum", Plot).show(picture)
-        self.query_one("#noise", Static).update(_noise_told(frequency_hz, density_v / gain, unit, target))
+        self._say("noise", _noise_told(frequency_hz, density_v / gain, unit, target))
 
     def _show_instruments(self, views: Sequence[InstrumentView]) -> None:
         table = self.query_one(DataTable)
-        if list(self._views) != [view.name for view in views]:
+        rows = {view.name: _row(view) for view in views}
+        if list(self._rows) != list(rows):
             table.clear()
-            for view in views:
-                table.add_row(*_row(view), key=view.name)
+            for name, row in rows.items():
+                table.add_row(*row, key=name)
+        elif time.monotonic() - self._numbers_s > NUMBERS_S or _states(self._rows) != _states(rows):
+            self._numbers_s = time.monotonic()
+            for name, row in rows.items():
+                for column, before, cell in zip(COLUMNS, self._rows[name], row, strict=True):
+                    if cell != before:
+                        table.update_cell(name, column, cell)
         else:
-            for view in views:
-                old = _row(self._views[view.name])
-                for column, before, cell in zip(COLUMNS, old, _row(view), strict=True):
-                    if cell != before or column == "age":
-                        table.update_cell(view.name, column, cell)
-        self._views = {view.name: view for view in views}
+            rows = self._rows
+        self._views, self._rows = {view.name: view for view in views}, rows
         self._show_detail()
 
     def _show_detail(self) -> None:
         view = self._chosen()
         if view is None:
             told = f"… opening {self.opening}" if self.opening else "No rig is open: o opens a rig file or a store."
-            self.query_one("#detail", Static).update(Text(told))
+            self._say("detail", Text(told))
             return
         limits = f"  limits {view.limits}  jog step {self.jog_step:g} {view.limits.unit}" if view.limits else ""
         text = Text(f"{view.name}: {view.role}, {view.driver}, {view.address}{limits}", no_wrap=True)
         if view.error:
             text = Text(f"✗ {view.error}", style="bold", no_wrap=False)
-        self.query_one("#detail", Static).update(text)
+        self._say("detail", text)
+
+    def _say(self, where: str, text: Text) -> None:
+        if self._said.get(where) != text:
+            self._said[where] = text
+            self.query_one(f"#{where}", Static).update(text, layout=where == "detail")
 
     def show_opening(self, rig: str) -> None:
         """A rig is being opened, which may take a while; "": it is not any more."""
@@ -289,8 +303,25 @@ def _short(name: str) -> str:
 def _row(view: InstrumentView) -> tuple[str, ...]:
     now_s = time.monotonic()
     age_s = max((now_s - each.taken_s for each in view.values), default=math.nan)
-    age = "" if math.isnan(age_s) else f"{age_s:.1f} s" if age_s < STALE_S else f"{min(age_s, 999):.0f} s!"
-    return (view.name, f"{MARKS.get(view.state, ' ')} {view.state}", _values_told(view), age, view.identity)
+    return (
+        view.name,
+        f"{MARKS.get(view.state, ' ')} {view.state}",
+        _values_told(view),
+        _age_told(age_s),
+        view.identity,
+    )
+
+
+def _age_told(age_s: float) -> str:
+    if math.isnan(age_s):
+        return ""
+    if age_s < STALE_S:  # while it is fresh, its age is not a number to be read ten times a second
+        return "< 1 s" if age_s < 1.0 else f"{age_s:.0f} s"
+    return f"{min(age_s, 999):.0f} s!"
+
+
+def _states(rows: Mapping[str, tuple[str, ...]]) -> list[str]:
+    return [row[1] for row in rows.values()]
 
 
 def _values_told(view: InstrumentView) -> str:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from rich.segment import Segment
 from rich.style import Style
-from rich.text import Text
+from textual.geometry import Region
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -18,6 +19,12 @@ if TYPE_CHECKING:
 MARKS = ("o", "x", "+", "#", "*", "@")
 COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
 """Okabe and Ito's palette: each series also has a mark or a name of its own."""
+
+INKS = tuple(Style(color=colour) for colour in COLOURS)
+PLAIN, BOLD, DIM = Style(), Style(bold=True), Style(dim=True)
+
+Row = tuple[tuple[str, Style], ...]
+"""Pieces of text from left to right."""
 
 _LABEL_WIDTH = 8
 _FLAT = 1e-3
@@ -59,65 +66,95 @@ class _Area:
 
 @dataclass
 class _Sheet:
-    """Characters and colours of the plot area."""
+    """Characters and inks of the plot area; a cell without ink is blank."""
 
     area: _Area
     cells: list[list[str]] = field(default_factory=list)
-    colours: list[list[int | None]] = field(default_factory=list)
+    inks: list[list[Style | None]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.cells = [[" "] * self.area.width for _ in range(self.area.height)]
-        self.colours = [[None] * self.area.width for _ in range(self.area.height)]
+        self.inks = [[None] * self.area.width for _ in range(self.area.height)]
 
-    def put(self, row: int, column: int, text: str, colour: int | None) -> None:
+    def put(self, row: int, column: int, text: str, ink: Style) -> None:
         for offset, character in enumerate(text):
             if 0 <= row < self.area.height and 0 <= column + offset < self.area.width:
                 self.cells[row][column + offset] = character
-                self.colours[row][column + offset] = colour
+                self.inks[row][column + offset] = ink
+
+    def row(self, number: int) -> Row:
+        """A row in as few pieces as its inks allow: fewer are drawn faster."""
+        cells, inks = self.cells[number], self.inks[number]
+        used = set(inks) - {None}
+        if len(used) < 2:  # most rows, told without going through their cells
+            return (("".join(cells), used.pop() or PLAIN if used else PLAIN),)
+        pieces, start = [], 0
+        ink: Style | None = None
+        for end, each in enumerate(inks):
+            if each is not None and each is not ink:
+                if ink is not None:
+                    pieces.append(("".join(cells[start:end]), ink))
+                    start = end
+                ink = each
+        return (*pieces, ("".join(cells[start:]), ink or PLAIN))
 
 
 class Plot(Widget):
-    """Shows a `Picture`; given another one it draws that."""
+    """Shows a `Picture`; given another one it draws the rows that differ."""
 
     DEFAULT_CSS = "Plot { height: 1fr; width: 1fr; min-height: 4; }"
 
     def __init__(self, picture: Picture, *, id: str | None = None, classes: str | None = None) -> None:  # noqa: A002
         super().__init__(id=id, classes=classes)
         self.picture = picture
+        self._rows: list[Row] = []
         self._strips: list[Strip] = []
-        self._drawn: tuple[object, ...] = ()
+        self._drawn_for: tuple[object, ...] = ()
 
     def show(self, picture: Picture) -> None:
         """Draw another picture."""
         self.picture = picture
-        self.refresh()
+        if self._drawn_for != self._looks:
+            self.refresh()
+            return
+        before, self._rows = self._rows, drawn(picture, *self.size)
+        base = self.rich_style
+        changed = [y for y, row in enumerate(self._rows) if row != before[y]]
+        for y in changed:
+            self._strips[y] = self._strip(self._rows[y], base)
+        if changed:
+            self.refresh(*(Region(0, y, self.size.width, 1) for y in changed))
 
     def render_line(self, y: int) -> Strip:
-        """A line of the picture at the size the widget has; drawn once, whatever is shown of it."""
-        signs = (self.picture, self.size, self.app.theme)
-        if signs != self._drawn:
-            self._drawn, self._strips = signs, self._as_strips()
+        """A line of the picture at the size the widget has."""
+        if self._drawn_for != self._looks:
+            self._drawn_for = self._looks
+            self._rows = drawn(self.picture, *self.size)
+            base = self.rich_style
+            self._strips = [self._strip(row, base) for row in self._rows]
         return self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width, self.rich_style)
 
-    def _as_strips(self) -> list[Strip]:
-        width, base = self.size.width, self.rich_style
-        lines = drawn(self.picture, width, self.size.height).split("\n")
-        strips = (Strip(line.render(self.app.console)) for line in lines)
-        return [strip.adjust_cell_length(width).apply_style(base) for strip in strips]
+    @property
+    def _looks(self) -> tuple[object, ...]:
+        return self.size, self.app.theme
+
+    def _strip(self, row: Row, base: Style) -> Strip:
+        return Strip([Segment(text, base + ink) for text, ink in row]).adjust_cell_length(self.size.width, base)
 
 
-def drawn(picture: Picture, width: int, height: int) -> Text:
-    """A picture as text of `height` lines, each `width` wide."""
+def drawn(picture: Picture, width: int, height: int) -> list[Row]:
+    """A picture as `height` rows, none wider than `width`."""
+    if height < 1:
+        return []
     lines = _with_values(picture.lines)
     rows = height - 1 - (1 if picture.x_label or picture.x_range else 0)
     columns = width - _LABEL_WIDTH - 1
     if rows < 1 or columns < 4:
-        return Text(picture.title[:width])
-    text = Text(no_wrap=True, overflow="crop")
-    text.append(_heading(picture, lines, width))
+        return [((picture.title[:width], PLAIN),)] + [()] * (height - 1)
+    heading = _heading(picture, lines, width)
     if not lines:
-        text.append(Text(f"\n{'':{_LABEL_WIDTH}} {picture.empty}"[: width + 1], style="dim"))
-        return text
+        told = f"{'':{_LABEL_WIDTH}} {picture.empty}"[:width]
+        return [heading, ((told, DIM),), *[()] * (height - 2)]
     area = _Area(
         columns, rows, _range(picture.x_range, [line.x for line in lines], _x_margin(lines)), _y_range(picture, lines)
     )
@@ -129,13 +166,12 @@ def drawn(picture: Picture, width: int, height: int) -> Text:
         _draw_marks(sheet, line)
     _name_levels(sheet, picture.levels)
     labels = _labels(area)
-    for row in range(rows):
-        text.append(f"\n{labels.get(row, ''):>{_LABEL_WIDTH}}", style="dim")
-        text.append("┤" if row in labels else "│", style="dim")
-        text.append(_coloured(sheet.cells[row], sheet.colours[row]))
-    if height - 1 > rows:
-        text.append(f"\n{_x_axis(picture, area)}", style="dim")
-    return text
+    plotted: list[Row] = [
+        ((f"{labels.get(row, ''):>{_LABEL_WIDTH}}{'┤' if row in labels else '│'}", DIM), *sheet.row(row))
+        for row in range(rows)
+    ]
+    axis: list[Row] = [((_x_axis(picture, area), DIM),)] if height - 1 > rows else []
+    return [heading, *plotted, *axis]
 
 
 def _with_values(lines: Sequence[Line]) -> list[Line]:
@@ -146,26 +182,18 @@ def _with_values(lines: Sequence[Line]) -> list[Line]:
     return [line for line in lines if np.isfinite(line.y).any()]
 
 
-def _heading(picture: Picture, lines: Sequence[Line], width: int) -> Text:
-    text = Text(picture.title, style="bold", no_wrap=True)
+def _heading(picture: Picture, lines: Sequence[Line], width: int) -> Row:
+    pieces, room = [(picture.title[:width], BOLD)], width - len(picture.title)
     for line in lines:
-        if line.name:
-            text.append(f"  {line.mark or '─'} {line.name}", style=Style(color=COLOURS[line.colour % len(COLOURS)]))
-    text.truncate(width)
-    return text
+        told = f"  {line.mark or '─'} {line.name}" if line.name else ""
+        if told and room > 0:
+            pieces.append((told[:room], _ink(line)))
+            room -= len(told)
+    return tuple(pieces)
 
 
-def _coloured(cells: Sequence[str], colours: Sequence[int | None]) -> Text:
-    text = Text()
-    start = 0
-    for end in range(1, len(cells) + 1):
-        blank = end < len(cells) and cells[end] == " "  # has no colour of its own: fewer pieces to draw
-        if end == len(cells) or (colours[end] != colours[start] and not blank):
-            colour = colours[start]
-            style = Style(dim=True) if colour is None else Style(color=COLOURS[colour % len(COLOURS)])
-            text.append("".join(cells[start:end]), style=style)
-            start = end
-    return text
+def _ink(line: Line) -> Style:
+    return INKS[line.colour % len(INKS)]
 
 
 def _range(given: tuple[float, float] | None, values: Sequence[FloatArray], margin: float) -> tuple[float, float]:
@@ -193,7 +221,7 @@ def _draw_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
     for level, _ in levels:
         row = _row(level, area)
         if 0 <= row < area.height:
-            sheet.put(row, 0, "╌" * area.width, None)
+            sheet.put(row, 0, "╌" * area.width, DIM)
 
 
 def _name_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
@@ -202,7 +230,7 @@ def _name_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
     for level, meaning in levels:
         row = _row(level, area)
         if 0 <= row < area.height:
-            sheet.put(row, area.width - len(meaning), meaning, None)
+            sheet.put(row, area.width - len(meaning), meaning, DIM)
 
 
 def _row(value: float, area: _Area) -> int:
@@ -225,9 +253,10 @@ def _draw_line(sheet: _Sheet, line: Line) -> None:
     at = joined(scaled(x, *area.x, 2 * area.width), scaled(y, *area.y, 4 * area.height))
     points = dotted(*at, area.width, area.height)
     rows, columns = np.nonzero(points)
+    ink = _ink(line)
     for row, column, dots in zip(rows.tolist(), columns.tolist(), points[rows, columns].tolist(), strict=True):
         sheet.cells[row][column] = chr(BLANK + dots)
-        sheet.colours[row][column] = line.colour
+        sheet.inks[row][column] = ink
 
 
 def _draw_marks(sheet: _Sheet, line: Line) -> None:
@@ -239,7 +268,7 @@ def _draw_marks(sheet: _Sheet, line: Line) -> None:
     columns = scaled(line.x, *area.x, area.width)
     for column, value in zip(columns, line.y, strict=True):
         if math.isfinite(column) and math.isfinite(value):
-            sheet.put(_row(float(value), area), round(float(column)), line.mark, line.colour)
+            sheet.put(_row(float(value), area), round(float(column)), line.mark, _ink(line))
 
 
 def _labels(area: _Area) -> dict[int, str]:

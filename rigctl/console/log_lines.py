@@ -1,0 +1,62 @@
+"""What happened, a line each: events of a store and what was done at this console, and the search through them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rigctl.campaign.store import Event
+
+ALARMS = {"failed", "aborted", "mounting-lost", "alarm"}
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """One thing that happened: `time` is UTC, ISO 8601; `event` its number in the store, 0 for this console's own."""
+
+    time: str
+    kind: str
+    text: str
+    event: int = 0
+
+    @property
+    def alarm(self) -> bool:
+        """Whether it needs attention."""
+        return self.kind in ALARMS
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is looked for: words in any line, or in alarms alone; without words everything."""
+
+    words: str = ""
+    only_alarms: bool = False
+
+    def finds(self, line: LogLine) -> bool:
+        """Whether a line is wanted."""
+        if self.only_alarms and not line.alarm:
+            return False
+        return self.words.lower() in f"{line.time} {line.kind} {line.text}".lower()
+
+
+def line_of(event: Event) -> LogLine:
+    """An event of a store."""
+    return LogLine(event.time, event.kind, _told(event.data), event.id)
+
+
+def earlier(store: Path, search: Search, before: int) -> list[LogLine]:
+    """All events of a store with numbers below `before` that a search finds; `DataError`."""
+    from rigctl.campaign.store import Store
+
+    with Store.open(store, readonly=True) as opened:
+        lines = (line_of(event) for event in opened.events() if event.id < before)
+        return [line for line in lines if search.finds(line)]
+
+
+def _told(data: Mapping[str, Any]) -> str:
+    parts = (f"{key}: {value if isinstance(value, str) else json.dumps(value)}" for key, value in data.items())
+    return ", ".join(parts)

@@ -1,0 +1,112 @@
+"""What the console sees of a store: only what is new is read, and a search reaches what is not kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigctl.campaign.recording import Header
+from rigctl.campaign.store import Store
+from rigctl.console import feed
+from rigctl.console.log_lines import Search, earlier
+from rigctl.console.messages import StoreSeen
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    with Store.create(tmp_path / "night.rig.sqlite", Header(experiment="sensing-axis")) as made:
+        yield made
+
+
+@pytest.fixture
+def looks(store: Store) -> Iterator[Callable[[], feed.StoreView]]:
+    with Store.open(store.path, readonly=True) as opened:
+        yield feed._Watched(opened).look
+
+
+def record(store: Store, number: int, samples: int = 10) -> None:
+    with store.begin_run(f"run {number}", "step", {"theta_deg": float(number)}) as run:
+        for start in range(0, samples, 1000):
+            t_s = np.arange(start, min(start + 1000, samples), dtype=float)
+            run.append({"t_s": t_s, "accel_v": -t_s})
+        run.finish()
+
+
+def test_new_runs_are_added_and_one_that_is_marked_is_seen_as_marked(store: Store, looks: Any) -> None:
+    record(store, 1)
+    assert [run.run_id for run in looks().runs] == ["1"]
+    record(store, 2)
+    assert [run.run_id for run in looks().runs] == ["1", "2"]
+    store.mark("1", False, "somebody slammed the door")
+    view = looks()
+    assert [run.valid for run in view.runs] == [False, True]
+    assert (view.status["runs_done"], view.status["runs_invalid"]) == (2, 1)
+
+
+def test_of_a_long_run_the_last_samples_are_seen_as_they_come(
+    store: Store, looks: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(feed, "SAMPLES", 1500)
+    record(store, 1, 4000)
+    samples = looks().samples
+    assert samples["t_s"].tolist() == list(np.arange(2500.0, 4000.0))
+    assert samples["accel_v"].tolist() == (-samples["t_s"]).tolist()
+
+
+def test_a_search_reaches_events_that_are_not_in_sight(
+    store: Store, looks: Any, monkeypatch: pytest.MonkeyPatch, at_console: Any
+) -> None:
+    for number in range(feed.EVENTS + 5):
+        store.add_event("failed" if number == 1 else "note", {"told": f"event number {number} of the night"})
+    view = looks()
+    assert len(view.events) == feed.EVENTS
+    found = earlier(store.path, Search("NUMBER 3 of"), view.events[0].id)
+    assert [line.text for line in found] == ["told: event number 3 of the night"]
+    assert [line.event for line in earlier(store.path, Search(only_alarms=True), view.events[0].id)] == [2]
+
+    async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._view)
+        await seat.press("5")
+        await seat.sees(f"event number {feed.EVENTS + 4} of")
+        assert "event number 3 of the night" not in seat.text
+        await seat.press("slash", *"number 3 of")
+        await seat.sees("event number 3 of the night")
+        await seat.sees("1 lines")
+        await seat.press("enter", "w")
+        await seat.sees("0 lines, alarms only")
+        await seat.press("slash", *["backspace"] * 11)
+        await seat.sees("! failed        told: event number 1 of the night")
+
+    monkeypatch.chdir(store.path.parent)
+    at_console(sitting, store.path)
+
+
+def test_a_store_that_breaks_is_one_line_and_the_console_goes_on(store: Store) -> None:
+    posted: list[Any] = []
+    watching = feed.Feed(posted.append)
+    watching.start()
+    try:
+        bad = store.path.with_name("bad.rig.sqlite")
+        bad.write_text("no store")
+        watching.watch(bad)
+        wait_for(lambda: posted)
+        assert "bad.rig.sqlite" in posted[0].text
+        watching.watch(store.path)
+        wait_for(lambda: isinstance(posted[-1], StoreSeen))
+    finally:
+        watching.close()
+
+
+def wait_for(condition: Callable[[], object], timeout_s: float = 30.0) -> None:
+    import threading
+    import time
+
+    deadline_s = time.monotonic() + timeout_s
+    tick = threading.Event()
+    while not condition():
+        assert time.monotonic() < deadline_s, "it did not happen"
+        tick.wait(0.01)
