@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 SAY_EVERY_S = 2.0
 
-_REDUCED = ("sensing-axis", "inflight-calibration")
+_REDUCED = ("sensing-axis", "rotating-platform", "inflight-calibration")
 """Experiments whose runs are reduced as soon as they are imported."""
 
 app = typer.Typer()
@@ -72,6 +72,8 @@ def _reduced(store: Store) -> dict[str, str]:
     """Reduce the valid runs once and for all, saying how fast; which were left out, and why."""
     if store.header.experiment == "inflight-calibration":
         from rigctl.experiments.inflight.recorded import reduction
+    elif store.header.experiment == "rotating-platform":
+        from rigctl.experiments.rotating_platform.store_reduction import reduction  # type: ignore[assignment]
     else:
         from rigctl.experiments.sensing_axis.store_reduction import reduction  # type: ignore[assignment]
 
@@ -82,7 +84,7 @@ def _reduced(store: Store) -> dict[str, str]:
         now_s = time.monotonic()
         if done == runs or now_s - said_s >= SAY_EVERY_S:
             said_s = now_s
-            tell(f"{done} of {runs} runs reduced to amplitudes, {done / max(now_s - began_s, 1e-9):.0f} runs/s")
+            tell(f"{done} of {runs} runs reduced, {done / max(now_s - began_s, 1e-9):.0f} runs/s")
 
     return dict(reduction(store, progress=progress).left_out)
 

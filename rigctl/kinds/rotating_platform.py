@@ -12,8 +12,9 @@ from procedures.platform_tables import Procedure
 from rigctl import config
 from rigctl.campaign.bundle_layout import ROTATING_PLATFORM
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
-from rigctl.errors import ConfigError, DataError
+from rigctl.errors import ConfigError, DataError, ProcedureError
 from rigctl.experiments.rotating_platform.alignment import Value
+from rigctl.experiments.rotating_platform.bench_runs import flips, noise_records, scans
 from rigctl.experiments.rotating_platform.recorded import chains
 from rigctl.experiments.rotating_platform.result import PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
@@ -148,8 +149,17 @@ def study(store: Store, plugins: Sequence[Plugin]) -> PlatformStudy:
 
 
 def result(bench: Workbench) -> dict[str, Any]:
-    """Tilt gain, accelerations and wobbles, and of every run means, precision and what was left out."""
-    return analyse(bench).as_json()
+    """Tilt gain, accelerations, wobbles; of every run means and precision; scans, flips and noise records."""
+    store, believed = bench.store, chains(bench.store.header)
+    scanned, _ = scans(store, believed)
+    noises, _ = noise_records(store)
+    turned = flips(store, believed)
+    return {
+        **analyse(bench).as_json(),
+        "scans": [each.as_json() for each in scanned],
+        "flips": {channel: {name: fit.value(name) for name in fit.names} for channel, fit in turned.items()},
+        "noise": [each.as_json() for each in noises],
+    }
 
 
 def analyse(bench: Workbench) -> PlatformResult:
@@ -171,6 +181,18 @@ def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
 
 
 def draw(bench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
-    """Nothing yet."""
-    del bench, lines_hz, found
-    return Drawn()
+    """Figures 5, 7, 8, 9 and table 4 as far as the runs allow, the noise, and the tables of the result."""
+    from rigctl.report.figure_platform import plates_of
+    from rigctl.report.terminal_platform import tables
+
+    del lines_hz, found
+    believed = chains(bench.store.header)
+    scanned, why_not = scans(bench.store, believed)
+    noises, silent = noise_records(bench.store)
+    try:
+        told = analyse(bench)
+    except (ProcedureError, DataError) as error:
+        return Drawn(left_out={"figures of the platform": str(error), **why_not, **silent})
+    plates, left_out = plates_of(told, believed, scanned, noises)
+    shown = told.as_json()
+    return Drawn(shown, tables(shown), plates, left_out={**left_out, **why_not, **silent})

@@ -245,9 +245,13 @@ def _waves(time_s: FloatArray, lines_hz: Sequence[float]) -> FloatArray:
 def _scanned(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> dict[str, list[ScannedRun]]:
     found: dict[str, list[ScannedRun]] = {channel: [] for channel in CHANNELS}
     for block in _left(chunks, chains, cells):
+        usable = max(float(block.whole.sum()), 1.0)
         kept = float(np.tile(block.kept, len(block.whole)) @ np.repeat(block.whole, cells.samples))
         for channel in CHANNELS:
-            part = _part(block.left[channel], kept, cells)
+            # What every period has alike comes of the turns and is no line.
+            table = block.left[channel].reshape(len(block.whole), -1)
+            alike = (table.sum(axis=0) / usable) * block.whole[:, None]
+            part = _part((table - alike).ravel(), kept, cells)
             if part is not None:
                 found[channel].append(part)
     return found

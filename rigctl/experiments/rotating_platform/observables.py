@@ -114,7 +114,7 @@ def stacked(
 ) -> Observations:
     """The vector of all observables, then those of the spectra; `DataError` when there is none.
 
-    An `imagined` run is one row of covariates. `peaks`, by run and channel, are the highest in its spectrum, in sigma.
+    An `imagined` run is one row of covariates. `peaks`, by run and channel, are the highest of a spectrum, in sigma.
     """
     if not channels:
         raise DataError("no valid run could be reduced: there is nothing to fit")
