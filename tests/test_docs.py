@@ -24,6 +24,7 @@ from drivers.keysight_34465a import ThermometerSettings, VoltmeterSettings
 from drivers.newport_esp301 import Esp301Settings
 from drivers.newport_xps import XpsSettings
 from drivers.rotation_settings import RotationSettings
+from procedures import platform_tables
 from procedures.tables import ListedRun, Procedure, Targets
 from rigctl import config
 from rigctl.cli import app
@@ -89,6 +90,9 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "campaign": (config.CampaignFile, FILE_FIELDS),
     "procedure": (Procedure, set()),
     "procedure.runs": (ListedRun, set()),
+    "platform procedure": (platform_tables.Procedure, set()),
+    "platform procedure.runs": (platform_tables.ListedRun, set()),
+    "platform procedure.custom": (platform_tables.CustomPattern, set()),
     "targets": (Targets, set()),
     "model": (config.ModelTable, set()),
     "reference": (config.ReferenceTable, set()),
