@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -13,6 +13,9 @@ from rigctl.campaign.bundle_writer import RunWithSamples, padded, whole_director
 from rigctl.campaign.recording import ImportReport, Recording, RunRecord, RunSource
 from rigctl.campaign.store import Store
 from rigctl.errors import DataError
+from rigctl.interfaces import FloatArray
+
+_PIECE = 1 << 20
 
 __all__ = ["import_bundle", "import_report", "read_bundle", "write_bundle"]
 
@@ -55,9 +58,17 @@ def _fill(path: Path, reader: BundleReader) -> None:
     with Store.create(path, reader.header) as store:
         for record, samples in reader.runs():
             with store.begin_run(record.key, record.step, record.conditions, record.run_id) as writer:
-                writer.append(samples)
+                for piece in _pieces(samples):
+                    writer.append(piece)
                 writer.finish(valid=record.valid, reason=record.reason)
         store.add_event("import", asdict(reader.report))
+
+
+def _pieces(samples: Mapping[str, FloatArray]) -> Iterator[dict[str, FloatArray]]:
+    """The columns of a run cut alike, so that a long run can be read again piece by piece."""
+    longest = max((column.size for column in samples.values()), default=0)
+    for first in range(0, max(longest, 1), _PIECE):
+        yield {name: column[first : first + _PIECE] for name, column in samples.items()}
 
 
 def import_report(store: Store) -> ImportReport | None:

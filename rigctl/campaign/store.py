@@ -199,6 +199,34 @@ class Store:
             for name, parts in chunks.items()
         }
 
+    def sample_chunks(self, run_id: str) -> Iterator[dict[str, FloatArray]]:
+        """The columns of a run piece by piece, as they were written, each piece of one length in all columns.
+
+        What the columns of an interrupted run do not share is left out. `DataError` for an unknown run.
+        """
+        number = self._number(run_id)
+        bounds = (schema.first_chunk_id(number), schema.first_chunk_id(number + 1))
+        names = [
+            name
+            for (name,) in self._read(
+                "SELECT name FROM samples WHERE id >= ? AND id < ? GROUP BY name ORDER BY MIN(id)", bounds
+            )
+        ]
+        waiting: dict[str, list[FloatArray]] = {name: [] for name in names}
+        with schema.database_errors(self.path):
+            rows = self._connection.execute(
+                "SELECT name, data FROM samples WHERE id >= ? AND id < ? ORDER BY id", bounds
+            )
+            for name, data in rows:
+                waiting[name].append(np.frombuffer(data, dtype="<f8").astype(np.float64))
+                if all(waiting.values()):
+                    columns = {each: np.concatenate(parts) for each, parts in waiting.items()}
+                    count = min(column.size for column in columns.values())
+                    yield {each: column[:count] for each, column in columns.items()}
+                    waiting = {
+                        each: [column[count:]] if column.size > count else [] for each, column in columns.items()
+                    }
+
     def last_samples(self, run_id: str, count: int) -> dict[str, FloatArray]:
         """At most the last `count` of every column, as `samples`, without reading the whole of a long run."""
         number = self._number(run_id)
