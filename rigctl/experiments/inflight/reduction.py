@@ -23,10 +23,10 @@ from rigctl.experiments.inflight.sessions import (
     resolution_remark,
     session_of,
 )
-from rigctl.experiments.inflight.weights import weights
+from rigctl.experiments.inflight.weights import level_weights, weights
 from rigctl.interfaces import FloatArray
 
-VERSION = 1
+VERSION = 3
 """Of what is kept: counted up whenever other numbers would come out."""
 
 HALVES = 2
@@ -102,11 +102,12 @@ def reduce_run(
 
 def _stretch(session: Session, grid: Grid, lines: Sequence[Line]) -> ReducedStretch:
     frequencies = tuple(session.frequency_of(line) for line in lines)
+    known = tuple(session.frequency_of(line) for line in session.reduced_lines(grid.duration_s))
     if bool(grid.present.all()):
-        rows, counted = _rows(float(grid.t_s[0]), grid.step_s, len(grid.t_s), frequencies), None
+        rows, level = _rows(float(grid.t_s[0]), grid.step_s, len(grid.t_s), frequencies, known)
     else:
-        rows, counted = weights(grid.t_s, frequencies, grid.present), grid.present.astype(np.float64)
-    sums = Sums(session, rows, counted)
+        rows, level = weights(grid.t_s, frequencies, grid.present), level_weights(grid.t_s, known, grid.present)
+    sums = Sums(session, rows, level)
     for start in range(0, len(grid.t_s), _CHUNK):
         part = grid.part(slice(start, start + _CHUNK))
         sums.add(part.t_s, part.columns)
@@ -118,10 +119,12 @@ def _stretch(session: Session, grid: Grid, lines: Sequence[Line]) -> ReducedStre
 
 
 @lru_cache(maxsize=3)
-def _rows(start_s: float, step_s: float, count: int, lines_hz: tuple[float, ...]) -> FloatArray:
+def _rows(
+    start_s: float, step_s: float, count: int, lines_hz: tuple[float, ...], known_hz: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray]:
     """Weights of whole stretches, which sessions share; a few at a time: they are large."""
     t_s = np.asarray(start_s + np.arange(count) * step_s, dtype=np.float64)
-    return weights(t_s, lines_hz)
+    return weights(t_s, lines_hz), level_weights(t_s, known_hz)
 
 
 def _remarks(session: Session, grid: Grid, conditions: Mapping[str, Any]) -> tuple[str, ...]:
@@ -162,7 +165,10 @@ def to_bytes(run: ReducedRun) -> bytes:
     }
     arrays: dict[str, Any] = {"t_s": run.coarse.t_s, "present": run.coarse.present}
     arrays["f_hz"], arrays["bins"] = run.between.f_hz, run.between.bins
-    arrays["coarse"] = np.array(list(run.coarse.columns.values()), dtype=np.float32)
+    columns = np.array(list(run.coarse.columns.values()))
+    arrays["levels"] = np.nanmean(np.where(run.coarse.present, columns, np.nan), axis=1)
+    # What varies needs six digits; a thermometer's 290 K would use them up.
+    arrays["coarse"] = (columns - arrays["levels"][:, None]).astype(np.float32)
     for number, each in enumerate((run.whole, *run.halves)):
         arrays[f"table_{number}"], arrays[f"spread_{number}"] = each.amplitudes.table, each.spread
     made = io.BytesIO()
@@ -184,7 +190,8 @@ def from_bytes(data: bytes, run_id: str, conditions: Mapping[str, Any]) -> Reduc
             )
             for number, each in enumerate(head["stretches"])
         ]
-        columns = dict(zip(head["columns"], arrays["coarse"].astype(np.float64), strict=True))
+        varying = np.where(arrays["present"], arrays["coarse"].astype(np.float64) + arrays["levels"][:, None], 0.0)
+        columns = dict(zip(head["columns"], varying, strict=True))
         coarse = Grid(arrays["t_s"], columns, arrays["present"])
         between = BetweenLines(arrays["f_hz"], arrays["bins"])
     session = session_of(run_id, conditions, head["orbit_period_s"], head["sample_period_s"])

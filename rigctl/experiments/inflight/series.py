@@ -1,7 +1,7 @@
 """The series whose amplitudes the estimates need, and how they come of a run's columns, in one pass or in chunks.
 
-Powers of the measured accelerations count from their means, which are known only at the end; the raw powers are
-summed and turned into central ones afterwards.
+Powers of the measured accelerations count from their constant levels, which are known only at the end; the raw powers
+are summed and turned into central ones afterwards.
 """
 
 from __future__ import annotations
@@ -71,34 +71,28 @@ def raw_series(session: Session, t_s: FloatArray, columns: Mapping[str, FloatArr
 class Sums:
     """Amplitudes of one stretch, from samples as they come.
 
-    `rows` (2 lines, samples) are those of `weights.weights`; `counted` (samples,) is 0 for missing samples.
+    `rows` (2 lines, samples) are those of `weights.weights`, `level` (samples,) those of `weights.level_weights`.
     """
 
-    def __init__(self, session: Session, rows: FloatArray, counted: FloatArray | None = None) -> None:
-        self._session, self._rows, self._counted = session, rows, counted
+    def __init__(self, session: Session, rows: FloatArray, level: FloatArray) -> None:
+        self._session, self._rows = session, np.vstack([rows, level])
         self._at = 0
-        self._parts = np.zeros((len(rows), len(SERIES)))
-        self._totals = np.zeros(len(SERIES))
-        self._number = 0.0
+        self._parts = np.zeros((len(self._rows), len(SERIES)))
 
     def add(self, t_s: FloatArray, columns: Mapping[str, FloatArray]) -> None:
         """The next samples, missing ones as any finite number."""
         here = slice(self._at, self._at + len(t_s))
-        series = raw_series(self._session, t_s, columns)
-        self._parts += self._rows[:, here] @ series
-        counted = np.ones(len(t_s)) if self._counted is None else self._counted[here]
-        self._totals += counted @ series
-        self._number += float(counted.sum())
+        self._parts += self._rows[:, here] @ raw_series(self._session, t_s, columns)
         self._at = here.stop
 
     def amplitudes(self) -> Amplitudes:
         """Of all samples there were."""
-        table = np.asarray(self._parts[0::2] - 1j * self._parts[1::2])
-        return central(table, self._totals / self._number)
+        table = np.asarray(self._parts[0:-1:2] - 1j * self._parts[1:-1:2])
+        return central(table, self._parts[-1])
 
 
 def central(table: ComplexArray, means: FloatArray) -> Amplitudes:
-    """Amplitudes of powers about the means, from those of raw powers; `means` (series,) are of raw powers too."""
+    """Amplitudes of powers about the levels, from those of raw powers; `means` (series,) are levels of these."""
     made = table.copy()
     at = INDEX
     mean = {name: float(means[at[name]]) for name in ("m1", "m2", "y", "z")}

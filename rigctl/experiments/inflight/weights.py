@@ -66,6 +66,19 @@ def weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | Non
     return _tapered(t_s, lines_hz, present)
 
 
+def level_weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | None = None) -> FloatArray:
+    """Weights of the constant beside the lines, shape (samples,).
+
+    The plain mean of a stretch without whole periods, or with gaps, contains a part of each line: 1e-10 m/s2 of
+    5e-8, by which quadratic factors would move the linear ones.
+    """
+    weight = np.ones(len(t_s)) if present is None or bool(np.all(present)) else taper(present, float(t_s[1] - t_s[0]))
+    design = np.vstack([np.ones_like(t_s), templates(t_s, lines_hz)])
+    weighted = design * weight
+    along = np.linalg.solve(weighted @ design.T, np.eye(len(design), 1)[:, 0])
+    return np.asarray(along @ weighted)
+
+
 def amplitudes(rows: FloatArray, series: FloatArray) -> ComplexArray:
     """Complex amplitudes c - i s from the rows of `weights` and series (samples, k); shape (lines, k)."""
     parts = rows @ series

@@ -9,7 +9,7 @@ from rigctl.experiments.inflight.paper import FittedRun, paper_estimate
 from rigctl.experiments.inflight.parameters import NAMES
 from rigctl.experiments.inflight.series import Sums
 from rigctl.experiments.inflight.sessions import session_of
-from rigctl.experiments.inflight.weights import weights
+from rigctl.experiments.inflight.weights import level_weights, weights
 
 NOISE, KNEE_HZ = 1.2e-12, 0.0
 TOLERANCE = np.array([1e-9, 1e-9, 1e-9, 1e-5, 1e-5, 7e-7, 1e-8, 1e-8, 10.0, 10.0])
@@ -21,8 +21,8 @@ def reduced(flight, instrument, sky, name, lines, sigma):
     session = session_of(name, conditions, flight.ORBIT_S, flight.STEP_S)
     duration_s = len(columns["t_s"]) * flight.STEP_S
     chosen = session.reduced_lines(duration_s) if lines == "observed" else session.fitted_lines()
-    rows = weights(columns["t_s"], [session.frequency_of(line) for line in chosen])
-    sums = Sums(session, rows)
+    frequencies = [session.frequency_of(line) for line in chosen]
+    sums = Sums(session, weights(columns["t_s"], frequencies), level_weights(columns["t_s"], frequencies))
     for part in np.array_split(np.arange(len(columns["t_s"])), 3):
         sums.add(columns["t_s"][part], {key: column[part] for key, column in columns.items()})
     return session, chosen, sums.amplitudes(), np.full(len(chosen), sigma / np.sqrt(duration_s))

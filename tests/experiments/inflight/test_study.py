@@ -1,0 +1,248 @@
+"""A recording of sessions on the workbench: adequate when nothing is hidden, named when something is."""
+
+import numpy as np
+import pytest
+
+from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
+from rigctl.effects.catalogue import effect
+from rigctl.effects.plugins import Plugin
+from rigctl.errors import DataError
+from rigctl.experiments.inflight.parameters import NAMES
+from rigctl.experiments.inflight.result import calibration
+from rigctl.experiments.inflight.study import InflightStudy
+from rigctl.workbench.diagnose import diagnose
+from rigctl.workbench.fit import fit
+from rigctl.workbench.study import Term
+
+WARM_K = 1e-3
+
+
+def recording(flight, *, seed=1, sky=None, sessions=None, spoil=None, columns=None, instrument=None):
+    instrument = instrument or flight.drawn(seed, eta=0.0)
+    records, samples = [], {}
+    for name in sessions or flight.SESSIONS:
+        own, conditions = flight.recorded(name, instrument, sky or flight.Sky(noise=1.2e-12, seed=seed))
+        own |= columns(own["t_s"]) if columns else {}
+        own, conditions = spoil(name, own, conditions) if spoil else (own, conditions)
+        records.append(RunRecord(name, name, "test", conditions))
+        samples[name] = own
+    header = Header("inflight-calibration", constants={"orbit_period_s": flight.ORBIT_S, "eccentricity": 5e-3})
+    return Recording(header, records, samples, ImportReport(len(records)))
+
+
+def exact(flight, seed=1):
+    known = flight.small_signal(flight.drawn(seed, eta=0.0))
+    return np.array([known[name] for name in NAMES])
+
+
+def pulls(found, truth):
+    parameters = found.as_json()["parameters"]
+    return np.array(
+        [
+            (parameters[name]["value"] - each) / parameters[name]["sigma"]
+            for name, each in zip(NAMES, truth, strict=True)
+        ]
+    )
+
+
+def temperature(t_s):
+    warm = WARM_K * np.cos(2 * np.pi * t_s / 5950.0 + 0.7)
+    return {"temperature_1_k": 290.0 + warm, "temperature_2_k": 290.0 + warm}
+
+
+@pytest.fixture(scope="module")
+def plain(flight):
+    return InflightStudy(recording(flight))
+
+
+def test_with_nothing_hidden_the_baseline_is_adequate(flight, plain):
+    found = fit(plain, ())
+    assert np.all(np.abs(pulls(found, exact(flight))) < 4.0)
+    assert 0.85 < found.error_fit < 1.15
+    assert 0.85 < found.error_held_out < 1.15
+    said = diagnose(plain, ()).as_json()
+    assert (said["verdict"], said["suggested"], said["unexplained"]) == ("adequate", [], None)
+    pairs = {(each["effect"], each["from"]) for each in said["inseparable"]}
+    assert {("tracker-bias", f"baseline:{name}") for name in ("ac12_rad", "ac13_rad")} <= pairs
+    assert {("orbit-dating", f"baseline:{name}") for name in ("ac13_rad", "ac11_dx_m", "ac11_dz_m")} <= pairs
+    assert "thrust-quantisation" in said["not_testable"]
+    assert "no temperature is recorded" in said["not_testable"]["thermal-bias"]
+
+
+def test_the_result_has_both_estimates_and_what_no_session_sees(flight, plain):
+    found = calibration(plain, fit(plain, ()).as_json()["parameters"])
+    assert list(found["parameters"]) == list(NAMES)
+    assert found["remarks"] == []
+    assert 2 <= found["sweeps"] <= 5
+    for truth, each in zip(exact(flight), found["parameters"].values(), strict=True):
+        assert abs(each["paper"]["value"] - truth) < 4.0 * each["paper"]["sigma"]
+        assert each["joint"]["sigma"] < 1.05 * each["paper"]["sigma"]
+        assert (each["value"], each["sigma"]) == (each["joint"]["value"], each["joint"]["sigma"])
+    dx, dz = (abs(found["parameters"][f"ac11_{axis}_m"]["value"]) for axis in ("dx", "dz"))
+    assert found["parameters"]["ac11_dx_m"]["systematic"] == pytest.approx(2e-4 * dz)
+    assert found["parameters"]["ac11_dz_m"]["systematic"] == pytest.approx(2e-4 * dx)
+    assert found["parameters"]["ac12_rad"]["systematic"] == pytest.approx(np.hypot(1e-4, 1e-4 / np.sqrt(3)))
+
+
+def test_a_bias_that_goes_with_the_temperature_is_named_sized_and_explained(flight):
+    def warm(_, t_s, out):
+        made = np.zeros_like(out)
+        made[0, 0] = 2e-10 * WARM_K * np.cos(2 * np.pi * t_s / 5950.0 + 0.7)
+        return made
+
+    sky = flight.Sky(noise=1.2e-12, seed=1, added=warm)
+    study = InflightStudy(recording(flight, sky=sky, columns=temperature))
+    said = diagnose(study, ()).as_json()
+    assert (said["verdict"], said["suggested"]) == ("effect", ["thermal-bias"])
+    found = said["ranking"][0]["parameters"]["lambda_d"]
+    assert found["value"] == pytest.approx(1e-10, abs=4.0 * found["sigma"])
+    assert said["ranking"][0]["held_out_error_ratio"] < 0.5
+    before, after = fit(study, ()), fit(study, (Term("thermal-bias"),))
+    assert before.error_fit > 1.5
+    assert after.error_fit < 1.15
+    assert np.all(np.abs(pulls(after, exact(flight))) < 4.0)
+
+
+def test_a_line_that_no_effect_makes_is_said_to_be_unknown(flight):
+    def odd(session, t_s, out):
+        made = np.zeros_like(out)
+        if session == "ad12":
+            made[0, 0] = 4e-13 * np.sin(2 * np.pi * (2 * 73 + 10) / 59500.0 * t_s)
+        return made
+
+    said = diagnose(InflightStudy(recording(flight, sky=flight.Sky(noise=1.2e-12, seed=1, added=odd))), ()).as_json()
+    assert said["verdict"] == "unknown"
+    assert said["unexplained"]["channel"] == "2 m_dx"
+    assert "ad12 2 f + f_orb sine" in said["unexplained"]["description"]
+
+
+def test_an_effect_of_ones_own_is_tested_like_the_others(flight):
+    @effect("flat-y", on="measured_m_s2", parameters={"s": "1"}, typical={"s": 1e-3})
+    def flat(run, s):
+        """The square of the Y acceleration leaks into X."""
+        return run.along_x(s * run.column("gauge"), 0.0 * run.t)
+
+    def leak(_, t_s, out):
+        made = np.zeros_like(out)
+        made[0, 0] = 0.5 * gauge(t_s)["gauge"]
+        return made
+
+    def gauge(t_s):
+        return {"gauge": 4e-13 * np.cos(2 * np.pi * 3 / 5950.0 * t_s)}
+
+    plugin = Plugin(None, "", {"flat-y": flat})
+    sky = flight.Sky(noise=1.2e-12, seed=1, added=leak)
+    study = InflightStudy(recording(flight, sky=sky, columns=gauge), [plugin])
+    said = diagnose(study, ()).as_json()
+    assert said["suggested"] == ["flat-y"]
+    found = said["ranking"][0]["parameters"]["s"]
+    assert found["value"] == pytest.approx(0.5, abs=4.0 * found["sigma"])
+
+
+@pytest.mark.parametrize("share", [0.001, 0.1, 0.4])
+def test_missing_samples_cost_precision_and_nothing_else(flight, plain, share):
+    rng = np.random.default_rng(7)
+
+    def lost(_, columns, conditions):
+        missing = np.zeros(len(columns["t_s"]), dtype=bool)
+        while np.mean(missing) < share:
+            at = rng.integers(len(missing))
+            missing[at : at + rng.integers(1, 50)] = True
+        columns = {name: np.where(missing & (name != "t_s"), np.nan, each) for name, each in columns.items()}
+        return columns, conditions
+
+    study = InflightStudy(recording(flight, spoil=lost))
+    found, whole = fit(study, ()), fit(plain, ())
+    assert np.all(np.abs(pulls(found, exact(flight))) < 4.0)
+    assert found.error_fit < 1.25
+    assert (
+        study.reduced.runs[0].remarks[0].endswith("of its samples are missing: lines are fitted on those there are")
+    )
+    ratio = found.parameters["ac11_dx_m"].sigma / whole.parameters["ac11_dx_m"].sigma
+    assert 0.9 < ratio < 2.2
+
+
+def test_times_that_jump_are_a_gap(flight):
+    def cut(_, columns, conditions):
+        kept = (columns["t_s"] < 20000.0) | (columns["t_s"] > 20100.0)
+        return {name: column[kept] for name, column in columns.items()}, conditions
+
+    study = InflightStudy(recording(flight, spoil=cut, sessions=("dx", "dz")))
+    assert [run.remarks[0][:6] for run in study.reduced.runs] == ["0.17 %", "0.17 %"]
+
+
+def test_short_and_broken_sessions_are_left_out_with_a_reason(flight):
+    def short(name, columns, conditions):
+        if name == "dz":
+            return {key: column[:10000] for key, column in columns.items()}, conditions
+        if name == "dy":
+            return {key: column for key, column in columns.items() if key != "t_xy"}, conditions
+        return columns, conditions
+
+    study = InflightStudy(recording(flight, spoil=short, sessions=("dx", "dz", "dy", "ad11")))
+    study.reduced  # noqa: B018
+    assert study.left_out["dz"].startswith("run dz: 3.36 orbits are too short to tell its lines apart")
+    assert study.left_out["dy"] == "run dy: column t_xy is missing; add it"
+    found = calibration(study, fit(study, ()).as_json()["parameters"])
+    assert found["parameters"]["ac11_dz_m"]["paper"] is None
+    assert found["parameters"]["ac11_dx_m"]["paper"] is not None
+    assert any(remark.startswith("no run for ac11_dy_m, ac11_dz_m") for remark in found["remarks"])
+
+
+def test_nothing_that_can_be_used_is_one_line(flight):
+    def short(_, columns, conditions):
+        return {key: column[:100] for key, column in columns.items()}, conditions
+
+    with pytest.raises(
+        DataError, match=r"no run of this recording can be used: run dx: 0\.0336 orbits are too short"
+    ):
+        fit(InflightStudy(recording(flight, spoil=short, sessions=("dx",))), ())
+
+
+def test_a_stimulus_of_no_whole_number_of_periods_is_said(flight):
+    def cut(_, columns, conditions):
+        return {key: column[:-300] for key, column in columns.items()}, conditions
+
+    study = InflightStudy(recording(flight, spoil=cut, sessions=("ad11",)))
+    assert any("72.264 periods in the run, no whole number" in remark for remark in study.reduced.runs[0].remarks)
+    ad11 = fit(study, ()).parameters["ad11"]
+    assert ad11.value == pytest.approx(exact(flight)[5], abs=5.0 * ad11.sigma + 1e-6)
+
+
+def test_a_tracker_askew_does_what_the_effect_says(flight):
+    """Without noise, what the effect predicts for a known tilt is what the tilt does."""
+    tilt = np.array([3e-4, -5e-4, 4e-4])
+    sessions = ("dx", "dy", "ac13")
+    straight, askew = (
+        InflightStudy(recording(flight, sky=sky, sessions=sessions))
+        for sky in (flight.Sky(), flight.Sky(unseen_attitude=-tilt))
+    )
+    moved = askew.observations.value - straight.observations.value
+    model = straight.model(())
+    start = np.array([each.start for each in model.parameters])
+    start[: len(NAMES)] = exact(flight)
+    (candidate,) = [each for each in model.study.candidates(model, start)[0] if each.term.effect == "tracker-bias"]
+    predicted = candidate.derivative @ tilt
+    assert moved == pytest.approx(predicted, abs=0.02 * np.abs(predicted).max())
+
+
+def test_pulses_are_found_masked_and_no_longer_there(flight):
+    rng = np.random.default_rng(3)
+
+    def crackling(_, t_s, out):
+        made = np.zeros_like(out)
+        for begin_s in rng.uniform(2000.0, t_s[-1] - 2000.0, 12):
+            since_s = np.maximum(t_s - begin_s, 0.0)
+            made[0, 0] += 3e-11 * (np.exp(-since_s / 3.0) - np.exp(-since_s / 1.0))
+        return made
+
+    study = InflightStudy(
+        recording(flight, sky=flight.Sky(noise=1.2e-12, seed=1, added=crackling), sessions=("dx", "dz", "ad11"))
+    )
+    (found,) = [line for line in study.lines(study.model(())) if line.term.effect == "glitches"]
+    assert found.p_value < 1e-6
+    assert found.parameters["number"]["value"] == pytest.approx(36, abs=6)
+    masked = study.model((found.term,))
+    assert not [line for line in study.lines(masked) if line.term.effect == "glitches"]
+    assert len(masked.observations.value) == len(study.observations.value)
+    assert masked.study.reduced.runs[0].coarse.present.mean() < 0.999
