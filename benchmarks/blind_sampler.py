@@ -158,9 +158,14 @@ def _mountings(nature: BenchSettings, design: Design) -> Iterator[tuple[Mounting
 
 def without_noise(nature: BenchSettings) -> BenchSettings:
     """The same nature with ground and heads silent."""
-    still = nature.ground.model_copy(update={"asd_m_s2_rthz": 0.0, "bump_asd_m_s2_rthz": 0.0})
     heads = {name: head.model_copy(update={"noise_um": 0.0}) for name, head in nature.lasers.items()}
-    return nature.model_copy(update={"ground": still, "lasers": heads})
+    return on_still_ground(nature).model_copy(update={"lasers": heads})
+
+
+def on_still_ground(nature: BenchSettings) -> BenchSettings:
+    """The same nature where only the heads have noise."""
+    still = nature.ground.model_copy(update={"asd_m_s2_rthz": 0.0, "bump_asd_m_s2_rthz": 0.0})
+    return nature.model_copy(update={"ground": still})
 
 
 def _mounted(nature: BenchSettings, axis: str, configuration: str, number: int, at_s: float) -> Mounting:

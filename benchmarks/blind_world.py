@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks.blind_noise import with_noise
-from benchmarks.blind_sampler import Design, Perturbation, SampledRun, columns_of, sample_world, without_noise
+from benchmarks.blind_sampler import Design, Perturbation, SampledRun, columns_of, on_still_ground, sample_world
 from benchmarks.blind_sizes import with_effects, yardstick
 from rigctl.campaign.bundle import write_bundle
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
@@ -197,7 +197,7 @@ def sample(trial: Trial, foreign: Foreign | None = None) -> Recording:
     if odd.colour is None:
         runs = sample_world(trial.nature, trial.design, perturbation)
     else:
-        silent = without_noise(trial.nature)
+        silent = on_still_ground(trial.nature)
         runs = sample_world(silent, trial.design, perturbation, noisy=True)
         level_v_rthz = trial.nature.ground.asd_m_s2_rthz * max(run.gain_v_per_m_s2 for run in runs)
         runs = with_noise(runs, odd.colour, asd_v_rthz=level_v_rthz, knee_hz=odd.knee_hz, seed=trial.truth.seed)
