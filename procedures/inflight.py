@@ -25,7 +25,7 @@ TEN: tuple[SessionName, ...] = ("dx", "dz", "dy", "ac12", "ac13", "ad11", "ad12"
 Positive = Annotated[float, Field(gt=0)]
 
 TEN_ORBITS_S = 59500.0
-LINE_WIDTHS = 1.5
+LINE_WIDTHS = 0.9
 """A stimulus is at least so many inverse durations away from a line of the orbit."""
 ORBITAL_LINES = 12
 
@@ -212,11 +212,13 @@ class _Recording:
 
 def _flaw(rows: FloatArray, channels: tuple[Channel, ...]) -> str | None:
     """What says that the loop does not hold; samples that were lost are no flaw."""
+    if len(rows) and not np.isfinite(rows[:, 1:]).any():
+        return f"nothing comes down from t_s {rows[0, 0]:g} on: telemetry is lost, or the satellite tumbles"
     for place, channel in enumerate(channels):
         column = rows[:, place]
         if channel.full_scale is None:
             continue
-        beyond = np.isinf(column) | (np.abs(column) >= channel.full_scale)
+        beyond = np.abs(column) >= channel.full_scale
         if beyond.any():
             at_s = rows[int(np.argmax(beyond)), 0]
             return (

@@ -101,6 +101,7 @@ CONSTANT, CONSTANTS = _places(
     largest=1,
     cubic=2,
     cross=2,
+    range=1,
 )
 
 COLUMNS = (

@@ -52,6 +52,8 @@ _NYZ, _NR, _NG, _NS, _NF, _NT = (
 )
 _LEAST, _SMALLEST, _LARGEST, _CUBIC, _CROSS = _C["least"], _C["smallest"], _C["largest"], _C["cubic"], _C["cross"]
 
+_RANGE = _C["range"]
+
 # Constants of other files are compiled in: whoever changes layout or normals touches this file too.
 _PARAMETERS, _STATES = layout.PARAMETERS * L, layout.STATES * L
 _NOISES = PER_STEP * L
@@ -87,6 +89,7 @@ def advance(
     h1, h2, h3 = 3.0 * c[_WO], 3.0 * c[_WO] ** 2, c[_WO] ** 3
     n_yz, n_read, n_gyro, n_star, n_thrust, n_torque = c[_NYZ], c[_NR], c[_NG], c[_NS], c[_NF], c[_NT]
     k3_1, k3_2, kxy_1, kxy_2 = c[_CUBIC], c[_CUBIC + 1], c[_CROSS], c[_CROSS + 1]
+    most = c[_RANGE]
     p, s = parameter, state
     listening, pushed = out.shape[0] > 0, extra.shape[0] > 0
     for row in range(forcing.shape[0]):
@@ -222,6 +225,8 @@ def advance(
                 m2x += extra[row, 3 * L + i]
                 m2y += extra[row, 4 * L + i]
                 m2z += extra[row, 5 * L + i]
+            m1x, m1y, m1z = min(max(m1x, -most), most), min(max(m1y, -most), most), min(max(m1z, -most), most)
+            m2x, m2y, m2z = min(max(m2x, -most), most), min(max(m2y, -most), most), min(max(m2z, -most), most)
             # Drag-free control: two integrators, then the thrusters' lag.
             i1x = s[_I1 + i] + (in1 * m1x + in2 * m2x - f[_WANTED]) * dt
             i1y = s[_I1 + L + i] + (in1 * m1y + in2 * m2y - f[_WANTED + 1]) * dt

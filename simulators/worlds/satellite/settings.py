@@ -62,7 +62,7 @@ class Loops(_Settings):
     thruster_lag_s: float = Field(default=1.0, gt=0.0)
     attitude_rad_s: float = Field(default=2.0 * math.pi * 0.02, gt=0.0)
     """sqrt(kp)."""
-    attitude_damping: float = Field(default=1.6, ge=0.0)
+    attitude_damping: float = 1.6
     """kd / sqrt(kp)."""
     hybrid_rad_s: float = Field(default=2.0 * math.pi * 0.005, gt=0.0)
 
@@ -113,6 +113,8 @@ class SatelliteSettings(_Settings):
     sample_period_s: float = Field(default=0.25, gt=0.0)
     settle_s: float = Field(default=6000.0, ge=0.0)
     noise_on: bool = True
+    range_m_s2: float = Field(default=1e-6, gt=0.0)
+    """Where a sensor saturates."""
     mass_kg: tuple[float, float] = (0.4, 1.36)
     satellite_kg: float = Field(default=300.0, gt=0.0)
     bounds: Bounds = Bounds()

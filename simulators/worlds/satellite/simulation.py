@@ -129,6 +129,7 @@ def _constants(settings: SatelliteSettings, command: Command) -> FloatArray:
     stiffness = loops.attitude_rad_s**2
     named = {
         "step": step_s,
+        "range": settings.range_m_s2,
         "input_1": command.inputs[0],
         "input_2": command.inputs[1],
         "gain": loops.drag_free_rad_s,

@@ -76,7 +76,7 @@ class Satellite:
             return np.empty((0, len(self.columns)))
         sent = self._simulation.take(over - first)[:, :, 0]
         time_s = settings.sample_period_s * np.arange(first, first + len(sent), dtype=np.float64)
-        warm_k = ROOM_K + temperature_k(settings, time_s)
+        warm_k = np.where(np.isnan(sent[:, 0]), np.nan, ROOM_K + temperature_k(settings, time_s))
         return np.column_stack([time_s, sent, warm_k, warm_k])
 
     def end(self) -> None:

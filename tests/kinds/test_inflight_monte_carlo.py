@@ -1,0 +1,177 @@
+"""The Monte Carlo study: the same tables on any number of workers, and after being killed; what it scores."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procedures.inflight import MonteCarlo
+from rigctl import config, results, runner
+from rigctl.campaign.status import status_of
+from rigctl.campaign.store import Store
+from rigctl.errors import ConfigError, LinkError
+from rigctl.experiments.inflight.monte_carlo import DRAW
+from rigctl.experiments.inflight.parameters import NAMES
+from rigctl.kinds import inflight_monte_carlo
+from rigctl.origin import truth_path
+from rigctl.rig import Rig
+
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
+SMALL = """\
+experiment = "inflight-calibration"
+rig = "rig.toml"
+
+[procedure]
+name = "monte-carlo"
+draws = 18
+orbits = 3.0
+orbits_ac12 = 3.0
+common_hz = 1.2324929971988796e-3
+turn_hz = 1.2324929971988796e-3
+displacement_hz = 3.0812324929971988e-3
+quadratic_hz = 8.963585434173669e-3
+workers = WORKERS
+"""
+QUICK = "seed = 1707\nsettle_s = 2000.0\nnoise_on = false\nbounds = { tracker_bias_rad = 0.0, eta_rad = 0.0 }"
+WITHIN = {"m": 2e-8, "rad": 2e-5, "1": 2e-6, "s2/m": 30.0}
+"""Of exact truth, without noise, in three orbits; ten do better."""
+
+
+def prepared(directory: Path, workers: int = 1, more: str = "") -> config.CampaignFile:
+    directory.mkdir(exist_ok=True)
+    rig = (CAMPAIGNS / "microscope-rig.toml").read_text().replace("seed = 1707", QUICK)
+    (directory / "rig.toml").write_text(rig)
+    (directory / "campaign.toml").write_text(SMALL.replace("WORKERS", str(workers)) + more)
+    return config.read_campaign(directory / "campaign.toml")
+
+
+def studied(directory: Path, workers: int, more: str = "") -> Path:
+    campaign, path = prepared(directory, workers, more), directory / "x.rig.sqlite"
+    runner.start(campaign, config.read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+    return path
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return studied(tmp_path_factory.mktemp("alone"), 1)
+
+
+def scored(path: Path) -> list[dict[str, Any]]:
+    with Store.open(path, readonly=True) as store:
+        return [document.data for document in store.documents(DRAW)]
+
+
+def test_every_draw_is_scored_once_against_both_truths(alone: Path) -> None:
+    draws = scored(alone)
+    assert [draw["draw"] for draw in draws] == list(range(18))
+    found = results.of(alone)
+    assert found["draws"] == 18
+    assert list(found["table2"]) == list(NAMES)
+    for name, row in found["table2"].items():
+        limit = WITHIN[row["unit"]]
+        assert row["joint"]["exact_truth"]["worst"] < limit, name
+        errors = [abs(d["estimates"]["paper"][name] - d["truths"]["paper_truth"][name]) for d in draws]
+        assert row["paper"]["paper_truth"]["worst"] == pytest.approx(max(errors))
+        assert row["paper"]["paper_truth"]["mean"] == pytest.approx(np.mean(errors))
+    # What the paper's formulas leave out is what its truth is off by.
+    k2c = found["table2"]["k2c_s2_m"]["paper"]
+    assert k2c["paper_truth"]["mean"] > 3.0 * k2c["exact_truth"]["mean"]
+
+
+def test_the_status_counts_the_sessions_of_all_draws(alone: Path) -> None:
+    status = status_of(alone)
+    assert (status["state"], status["runs_done"], status["runs_planned"]) == ("done", 198, 198)
+
+
+def test_nature_s_secrets_stay_beside_the_store_and_only_scores_are_in_it(alone: Path) -> None:
+    assert "seed = 1707" in truth_path(alone).read_text()
+    with Store.open(alone, readonly=True) as store:
+        assert "seed = 1707" not in str(store.header)
+        assert not store.runs()
+
+
+def test_two_workers_find_what_one_finds(alone: Path, tmp_path: Path) -> None:
+    assert json.dumps(scored(studied(tmp_path / "two", 2))) == json.dumps(scored(alone))
+
+
+def test_killed_at_any_unit_a_study_goes_on_to_the_same_scores(alone: Path, tmp_path: Path) -> None:
+    campaign, path = prepared(tmp_path / "killed"), tmp_path / "killed" / "x.rig.sqlite"
+    child = os.fork()
+    if not child:
+        keep = Store.keep_reductions
+
+        def keep_five(store: Store, *arguments: Any) -> None:
+            keep(store, *arguments)
+            if len(store.reduced_names(inflight_monte_carlo.RECIPE)) == 5:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        try:
+            Store.keep_reductions = keep_five  # type: ignore[method-assign]
+            runner.start(campaign, config.read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+        finally:
+            os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    assert status_of(path)["state"] == "interrupted"
+    with Store.open(path) as store:
+        before = store.reduced_names(inflight_monte_carlo.RECIPE)
+    assert len(before) == 5
+    runner.resume(path, runner.Options(unattended=True))
+    assert json.dumps(scored(path)) == json.dumps(scored(alone))
+
+
+def test_the_chosen_draw_keeps_its_samples(tmp_path: Path) -> None:
+    campaign = prepared(tmp_path / "kept", 1, "kept_draw = 17\n")
+    study = campaign.model_copy(update={"procedure": {**campaign.procedure, "draws": 1}})
+    path = tmp_path / "kept" / "x.rig.sqlite"
+    runner.start(study, config.read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+    simulation = Rig(config.read_rig(campaign.rig_path)).simulation
+    assert simulation is not None
+    ensemble, asked = simulation.world.ensemble(), MonteCarlo(name="monte-carlo")
+    with Store.open(path, readonly=True) as store:
+        runs = store.runs()
+        assert [run.conditions["session"] for run in runs] == list(asked.sessions)
+        for number in (1, 6):
+            session = asked.session(asked.sessions[number - 1], 5950.0)
+            stimulus = replace(session.stimulus, frequency_hz=runs[5].conditions["calibration_frequency_hz"])
+            flown = replace(session, stimulus=stimulus if number == 6 else session.stimulus)
+            telemetry = next(ensemble.telemetry((3, 17), number, flown, 500))[:, :, 1]
+            kept = store.samples(runs[number - 1].run_id)
+            for place, name in enumerate(ensemble.columns):
+                assert np.array_equal(kept[name][:500], telemetry[:, place]), name
+
+
+@pytest.mark.parametrize(
+    ("more", "world", "error", "says"),
+    [
+        ('sessions = ["dx", "dz"]\n', "", ConfigError, "a study scores all ten parameters; add sessions dy, ac12"),
+        ("", "[world.missing]\nfraction = 0.1\n", ConfigError, "a study reduces samples as they come, without gaps"),
+        ("draws = 0\n", "", ConfigError, "procedure.draws"),
+    ],
+)
+def test_a_study_that_cannot_be_is_refused(
+    tmp_path: Path, more: str, world: str, error: type[Exception], says: str
+) -> None:
+    prepared(tmp_path)
+    text = (tmp_path / "campaign.toml").read_text()
+    (tmp_path / "campaign.toml").write_text(
+        text.replace("draws = 18\n", "") + more if "draws" in more else text + more
+    )
+    with (tmp_path / "rig.toml").open("a") as rig:
+        rig.write(f"\n{world}")
+    with pytest.raises(error) as refused:
+        runner.dry_run(config.read_campaign(tmp_path / "campaign.toml"), config.read_rig(tmp_path / "rig.toml"))
+    assert says in str(refused.value)
+
+
+def test_a_scheduler_that_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(LinkError) as refused:
+        studied(tmp_path / "nowhere", 1, 'scheduler = "tcp://127.0.0.1:9"\n')
+    assert "no scheduler answers at tcp://127.0.0.1:9" in str(refused.value)
+    assert "\n" not in str(refused.value)

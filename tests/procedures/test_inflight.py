@@ -1,0 +1,249 @@
+"""The ten sessions on the simulated satellite: what is recorded, resumed, refused, and found to be wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procedures.inflight import TEN, Calibration, Flight, calibrate, check
+from rigctl import config, runner
+from rigctl.campaign.bundle import read_bundle, write_bundle
+from rigctl.campaign.control import Control
+from rigctl.campaign.operator import SimulatedOperator
+from rigctl.campaign.progress import Progress
+from rigctl.campaign.recording import Header
+from rigctl.campaign.session import Session
+from rigctl.campaign.store import Store
+from rigctl.errors import Aborted, ConfigError, LimitError
+from rigctl.interfaces import DragFreeSatellite, FlightSession, Stimulus
+from rigctl.kinds.inflight_campaign import flight_of
+from rigctl.rig import Rig
+
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
+SHORT = Calibration(
+    sessions=("dx", "ad11"), orbits=0.3, common_hz=5.0 / (0.3 * 5950.0), displacement_hz=5.5e-3, quadratic_hz=9e-3
+)
+
+
+@dataclass
+class InOrbit:
+    rig: Rig
+    flight: Flight
+    store: Store
+    control: Control
+
+    def session(self) -> Session:
+        operator = SimulatedOperator(self.rig.operator_link)
+        return Session(self.store, self.rig.clock, operator, self.control, Progress(self.store))
+
+
+@pytest.fixture
+def launch(tmp_path: Path) -> Iterator[Callable[..., InOrbit]]:
+    with ExitStack() as stack:
+
+        def make(name: str = "one", **world: Any) -> InOrbit:
+            file = config.read_rig(CAMPAIGNS / "microscope-rig.toml")
+            assert file.world is not None
+            nature = {**file.world, "settle_s": 500.0, **world}
+            rig = stack.enter_context(Rig(file.model_copy(update={"world": nature})))
+            path = tmp_path / f"{name}.rig.sqlite"
+            header = Header("inflight-calibration")
+            store = stack.enter_context(Store.open(path) if path.exists() else Store.create(path, header))
+            return InOrbit(rig, flight_of(rig), store, Control(rig.stop, lambda: None))
+
+        yield make
+
+
+def recorded(store: Store) -> dict[str, dict[str, np.ndarray]]:
+    return {run.key: store.samples(run.run_id) for run in store.runs()}
+
+
+def test_the_satellite_meets_its_interface(launch: Callable[..., InOrbit]) -> None:
+    assert isinstance(launch().flight.satellite, DragFreeSatellite)
+
+
+def test_a_calibration_takes_140_orbits_and_each_session_injects_its_own() -> None:
+    calibration = Calibration()
+    assert sum(calibration.orbits_of(name) for name in TEN) == 140.0
+    for name in TEN:
+        told, stimulus = calibration.conditions(name, 0.25), calibration.stimulus(name)
+        if name in {"dx", "dz"}:
+            assert "amplitude" not in told
+            continue
+        cycles = stimulus.frequency_hz * calibration.orbits_of(name) * 5950.0
+        assert cycles == pytest.approx(round(cycles), abs=1e-9)
+        assert round(cycles / calibration.orbits_of(name) * 10.0) % 10, "no multiple of the orbit's frequency"
+        assert told["amplitude"] == stimulus.amplitude > 0.0
+
+
+def test_one_run_per_session_with_what_was_injected(launch: Callable[..., InOrbit]) -> None:
+    orbit = launch()
+    calibrate(orbit.session(), orbit.flight, SHORT)
+    dx, ad11 = orbit.store.runs()
+    assert dx.conditions == {"session": "dx", "orbits": 0.3, "sample_period_s": 0.25, "start_s": 5950.0}
+    assert ad11.conditions["amplitude_unit"] == "m/s2"
+    assert ad11.conditions["calibration_frequency_hz"] == SHORT.common_hz
+    samples = orbit.store.samples(ad11.run_id)
+    t_s = samples["t_s"]
+    assert np.array_equal(t_s, 0.25 * np.arange(7140))
+    common = 0.5 * (samples["m1_x"] + samples["m2_x"])
+    injected = 2.0 * np.mean(common * np.exp(-2j * np.pi * SHORT.common_hz * t_s))
+    assert injected == pytest.approx(5e-8, rel=0.03)
+
+
+def test_a_session_begins_at_a_perigee_after_the_loops_have_settled(launch: Callable[..., InOrbit]) -> None:
+    orbit = launch(settle_s=6000.0)
+    calibrate(orbit.session(), orbit.flight, SHORT)
+    starts = [run.conditions["start_s"] / 5950.0 for run in orbit.store.runs()]
+    assert starts == [2.0, 4.0]
+
+
+def test_an_aborted_calibration_goes_on_to_the_same_samples(launch: Callable[..., InOrbit]) -> None:
+    whole = launch("whole")
+    calibrate(whole.session(), whole.flight, SHORT)
+    begun = launch("begun")
+
+    class Impatient(Session):
+        def checkpoint(self) -> None:
+            if len(self.store.runs()) == 1:
+                raise Aborted("enough")
+
+    operator = SimulatedOperator(begun.rig.operator_link)
+    impatient = Impatient(begun.store, begun.rig.clock, operator, begun.control, Progress(begun.store))
+    with pytest.raises(Aborted):
+        calibrate(impatient, begun.flight, SHORT)
+    again = launch("begun")
+    calibrate(again.session(), again.flight, SHORT)
+    for key, columns in recorded(whole.store).items():
+        for name, column in columns.items():
+            assert np.array_equal(column, recorded(again.store)[key][name]), (key, name)
+
+
+def test_lost_telemetry_is_nan_and_the_run_is_valid(launch: Callable[..., InOrbit]) -> None:
+    orbit = launch(missing={"fraction": 0.05, "burst_s": 20.0})
+    calibrate(orbit.session(), orbit.flight, SHORT)
+    run = orbit.store.runs()[0]
+    samples = orbit.store.samples(run.run_id)
+    lost = np.isnan(samples["m1_x"])
+    assert run.valid
+    assert 0.05 <= lost.mean() < 0.08
+    assert np.array_equal(lost, np.isnan(samples["att_y"]))
+    assert np.isfinite(samples["t_s"]).all()
+
+
+@pytest.mark.parametrize(
+    ("loops", "says"),
+    [
+        ({"drag_free_rad_s": 100.0}, "m1_x leaves its range of 1e-06 m/s2 at t_s "),
+        ({"attitude_damping": -1.0}, "nothing comes down from t_s 0 on: telemetry is lost, or the satellite tumbles"),
+    ],
+)
+def test_a_loop_that_does_not_hold_is_said_and_the_other_sessions_follow(
+    launch: Callable[..., InOrbit], loops: dict[str, float], says: str
+) -> None:
+    orbit = launch(loops=loops, settle_s=6000.0)
+    calibrate(orbit.session(), orbit.flight, SHORT)
+    runs = orbit.store.runs()
+    assert [run.valid for run in runs] == [False, False]
+    assert says in runs[0].reason
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "says"),
+    [
+        (
+            {"common_m_s2": 1e-6},
+            LimitError,
+            "session ad11: satellite: a common acceleration of 1e-06 m/s2 is refused",
+        ),
+        ({"common_hz": 0.5}, LimitError, "session ad11: satellite: a common acceleration at 0.5 Hz is refused"),
+        ({"common_hz": 3.0 / 5950.0, "orbits": 10.0}, ConfigError, "is a line of the orbit (3 f_orb)"),
+        ({"common_hz": 1e-4, "orbits": 0.3}, ConfigError, "is less than one period of its stimulus; record longer"),
+    ],
+)
+def test_what_the_satellite_or_the_analysis_cannot_do_is_refused(
+    launch: Callable[..., InOrbit], change: dict[str, Any], error: type[Exception], says: str
+) -> None:
+    orbit = launch()
+    with pytest.raises(error) as refused:
+        check(orbit.flight, SHORT.model_copy(update=change))
+    assert says in str(refused.value)
+    assert not orbit.store.runs()
+
+
+def test_a_stimulus_without_a_whole_number_of_periods_is_remarked_on(launch: Callable[..., InOrbit]) -> None:
+    orbit = launch()
+    (remark,) = check(orbit.flight, SHORT.model_copy(update={"common_hz": 3.1e-3}))
+    assert remark.startswith("session ad11: 5.534 periods of the stimulus are no whole number")
+    assert check(orbit.flight, SHORT) == []
+
+
+def test_turn_and_displacement_have_limits_of_their_own(launch: Callable[..., InOrbit]) -> None:
+    satellite = launch().flight.satellite
+    for stimulus, says in (
+        (Stimulus("attitude", "z", 0.1, 1e-3), "a turn of 0.1 rad is refused; the linear range ends at 0.02 rad"),
+        (Stimulus("masses", "y", 1e-3, 1e-3), "a displacement of masses of 0.001 m is refused"),
+    ):
+        with pytest.raises(LimitError) as refused:
+            satellite.begin(FlightSession(100.0, stimulus))
+        assert says in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('address = "sim:"', 'address = "tcp://127.0.0.1:5000"', "no way to a satellite but 'sim:' is known"),
+        ("[constants.eccentricity]\nvalue = 5e-3", "", "[constants.eccentricity] is missing"),
+        ('kind = "drag-free-satellite"', 'kind = "sensing-axis"', "world"),
+        ("seed = 1707", 'seed = 1707\neffects = { "charm" = { a = 1.0 } }', "unknown effect 'charm'"),
+    ],
+)
+def test_a_rig_file_that_has_no_satellite_is_refused_in_one_line(
+    tmp_path: Path, old: str, new: str, says: str
+) -> None:
+    text = (CAMPAIGNS / "microscope-rig.toml").read_text()
+    assert old in text
+    file = tmp_path / "rig.toml"
+    file.write_text(text.replace(old, new))
+    with pytest.raises(ConfigError) as refused:
+        runner.dry_run(config.read_campaign(CAMPAIGNS / "microscope.toml"), config.read_rig(file))
+    assert says in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_calibration_is_exported_as_a_bundle_that_reads_without_a_remark(tmp_path: Path) -> None:
+    text = (CAMPAIGNS / "microscope.toml").read_text() + (
+        'sessions = ["dx", "dy", "ac12", "k2c_2"]\norbits = 0.3\norbits_ac12 = 0.3\nturn_hz = 5.6e-3\n'
+    )
+    (tmp_path / "campaign.toml").write_text(text)
+    rig = (CAMPAIGNS / "microscope-rig.toml").read_text()
+    (tmp_path / "microscope-rig.toml").write_text(rig.replace("seed = 1707", "seed = 1707\nsettle_s = 500.0"))
+    campaign = config.read_campaign(tmp_path / "campaign.toml")
+    path = tmp_path / "x.rig.sqlite"
+    runner.start(campaign, config.read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+    with Store.open(path) as store:
+        write_bundle(store, tmp_path / "bundle")
+        here = {run.run_id: (run.conditions["session"], store.samples(run.run_id)) for run in store.runs()}
+    recording = read_bundle(tmp_path / "bundle")
+    assert recording.report.warnings == ()
+    assert recording.report.invalid == ()
+    assert recording.header.constants == {"orbit_period_s": 5950.0, "eccentricity": 5e-3}
+    assert recording.header.channels["m1_x"].unit == "m/s2"
+    for run in recording.runs():
+        session, samples = here[run.run_id]
+        assert run.conditions["session"] == session
+        for name, column in samples.items():
+            assert np.array_equal(recording.samples(run.run_id)[name], column)
+
+
+def test_what_is_held_is_never_what_moves() -> None:
+    for moved, held in (("k2c_1", "mass-2"), ("k2c_2", "mass-1"), ("ad11", "both")):
+        session = Calibration().session(moved, 5950.0)
+        assert session.hold == held
+        assert session == replace(session)
