@@ -88,7 +88,7 @@ class Keysight33500B:
         The first time after `open` the generator is reset, which takes away what somebody else has left running.
         """
         wanted = {name: waveforms.get(name, Waveform()) for name in self.settings.outputs}
-        self._check(waveforms)
+        self.check(waveforms)
         if not self._prepared:
             self._link.configure("*RST", "*CLS", "UNIT:ANGL DEG")
             self._prepared = True
@@ -101,7 +101,8 @@ class Keysight33500B:
         start_s = 0.5 * (asked_s + self._clock.now_s())
         return Started(start_s, {name: self._as_taken(name, waveform) for name, waveform in wanted.items()})
 
-    def _check(self, waveforms: Mapping[str, Waveform]) -> None:
+    def check(self, waveforms: Mapping[str, Waveform]) -> None:
+        """`LimitError` for an unknown output or a waveform it cannot make. Sends nothing."""
         for name, waveform in waveforms.items():
             if name not in self.settings.outputs:
                 known = ", ".join(self.settings.outputs)

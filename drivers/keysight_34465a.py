@@ -230,6 +230,15 @@ class PacingVoltmeter(_Voltmeter):
     _overdue_s = math.inf
     """When the last reading must long be there."""
 
+    def longest_record(self, period_s: float) -> int:
+        """Most samples of one record; `LimitError` also for a period that is no whole number of the timer's steps."""
+        if abs(period_s - round(period_s / TIMER_STEP_S) * TIMER_STEP_S) > 1e-3 * TIMER_STEP_S:
+            raise LimitError(
+                f"{self.name}: the sample timer has steps of 1 us, {period_s!r} s would drift; "
+                f"use {round(period_s, 6):g} s"
+            )
+        return super().longest_record(period_s)
+
     @property
     def first_sample_after_s(self) -> float:
         """From the trigger to the first reading, which is when its integration is over."""
@@ -242,11 +251,6 @@ class PacingVoltmeter(_Voltmeter):
         period below the aperture, or one that is no whole number of the timer's 1 us steps.
         """
         self._check_limits(samples, period_s)
-        if abs(period_s - round(period_s / TIMER_STEP_S) * TIMER_STEP_S) > 1e-3 * TIMER_STEP_S:
-            raise LimitError(
-                f"{self.name}: the sample timer has steps of 1 us, {period_s!r} s would drift; "
-                f"use {round(period_s, 6):g} s"
-            )
         self._link.configure("ABOR", "*CLS", *self._measurement(), "SAMP:SOUR TIM")
         self._check_interval(period_s)
         self._link.configure(

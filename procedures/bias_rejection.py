@@ -156,7 +156,7 @@ class Plan:
 def run(session: Session, bench: PlatformBench, plan: Plan) -> None:
     """Carry out a campaign; everything it finds is in the session's store."""
     plan.check(bench)
-    session.plan(len(plan.recordings))
+    session.plan(len(plan.recordings), [recording.wanted.table.duration_s for recording in plan.recordings])
     with session.step("prepare"):
         bench.prepare()
         session.once("patterns", lambda: {label: list(found.says) for label, found in plan.separations.items()})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from procedures.time_table import EARLY_S, Motion, TimeTable, shortest_turn_s
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.clock import Clock
-from rigctl.errors import LimitError
 from rigctl.interfaces import FloatArray, Started, Thermometer, TimedRotationStage, VoltageSource, Waveform
 
 FETCH_S, FETCH_ROWS = 60.0, 10_000
@@ -32,6 +31,14 @@ TILT_Y, TILT_Z = "dm1_y_v", "dm1_z_v"
 
 Watch = Callable[[FloatArray, FloatArray], None]
 """Is given every stretch of rows, shape (n, 2), and whether the platform moved, shape (n,)."""
+
+
+class TiltSource(VoltageSource, Protocol):
+    """A source that says beforehand what it can make."""
+
+    def check(self, waveforms: Mapping[str, Waveform]) -> None:
+        """`LimitError` for what `start` would refuse. Sends nothing."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,7 @@ class PlatformBench:
     platform: TimedRotationStage
     readout: PacingMeter
     voltmeter: FollowingMeter
-    source: VoltageSource
+    source: TiltSource
     thermometer: Thermometer | None
     clock: Clock
     gains_v_per_m_s2: tuple[float, float]
@@ -79,13 +86,7 @@ class PlatformBench:
         """`LimitError` when platform, meters or source cannot do it."""
         wanted.table.check(self.platform.name, self.platform.limits)
         self.readout.longest_record(1.0 / wanted.sample_rate_hz)
-        limits_v = {channel.name: channel.full_scale for channel in self.source.channels()}
-        for name, waveform in wanted.tilt.items():
-            limit_v = limits_v.get(name)
-            if limit_v is not None and waveform.peak_v > limit_v:
-                raise LimitError(
-                    f"{self.source.name}: {waveform.peak_v:g} V asked for at {name}, beyond its limit, {limit_v:g} V"
-                )
+        self.source.check(wanted.tilt)
 
     def measure(self, session: Session, writer: RunWriter, wanted: Wanted, watch: Watch) -> dict[str, Any]:
         """Carry out a recording into `writer`; returns the conditions found."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Protocol
 
 from rigctl.campaign.store import Store
@@ -34,7 +35,8 @@ class Progress:
         self._planned = runs_before
         self._done = runs_before
         self._invalid = 0
-        self._measured = 0
+        self._measured = 0.0
+        self._takes: Sequence[float] = ()
         self._began = time.monotonic()
         self._published = 0.0
 
@@ -43,9 +45,10 @@ class Progress:
         self._step = step
         self._publish()
 
-    def plan(self, runs: int) -> None:
-        """How many runs the campaign will have."""
+    def plan(self, runs: int, takes: Sequence[float] = ()) -> None:
+        """How many runs the campaign will have, and what each takes, in any unit, where they differ."""
         self._planned = self._before + runs
+        self._takes = takes
         self._publish()
 
     def replayed(self, *, valid: bool, runs: int = 1) -> None:
@@ -55,8 +58,8 @@ class Progress:
 
     def ran(self, *, valid: bool, runs: int = 1) -> None:
         """A run was measured, or several were."""
+        self._measured += self._take(self._done, self._done + runs)
         self._done += runs
-        self._measured += runs
         self._invalid += not valid
         self._publish()
 
@@ -77,7 +80,7 @@ class Progress:
 
     def status(self) -> dict[str, object]:
         """The keys of `rigctl status --json`."""
-        left = max(self._planned - self._done, 0)
+        left = self._take(self._done, self._planned)
         pace_s = (time.monotonic() - self._began) / self._measured if self._measured else None
         return {
             "state": self._state,
@@ -87,3 +90,9 @@ class Progress:
             "runs_invalid": self._invalid,
             "eta_s": None if pace_s is None else round(left * pace_s, 1),
         }
+
+    def _take(self, first: int, last: int) -> float:
+        """What runs from number `first` to before `last` take together; one each where nothing else is known."""
+        if not self._takes:
+            return max(last - first, 0)
+        return sum(self._takes[first - self._before : last - self._before])

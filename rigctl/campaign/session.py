@@ -8,7 +8,7 @@ campaign runs the same code from the start, and reaches the point of interruptio
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -61,9 +61,9 @@ class Session:
         """How far a long step is, for whoever watches."""
         self._progress.at(" / ".join([*self._steps, what]))
 
-    def plan(self, runs: int) -> None:
-        """Tell how many runs the procedure expects in all, for the progress and its ETA."""
-        self._progress.plan(runs)
+    def plan(self, runs: int, takes: Sequence[float] = ()) -> None:
+        """Tell how many runs the procedure expects in all, and what each takes, for the progress and its ETA."""
+        self._progress.plan(runs, takes)
 
     def counted(self, runs: int, *, replayed: bool = False) -> None:
         """So many runs more are over whose samples nobody keeps, for the progress and its ETA."""

@@ -70,7 +70,17 @@ class _Work:
     plan: bias_rejection.Plan
 
     def run(self, session: Session) -> None:
+        self._require_patterns(session.store)
         bias_rejection.run(session, self.bench, self.plan)
+
+    def _require_patterns(self, store: Store) -> None:
+        """A recording's custom patterns are those it began with: a later campaign can only use them again."""
+        kept, wanted = (
+            set(zip(*columns.values(), strict=True))
+            for columns in (store.header.extra.get("patterns", {}), self.plan.custom_dwells)
+        )
+        if not wanted <= kept:
+            raise ConfigError(f"{store.path}: it did not begin with these custom patterns; run them into a new store")
 
     def rest(self) -> None:
         self.bench.rest()

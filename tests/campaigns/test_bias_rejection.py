@@ -243,7 +243,10 @@ def test_a_custom_pattern_goes_with_the_recording(made: Callable[..., Path], des
         (CUSTOM, "rotation_s = 6.0\n", "", ConfigError, "rotation_s is missing"),
         (SMALL, "periods = 3", "periods = 3\nrotation_s = 2.0", LimitError, "platform: 180 deg within 1.9 s"),
         (SMALL, "v_z_v = [0.0, 1.0]", "v_z_v = [0.0, 3.0]", LimitError,
-         "tilt: 3 V asked for at dm1_z_v, beyond its limit, 2 V"),
+         "tilt: dm1_z_v: 3 V asked for, beyond the limit of 2 V"),
+        (SMALL, "v_z_v = 0.5", "v_z_v = -0.5", LimitError, "tilt: dm1_z_v: an amplitude of -0.5 V"),
+        (SMALL, "periods = 3", "periods = 3\nsample_rate_hz = 30.0", LimitError,
+         "q_a: the sample timer has steps of 1 us, .* would drift"),
         (SMALL, "periods = 3", "periods = 3\nsample_rate_hz = 5000.0", LimitError,
          "q_a: a sample every 0.0002 s asked for"),
         (SMALL, "periods = 3", "periods = 3\nsample_rate_hz = 0.33", ConfigError, "60 s is 19.8 samples"),
@@ -460,3 +463,18 @@ def test_the_same_over_loopback_tcp(desk: Any) -> None:
     up, down, *_, (_, modulated) = runs
     assert 1010.9 * (up[1]["q_a_v"].mean() - down[1]["q_a_v"].mean()) / (2 * 9.81) == pytest.approx(GAIN_A, abs=0.1)
     assert means(modulated, 1)[0] == pytest.approx(2.8757e-4 + 1.5 * 0.964 / 825.0, abs=5e-5)
+
+
+def test_a_further_campaign_uses_the_patterns_its_store_began_with(made: Callable[..., Path], tmp_path: Path) -> None:
+    store = made(CUSTOM)
+    options = runner.Options(unattended=True)
+    (tmp_path / "again.toml").write_text(
+        CUSTOM.replace("modulation_period_s = 60.0\nperiods", "v_z_v = 1.0\nmodulation_period_s = 60.0\nperiods")
+    )
+    runner.extend(store, config.read_campaign(tmp_path / "again.toml"), options)
+    assert [run.conditions["v_z_v"] for run, _ in runs_of(store)] == [0.0, 1.0]
+    (tmp_path / "other.toml").write_text(
+        CUSTOM.replace("[1, 48.0, 60.0]", "[1, 48.5, 60.0]").replace('"linear"', '"nothing"')
+    )
+    with pytest.raises(ConfigError, match="did not begin with these custom patterns; run them into a new store"):
+        runner.extend(store, config.read_campaign(tmp_path / "other.toml"), options)
