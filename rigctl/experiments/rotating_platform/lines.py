@@ -25,9 +25,11 @@ from rigctl.signals.lines import MAX_BINS, FoundLine, LineScan, ScannedRun
 
 _SEGMENT = 1 << 18
 _LEVEL_BINS = 401
-_LOWEST = 1.5
+_LOWEST = 2.5
+_NOTCH = 0.8
+_BANDS, _FEWEST_IN_BAND = 24, 30
 _IMAGES, _IMAGE_WIDTH = 40, 3.0
-_INDEPENDENT = 1.1
+_INDEPENDENT = 1.8
 _SCAN, _PEAKS = "scan", "peaks"
 
 
@@ -268,15 +270,36 @@ def _part(left: FloatArray, kept: float, cells: Cells) -> ScannedRun | None:
     if kept < 1.0 or power.size < 2 * _LEVEL_BINS or not power.any():
         return None
     power *= (2.0 / kept) ** 2
-    frequency = np.arange(power.size) * step_hz
+    frequency: FloatArray = np.asarray(np.arange(power.size) * step_hz)
     logs = np.log(np.maximum(power, np.finfo(float).tiny)) - special.digamma(1.0)
-    use = ((frequency > _LOWEST / cells.period_s) & (frequency < 0.5 * rate_hz - 2.0 / duration_s)).astype(np.float64)
-    smooth = uniform_filter1d(logs * use, _LEVEL_BINS, mode="constant")
+    # Where the periods' mean was taken off there is nothing left to look at.
+    apart_hz = np.abs(frequency - np.rint(frequency * cells.period_s) / cells.period_s)
+    seen = (frequency > _LOWEST / cells.period_s) & (frequency < 0.5 * rate_hz - 2.0 / duration_s)
+    use: FloatArray = np.asarray(seen & (apart_hz > _NOTCH / duration_s), dtype=np.float64)
+    if use.sum() < 2 * _LEVEL_BINS:
+        return None
+    slope = _slope(frequency, logs, use)
+    smooth = uniform_filter1d((logs - slope) * use, _LEVEL_BINS, mode="constant")
     share = uniform_filter1d(use, _LEVEL_BINS, mode="constant")
-    inverse = np.exp(-smooth / np.maximum(share, 1e-9)) * use
+    inverse = np.exp(-slope - smooth / np.maximum(share, 1e-9)) * use
     normal = power * inverse
     logarithm = np.log(np.maximum(normal, np.finfo(float).tiny)) * use
     return ScannedRun(step_hz, duration_s, rate_hz, np.stack([use, normal, logarithm, inverse]))
+
+
+def _slope(frequency: FloatArray, logs: FloatArray, use: FloatArray) -> FloatArray:
+    """The course of the logarithms over the frequency in broad bands, finer where it is steep: at the low end."""
+    where = np.flatnonzero(use)
+    at = np.log(frequency[where])
+    edges = np.linspace(at[0], at[-1] + 1e-9, _BANDS + 1)
+    band = np.searchsorted(edges, at, side="right") - 1
+    count = np.bincount(band, minlength=_BANDS)
+    full = count >= _FEWEST_IN_BAND
+    if full.sum() < 2:
+        return np.full(frequency.size, float(logs[where].mean()))
+    middle = np.bincount(band, at, _BANDS)[full] / count[full]
+    mean = np.bincount(band, logs[where], _BANDS)[full] / count[full]
+    return np.asarray(np.interp(np.log(np.maximum(frequency, frequency[where[0]])), middle, mean))
 
 
 def _peak(parts: Sequence[ScannedRun]) -> float:
