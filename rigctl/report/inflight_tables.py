@@ -44,26 +44,21 @@ def study_tables(found: Mapping[str, Any]) -> list[ResultTable]:
 def _table2(found: Mapping[str, Any]) -> ResultTable:
     rows = []
     for name, each in found["table2"].items():
-        for told, summary in (
-            ("printed", each["reference"]),
-            ("published estimate, paper truth", each["paper"]["paper_truth"]),
-            ("published estimate, exact truth", each["paper"]["exact_truth"]),
-            ("joint estimate, paper truth", each["joint"]["paper_truth"]),
-            ("joint estimate, exact truth", each["joint"]["exact_truth"]),
-        ):
-            first = told == "printed"
-            rows.append(
-                [
-                    name if first else "",
-                    number(each["objective"], 2) if first else "",
-                    told,
-                    *(number(summary[key], 2) for key in ("worst", "mean", "std")),
-                ]
-            )
-        analytic = " ".join(number(each[which]["analytic_sigma"], 2) for which in ("paper", "joint"))
-        rows.append(["", "", f"sigma the estimates state: {analytic}", "", "", ""])
-    sentence = f"Table 2: |estimate - true| over {found['draws']} simulated calibrations."
-    return ResultTable(sentence, ["parameter", "#objective", "estimate and truth", "#worst", "#mean", "#std"], rows)
+        told = [("printed", each["reference"], None)]
+        for estimate, word in (("paper", "published"), ("joint", "joint")):
+            for truth in ("paper", "exact"):
+                sigma = each[estimate]["analytic_sigma"] if truth == "exact" else None
+                told.append((f"{word}, {truth} truth", each[estimate][f"{truth}_truth"], sigma))
+        heads = [name, f"< {number(each['objective'], 2)}"]
+        for place, (words, summary, sigma) in enumerate(told):
+            numbers = [number(summary[key], 2) for key in ("worst", "mean", "std")]
+            head = heads[place] if place < len(heads) else ""
+            rows.append([head, words, *numbers, "" if sigma is None else number(sigma, 2)])
+    sentence = (
+        f"Table 2: |estimate - true| over {found['draws']} simulated calibrations, below each name its objective; "
+        "sigma is what the estimates state."
+    )
+    return ResultTable(sentence, ["parameter", "estimate, truth", "#worst", "#mean", "#std", "#sigma"], rows)
 
 
 def _table3(table: Mapping[str, Any]) -> ResultTable:
