@@ -18,6 +18,7 @@ from pydantic_core import PydanticUndefined
 from typer.testing import CliRunner
 
 from drivers.aerotech_ensemble import EnsembleSettings
+from drivers.drag_free_satellite import SatelliteLimits
 from drivers.keyence_settings import KeyenceSettings
 from drivers.keysight_33500b import SourceSettings
 from drivers.keysight_34465a import ThermometerSettings, VoltmeterSettings
@@ -25,6 +26,7 @@ from drivers.newport_esp301 import Esp301Settings
 from drivers.newport_xps import XpsSettings
 from drivers.rotation_settings import RotationSettings
 from procedures import platform_tables
+from procedures.inflight import Calibration, MonteCarlo
 from procedures.tables import ListedRun, Procedure, Targets
 from rigctl import config
 from rigctl.cli import app
@@ -41,6 +43,8 @@ from simulators.worlds import bench_settings as world
 from simulators.worlds import platform_effects
 from simulators.worlds import platform_settings as platform
 from simulators.worlds.effect_sizes import EFFECTS, Scope
+from simulators.worlds.satellite import effect_ids
+from simulators.worlds.satellite import settings as satellite
 
 ROOT = Path(__file__).parent.parent
 DOCS = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])
@@ -58,6 +62,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "voltmeter": (VoltmeterSettings, set()),
     "thermometer": (ThermometerSettings, set()),
     "source": (SourceSettings, set()),
+    "satellite": (SatelliteLimits, set()),
     "lasers.NAME": (package.HeadSettings, set()),
     "package": (package.Package, set()),
     "package.configurations.NAME": (package.ConfigurationSettings, set()),
@@ -79,6 +84,13 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "platform chain noise": (platform.ChainNoiseSettings, set()),
     "platform pendulum noise": (platform.PendulumNoiseSettings, set()),
     "platform adc": (platform.AdcSettings, set()),
+    "satellite world": (satellite.SatelliteSettings, set()),
+    "satellite bounds": (satellite.Bounds, set()),
+    "satellite noise": (satellite.Noise, set()),
+    "satellite loops": (satellite.Loops, set()),
+    "satellite drag": (satellite.Drag, set()),
+    "satellite temperature": (satellite.Temperature, set()),
+    "satellite missing": (satellite.Missing, set()),
     "newport-xps simulator": (XpsSimulatorSettings, set()),
     "newport-esp301 simulator": (Esp301SimulatorSettings, set()),
     "aerotech-ensemble simulator": (EnsembleSimulatorSettings, set()),
@@ -93,6 +105,8 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "platform procedure": (platform_tables.Procedure, set()),
     "platform procedure.runs": (platform_tables.ListedRun, set()),
     "platform procedure.custom": (platform_tables.CustomPattern, set()),
+    "calibration": (Calibration, set()),
+    "monte-carlo": (MonteCarlo, set(Calibration.model_fields)),
     "targets": (Targets, set()),
     "model": (config.ModelTable, set()),
     "reference": (config.ReferenceTable, set()),
@@ -160,8 +174,13 @@ def test_every_effect_of_the_world_is_documented_with_its_parameters_and_scope()
         "axis and configuration": Scope.AXIS_CONFIGURATION,
         "head": Scope.HEAD,
         "channel": Scope.CHANNEL,
+        "mass": Scope.MASS,
     }
-    for marker, effects in (("effects", EFFECTS), ("platform effects", platform_effects.EFFECTS)):
+    for marker, effects in (
+        ("effects", EFFECTS),
+        ("platform effects", platform_effects.EFFECTS),
+        ("satellite effects", effect_ids.EFFECTS),
+    ):
         said = {
             row[0].strip("`"): (tuple(re.findall(r"`(\w+)`", row[1])), scopes[row[2]])
             for row in _rows(_doc("files.md"), marker)
