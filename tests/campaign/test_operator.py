@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
 import sys
 import threading
@@ -62,6 +63,21 @@ def test_a_person_may_abort_instead() -> None:
     with pytest.raises(Aborted, match="the operator aborted at: Level the package"):
         TerminalOperator(hands, typed("abort")).level(0.5)
     assert hands.done == []
+
+
+@pytest.mark.parametrize(
+    ("sign", "asked"), [(1, r"that \+g acts .* bypass"), (-1, r"that -g acts .* bypass"), (0, "back on the platform")]
+)
+def test_sensors_are_turned_over_when_the_person_says_done(
+    sign: int, asked: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hands = Hands()
+    TerminalOperator(hands, typed("done")).flip(sign)
+    assert hands.done == [{"flip": sign}]
+    assert re.search(asked, capsys.readouterr().err)
+    with pytest.raises(Aborted, match="the operator aborted at: "):
+        TerminalOperator(hands, typed("abort")).flip(sign)
+    assert len(hands.done) == 1
 
 
 def test_nobody_at_the_terminal_is_an_error_with_its_mend() -> None:
