@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rigctl.errors import ConfigError, DataError
+from rigctl.errors import ConfigError, DataError, RigError
 from rigctl.kinds import Drawn, kind_of
 from rigctl.report import html
 from rigctl.report.figure_data import Plate
@@ -76,12 +76,17 @@ def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell:
     """
     if out is not None and not out.parent.is_dir():
         raise DataError(f"{out}: cannot be written: there is no directory {out.parent}; make it first")
-    evidence = gather(bench, tell)
-    written = write_plates(evidence.plates, evidence.drawn.left_out, figures) if figures else []
+    drawn = _without_runs(bench)
+    if drawn is None:
+        evidence = gather(bench, tell)
+        plates, left_out, text = evidence.plates, evidence.drawn.left_out, page(evidence) if out else ""
+    else:
+        plates, left_out, text = list(drawn.plates), drawn.left_out, study_page(bench, drawn) if out else ""
+    written = write_plates(plates, left_out, figures) if figures else []
     if out is not None:
         partial = out.with_name(f".{out.name}.{os.getpid()}")
         try:
-            partial.write_text(page(evidence), encoding="utf-8")
+            partial.write_text(text, encoding="utf-8")
             partial.replace(out)
         except OSError as error:
             raise DataError(f"{out}: cannot be written: {error.strerror or error}; check the directory") from error
@@ -89,6 +94,17 @@ def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell:
             partial.unlink(missing_ok=True)
         written = [out, *written]
     return written
+
+
+def _without_runs(bench: Workbench) -> Drawn | None:
+    """What a store without runs amounts to, such as a study of simulated draws; None where there is no such thing."""
+    if bench.store.runs(valid_only=True):
+        return None
+    try:
+        drawn = kind_of(bench.store.header.experiment, bench.store.path).draw(bench, (), ())
+    except RigError:
+        return None
+    return drawn if drawn.tables else None
 
 
 def gather(bench: Workbench, tell: Tell) -> Evidence:
@@ -130,6 +146,18 @@ def _side_by_side(bench: Workbench, tell: Tell) -> Iterator[versions.ModelVersio
     for version in chosen:
         tell(f"comparing version {version.version}")
         yield version
+
+
+def study_page(bench: Workbench, drawn: Drawn) -> str:
+    """The report on a store that has a result and no runs."""
+    store = bench.store
+    title = store.header.title or store.path.name
+    body = [
+        html.heading(title, 1),
+        html.paragraph(f"{store.header.experiment}; {store.path.name}", "soft"),
+        *_tables_of(drawn),
+    ]
+    return html.page(title, body)
 
 
 def page(evidence: Evidence) -> str:
@@ -241,12 +269,16 @@ def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:
     return found
 
 
-def _result(evidence: Evidence) -> Iterator[str]:
-    for table in evidence.drawn.tables:
+def _tables_of(drawn: Drawn) -> Iterator[str]:
+    for table in drawn.tables:
         yield html.paragraph(table.sentence)
         yield html.table(table.columns, table.rows, table.marked)
-    yield from map(html.figure, _distinct(evidence.drawn.plates))
-    yield html.listing(f"{what}: {reason}" for what, reason in evidence.drawn.left_out.items())
+    yield from map(html.figure, _distinct(drawn.plates))
+    yield html.listing(f"{what}: {reason}" for what, reason in drawn.left_out.items())
+
+
+def _result(evidence: Evidence) -> Iterator[str]:
+    yield from _tables_of(evidence.drawn)
     yield html.table(
         ["parameter", "#value"],
         [
