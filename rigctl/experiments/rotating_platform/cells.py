@@ -60,7 +60,7 @@ class Cells:
     """The cells of a run's whole periods, in order of time; times `u` are twice the sample's index from mid-period.
 
     `period`, `sign` (of cos theta), `bin`, `since` (samples from the end of the last turn to the first of the cell;
-    huge before the first turn), `to_go` (from that to the next turn; huge after the last) and
+    huge before the first turn), `to_go` (from that to the next turn, as far as is looked ahead) and
     `direction` (of the last turn, 0 before the first) have shape (cells,). `sums` (cells, channels, 5): count, sum u,
     sum u^2, sum m, sum u m of the usable samples of `CHANNELS`, m in m/s2.
     `count` and `centre` (cells,): samples and their mean u, usable or not. `geometry` and `ramps` (cells, 6): mean x
@@ -373,7 +373,7 @@ class _Cutter:
                 "sign": sign[first],
                 "bin": self._bins(since[first], to_go[first]),
                 "since": np.where(since[first] < _FAR, since[first], _FAR),
-                "to_go": np.minimum(to_go[first], _FAR),
+                "to_go": np.minimum(to_go[first], self.ahead),
                 "direction": direction[first],
                 "count": count,
                 "centre": centre,

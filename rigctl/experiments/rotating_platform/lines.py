@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special, stats
 from scipy.ndimage import uniform_filter1d
 
@@ -29,6 +30,7 @@ _LOWEST = 2.5
 _NOTCH = 0.8
 _BANDS, _FEWEST_IN_BAND = 24, 30
 _IMAGES, _IMAGE_WIDTH = 40, 3.0
+_AROUND, _FINER = 4, 8
 _INDEPENDENT = 1.8
 _SCAN, _PEAKS = "scan", "peaks"
 
@@ -150,6 +152,40 @@ def _aliases(frequency_hz: float, scan: LineScan) -> tuple[float, ...]:
             if all(abs(abs(true - round(true / rate) * rate) - frequency_hz) < width for rate in scan.rates_hz):
                 same.append(float(true))
     return tuple(same[:4])
+
+
+def refined(
+    runs: Iterable[tuple[Cells, Iterable[Columns]]], chains: Chains, near_hz: float, step_hz: float
+) -> tuple[float, float]:
+    """Where a line is, from the samples of all runs, some `step_hz` about a first guess, and its amplitude.
+
+    What every period gives is shifted down once; small further shifts act on the periods alone.
+    """
+    apart = np.linspace(-_AROUND * step_hz, _AROUND * step_hz, 2 * _AROUND * _FINER + 1)
+    power, weight, count = np.zeros(apart.size), 0.0, 0.0
+    for cells, chunks in runs:
+        sums: dict[str, list[NDArray[np.complex128]]] = {channel: [] for channel in CHANNELS}
+        square, kept = dict.fromkeys(CHANNELS, 0.0), 0.0
+        for block in _left(chunks, chains, cells):
+            down = np.exp(-2j * np.pi * near_hz * block.time_s)
+            for channel in CHANNELS:
+                left = block.left[channel]
+                sums[channel].append((left * down).reshape(len(block.whole), -1).sum(axis=1))
+                square[channel] += float(left @ left)
+            kept += float(block.kept.sum() * block.whole.sum())
+        for channel in CHANNELS:
+            each = np.concatenate([np.zeros(0, dtype=np.complex128), *sums[channel]])
+            middle_s = (np.arange(each.size) + 0.5) * cells.period_s
+            shifted = np.exp(-2j * np.pi * np.outer(apart, middle_s)) @ each
+            power += np.abs(shifted) ** 2 / max(square[channel], np.finfo(float).tiny)
+            # An amplitude's noise is that of the sum over half the samples.
+            weight += 0.25 * kept**2 / max(square[channel], np.finfo(float).tiny)
+            count += 1.0
+    at = int(np.clip(np.argmax(power), 1, power.size - 2))
+    bend = power[at - 1] - 2.0 * power[at] + power[at + 1]
+    shift = 0.5 * (power[at - 1] - power[at + 1]) / bend if bend < 0.0 else 0.0
+    frequency_hz = float(near_hz + apart[at] + np.clip(shift, -0.5, 0.5) * (apart[1] - apart[0]))
+    return frequency_hz, math.sqrt(max(float(power[at]) - count, 0.0) / max(weight, np.finfo(float).tiny))
 
 
 def spectra(

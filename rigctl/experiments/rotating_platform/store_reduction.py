@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
 from rigctl.errors import DataError
 from rigctl.experiments.rotating_platform.cells import Cells, Columns, cells_of
-from rigctl.experiments.rotating_platform.lines import Spectra, line_amplitudes, spectra, without_lines
+from rigctl.experiments.rotating_platform.lines import Spectra, line_amplitudes, refined, spectra, without_lines
 from rigctl.experiments.rotating_platform.recorded import MODULATED, Chains, chains, guard_of, lead_of
+from rigctl.signals.lines import FoundLine
 
-VERSION = 3
+VERSION = 4
 """Of what is kept: counted up whenever cells.py would give other numbers."""
 
 _REFUSED = b"!"
@@ -106,6 +107,16 @@ def scan(source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[floa
     """The scan for further lines in what the fits of all periods leave."""
     samples = {run.run_id: (run.cells, samples_of(source, run, lines_hz)) for run in runs}
     return spectra(source, samples, chains(source.header), f"scan {recipe(lines_hz)}")
+
+
+def refined_line(
+    source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[float], found: FoundLine
+) -> FoundLine:
+    """A line of the scan with the frequency at which all runs together show it most, and its size there."""
+    samples = [(run.cells, samples_of(source, run, lines_hz)) for run in runs]
+    longest_s = max(run.cells.periods * run.cells.period_s for run in runs)
+    frequency_hz, amplitude = refined(samples, chains(source.header), found.frequency_hz, 0.5 / longest_s)
+    return replace(found, frequency_hz=frequency_hz, amplitude=amplitude or found.amplitude)
 
 
 def _reduced(source: RunSource, record: RunRecord, believed: Chains, lines_hz: Sequence[float]) -> bytes:

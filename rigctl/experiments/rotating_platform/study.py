@@ -20,7 +20,7 @@ from rigctl.experiments.rotating_platform.lines import Spectra, found_lines
 from rigctl.experiments.rotating_platform.model import Placed, PlatformModel, Recorded, placed, slopes_at_zero
 from rigctl.experiments.rotating_platform.observables import channel_runs
 from rigctl.experiments.rotating_platform.recorded import chains
-from rigctl.experiments.rotating_platform.store_reduction import reduction, scan
+from rigctl.experiments.rotating_platform.store_reduction import reduction, refined_line, scan
 from rigctl.interfaces import FloatArray
 from rigctl.signals.lines import FoundLine
 from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Proposal, Term
@@ -119,8 +119,10 @@ class PlatformStudy:
         lines_hz = _lines_of(model.terms)
         self._recorded(lines_hz)
         periods_s = [each.run.cells.period_s for each in self._reduced[lines_hz].channels]
-        found = self._spectra[lines_hz]
-        return [_line(each, found.scan.shortest_s) for each in found_lines(found, periods_s)]
+        spectra = self._spectra[lines_hz]
+        runs = list({each.run.run_id: each.run for each in self._reduced[lines_hz].channels}.values())
+        found = [refined_line(self.source, runs, lines_hz, each) for each in found_lines(spectra, periods_s)]
+        return [_line(each, spectra.scan.longest_s) for each in found]
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """The gain of the tilt and the accelerations without one."""

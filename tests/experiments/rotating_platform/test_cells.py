@@ -1,0 +1,166 @@
+"""Runs as cells: whole and spoilt records, in chunks of any length, against the fits of their samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from benchmarks.platform_sampler import SampledRun, sampled
+from rigctl.errors import DataError
+from rigctl.experiments.rotating_platform import cells as module
+from rigctl.experiments.rotating_platform.cells import BEFORE, FAULTS, Cells, cells_of
+from rigctl.experiments.rotating_platform.estimators import weights
+from rigctl.experiments.rotating_platform.patterns import named_pattern
+from rigctl.experiments.rotating_platform.recorded import Chains, chains
+from rigctl.experiments.rotating_platform.reducer import Reducer
+from simulators.worlds.platform_settings import PlatformSettings
+
+FloatArray = NDArray[np.float64]
+Columns = dict[str, FloatArray]
+
+
+@pytest.fixture(scope="module")
+def recorded() -> tuple[Columns, Chains]:
+    nature = PlatformSettings(kind="rotating-platform", seed=3)
+    found = sampled(nature, [SampledRun("c", 60.0, 12, v_z_v=1.0)])
+    return found.samples("r01"), chains(found.header)
+
+
+def cut(samples: Columns, believed: Chains, step: int = 1 << 30) -> Cells:
+    size = samples["t_s"].size
+    parts = [{name: values[a : a + step] for name, values in samples.items()} for a in range(0, size, step)]
+    return cells_of(parts, believed, 60.0, 10.0)
+
+
+def faults(found: Cells) -> dict[str, int]:
+    return dict(zip(FAULTS, found.faults.max(axis=1).sum(axis=0).tolist(), strict=True))
+
+
+def test_the_outputs_are_those_of_the_samples(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    found = cut(samples, believed)
+    reducer = Reducer(found, "z")
+    fit = weights(named_pattern("c", 60.0).sampled(10.0), "joint-ls")
+    m_z = (samples["q_a_v"] / believed.gain_v_per_m_s2["z"]).reshape(12, 600)
+    wanted = fit @ m_z.T
+    assert np.allclose(reducer.readings()[:48].reshape(4, 12), wanted, rtol=0.0, atol=1e-15)
+
+
+def test_what_a_cell_holds_of_a_modulated_column_is_exact(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    found = cut(samples, believed)
+    theta = np.deg2rad(samples["theta_deg"]).reshape(12, 600)
+    fit = weights(named_pattern("c", 60.0).sampled(10.0), "joint-ls")
+    reduced = Reducer(found, "z").of(found.geometry[:, :1], found.ramps[:, :1])[:48, 0]
+    assert np.allclose(reduced.reshape(4, 12), fit @ np.cos(theta).T, atol=1e-13)
+    assert reduced[:12] == pytest.approx(np.ones(12), abs=1e-9)
+
+
+@pytest.mark.parametrize("step", [333, 1000, 7200])
+def test_it_does_not_matter_how_the_record_was_cut(
+    recorded: tuple[Columns, Chains], step: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    samples, believed = recorded
+    whole = cut(samples, believed)
+    monkeypatch.setattr(module, "_BLOCK", 1500)
+    parts = cut(samples, believed, step)
+    for each in fields(Cells):
+        if each.name != "turn":
+            assert np.allclose(getattr(parts, each.name), getattr(whole, each.name), rtol=1e-12, atol=1e-12), (
+                each.name
+            )
+
+
+def test_cells_come_back_from_their_bytes(recorded: tuple[Columns, Chains]) -> None:
+    found = cut(*recorded)
+    again = Cells.from_bytes(found.to_bytes())
+    for each in fields(Cells):
+        assert np.array_equal(getattr(again, each.name), getattr(found, each.name)), each.name
+
+
+def test_the_first_dwell_follows_no_turn_and_the_last_half_second_is_its_own(
+    recorded: tuple[Columns, Chains],
+) -> None:
+    found = cut(*recorded)
+    assert np.isinf(found.since_s[found.bin < 0]).all()
+    assert found.bin[0] < 0
+    last = found.bin == BEFORE
+    assert set(found.count[last].tolist()) == {5.0}
+    assert set(found.sign[last].tolist()) == {-1, 1}
+
+
+def test_lost_rows_are_a_gap_in_their_period_alone(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    keep = np.ones(7200, dtype=bool)
+    keep[1300:1312] = False
+    found = cut({name: values[keep] for name, values in samples.items()}, believed)
+    assert faults(found) == {"gap": 12, "saturated": 0, "angle": 0, "shifted": 0}
+    assert np.flatnonzero(found.faults.any(axis=(1, 2))).tolist() == [2]
+    reducer, whole = Reducer(found, "z"), Reducer(cut(samples, believed), "z")
+    others = np.arange(48) % 12 != 2
+    assert np.allclose(reducer.readings()[:48][others], whole.readings()[:48][others], rtol=1e-12, atol=1e-16)
+    assert reducer.inflation()[2] > 1.001
+    # What was commanded goes on while samples are lost.
+    assert np.allclose(found.state[:, 0], 1.0 / 825.0)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "wanted"),
+    [
+        (lambda s: {**s, "q_a_v": _put(s["q_a_v"], slice(2050, 2054), 10.0)}, {"saturated": 4}),
+        (lambda s: {**s, "q_b_v": _put(s["q_b_v"], slice(2050, 2054), np.nan)}, {"gap": 4}),
+        (lambda s: {**s, "theta_deg": _put(s["theta_deg"], slice(684, 784), 180.3)}, {"angle": 100}),
+    ],
+    ids=["saturated", "no value", "stopped elsewhere"],
+)
+def test_faults_are_counted(
+    recorded: tuple[Columns, Chains], spoil: Callable[[Columns], Columns], wanted: dict[str, int]
+) -> None:
+    samples, believed = recorded
+    nothing = dict.fromkeys(FAULTS, 0)
+    assert faults(cut(spoil(samples), believed)) == nothing | wanted
+
+
+def test_saturation_while_moving_is_no_fault(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    moving = samples["moving"] == 1.0
+    found = cut({**samples, "q_a_v": np.where(moving, 10.0, samples["q_a_v"])}, believed)
+    assert not found.faults.any()
+
+
+def test_a_clock_that_runs_otherwise_is_seen(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    own_s = samples["t_s"] * (1.0 - 1e-3)
+    place = np.clip(np.rint(own_s * 10.0 - 0.5).astype(int), 0, 7199)
+    late = {n: samples[n][place] for n in ("moving", "theta_deg", "q_a_v", "q_b_v")}
+    found = cut({**samples, **late}, believed)
+    assert found.drift_s == pytest.approx(0.66, abs=0.1)
+    assert faults(found)["shifted"] > 0
+
+
+def test_a_mask_that_is_too_short_is_said() -> None:
+    nature = PlatformSettings(kind="rotating-platform", seed=3)
+    runs = [SampledRun("c", 60.0, 4), SampledRun("c", 60.0, 4, mask_short_s=0.5)]
+    found = sampled(nature, runs)
+    exact, short = (cut(found.samples(run), chains(found.header)) for run in ("r01", "r02"))
+    assert exact.off_stop == 0
+    assert not np.any(exact.state[:, 3:])
+    assert short.off_stop == 4 * 4 * 5
+    assert np.abs(short.state[:, 4]).max() > 1e-2
+
+
+def test_a_record_without_a_whole_period_is_refused(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    with pytest.raises(DataError, match="599 samples hold no whole period of 60 s"):
+        cut({name: values[:599] for name, values in samples.items()}, believed)
+
+
+def _put(values: Any, where: slice, what: float) -> Any:
+    changed = values.copy()
+    changed[where] = what
+    return changed

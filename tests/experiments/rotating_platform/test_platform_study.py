@@ -1,0 +1,172 @@
+"""The rotating platform on the workbench: nothing found where nothing is, what is hidden named and sized."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.platform_sampler import SampledRun, sampled
+from rigctl.effects.catalogue import catalogue
+from rigctl.effects.plugins import load
+from rigctl.errors import ConfigError, DataError
+from rigctl.experiments.rotating_platform.noise import Q_FLEX_NOISE_V
+from rigctl.experiments.rotating_platform.study import PlatformStudy
+from rigctl.workbench.compare import compare
+from rigctl.workbench.diagnose import diagnose
+from rigctl.workbench.fit import fit
+from rigctl.workbench.study import Plannable, Term
+from simulators.worlds.platform_effects import EFFECTS
+from simulators.worlds.platform_settings import PlatformSettings
+
+RUNS = [
+    SampledRun("c", 60.0, 40, v_z_v=0.0),
+    SampledRun("b", 60.0, 40, v_z_v=1.0),
+    SampledRun("c", 300.0, 16, v_z_v=1.5),
+    SampledRun("c", 60.0, 40, v_z_v=0.5, v_y_v=1.0),
+]
+
+
+def study(effects: Mapping[str, Mapping[str, float]] | None = None, **changes: float) -> PlatformStudy:
+    nature = PlatformSettings.model_validate(
+        {
+            "kind": "rotating-platform",
+            "seed": 21,
+            "temperature": {"mean_c": 22.0, "daily_k": 0.3, "cycle_k": 0.3, "cycle_s": 5000.0},
+            "effects": effects or {},
+        }
+    )
+    return PlatformStudy(sampled(nature, [SampledRun(**{**vars(run), **changes}) for run in RUNS]))
+
+
+@pytest.fixture(scope="module")
+def clean() -> PlatformStudy:
+    return study()
+
+
+def test_the_catalogue_has_what_nature_may_do() -> None:
+    assert set(catalogue("rotating-platform")) == set(EFFECTS)
+
+
+def test_the_baseline_describes_a_clean_recording(clean: PlatformStudy) -> None:
+    found = compare(clean, ())
+    assert found.p_value > 1e-3
+    wanted = ["accel mean", "accel slope", "bias mean", "bias slope", "after turn", "before turn", "spectrum"]
+    assert [each.component for each in found.channels if each.channel == "m_z"] == wanted
+    for each in found.channels:
+        assert each.chi2 / each.data < 1.0 + 6.0 * (2.0 / each.data) ** 0.5, each
+
+
+def test_the_fit_finds_the_tilt_whatever_the_bias_does(clean: PlatformStudy) -> None:
+    found = fit(clean, ()).parameters
+    assert list(found)[:4] == ["tilt_gain", "accel_z0", "accel_y0", "bias_z[r01]"]
+    assert {"bias_y[r02]", "bias_rate_z[r03]", "bias_rate_y[r04]"} <= set(found)
+    for name, true, unit in (
+        ("tilt_gain", 0.964, "1"),
+        ("accel_z0", 2.8757e-4, "m/s2"),
+        ("accel_y0", -2.98e-4, "m/s2"),
+    ):
+        assert found[name].value == pytest.approx(true, abs=4.0 * found[name].sigma)
+        assert found[name].unit == unit
+    assert found["tilt_gain"].sigma < 5e-4
+    assert found["accel_z0"].sigma < 5e-7
+
+
+def test_nothing_is_named_where_nothing_is(clean: PlatformStudy) -> None:
+    found = diagnose(clean, ())
+    assert found.verdict == "adequate"
+    assert {(each.effect, each.other) for each in found.inseparable} >= {
+        ("theta-locked-bias", "baseline:accel_z0"),
+        ("theta-locked-bias", "baseline:accel_y0"),
+        ("pendulum-reaction", "baseline:accel_z0"),
+    }
+    assert "off-centre" in found.not_testable
+
+
+def test_each_runs_noise_is_that_of_its_chain(clean: PlatformStudy) -> None:
+    frequency = np.array([3e-3, 2e-2, 1.0])
+    for each in clean.recorded.channels:
+        gain = 846.73 if each.channel == "z" else 804.32
+        ratio = each.noise(frequency) / Q_FLEX_NOISE_V.in_units_of(gain)(frequency)
+        assert ratio == pytest.approx(np.ones(3), abs=0.6), each.run.run_id
+        assert ratio[2] == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("effect", "sizes", "shown"),
+    [
+        ("recovery-signed", {"e": 4e-6, "t_r": 6.0}, {"e[z]": 4e-6, "e[y]": 4e-6}),
+        ("thermal-bias", {"b1": 2e-4}, {"b1[z]": 2e-4}),
+        ("cross-axis", {"k": 5e-3}, {"k[z]": 5e-3, "k[y]": 5e-3}),
+    ],
+)
+def test_what_is_hidden_is_named_and_sized(effect: str, sizes: dict[str, float], shown: dict[str, float]) -> None:
+    found = diagnose(study({effect: sizes}), ())
+    assert [term.effect for term in found.suggested] == [effect]
+    rank = next(each for each in found.ranking if each.term.effect == effect)
+    for name, true in shown.items():
+        estimate = rank.parameters[name]
+        assert estimate.value == pytest.approx(true, abs=4.0 * estimate.sigma)
+        assert abs(estimate.value) > 3.0 * estimate.sigma
+    assert rank.held_out_error_ratio < 1.0
+
+
+def test_a_mask_that_is_too_short_shows_the_sensor_off_its_axis() -> None:
+    found = diagnose(study({"off-centre": {"r_sin": 5e-4}}, mask_short_s=0.5), ())
+    assert [term.effect for term in found.suggested] == ["off-centre"]
+    size = found.ranking[0].parameters["r_sin[z]"]
+    assert size.value == pytest.approx(5e-4, abs=max(4.0 * size.sigma, 2e-5))
+
+
+def test_a_line_is_found_and_taken_off() -> None:
+    hidden = study({"line": {"amplitude": 2e-6, "frequency": 0.14321}})
+    (line,) = hidden.lines(hidden.model(()))
+    assert line.frequency_hz == pytest.approx(0.14321, abs=3e-5)
+    assert line.amplitude == pytest.approx(2e-6, rel=0.15)
+    assert line.held_out_error_ratio < 0.7
+    spectra = [each for each in compare(hidden, ()).channels if each.component == "spectrum"]
+    assert all(each.rms > 4.0 for each in spectra)
+    after = compare(hidden, (line.term,))
+    assert all(each.rms < 2.5 for each in after.channels if each.component == "spectrum")
+    assert not hidden.lines(hidden.model((line.term,)))
+
+
+def test_an_effect_of_ones_own_is_fitted(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "from rigctl.effects import effect\n"
+        '@effect("tilt-square", on="reading_m_s2", parameters={"q": "s2/m"}, typical={"q": 1.0}, scope="channel")\n'
+        "def tilt_square(run, q):\n"
+        '    """The commanded tilt enters squared, whatever the angle."""\n'
+        "    return q * run.c_z**2 * run.cos\n"
+    )
+    nature = PlatformSettings(kind="rotating-platform", seed=22)
+    own = PlatformStudy(sampled(nature, RUNS), [load(file)])
+    size = fit(own, (Term("tilt-square"),)).parameters["q[z]"]
+    assert abs(size.value) < 4.0 * size.sigma
+
+
+def test_the_next_run_would_tell_what_cannot_be_told(clean: PlatformStudy) -> None:
+    assert isinstance(clean, Plannable)
+    options = clean.options()
+    wider = clean.extended([options[0], options[-1]])
+    before, after = clean.model(()).observations, wider.model(()).observations
+    assert len(after.value) > len(before.value) - 8
+    assert after.run_ids[-1] == "next 2"
+    names = [each.name for each in wider.model(()).parameters]
+    assert "bias_z[next 1]" in names
+    assert "bias_rate_y[next 2]" in names
+
+
+def test_recordings_that_cannot_be_asked_say_so() -> None:
+    nature = PlatformSettings(kind="rotating-platform", seed=23)
+    alone = PlatformStudy(sampled(nature, [SampledRun("c", 60.0, 10)]))
+    gain = fit(alone, ()).parameters["tilt_gain"]
+    assert gain.value == 1.0
+    with pytest.raises(ConfigError, match="unknown effect 'recoveries'; the nearest are recovery"):
+        alone.model((Term("recoveries"),))
+    scan = PlatformStudy(sampled(nature, [SampledRun(angles_deg=(0.0, 90.0, 180.0), dwell_s=30.0)]))
+    with pytest.raises(DataError, match="no modulated run"):
+        _ = scan.recorded
