@@ -1,0 +1,176 @@
+"""What a recording amounts to: the paper's numbers out of recordings of its world, and what becomes of bad data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.platform_sampler import Columns, SampledRun, sampled
+from rigctl.experiments.rotating_platform.alignment import Value
+from rigctl.experiments.rotating_platform.bench_runs import flips, noise_records, scans
+from rigctl.experiments.rotating_platform.published import AMPLITUDE_RATIO
+from rigctl.experiments.rotating_platform.recorded import chains
+from rigctl.experiments.rotating_platform.result import PlatformResult, platform_result
+from rigctl.experiments.rotating_platform.study import PlatformStudy
+from rigctl.workbench.fit import fit
+from simulators.worlds.platform_settings import PlatformSettings
+
+SILENT: dict[str, Any] = {
+    "chain_noise": {"white_v2_hz": 1e-14, "red_v2_hz": 0.0},
+    "pendulum_noise": {"asd_m_s2_rthz": 0.0},
+    "repeatability_rad": 0.0,
+    "adc": {"bits": 32},
+}
+
+
+def result(
+    runs: list[SampledRun], spoil: Callable[[int, Columns], Columns] | None = None, **settings: Any
+) -> PlatformResult:
+    nature = PlatformSettings.model_validate({"kind": "rotating-platform", "seed": 31, **settings})
+    recording = sampled(nature, runs, spoil)
+    study = PlatformStudy(recording)
+    found = {name: Value(each.value, each.sigma) for name, each in fit(study, ()).parameters.items()}
+    return platform_result(study.recorded, chains(recording.header), found, study.left_out)
+
+
+@pytest.fixture(scope="module")
+def steady() -> PlatformResult:
+    return result([SampledRun("c", 60.0, 60, v_z_v=level) for level in (0.0, 0.5, 1.0, 1.5)])
+
+
+def test_the_recordings_own_numbers(steady: PlatformResult) -> None:
+    told = steady.as_json()
+    assert told["sided"] == 2
+    assert told["not_tested"] == ["theta-locked-bias", "pendulum-reaction"]
+    assert told["tilt_gain"]["value"] == pytest.approx(0.964, abs=4.0 * told["tilt_gain"]["sigma"])
+    assert told["accel_m_s2"]["z"]["value"] == pytest.approx(2.8757e-4, abs=1e-6)
+    assert told["accel_m_s2"]["y"]["value"] == pytest.approx(-2.98e-4, abs=1e-6)
+    for sensor, true in (("a", -8.07e-5), ("b", 1.394e-4)):
+        wobble = told["wobble_rad"][sensor]
+        assert wobble["value"] == pytest.approx(true, abs=5.0 * wobble["sigma"])
+        assert wobble["sigma"] < 3e-6
+
+
+def test_each_run_has_what_the_contract_names(steady: PlatformResult) -> None:
+    first, second = steady.as_json()["runs"][:2]
+    assert {k: first[k] for k in ("run_id", "pattern", "modulation_period_s", "sample_rate_hz", "external")} == {
+        "run_id": "r01",
+        "pattern": "c",
+        "modulation_period_s": 60.0,
+        "sample_rate_hz": 10.0,
+        "external": "constant",
+    }
+    assert (first["estimator"], first["guard_s"], first["periods"], first["refitted"]) == ("projection", 0.0, 60, 0)
+    assert first["dropped"] == {"gap": 0, "saturated": 0, "angle": 0}
+    assert first["conditions"]["m2"] == pytest.approx(-2.96765e-3, abs=1e-8)
+    assert first["response"] is None
+    rise = second["accel_z_m_s2"]["value"] - first["accel_z_m_s2"]["value"]
+    assert rise == pytest.approx(0.964 * 0.5 / 825.0, abs=5.0 * first["accel_z_m_s2"]["sigma"])
+    assert first["bias_y_m_s2"]["value"] == pytest.approx(-1.433e-3, abs=6.0 * first["bias_y_m_s2"]["sigma"])
+    for name in ("accel_slope_z", "accel_slope_y", "bias_slope_z", "bias_slope_y"):
+        slope = first[f"{name}_m_s3"]
+        assert abs(slope["value"]) < 5.0 * slope["sigma"]
+
+
+def test_the_precision_is_that_of_table_4(steady: PlatformResult) -> None:
+    runs = steady.as_json()["runs"]
+    for run in runs:
+        z, y = run["precision_1h_m_s2"]["z"], run["precision_1h_m_s2"]["y"]
+        assert z["theory"] == pytest.approx(1.80834e-7, abs=2e-10)
+        assert y["theory"] == pytest.approx(1.80834e-7 * 846.73 / 804.32, abs=3e-10)
+        low, high = z["interval_99"]
+        assert low < z["measured"] < high
+    inside = [r["precision_1h_m_s2"][c]["interval_99"] for r in runs for c in "yz"]
+    assert sum(low < 1.1 * 1.85e-7 and high > 0.9 * 1.85e-7 for low, high in inside) == 8
+
+
+@pytest.mark.parametrize(
+    ("pattern", "bias_pp", "tolerance"), [("a", 3.0428e-4, 2e-7), ("b", 2.1265e-5, 2e-7), ("c", 2.07e-8, 3e-9)]
+)
+def test_a_sine_outside_does_to_the_bias_what_figure_8_shows(pattern: str, bias_pp: float, tolerance: float) -> None:
+    sine = SampledRun(pattern, 300.0, 24, v_z_v=1.0, external="sine", external_period_s=3600.0)
+    found = result([sine, SampledRun("c", 300.0, 6)], **SILENT).as_json()["runs"][0]
+    response = found["response"]
+    assert found["estimator"] == "projection"
+    assert response["bias_pp_m_s2"] == pytest.approx(bias_pp, abs=tolerance)
+    assert response["accel_pp_m_s2"] == pytest.approx(0.964 * 2.0 / 825.0, rel=0.03)
+    if pattern == "a":
+        assert [response["shift_min"][place] for place in ("start", "centre", "end")] == pytest.approx(
+            [12.5, 15.0, 17.5], abs=0.02
+        )
+
+
+def test_a_guard_is_applied_as_its_table_was_made() -> None:
+    guarded = SampledRun("c", 60.0, 20, guard_s=2.0)
+    found = result([guarded, SampledRun("c", 60.0, 20, v_z_v=1.0)]).as_json()["runs"][0]
+    assert found["guard_s"] == 2.0
+    assert (found["refitted"], found["estimator"]) == (0, "projection")
+    assert abs(found["conditions"]["m0"]) < 1e-12
+    assert abs(found["conditions"]["m2"]) < 5e-3
+    assert found["precision_1h_m_s2"]["z"]["theory"] == pytest.approx(2.0e-7, rel=0.04)
+
+
+def spoilt(number: int, samples: Columns) -> Columns:
+    if number == 1:
+        keep = np.ones(samples["t_s"].size, dtype=bool)
+        keep[1300:1312] = False
+        return {name: values[keep] for name, values in samples.items()}
+    if number == 2:
+        full = samples["q_a_v"].copy()
+        full[2050:2054] = -10.0
+        return {**samples, "q_a_v": full}
+    if number == 3:
+        lost = samples["q_b_v"].copy()
+        lost[1200:1700] = np.nan
+        return {**samples, "q_b_v": lost}
+    own_s = samples["t_s"] * (1.0 - 5e-4)
+    place = np.clip(np.rint(own_s * 10.0 - 0.5).astype(int), 0, own_s.size - 1)
+    return {**samples, **{name: samples[name][place] for name in ("moving", "theta_deg", "q_a_v", "q_b_v")}}
+
+
+def test_bad_data_are_refitted_and_said() -> None:
+    runs = [SampledRun("c", 60.0, 20, v_z_v=level) for level in (0.0, 1.0, 0.0, 1.0)]
+    gap, full, lost, late = result(runs, spoilt).as_json()["runs"]
+    assert (gap["refitted"], gap["dropped"]["gap"], gap["invalid"]) == (1, 12, 0)
+    assert (full["refitted"], full["dropped"]["saturated"]) == (1, 4)
+    assert (lost["refitted"], lost["invalid"]) == (0, 1)
+    assert lost["remarks"] == ["r03: 1 of 20 periods have lost half their samples"]
+    assert late["estimator"] == "joint-ls"
+    assert late["refitted"] > 5
+    assert "the platform's clock is not that of the samples" in late["remarks"][0]
+    for run, tilt in ((gap, 0.0), (full, 1.0), (lost, 0.0), (late, 1.0)):
+        mean = run["accel_z_m_s2"]
+        assert mean["value"] == pytest.approx(2.8757e-4 + 0.964 * tilt / 825.0, abs=5.0 * mean["sigma"])
+
+
+def test_a_run_without_a_whole_period_is_left_out_with_a_sentence() -> None:
+    def cut(number: int, samples: Columns) -> Columns:
+        return {name: values[:500] for name, values in samples.items()} if number == 2 else samples
+
+    runs = [SampledRun("c", 60.0, 12, v_z_v=level) for level in (0.0, 0.0, 1.0)]
+    found = result(runs, cut)
+    assert [run.run.run_id for run in found.runs] == ["r01", "r03"]
+    assert found.left_out == {
+        "r02": "run r02: 500 samples hold no whole period of 60 s with the platform at rest; record longer"
+    }
+
+
+def test_a_scan_gives_the_axes() -> None:
+    angles = tuple(float(angle) for angle in range(0, 360, 30))
+    nature = PlatformSettings.model_validate(
+        {"kind": "rotating-platform", "seed": 5, "effects": {"cross-axis": {"k[z]": 0.0435}}}
+    )
+    recording = sampled(nature, [SampledRun(angles_deg=angles, dwell_s=120.0)])
+    (scan,), left_out = scans(recording, chains(recording.header))
+    assert not left_out
+    assert scan.theta_rad.size == 12
+    assert scan.fits["y"].value("cos") == pytest.approx(-2.98e-4, abs=2e-5)
+    excess = scan.axes.nonorthogonality_rad
+    assert abs(excess.value) == pytest.approx(0.0435, abs=4.0 * excess.sigma + 2e-3)
+    assert scan.axes.amplitude_ratio.value == pytest.approx(1.0, abs=0.1)
+    assert AMPLITUDE_RATIO < 1.0
+    assert flips(recording, chains(recording.header)) == {}
+    assert noise_records(recording) == ([], {})
