@@ -119,10 +119,16 @@ def own_channel(session: Session) -> AnyArray:
     return c
 
 
-def own_acceleration(session: Session) -> float:
-    """Own channel over `moved` with a perfect gain, in 1/s2: an oscillation's acceleration is -(2 pi f)^2 of it."""
+def own_force(session: Session) -> AnyArray:
+    """Coefficients of the series that make the force in that channel, before the sensor's gain; (series,).
+
+    An oscillation's acceleration is -(2 pi f)^2 of the displacement, of mass 1 less that of mass 2.
+    """
+    c = np.zeros(len(SERIES))
     square = (2.0 * math.pi * session.frequency_hz) ** 2
-    return -square if session.name == "k2c_1" else square
+    c[INDEX["moved"]] = -square if session.name == "k2c_1" else square
+    c[INDEX[f"force {'xyz'[moved_axis(session)]}"]] = 1.0
+    return c
 
 
 class Baseline:
@@ -175,9 +181,9 @@ class Baseline:
             found.append(_parts(at @ c))
             if each.has_own:
                 own = self._own(each) if changes is None else self._own(each) - changes[place][self._stimulus(each)]
-                driven = own_acceleration(each.session) * self._own(each)[:, INDEX["moved"]]
                 gain = values[self._gain_of[each.run_id]]
-                found.append(_parts(_unturned(each, own @ own_channel(each.session) - gain * driven)))
+                left = own @ own_channel(each.session) - gain * (own @ own_force(each.session))
+                found.append(_parts(_unturned(each, left)))
         return np.concatenate(found)
 
     def jacobian(self, values: FloatArray, changes: Sequence[ComplexArray] | None = None) -> FloatArray:
@@ -191,9 +197,9 @@ class Baseline:
             block[:, :SHARED] = _parts(at @ c)
             blocks.append(block)
             if each.has_own:
-                driven = own_acceleration(each.session) * self._own(each)[:, INDEX["moved"]]
+                own = self._own(each) if changes is None else self._own(each) - changes[place][self._stimulus(each)]
                 block = np.zeros((2, len(values)))
-                block[:, self._gain_of[each.run_id]] = -_parts(_unturned(each, driven))
+                block[:, self._gain_of[each.run_id]] = -_parts(_unturned(each, own @ own_force(each.session)))
                 blocks.append(block)
         return np.vstack(blocks)
 
@@ -204,7 +210,11 @@ class Baseline:
             c = coefficients(each.session, each.amplitudes.mean_square, values[:SHARED, None])[:, 0]
             found.append(_parts(change[each.compared] @ c))
             if each.has_own:
-                found.append(_parts(_unturned(each, change[self._stimulus(each)] @ own_channel(each.session))))
+                own = change[self._stimulus(each)]
+                left = own @ own_channel(each.session) - values[self._gain_of[each.run_id]] * (
+                    own @ own_force(each.session)
+                )
+                found.append(_parts(_unturned(each, left)))
         return np.concatenate(found)
 
     @staticmethod

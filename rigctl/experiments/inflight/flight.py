@@ -220,8 +220,7 @@ def _in_measured(_: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
 def _in_force(_: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
     # What pushes both alike is one more common acceleration, which the baseline has.
     apart = added[0] - added[1]
-    made = {f"force {axis}": -apart[i] for i, axis in enumerate("xyz")}
-    return made | {f"own {axis}": apart[i] for i, axis in enumerate("xyz")}
+    return {f"force {axis}": -apart[i] for i, axis in enumerate("xyz")}
 
 
 def _in_gradient(run: FlightRun, added: FloatArray) -> dict[str, FloatArray]:

@@ -20,6 +20,9 @@ from rigctl.interfaces import FloatArray
 POWERS = (-2, -1, 0, 2, 4)
 """The density is a sum of these powers of frequency with positive weights: drift, flicker, white, read-out."""
 
+LEAST = 1e-30
+"""(m/s2)^2/Hz: below lies the rounding of telemetry and model, which is no noise."""
+
 _ROUNDS = 12
 _LEVELS = 3
 _OUTLIER = 14.0
@@ -41,7 +44,7 @@ class RunNoise:
     def density(self, f_hz: FloatArray) -> FloatArray:
         """Of the differential channel (of m_1x - m_2x) at some frequencies."""
         x = np.asarray(f_hz, dtype=np.float64) / self.scale_hz
-        return np.asarray(sum(w * x**power for w, power in zip(self.weights, POWERS, strict=True)))
+        return np.asarray(LEAST + sum(w * x**power for w, power in zip(self.weights, POWERS, strict=True)))
 
 
 def run_noises(runs: Sequence[ReducedRun], values: FloatArray) -> list[RunNoise]:
@@ -77,7 +80,7 @@ def _own(run: ReducedRun) -> float:
         return float("nan")
     between = run.between
     nearest = np.argsort(np.abs(between.f_hz - run.session.frequency_hz))[:_NEIGHBOURS]
-    return float(np.mean(between.density(own_channel(run.session))[nearest]))
+    return float(LEAST + np.mean(between.density(own_channel(run.session))[nearest]))
 
 
 def fitted_density(f_hz: FloatArray, density: FloatArray) -> tuple[FloatArray, float]:

@@ -1,0 +1,161 @@
+"""Every effect that shows, done to an instrument without noise: the data move as its derivative says."""
+
+import numpy as np
+import pytest
+
+from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
+from rigctl.effects.catalogue import catalogue
+from rigctl.experiments.inflight.parameters import NAMES
+from rigctl.experiments.inflight.study import InflightStudy
+
+ORBIT_S, STEP_S = 5950.0, 4.0
+N = 2 * np.pi / ORBIT_S
+SESSIONS = ("dx", "ac12", "ad11", "k2c_1")
+
+
+def warm(t_s):
+    return 1e-3 * np.cos(N * t_s + 0.4)
+
+
+def along_x(first, second, out):
+    made = np.zeros_like(out)
+    made[0, 0], made[1, 0] = first, second
+    return made
+
+
+def moved(session, t_s):
+    f_hz, shares, axis = {
+        "ac12": (183 / 59500, (-0.5, 0.5), 1),
+        "k2c_1": (535 / 59500, (1.0, 0.0), 0),
+    }.get(session, (1e-3, (0.0, 0.0), 0))
+    wave = 9e-6 * np.cos(2 * np.pi * f_hz * t_s)
+    speed = -2 * np.pi * f_hz * 9e-6 * np.sin(2 * np.pi * f_hz * t_s)
+    return 2 * np.pi * f_hz, axis, shares, wave, speed
+
+
+def stiff(session, t_s, out):
+    w, axis, shares, wave, speed = moved(session, t_s)
+    made = np.zeros_like(out)
+    for mass, (spring, loss) in enumerate(((2e-4, 3e-6), (1e-4, 2e-6))):
+        made[mass, axis] = shares[mass] * (spring * wave + loss / w * speed)
+    return made
+
+
+def cubic_spring(session, t_s, out):
+    _, axis, shares, wave, _ = moved(session, t_s)
+    made = np.zeros_like(out)
+    for mass, size in enumerate((4e5, 2e5)):
+        made[mass, axis] = size * (shares[mass] * wave) ** 3
+    return made
+
+
+def skewed(session, t_s, out):
+    rate = np.gradient(out.mean(axis=0), t_s, axis=1)
+    return np.stack([0.5 * 2e-3 * rate, -0.5 * 2e-3 * rate])
+
+
+def cubed(session, t_s, out):
+    varying = out[:, 0] - out[:, 0].mean(axis=1, keepdims=True)
+    return along_x(3e9 * varying[0] ** 3, -1e9 * varying[1] ** 3, out)
+
+
+def hotter(session, t_s, out):
+    varying = out[:, 0] - out[:, 0].mean(axis=1, keepdims=True)
+    return along_x(*(sign * 0.02 * warm(t_s) * each for sign, each in zip((1, -1), varying, strict=True)), out)
+
+
+DONE = {
+    "thermal-bias": (lambda s, t, out: along_x(3e-10 * warm(t), -3e-10 * warm(t), out), {"lambda_d": 3e-10}),
+    "bias-drift": (
+        lambda s, t, out: along_x(2e-17 * t - 3e-22 * t**2, -2e-17 * t + 3e-22 * t**2, out),
+        {"rate_d": 2e-17, "curvature_d": -3e-22},
+    ),
+    "charge": (lambda s, t, out: along_x(2e-17 * t, -2e-17 * t, out), {"charging_d": 2e-17}),
+    "magnetic": (
+        lambda s, t, out: along_x(4e-13 * np.sin(N * t), -4e-13 * np.sin(N * t), out),
+        {"once_sin_d": 4e-13},
+    ),
+    "sensor-skew": (skewed, {"delay": 2e-3}),
+    "cubic-electrode": (cubed, {"k3_1": 3e9, "k3_2": -1e9}),
+    "thermal-gain": (hotter, {"kappa_d": 0.02}),
+    "wire-stiffness": (stiff, {"stiffness_1": 2e-4, "stiffness_2": 1e-4, "loss_1": 3e-6, "loss_2": 2e-6}),
+    "cubic-stiffness": (cubic_spring, {"cubic_1": 4e5, "cubic_2": 2e5}),
+}
+
+
+def study(flight, instrument, added=None, unseen=(0.0, 0.0, 0.0)):
+    records, samples = [], {}
+    for name in SESSIONS:
+        sky = flight.Sky(added=added, unseen_attitude=np.array(unseen))
+        own, conditions = flight.recorded(name, instrument, sky, orbits=10, step_s=STEP_S)
+        own |= {f"temperature_{mass}_k": 290.0 + warm(own["t_s"]) for mass in (1, 2)}
+        records.append(RunRecord(name, name, "test", conditions))
+        samples[name] = own
+    header = Header("inflight-calibration", constants={"orbit_period_s": flight.ORBIT_S})
+    return InflightStudy(Recording(header, records, samples, ImportReport(len(records))))
+
+
+@pytest.fixture(scope="module")
+def instrument(flight):
+    return flight.drawn(9, eta=0.0)
+
+
+@pytest.fixture(scope="module")
+def plain(flight, instrument):
+    return study(flight, instrument)
+
+
+@pytest.mark.parametrize("name", DONE)
+def test_data_move_as_the_derivative_says(flight, instrument, plain, name):
+    added, sizes = DONE[name]
+    changed = study(flight, instrument, added).observations.value - plain.observations.value
+    effect = catalogue("inflight-calibration")[name]
+    values = np.array([sizes.get(parameter, 0.0) for parameter in effect.parameters])
+    model = plain.model(())
+    start = np.array([each.start for each in model.parameters])
+    start[: len(NAMES)] = [flight.small_signal(instrument)[each] for each in NAMES]
+    candidates, _ = plain.candidates(model, start)
+    (candidate,) = [each for each in candidates if each.term.effect == name]
+    predicted = candidate.derivative @ values
+    assert np.abs(predicted).max() > 1e-14
+    assert changed == pytest.approx(predicted, abs=0.03 * np.abs(predicted).max())
+
+
+def test_the_oblateness_of_the_earth_is_a_harmonic_field():
+    """Its part of the gradient has no trace, and is symmetric, for any direction of the pole."""
+    from rigctl.experiments.inflight.flight import made_up_flight
+
+    run = made_up_flight("gradient_1_s2", {})
+    pole = np.array([0.3, -0.2, 0.9])
+    pole /= np.linalg.norm(pole)
+    products = 1e-3 * np.outer(pole, pole)
+    added = catalogue("inflight-calibration")["gravity-j2"](
+        run,
+        j_xx=products[0, 0],
+        j_zz=products[2, 2],
+        j_yy=products[1, 1],
+        j_xz=products[0, 2],
+        j_xy=products[0, 1],
+        j_yz=products[1, 2],
+    )
+    assert np.abs(np.trace(added)).max() < 1e-12 * np.abs(added).max()
+    assert added == pytest.approx(np.swapaxes(added, 0, 1), abs=1e-24)
+    axis_m = (3.986004418e14 / run.orbital**2) ** (1 / 3)
+    step_m = 1.0
+
+    def potential(place_m):
+        r = np.linalg.norm(place_m)
+        latitude = pole @ place_m / r
+        return -3.986004418e14 * 1e-3 * 6378137.0**2 / r**3 * 0.5 * (3 * latitude**2 - 1)
+
+    place_m = axis_m * np.array([np.cos(run.orbital * run.t[70]), 0.0, np.sin(run.orbital * run.t[70])])
+    steps = 2e3 * step_m * np.eye(3)
+    hessian = [
+        [
+            sum(s * q * potential(place_m + s * a + q * b) for s in (1, -1) for q in (1, -1))
+            / (4 * (2e3 * step_m) ** 2)
+            for b in steps
+        ]
+        for a in steps
+    ]
+    assert added[:, :, 70] == pytest.approx(np.array(hessian), abs=2e-3 * np.abs(added).max())
