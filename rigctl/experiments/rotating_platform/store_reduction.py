@@ -73,19 +73,24 @@ def reduction(source: RunSource, lines_hz: Sequence[float] = (), progress: Progr
     records = [r for r in source.runs(valid_only=True) if r.conditions["pattern"] in MODULATED]
     store = source if isinstance(source, KeepsReductions) else None
     kept = store.reduced_names(name) if store is not None else set()
-    runs, left_out = [], {}
+    runs: list[PlatformRun] = []
+    left_out: dict[str, str] = {}
+    fresh = False
     for done, record in enumerate(records, start=1):
         data = store.reduction(name, record.run_id) if store is not None and record.run_id in kept else None
         if data is None:
             data = _reduced(source, record, believed, lines_hz)
             if store is not None and not store.readonly:
                 store.keep_reductions(name, {record.run_id: data})
+                fresh = True
             if progress is not None:
                 progress(done, len(records))
         if data.startswith(_REFUSED):
             left_out[record.run_id] = data[len(_REFUSED) :].decode()
         else:
             runs.append(PlatformRun(record.run_id, record.conditions, Cells.from_bytes(data)))
+    if fresh:
+        scan(source, runs, lines_hz)
     return Reduction(tuple(runs), left_out)
 
 

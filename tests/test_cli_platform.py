@@ -1,0 +1,88 @@
+"""The commands on a recording of the rotating platform, from the bundle to the error ladder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks.platform_sampler import SampledRun, record
+from rigctl.cli import app
+from simulators.worlds.platform_settings import PlatformSettings
+
+RUNS = [
+    SampledRun("c", 60.0, 30, v_z_v=0.0),
+    SampledRun("b", 60.0, 30, v_z_v=1.0),
+    SampledRun("c", 300.0, 12, v_z_v=0.5),
+]
+
+
+def run(*words: object) -> Any:
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout) if "--json" in words else done.stdout
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("cli")
+    nature = PlatformSettings.model_validate(
+        {"kind": "rotating-platform", "seed": 6, "effects": {"recovery-signed": {"e": 5e-6, "t_r": 5.0}}}
+    )
+    record(nature, RUNS, place / "bundle")
+    run("import", place / "bundle", "--store", place / "s.rig.sqlite")
+    return place / "s.rig.sqlite"
+
+
+def test_from_bundle_to_a_model_that_holds(store: Path) -> None:
+    compared = run("compare", store, "--json")
+    components = {each["component"] for each in compared["channels"]}
+    assert components == {
+        "accel mean", "accel slope", "bias mean", "bias slope", "after turn", "before turn", "spectrum"
+    }  # fmt: skip
+    found = run("diagnose", store, "--json")
+    assert (found["verdict"], found["suggested"]) == ("effect", ["recovery-signed"])
+    size = found["ranking"][0]["parameters"]["e[z]"]
+    assert size["value"] == pytest.approx(5e-6, abs=4.0 * size["sigma"])
+    assert ("theta-locked-bias", "baseline:accel_z0") in {(e["effect"], e["from"]) for e in found["inseparable"]}
+    run("model", "add", store, "recovery-signed")
+    fitted = run("fit", store, "--json")
+    assert {"tilt_gain", "accel_z0", "accel_y0", "bias_z[r01]", "bias_rate_y[r03]", "e[z]", "t_r"} <= set(
+        fitted["parameters"]
+    )
+    assert fitted["error_held_out"] == pytest.approx(1.0, abs=0.12)
+    first, second = run("model", "history", store, "--json")
+    assert second["error_held_out"] < first["error_held_out"]
+
+
+def test_the_result_at_a_terminal_and_as_json(store: Path) -> None:
+    told = run("result", store, "--json")
+    assert [each["run_id"] for each in told["runs"]] == ["r01", "r02", "r03"]
+    assert (told["scans"], told["noise"]) == ([], [])
+    shown = run("result", store)
+    assert "gain of the commanded tilt 0.96" in shown
+    assert "Not tested by any modulation: theta-locked-bias, pendulum-reaction." in shown
+
+
+def test_a_second_question_reads_no_samples(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from rigctl.campaign.store import Store
+
+    def refused(*_: object) -> Any:
+        raise AssertionError("the samples were read again")
+
+    run("compare", store, "--json")
+    monkeypatch.setattr(Store, "samples", refused)
+    monkeypatch.setattr(Store, "sample_chunks", refused)
+    assert run("compare", store, "--json")["channels"]
+
+
+def test_ids_that_two_experiments_share_are_both_told() -> None:
+    told = run("effects", "quadratic", "--json")
+    assert told["experiment"] == "sensing-axis"
+    assert [each["experiment"] for each in told["others"]] == ["rotating-platform"]
+    own = run("effects", "rotating-platform:quadratic", "--json")
+    assert own["parameters"] == {"K2": "s2/m"}
+    assert own["scope"] == "channel"
