@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
@@ -99,13 +99,14 @@ def chunks_of(source: RunSource, run_id: str) -> Iterable[Columns]:
     return source.sample_chunks(run_id) if isinstance(source, InChunks) else [source.samples(run_id)]
 
 
-def samples_of(source: RunSource, run: PlatformRun, lines_hz: Sequence[float]) -> Iterable[Columns]:
-    """A run's samples in pieces, lines taken off."""
+def samples_of(source: RunSource, run: PlatformRun, lines_hz: Sequence[float]) -> Iterator[Columns]:
+    """A run's samples in pieces, lines taken off; nothing is read before the first is asked for."""
     if not lines_hz:
-        return chunks_of(source, run.run_id)
+        yield from chunks_of(source, run.run_id)
+        return
     believed = chains(source.header)
     sizes = line_amplitudes(chunks_of(source, run.run_id), believed, run.cells, lines_hz)
-    return without_lines(chunks_of(source, run.run_id), believed, lines_hz, sizes)
+    yield from without_lines(chunks_of(source, run.run_id), believed, lines_hz, sizes)
 
 
 def scan(source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[float]) -> Spectra:
