@@ -21,8 +21,8 @@ _FIRST = 4e-24
 
 _LEAST_OWN = (3e-4, 2e-4)
 """No moved mass's own channel counts as better known, as a part of its amplitude, in phase and in quadrature. Its
-gain is wanted for nothing else, and a prior of 1e-2 must not drown beside it; the two masses' gains differ by as much,
-so that a spring's loss, some hundredths of the amplitude, is seen to a hundredth."""
+gain is wanted for nothing else, and a prior of 1e-2 must not drown beside it; the two masses' gains differ by as
+much, so that a spring's loss, some hundredths of the amplitude, is seen to a hundredth."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,17 @@ from rigctl.experiments.inflight.samples import RunScan, covered, scan
 from rigctl.experiments.inflight.weights import ComplexArray
 from rigctl.fitting.least_squares import Parameter
 from rigctl.interfaces import FloatArray
-from rigctl.workbench.study import Candidate, Line, Model, NoisePool, NotTestable, Observations, Series, Term
+from rigctl.workbench.study import (
+    Candidate,
+    Line,
+    Model,
+    NoisePool,
+    NotTestable,
+    Observations,
+    Proposal,
+    Series,
+    Term,
+)
 
 if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
@@ -296,6 +306,31 @@ class InflightStudy:
             name: {"value": float(value), "sigma": float(sigma), "unit": unit}
             for name, value, sigma, unit in zip(NAMES, values, sigmas, model.units, strict=False)
         }
+
+    def options(self) -> list[Proposal]:
+        """Each session once more, as long as it was and with the same stimulus."""
+        found = {}
+        for run in self.reduced.runs:
+            session = run.session
+            settings: dict[str, Any] = {"session": session.name, "orbits": run.duration_s / session.orbit_period_s}
+            if session.frequency_hz > 0.0:
+                settings |= {"calibration_frequency_hz": session.frequency_hz, "amplitude": session.amplitude}
+            found[session.name] = Proposal(settings, takes_s=run.duration_s)
+        return list(found.values())
+
+    def extended(self, proposals: Sequence[Proposal]) -> InflightStudy:
+        """This recording with sessions flown once more: copies of the runs there are, of which only lines count."""
+        known = {run.session.name: place for place, run in enumerate(self.reduced.runs)}
+        places = [known[str(each.settings["session"])] for each in proposals]
+        runs = [
+            replace(self.reduced.runs[place], run_id=f"next {number}") for number, place in enumerate(places, start=1)
+        ]
+        here, other = self.observed, self._copied()
+        other.reduced = Reduction((*self.reduced.runs, *runs), self.reduced.left_out)
+        other.observed = Observed(
+            other.reduced.runs, (*here.noises, *(here.noises[place] for place in places)), here.values
+        )
+        return other
 
     def inseparable(self) -> Mapping[str, tuple[str, ...]]:
         """Effects that by construction are not to be told from parameters of the baseline."""
