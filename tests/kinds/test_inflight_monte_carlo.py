@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 
 from procedures.inflight import MonteCarlo
 from rigctl import config, results, runner
@@ -175,3 +177,20 @@ def test_a_scheduler_that_is_not_there_is_said_in_one_line(tmp_path: Path) -> No
         studied(tmp_path / "nowhere", 1, 'scheduler = "tcp://127.0.0.1:9"\n')
     assert "no scheduler answers at tcp://127.0.0.1:9" in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_the_workers_of_a_cluster_find_what_threads_find(alone: Path, tmp_path: Path) -> None:
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        path = studied(tmp_path / "cluster", 1, f'scheduler = "{cluster.scheduler_address}"\n')
+    assert json.dumps(scored(path)) == json.dumps(scored(alone))
+
+
+def test_an_ensemble_travels_to_another_process() -> None:
+    simulation = Rig(config.read_rig(CAMPAIGNS / "microscope-rig.toml")).simulation
+    assert simulation is not None
+    ensemble = simulation.world.ensemble()
+    travelled = pickle.loads(pickle.dumps(ensemble))
+    assert travelled.truths(3) == ensemble.truths(3)
+    session = MonteCarlo(name="monte-carlo").session("dx", 5950.0)
+    here, there = (next(one.telemetry((3,), 1, session, 10)) for one in (ensemble, travelled))
+    assert np.array_equal(here, there)
