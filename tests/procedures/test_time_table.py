@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procedures import time_table
@@ -119,14 +119,13 @@ def test_a_scan_dwells_at_every_angle() -> None:
     distance_deg=st.floats(1.0, 360.0),
     speed_deg_s=st.floats(1.0, 500.0),
     acceleration_deg_s2=st.floats(1.0, 500.0),
-    part=st.floats(0.5, 2.0),
+    part=st.sampled_from([0.5, 0.99, 0.999, 1.001, 1.01, 2.0]),
 )
 def test_a_turn_is_allowed_exactly_when_its_peaks_are(
     distance_deg: float, speed_deg_s: float, acceleration_deg_s2: float, part: float
 ) -> None:
     limits = RotationLimits(-400.0, 400.0, speed_deg_s, acceleration_deg_s2)
     duration_s = part * shortest_turn_s(limits, distance_deg)
-    assume(abs(part - 1.0) > 1e-6)
     peaks = (2.0 * distance_deg / duration_s, 2.0 * np.pi * distance_deg / duration_s**2)
     fits = peaks[0] <= speed_deg_s and peaks[1] <= acceleration_deg_s2
     table = TimeTable(0.0, (Motion(1.0, 1.0 + duration_s + EARLY_S, distance_deg),), 60.0)
