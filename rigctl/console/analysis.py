@@ -22,7 +22,7 @@ FEW = 8
 
 
 def result(store: Path, plugins: Plugins) -> Found:
-    """`rigctl result`, with the null vectors of sensing axes about their planes as figures 15 to 17 show them."""
+    """`rigctl result`, with the null vectors of axes as figures 15 to 17 show them, else with the report's tables."""
     from rigctl import config
     from rigctl.campaign.store import Store
     from rigctl.kinds import kind_of
@@ -30,11 +30,14 @@ def result(store: Path, plugins: Plugins) -> Found:
 
     with Store.open(store, readonly=True) as opened:
         text, bench = opened.header.campaign_toml, Workbench(opened, plugins)
-        found = kind_of(opened.header.experiment, store).result(bench)
+        kind = kind_of(opened.header.experiment, store)
+        found = kind.result(bench)
         if "axes" in found:
             from rigctl.kinds.sensing_axis import null_vectors
 
             found["planes"] = null_vectors(bench)
+        else:
+            found["tables"] = [asdict(table) for table in kind.draw(bench, (), ()).tables]
     return {**found, "reference": config.parse_campaign(text, store).reference.model_dump() if text else {}}
 
 

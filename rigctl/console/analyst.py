@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import multiprocessing
 import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from multiprocessing import resource_tracker
@@ -27,11 +28,9 @@ class Analyst:
 
     async def ask(self, what: str, *arguments: Any, live: bool = False) -> Any:
         """The outcome of a function of `rigctl.console.analysis`; raises what it raises."""
-        import asyncio
-
         function: Callable[[], Any] = partial(getattr(analysis, what), *arguments, self._plugins)
         try:
-            return await asyncio.get_running_loop().run_in_executor(self._pool(live), function)
+            return await _outcome(self._pool(live).submit(function))
         except BrokenProcessPool:
             self._pools.pop(live, None)
             raise
@@ -41,7 +40,7 @@ class Analyst:
         for pool in self._pools.values():
             for process in list(pool._processes.values()):
                 process.terminate()
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(wait=False)
         self._pools = {}
 
     def _pool(self, live: bool) -> ProcessPoolExecutor:
@@ -51,6 +50,20 @@ class Analyst:
                 resource_tracker.ensure_running()
             self._pools[live] = ProcessPoolExecutor(1, mp_context=context, initializer=_begin)
         return self._pools[live]
+
+
+async def _outcome(asked: Future[Any]) -> Any:
+    """Wait for a process; who stops waiting leaves it alone, for a pool stumbles over what is cancelled."""
+    done = asyncio.Event()
+    loop = asyncio.get_running_loop()
+
+    def wake(_: Future[Any]) -> None:
+        with contextlib.suppress(RuntimeError):  # the console has ended meanwhile
+            loop.call_soon_threadsafe(done.set)
+
+    asked.add_done_callback(wake)
+    await done.wait()
+    return asked.result()
 
 
 def _begin() -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from textual.message import Message
 
     from rigctl.campaign.questions import Question
-    from rigctl.campaign.recording import RunRecord
+    from rigctl.campaign.recording import ChannelInfo, RunRecord
     from rigctl.campaign.store import Event, Store
     from rigctl.interfaces import FloatArray
 
@@ -47,6 +47,7 @@ class StoreView:
     """When the samples were read, on this computer's monotonic clock."""
     campaign_toml: str = ""
     rig_toml: str = ""
+    channels: Mapping[str, ChannelInfo] = field(default_factory=dict)
 
     @property
     def state(self) -> str:
@@ -160,6 +161,7 @@ class _Watched:
             sampled_s=self._sampled_s,
             campaign_toml=store.header.campaign_toml or "",
             rig_toml=store.header.rig_toml or "",
+            channels=store.header.channels,
         )
 
     def _read_events(self) -> None:

@@ -11,18 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
-LISTED = {"runs"}
-"""Keys that are tables of their own: an editor is better for them."""
+from pydantic import BaseModel
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One key: `text` as the form shows it, "" when the file leaves it to its `default`."""
+    """One key: `text` as the form shows it, "" when the file leaves it to its `default`; None if it must be there."""
 
     table: str
     key: str
     text: str
-    default: str
+    default: str | None
     choices: tuple[str, ...] = ()
     words: bool = False
     listed: bool = False
@@ -32,27 +31,73 @@ class Entry:
         """As faults name it."""
         return f"{self.table}.{self.key}" if self.table else self.key
 
+    @property
+    def hint(self) -> str:
+        """What stands where nothing is written."""
+        if self.default is None:
+            told = "required"
+        else:
+            told = f"{self.default} if left out" if self.default else "may be left out"
+        return f"{told}: {' | '.join(self.choices)}" if self.choices else told
 
-def entries(text: str) -> list[Entry]:
-    """The keys a campaign file may have, with what it says; `ConfigError` for text that is not TOML."""
-    from procedures.tables import Procedure, Targets
-    from rigctl.config import CampaignFile, ModelTable
 
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
-        data = {}
-    models: dict[str, Any] = {"": CampaignFile, "procedure": Procedure, "targets": Targets, "model": ModelTable}
-    found = []
-    for table, model in models.items():
+@dataclass(frozen=True)
+class Listing:
+    """A list of tables, `[[name]]`, each in a line: shown here and kept as it is, changed in an editor."""
+
+    table: str
+    key: str
+    rows: tuple[str, ...]
+
+
+def entries(text: str) -> list[Entry | Listing]:
+    """The keys a campaign file may have, table by table, with what it says; what is not TOML says nothing."""
+    data = _tables(text)
+    found: list[Entry | Listing] = []
+    for table, model in _models(data).items():
         said = data.get(table, {}) if table else data
         for key, field in model.model_fields.items():
             choices, words, listed = _kind(field.annotation)
-            if key in LISTED or key in {"path", "text", *models, "reference"}:
+            if not table and key in {"path", "text"}:
                 continue
-            default = "" if field.is_required() else _shown(field.default)
-            found.append(Entry(table, key, _shown(said[key]) if key in said else "", default, choices, words, listed))
+            if any(isinstance(each, type) and issubclass(each, BaseModel) for each in _parts(field.annotation)):
+                if listed and key in said:
+                    found.append(Listing(table, key, tuple(map(_row, said[key]))))
+            elif table or key not in _OTHER_TABLES:
+                default = None if field.is_required() else "" if field.default is None else _shown(field.default)
+                told = _shown(said[key]) if key in said else ""
+                found.append(Entry(table, key, told, default, choices, words, listed))
     return found
+
+
+_OTHER_TABLES = {"procedure", "targets"}
+"""Keys of the whole file that are tables of an experiment's own."""
+
+
+def _tables(text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return {}
+
+
+def _models(data: Mapping[str, Any]) -> dict[str, type[BaseModel]]:
+    from rigctl.config import CampaignFile, ModelTable
+    from rigctl.kinds import settings_of
+
+    procedure = data.get("procedure", {})
+    own = settings_of(str(data.get("experiment")), procedure if isinstance(procedure, Mapping) else {})
+    return {"": CampaignFile, **own, "model": ModelTable}
+
+
+def _parts(annotation: Any) -> list[Any]:
+    """The types an annotation is made of."""
+    inner = get_args(annotation)
+    return [annotation, *(part for each in inner for part in _parts(each))]
+
+
+def _row(table: Mapping[str, Any]) -> str:
+    return "  ".join(f"{key} {_shown(value)}" for key, value in table.items())
 
 
 def changed(text: str, entry: Entry, typed: str) -> str:
@@ -75,14 +120,14 @@ def changed(text: str, entry: Entry, typed: str) -> str:
 
 def fault(text: str, path: Path) -> str:
     """The first thing that is wrong with a campaign file's text, without the file's name; "" when it is right."""
-    from procedures.tables import Procedure, Targets
     from rigctl import config
     from rigctl.errors import ConfigError
+    from rigctl.kinds import settings_of
 
     try:
         file = config.parse_campaign(text, path)
-        config.validated(Procedure, file.procedure, path, "procedure")
-        config.validated(Targets, file.targets, path, "targets")
+        for table, model in settings_of(file.experiment, file.procedure).items():
+            config.validated(model, getattr(file, table), path, table)
     except ConfigError as error:
         return str(error).removeprefix(f"{path}: ")
     return ""

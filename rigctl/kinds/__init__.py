@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rigctl.errors import DataError
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from rigctl.campaign.parts import Part
     from rigctl.campaign.recording import ChannelInfo, LaserInfo
     from rigctl.campaign.session import Session
@@ -122,3 +124,23 @@ def kind_of(experiment: str, path: Path | str = "") -> Kind:
 
         return table
     raise DataError(f"{path}: there is neither procedure nor model for '{experiment}' yet")
+
+
+def settings_of(experiment: str, procedure: Mapping[str, Any]) -> Mapping[str, type[BaseModel]]:
+    """The tables of a campaign file that are an experiment's own, by name, without loading what analyses it.
+
+    `procedure` is that table as far as it is written; an experiment nobody knows has none.
+    """
+    if experiment == "sensing-axis":
+        from procedures import tables
+
+        return {"procedure": tables.Procedure, "targets": tables.Targets}
+    if experiment == "rotating-platform":
+        from procedures import platform_tables
+
+        return {"procedure": platform_tables.Procedure}
+    if experiment == "inflight-calibration":
+        from procedures import inflight
+
+        return {"procedure": inflight.MonteCarlo if procedure.get("name") == "monte-carlo" else inflight.Calibration}
+    return {}

@@ -93,3 +93,14 @@ def serve(desk: Any) -> Callable[..., ServedRig]:
         return ServedRig(live, process)
 
     return begin
+
+
+@pytest.fixture(scope="session")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The store of the shipped one-axis campaign."""
+    from rigctl import config, runner
+
+    store = tmp_path_factory.mktemp("measured") / "one-axis.rig.sqlite"
+    campaign = config.read_campaign(Path(__file__).parents[2] / "campaigns" / "one-axis.toml")
+    runner.start(campaign, config.read_rig(campaign.rig_path), store, runner.Options(unattended=True))
+    return store

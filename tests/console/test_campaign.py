@@ -13,7 +13,7 @@ async def starts(seat: Any, *, unattended: bool) -> None:
     await seat.press("2", "s")
     await seat.sees("Start a campaign")
     if unattended:
-        await seat.press("tab", "tab", "tab", "space")
+        await seat.press("tab", "tab", "tab", "tab", "space")
     await seat.press("enter")
 
 

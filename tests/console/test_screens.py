@@ -24,17 +24,6 @@ def picture(text: str) -> str:
     return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
 
 
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The store of the shipped one-axis campaign."""
-    from rigctl import config, runner
-
-    store = tmp_path_factory.mktemp("measured") / "one-axis.rig.sqlite"
-    campaign = config.read_campaign(Path(__file__).parents[2] / "campaigns" / "one-axis.toml")
-    runner.start(campaign, config.read_rig(campaign.rig_path), store, runner.Options(unattended=True))
-    return store
-
-
 @pytest.mark.timeout(300)  # a campaign, a result and a fit, on a computer that may be busy
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
 def test_screens_look_as_they_did(

@@ -103,7 +103,7 @@ def test_stop_aborts_the_campaign_that_is_watched(desk: Any, serve: Any, at_cons
         await seat.until(lambda: seat.app._panes.campaign.file)
         await seat.press("2", "s")
         await seat.sees("Start a campaign")
-        await seat.press("tab", "tab", "tab", "space", "shift+tab", "enter")
+        await seat.press("tab", "tab", "tab", "tab", "space", "enter")
         await seat.until(lambda: seat.app._view and seat.app._view.alive and seat.app._view.runs)
         await seat.press("f8")
         await seat.until(lambda: seat.app._view and not seat.app._view.alive)

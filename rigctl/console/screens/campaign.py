@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -12,11 +12,12 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.widget import Widget
 from textual.widgets import Input, ProgressBar, Static, TabbedContent, TabPane, Tree
 
 from rigctl.console import form
-from rigctl.console.messages import AnalysisAsked, DryRunAsked, Launch, Noted, RequestAsked, StartAsked
-from rigctl.console.widgets.dialogs import ConfirmDialog, StartDialog, TextDialog
+from rigctl.console.messages import DryRunAsked, Launch, Noted, RequestAsked, StartAsked
+from rigctl.console.widgets.dialogs import ConfirmDialog, Fault, StartDialog, TextDialog
 from rigctl.console.widgets.plot import MARKS, Line, Picture, Plot
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class CampaignPane(Vertical):
                 yield ProgressBar(id="progress", show_eta=False)
                 with Horizontal(id="progress-body"):
                     yield Tree("steps", id="steps")
-                    with Vertical():
+                    with Vertical(id="nulls"):
                         yield Plot(Picture("null search: S against angle"), id="null-search")
                         yield Plot(Picture("σ(θ0)"), id="sigma")
             with TabPane("File", id="tab-file"):
@@ -114,17 +115,11 @@ class CampaignPane(Vertical):
     async def show_file(self, path: Path, text: str) -> None:
         """A campaign file in the form."""
         self.file, self._text = path, text
-        self._entries = {entry.name: entry for entry in form.entries(text)}
+        found = form.entries(text)
+        self._entries = {entry.name: entry for entry in found if isinstance(entry, form.Entry)}
         box = self.query_one("#form", VerticalScroll)
         await box.remove_children()
-        table = None
-        for place, entry in enumerate(self._entries.values()):
-            if entry.table != table:
-                table = entry.table
-                await box.mount(Static(f"[{table}]" if table else "campaign", classes="form-table", markup=False))
-            hint = " | ".join(entry.choices) or entry.default or "required"
-            field = Input(entry.text, placeholder=hint, compact=True, id=f"entry-{place}", name=entry.name)
-            await box.mount(Horizontal(Static(entry.key, classes="form-key"), field, classes="form-row"))
+        await box.mount_all(_fields(found))
         self._judge()
         self._tell()
 
@@ -156,11 +151,16 @@ class CampaignPane(Vertical):
         self._tree_of = shape
         tree = self.query_one(Tree)
         tree.clear()
+        nulls = any("mounting" in run.conditions for run in view.runs)
+        self.query_one("#progress-body").set_class(bool(view.runs) and not nulls, "no-nulls")
         groups: dict[str, dict[str, list[Any]]] = {}
         for run in view.runs:
             given = run.conditions
+            if "mounting" not in given:  # nothing to gather runs under
+                tree.root.add_leaf(f"{'✓' if run.valid else '✗'} {run.run_id} {run.key}")
+                continue
             outer = f"{given.get('axis', '?')} {given.get('configuration', '')}".strip()
-            groups.setdefault(outer, {}).setdefault(f"mounting {given.get('mounting', '?')}", []).append(run)
+            groups.setdefault(outer, {}).setdefault(f"mounting {given['mounting']}", []).append(run)
         running = view.state in {"running", "paused"}
         for place, (outer, mountings) in enumerate(groups.items()):
             last_group = place == len(groups) - 1
@@ -265,9 +265,21 @@ class CampaignPane(Vertical):
             wrong = bool(why) and (why.startswith((f"{key}:", f"{key} ", f"{key}.")) or f" {key};" in why)
             field.set_class(wrong, "wrong")
 
-    def ask_null_search(self) -> None:
-        """Have the response worked out anew."""
-        self.post_message(AnalysisAsked("null_search"))
+
+def _fields(entries: Sequence[form.Entry | form.Listing]) -> Iterator[Widget]:
+    table = None
+    for place, entry in enumerate(entries):
+        if entry.table != table:
+            table = entry.table
+            yield Static(f"[{table}]" if table else "campaign", classes="form-table", markup=False)
+        if isinstance(entry, form.Entry):
+            field = Input(entry.text, placeholder=entry.hint, compact=True, id=f"entry-{place}", name=entry.name)
+            yield Horizontal(Static(entry.key, classes="form-key"), field, classes="form-row")
+            continue
+        told = f"[[{entry.table}.{entry.key}]]: {len(entry.rows)}, kept as they are; change them in an editor"
+        yield Static(Text(told), classes="form-list")
+        for number, row in enumerate(entry.rows, 1):
+            yield Static(Text(f"{number:>3}  {row}"), classes="form-list")
 
 
 def response_picture(where: str, rows: list[Mapping[str, Any]], sigma_arcsec: float) -> Picture:
@@ -294,25 +306,28 @@ def response_picture(where: str, rows: list[Mapping[str, Any]], sigma_arcsec: fl
     return Picture(title, tuple(lines), "θ − θ0 / arcsec", x_range=(-reach, reach))
 
 
-def launch_fault(launch: Launch) -> str:
+def launch_fault(launch: Launch) -> Fault | None:
     """What speaks against a launch, as far as the files say at a glance; the rest the campaign's process tells."""
     from rigctl import config
     from rigctl.errors import ConfigError
 
     try:
         file = config.read_campaign(launch.campaign)
-        if launch.rig is None and not file.rig:
-            return "the campaign file names no rig; name one here"
+    except ConfigError as error:
+        return Fault("campaign", str(error))
+    if not launch.store.name:
+        return Fault("store", "name the store")
+    if launch.store.exists() and file.procedure.get("mounting") not in {"same", "kept"}:
+        return Fault("store", f"{launch.store} exists already; choose another name")
+    if not launch.store.absolute().parent.is_dir():
+        return Fault("store", f"{launch.store.parent}: no such directory")
+    if launch.rig is None and not file.rig:
+        return Fault("rig", "the campaign file names no rig; name one here")
+    try:
         config.read_rig(launch.rig or file.rig_path)
     except ConfigError as error:
-        return str(error)
-    if not launch.store.name:
-        return "name the store"
-    if launch.store.exists() and file.procedure.get("mounting") not in {"same", "kept"}:
-        return f"{launch.store} exists already; choose another name"
-    if not launch.store.absolute().parent.is_dir():
-        return f"{launch.store.parent}: no such directory"
-    return ""
+        return Fault("rig", str(error))
+    return None
 
 
 def _free(path: Path) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -19,6 +19,7 @@ from rigctl.console.widgets.dialogs import OpenDialog
 from rigctl.console.widgets.plot import MARKS, Line, Picture, Plot
 
 Found = Mapping[str, Any]
+OF_AXES = ("tab-scatter", "tab-angles", "tab-budget")
 NONE_YET = "No result yet: u works it out from the store that is open."
 
 
@@ -54,8 +55,12 @@ class ResultsPane(Vertical):
 
     async def show_result(self, found: Found) -> None:
         """The keys of `rigctl result --json`."""
-        if "axes" not in found:
-            self.query_one("#axes", Static).update(_fit_table(found))
+        tabs, has_axes = self.query_one("#results-tabs", TabbedContent), "axes" in found
+        tabs.get_tab("tab-axes").label = "Axes" if has_axes else "Result"
+        for tab in OF_AXES:
+            (tabs.show_tab if has_axes else tabs.hide_tab)(tab)
+        if not has_axes:
+            self.query_one("#axes", Static).update(_general(found))
             return
         reference = found.get("reference") or {}
         self.query_one("#axes", Static).update(_axes(found, reference))
@@ -94,7 +99,7 @@ class ResultsPane(Vertical):
 def _table(title: str, *columns: str) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 1), pad_edge=False)
     for name in columns:
-        left = name in {"axis", "axes", "", "contribution", "type", "input", "parameter", "here", "there"}
+        left = name in {"axis", "axes", "", "contribution", "type", "input", "parameter", "quantity", "here", "there"}
         table.add_column(name, justify="left" if left else "right", no_wrap=True)
     return table
 
@@ -159,11 +164,35 @@ def _budget(budgets: Found) -> RenderableType:
     return Group(*parts) if parts else Text("No axis, no budget.")
 
 
-def _fit_table(found: Found) -> RenderableType:
-    table = _table("Fit", "parameter", "value", "σ", "")
-    for name, each in found["parameters"].items():
-        table.add_row(name, f"{each['value']:.6g}", f"{each['sigma']:.2g}", each["unit"])
-    return table
+def _general(found: Found) -> RenderableType:
+    """Any experiment's result: its numbers, the tables its report has, its remarks."""
+    parts: list[RenderableType] = []
+    numbers = list(_numbers(found))
+    if numbers or not found.get("tables"):
+        table = _table("Result", "quantity", "value", "σ", "")
+        for row in numbers or _numbers({"": found.get("parameters", {})}):
+            table.add_row(*row)
+        parts += [table, Text()]
+    for each in found.get("tables", ()):
+        table = Table(title_justify="left", title_style="bold", box=None, padding=(0, 1), pad_edge=False)
+        table.title = Text(each["sentence"])
+        for column in each["columns"]:
+            table.add_column(Text(column.lstrip("#~")), justify="right" if column.startswith("#") else "left")
+        marked = each["marked"] or [False] * len(each["rows"])
+        for row, mark in zip(each["rows"], marked, strict=True):
+            table.add_row(*map(Text, row), style="bold" if mark else "")
+        parts += [table, Text()]
+    return Group(*parts, *map(Text, found.get("remarks", ())))
+
+
+def _numbers(found: Found) -> Iterator[tuple[Text, str, str, str]]:
+    """What is directly a value with its sigma, or one level below; tables have the rest."""
+    for key, value in found.items():
+        inner = value if isinstance(value, Mapping) and "sigma" not in value else {"": value}
+        for name, each in inner.items():
+            if key != "parameters" and isinstance(each, Mapping) and {"value", "sigma"} <= set(each):
+                told = f"{key} {name}".strip(), f"{each['value']:.6g}", f"{each['sigma']:.2g}"
+                yield Text(told[0]), *told[1:], str(each.get("unit", ""))
 
 
 def _transfer(found: Found) -> RenderableType:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -21,12 +22,17 @@ from rigctl.console.widgets.dialogs import MoveDialog, TextDialog
 from rigctl.console.widgets.plot import Line, Picture, Plot
 
 if TYPE_CHECKING:
+    from rigctl.campaign.recording import ChannelInfo
     from rigctl.console.feed import StoreView
     from rigctl.interfaces import FloatArray
 
 COLUMNS = ("instrument", "state", "value", "age", "identity")
 MARKS = {"ready": "●", "moving": "▶", "homing": "▶", "stopped": "■", "lost": "✗", "silent": "?", "connecting": "…"}
 STALE_S = 3.0
+CHARTS = ("accelerometer", "lasers", "stage", "angle")
+OF_KIND = {"accelerometer": "accelerometer", "displacement": "lasers", "position": "stage", "angle": "angle"}
+"""Which chart shows a channel of a recording; those of other kinds take charts that would be empty."""
+
 NUMBERS_S = 0.5
 """Numbers that change faster cannot be read, and a table is dear to draw; a change of state is shown at once."""
 
@@ -57,7 +63,7 @@ class RigPane(Vertical):
         yield DataTable(id="instruments", cursor_type="row", zebra_stripes=False)
         yield Static(id="detail")
         with Grid(id="charts"):
-            for name in ("accelerometer", "lasers", "stage", "angle"):
+            for name in CHARTS:
                 yield Plot(Picture(name), id=f"chart-{name}")
             yield Plot(Picture("spectrum"), id="chart-spectrum")
             yield Static(id="noise")
@@ -91,40 +97,45 @@ class RigPane(Vertical):
 
         rig = _tables(view.rig_toml)
         self._show_instruments(_from_store(view, rig))
-        samples = view.samples
-        t_s = samples.get("t_s")
-        columns = {name: values for name, values in samples.items() if name != "t_s"}
+        t_s = view.samples.get("t_s")
 
-        def line(column: str, name: str = "", colour: int = 0) -> Line | None:
-            values = columns.get(column)
+        def line(column: str, name: str, colour: int) -> Line | None:
+            values = view.samples.get(column)
             if values is None or t_s is None or not len(values):
                 return None
             shown = min(len(values), len(t_s))  # of a run that is being recorded one may be longer
             return Line(t_s[-shown:], values[-shown:], name, colour=colour)
 
-        heads = [name for name in columns if name.startswith("laser")]
         told = f"run {view.run_id}, t / s"
-        self._chart("accelerometer", "V", [line("accel_v")], told)
-        self._chart("lasers", "mm", [line(name, _short(name), i) for i, name in enumerate(heads)], told)
-        self._chart("stage", "mm", [line("stage_x_mm")], told)
+        for chart, (title, columns) in zip(CHARTS, charts_of(view.channels), strict=True):
+            names = [_short(column) if len(columns) > 1 or title == "lasers" else "" for column in columns]
+            unit = view.channels[columns[0]].unit if columns else ""
+            lines = [line(column, name, i) for i, (column, name) in enumerate(zip(columns, names, strict=True))]
+            self._chart(chart, unit, lines, told, title)
         turns = [run for run in view.runs[-200:] if "theta_deg" in run.conditions]
-        angles = np.array([float(run.conditions["theta_deg"]) for run in turns])
-        numbers = np.arange(len(view.runs) - len(turns) + 1, len(view.runs) + 1, dtype=float)
-        self._chart("angle", "deg", [Line(numbers, angles, mark="o")] if len(angles) else [], "run")
+        if turns:
+            angles = np.array([float(run.conditions["theta_deg"]) for run in turns])
+            numbers = np.arange(len(view.runs) - len(turns) + 1, len(view.runs) + 1, dtype=float)
+            self._chart("angle", "deg", [Line(numbers, angles, mark="o")], "run")
         self._show_run_spectrum(view, rig)
 
     def _show_run_spectrum(self, view: StoreView, rig: Mapping[str, Any]) -> None:
-        volts, t_s = view.samples.get("accel_v"), view.samples.get("t_s")
-        if volts is None or t_s is None or len(volts) < 64 or not view.runs:
+        sensors = [name for name, channel in view.channels.items() if channel.kind == "accelerometer"]
+        values, t_s = view.samples.get(sensors[0] if sensors else ""), view.samples.get("t_s")
+        if values is None or t_s is None or len(values) < 64 or not view.runs:
             return
+        unit = view.channels[sensors[0]].unit
         gain = _gain(rig, view.runs[-1].conditions)
         target = _tables(view.campaign_toml).get("targets", {}).get("noise_m_s2_rthz")
         rate_hz = (len(t_s) - 1) / float(t_s[-1] - t_s[0])
-        self._show_spectrum(*density(volts, rate_hz), gain, "m/s²" if gain != 1.0 else "V", target)
+        self._show_spectrum(*density(values, rate_hz), gain, "m/s²" if gain != 1.0 else unit, target)
 
-    def _chart(self, name: str, unit: str, lines: Sequence[Line | None], x_label: str = "t / s") -> None:
+    def _chart(
+        self, name: str, unit: str, lines: Sequence[Line | None], x_label: str = "t / s", title: str = ""
+    ) -> None:
         shown = tuple(line for line in lines if line is not None)
-        self.query_one(f"#chart-{name}", Plot).show(Picture(f"{name} / {unit}", shown, x_label))
+        told = f"{title or name} / {unit}" if unit else title or name
+        self.query_one(f"#chart-{name}", Plot).show(Picture(told, shown, x_label))
 
     def _show_spectrum(
         self, frequency_hz: FloatArray, density_v: FloatArray, gain: float, unit: str, target: float | None
@@ -297,7 +308,8 @@ def _line(strip: Strip | None, name: str = "", colour: int = 0) -> Line | None:
 
 
 def _short(name: str) -> str:
-    return name.removeprefix("laser_").removesuffix("_mm")
+    """A column's name without its unit."""
+    return re.sub(r"_(v|mm|deg|c)$", "", name.removeprefix("laser_"))
 
 
 def _row(view: InstrumentView) -> tuple[str, ...]:
@@ -310,6 +322,20 @@ def _row(view: InstrumentView) -> tuple[str, ...]:
         _age_told(age_s),
         view.identity,
     )
+
+
+def charts_of(channels: Mapping[str, ChannelInfo]) -> list[tuple[str, list[str]]]:
+    """Title and columns of each of `CHARTS`: channels by their kind, kinds without a chart in those left empty."""
+    kinds: dict[str, list[str]] = {}
+    for name, channel in channels.items():
+        kinds.setdefault(channel.kind, []).append(name)
+    others = iter([kind for kind in kinds if kind not in OF_KIND and kind not in {"flag", "time"}])
+    found = []
+    for kind, title in OF_KIND.items():
+        if kind not in kinds and (other := next(others, None)) is not None:
+            kind, title = other, other or "other"
+        found.append((title, kinds.get(kind, [])))
+    return found
 
 
 def _age_told(age_s: float) -> str:
@@ -370,12 +396,12 @@ def _recorded(view: StoreView, table: Mapping[str, Any]) -> list[tuple[str, floa
     conditions = view.runs[-1].conditions if view.runs else {}
     last = {name: float(values[-1]) for name, values in view.samples.items() if len(values)}
     role = table["role"]
-    if role == "rotation" and "theta_deg" in conditions:
-        return [("angle", float(conditions["theta_deg"]), "deg")]
+    if role == "rotation" and ("theta_deg" in conditions or "theta_deg" in last):
+        return [("angle", float(conditions.get("theta_deg", last.get("theta_deg", math.nan))), "deg")]
     if role == "thermometer" and "temperature_c" in conditions:
         return [("temperature", float(conditions["temperature_c"]), "degC")]
     if role == "linear" and "stage_x_mm" in last:
         return [("position", last["stage_x_mm"], "mm")]
-    if role == "readout" and "accel_v" in last:
-        return [("voltage", last["accel_v"], "V")]
+    if (channel := table.get("channel", "accel_v")) in last and role in {"readout", "voltmeter"}:
+        return [("voltage", last[channel], "V")]
     return [(head, last[head], "mm") for head in table.get("heads", {}) if head in last]

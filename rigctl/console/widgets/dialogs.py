@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, Literal, TypeVar
 
 from rich.text import Text
 from textual.app import ComposeResult
@@ -206,14 +207,21 @@ class TextDialog(Dialog[str]):
             self.dismiss(event.value)
 
 
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with a launch, and which entry has to be changed."""
+
+    entry: Literal["campaign", "store", "rig"]
+    why: str
+
+
 class StartDialog(Dialog[Launch]):
-    """How a campaign is started; `fault` says what is wrong with a launch."""
+    """How a campaign is started; `fault` says what is wrong with a launch. The entry to change has the focus."""
 
     HINT = "Enter starts  Tab next entry  Space ticks  Esc leaves  F8 STOP"
-    AUTO_FOCUS = "#store"
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "start", "Start")]
 
-    def __init__(self, launch: Launch, fault: Callable[[Launch], str]) -> None:
+    def __init__(self, launch: Launch, fault: Callable[[Launch], Fault | None]) -> None:
         super().__init__()
         self.title = "Start a campaign"
         self._launch = launch
@@ -234,7 +242,8 @@ class StartDialog(Dialog[Launch]):
 
     def on_mount(self) -> None:
         """What is wrong from the start?"""
-        self._judge()
+        fault = self._judge()
+        self.query_one(f"#{fault.entry if fault else 'campaign'}", Input).focus()
 
     def on_input_changed(self) -> None:
         """Say at once what is wrong."""
@@ -249,10 +258,10 @@ class StartDialog(Dialog[Launch]):
         if not self._judge():
             self.dismiss(self._entered())
 
-    def _judge(self) -> str:
-        why = self._fault(self._entered())
-        self.query_one(".refusal", Static).update(Text(f"✗ {why}" if why else ""))
-        return why
+    def _judge(self) -> Fault | None:
+        fault = self._fault(self._entered())
+        self.query_one(".refusal", Static).update(Text(f"✗ {fault.why}" if fault else ""))
+        return fault
 
     def _entered(self) -> Launch:
         def text(name: str) -> str:
