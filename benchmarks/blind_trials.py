@@ -74,7 +74,6 @@ def score(found: Diagnosis, truth: Truth) -> dict[str, Any]:
     """What was said beside what was hidden; None where a question does not arise."""
     hidden = set(truth.effects)
     said = [term.effect for term in found.suggested]
-    strongest = max(truth.sigma, key=lambda name: truth.sigma[name]) if hidden else None
     first = found.ranking[0] if found.ranking else None
     same = {first.term.effect, *first.equivalent_to} if first else set()
     return {
@@ -82,7 +81,7 @@ def score(found: Diagnosis, truth: Truth) -> dict[str, Any]:
         "said": said,
         "false_alarm": found.verdict != "adequate" if truth.kind == "none" else None,
         "detected": found.verdict != "adequate" if truth.kind != "none" else None,
-        "right_first": strongest in same if hidden else None,
+        "right_first": bool(same & hidden) if hidden else None,
         "exact": set(said) == hidden and found.verdict == "effect" if hidden else None,
         "named": _named(found, hidden) if hidden and not truth.unknown else None,
         "truth_in_set": hidden <= set().union(*_classes(found)) if hidden else None,
