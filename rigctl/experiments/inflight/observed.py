@@ -19,7 +19,7 @@ _ROUNDS = 3
 _FIRST = 4e-24
 """Densities to begin with, (m/s2)^2/Hz: only their ratio matters, once."""
 
-_LEAST_OWN = (3e-4, 2e-4)
+_LEAST_OWN = (1e-3, 2e-4)
 """No moved mass's own channel counts as better known, as a part of its amplitude, in phase and in quadrature. Its
 gain is wanted for nothing else, and a prior of 1e-2 must not drown beside it; the two masses' gains differ by as
 much, so that a spring's loss, some hundredths of the amplitude, is seen to a hundredth."""

@@ -213,10 +213,12 @@ def _around(power: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _levels(left: FloatArray, grid: Grid) -> tuple[FloatArray, FloatArray]:
+    """Mean squares of steps from sample to sample, which nothing slow enters."""
     count = round(STRETCH_S / grid.step_s)
+    steps = np.diff(left, append=left[-1])
+    both = grid.present & np.append(grid.present[1:], False)
     stretches = len(left) // count
-    there = grid.present[: stretches * count].reshape(stretches, count).sum(axis=1)
-    power = (left[: stretches * count] ** 2).reshape(stretches, count).sum(axis=1)
-    enough = there > 0.5 * count
+    there = both[: stretches * count].reshape(stretches, count).sum(axis=1)
+    power = np.where(both, steps**2, 0.0)[: stretches * count].reshape(stretches, count).sum(axis=1)
     at_s = grid.t_s[: stretches * count : count]
-    return np.where(enough, power / np.maximum(there, 1), 0.0), at_s
+    return np.where(there > 0.5 * count, power / np.maximum(there, 1), 0.0), at_s
