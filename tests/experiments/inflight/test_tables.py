@@ -48,6 +48,10 @@ def test_errors_are_counted_by_estimate_and_truth():
     assert row["over_objective"] == 0.25
     assert row["reference"] == {"worst": 124.0, "mean": 25.0, "std": 23.0}
     assert found["table3"]["rows"]["k2d_s2_m"]["worst_m_s2"] == pytest.approx(2.5 * objective * 2 * 2.86e-20)
+    mean = against_paper.mean() * objective * 2 * 2.86e-20
+    assert found["table3"]["rows"]["k2d_s2_m"]["mean_m_s2"] == pytest.approx(mean)
+    means = [each["mean_m_s2"] for each in found["table3"]["rows"].values()]
+    assert found["table3"]["total_mean_m_s2"] == pytest.approx(sum(means))
     totals = [each["worst_m_s2"] for each in found["table3"]["rows"].values()]
     assert found["table3"]["total_worst_m_s2"] == pytest.approx(sum(totals))
 
