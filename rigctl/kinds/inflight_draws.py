@@ -11,7 +11,6 @@ import math
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -92,15 +91,19 @@ def reduce_unit(unit: Unit) -> bytes:
 
 
 def rows_of(unit: Unit) -> _Rows:
-    """The weights of a unit's session: large, so one at a time, and made once for all of its draws."""
+    """The weights of a unit's session, made once for all of its draws: large, so those of one session at a time."""
+    key = (unit.study, unit.name, unit.orbit_period_s, unit.ensemble.sample_period_s)
     with _MAKING:
-        return _rows(unit.study, unit.name, unit.orbit_period_s, unit.ensemble.sample_period_s)
+        if key not in _HELD:
+            _HELD.clear()
+            _HELD[key] = _rows(*key)
+        return _HELD[key]
 
 
 _MAKING = threading.Lock()
+_HELD: dict[tuple[MonteCarlo, str, float, float], _Rows] = {}
 
 
-@lru_cache(maxsize=1)
 def _rows(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) -> _Rows:
     session = flown(study, name, orbit_period_s, step_s)
     duration_s = study.session(name, orbit_period_s).duration_s
