@@ -159,7 +159,7 @@ def scores(batch: Batch, alpha: float) -> Iterator[dict[str, Any]]:
 
 def _right(effect: str, suggested: list[str], alike: set[str], verdict: str) -> bool:
     if effect in SHOWN:
-        return effect in suggested or (len(suggested) == 1 and effect in alike)
+        return suggested == [effect] or (len(suggested) == 1 and effect in alike)
     return verdict == "adequate"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage, signal, stats
@@ -34,6 +35,7 @@ _NEAR_BINS = 60
 _HIGHEST = 0.45
 """Of the sampling rate: read-out noise is steep at the end of the spectrum."""
 _PULSE_S = 60.0
+_STEADY_S = 600.0
 
 
 @dataclass(frozen=True)
@@ -159,14 +161,25 @@ def _pulses(left: FloatArray, grid: Grid, f_hz: FloatArray, density: FloatArray)
     estimate = np.fft.irfft(np.fft.rfft(weight * left) * share, count)
     estimate *= 2.0 * grid.step_s / information
     sigmas = estimate * np.sqrt(information)
-    scale = float(np.median(np.abs(sigmas[seen]))) / 0.6745 if seen.any() else 1.0
-    sigmas = np.where(seen, sigmas / scale, 0.0)
+    sigmas = np.where(seen, sigmas / _scale(sigmas, seen, round(_STEADY_S / grid.step_s)), 0.0)
     apart = max(round(AFTER_S / grid.step_s), 1)
     peaks, _ = signal.find_peaks(np.abs(sigmas), height=THRESHOLD_SIGMA, distance=apart)
     band = np.abs(share * template)
     width_hz = float(np.sum(band) ** 2 / np.sum(band**2)) / (count * grid.step_s)
     trials = 2.0 * width_hz * grid.duration_s
     return Pulses(grid.t_s[peaks], estimate[peaks], np.abs(sigmas[peaks]), trials)
+
+
+def _scale(sigmas: FloatArray, seen: BoolArray, count: int) -> FloatArray:
+    """How much the filter's output scatters about each sample, by medians: noise may be louder at times."""
+    edges = np.append(np.arange(0, max(len(sigmas) - count // 2, 1), count), len(sigmas))
+    middles, scales = [], []
+    for start, stop in pairwise(edges.tolist()):
+        here = np.abs(sigmas[start:stop][seen[start:stop]])
+        if len(here) > count // 4:
+            middles.append(0.5 * (start + stop))
+            scales.append(float(np.median(here)) / 0.6745)
+    return np.interp(np.arange(len(sigmas)), middles, scales) if scales else np.ones(len(sigmas))
 
 
 def _peak(run: ReducedRun, left: FloatArray, grid: Grid) -> Peak | None:
