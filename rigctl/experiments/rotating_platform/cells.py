@@ -357,7 +357,7 @@ class _Cutter:
             for kind, where in enumerate((gap, saturated, astray)):
                 faults[:, number, kind] = where.reshape(periods, q).sum(axis=1)
         cos, sin = np.cos(theta_ahead[:length]), np.sin(theta_ahead[:length])
-        c_z, c_y = (_filled(row) for row in block[4:6])
+        c_z, c_y = (filled(row) for row in block[4:6])
         geometry = np.empty((count.size, len(GEOMETRY)))
         ramps = np.empty_like(geometry)
         for column, values in enumerate((cos, sin, c_z * cos, c_z * sin, c_y * cos, c_y * sin)):
@@ -453,7 +453,7 @@ def _held(moving: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray
     return np.nan_to_num(held, nan=1.0), np.nan_to_num(theta[before])
 
 
-def _filled(values: FloatArray) -> FloatArray:
+def filled(values: FloatArray) -> FloatArray:
     """What was commanded while samples were lost: straight lines between what is known; 0 where nothing is."""
     known = np.isfinite(values)
     if known.all() or not known.any():

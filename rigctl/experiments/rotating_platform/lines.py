@@ -18,7 +18,7 @@ from scipy import special, stats
 from scipy.ndimage import uniform_filter1d
 
 from rigctl.campaign.recording import KeepsReductions, RunSource
-from rigctl.experiments.rotating_platform.cells import Cells, Columns, Stream
+from rigctl.experiments.rotating_platform.cells import Cells, Columns, Stream, filled
 from rigctl.experiments.rotating_platform.recorded import CHANNELS, READINGS, Chains
 from rigctl.experiments.rotating_platform.reducer import usual_mask
 from rigctl.interfaces import FloatArray
@@ -31,7 +31,8 @@ _NOTCH = 0.8
 _BANDS, _FEWEST_IN_BAND = 24, 30
 _IMAGES, _IMAGE_WIDTH = 40, 3.0
 _AROUND, _FINER = 4, 8
-_INDEPENDENT = 1.8
+_COMMANDED = {"z": 4, "y": 5}
+_ROUNDING = 1e-24
 _SCAN, _PEAKS = "scan", "peaks"
 
 
@@ -93,7 +94,7 @@ def found_lines(found: Spectra, periods_s: Iterable[float], alpha: float = 0.01,
     frequency_hz = np.arange(bins) * scan.step_hz
     open_ = (count > 0.5) & (inverse > 0.0)
     log_p = np.where(open_, _log_tail(power, np.maximum(count, 0.5)), 0.0)
-    trials = float(open_.sum()) * min(1.0, _INDEPENDENT * 2.0 * scan.step_hz * scan.longest_s)
+    trials = float(open_.sum())
     tones = [1.0 / period_s for period_s in set(periods_s)]
     near_hz = _IMAGE_WIDTH / max(scan.shortest_s, 1.0)
     kept: list[FoundLine] = []
@@ -245,7 +246,7 @@ def _left(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> Iterator[_
         periods = stream.length // q
         if not periods or (stream.length < _SEGMENT and not last):
             continue
-        block = stream.block()[: len(CHANNELS), : periods * q]
+        block = stream.block()[:, : periods * q]
         left: dict[str, FloatArray] = {}
         usable = np.ones((len(CHANNELS), periods))
         for number, channel in enumerate(CHANNELS):
@@ -255,6 +256,12 @@ def _left(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> Iterator[_
             usable[number] = ~spoilt
             table = np.where(spoilt[:, None], 0.0, table)
             left[channel] = (table - (table @ basis.T) @ basis).ravel()
+            commanded = sign * filled(block[_COMMANDED[channel]]).reshape(periods, q)
+            commanded = np.where(spoilt[:, None], 0.0, commanded - (commanded @ basis.T) @ basis).ravel()
+            size = float(commanded @ commanded)
+            if size > _ROUNDING * periods * q:
+                # What an external signal bends within a period is no noise.
+                left[channel] = left[channel] - commanded * (float(commanded @ left[channel]) / size)
         whole = usable.min(axis=0)
         for channel in CHANNELS:
             left[channel] *= np.repeat(whole, q)
@@ -314,7 +321,7 @@ def _part(left: FloatArray, kept: float, cells: Cells) -> ScannedRun | None:
     use: FloatArray = np.asarray(seen & (apart_hz > _NOTCH / duration_s), dtype=np.float64)
     if use.sum() < 2 * _LEVEL_BINS:
         return None
-    slope = _slope(frequency, logs, use)
+    slope, use = _slope(frequency, logs, use)
     smooth = uniform_filter1d((logs - slope) * use, _LEVEL_BINS, mode="constant")
     share = uniform_filter1d(use, _LEVEL_BINS, mode="constant")
     inverse = np.exp(-slope - smooth / np.maximum(share, 1e-9)) * use
@@ -323,8 +330,8 @@ def _part(left: FloatArray, kept: float, cells: Cells) -> ScannedRun | None:
     return ScannedRun(step_hz, duration_s, rate_hz, np.stack([use, normal, logarithm, inverse]))
 
 
-def _slope(frequency: FloatArray, logs: FloatArray, use: FloatArray) -> FloatArray:
-    """The course of the logarithms over the frequency in broad bands, finer where it is steep: at the low end."""
+def _slope(frequency: FloatArray, logs: FloatArray, use: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The course of the logarithms over the frequency in broad bands, and what can be used: no band of few bins."""
     where = np.flatnonzero(use)
     at = np.log(frequency[where])
     edges = np.linspace(at[0], at[-1] + 1e-9, _BANDS + 1)
@@ -332,10 +339,12 @@ def _slope(frequency: FloatArray, logs: FloatArray, use: FloatArray) -> FloatArr
     count = np.bincount(band, minlength=_BANDS)
     full = count >= _FEWEST_IN_BAND
     if full.sum() < 2:
-        return np.full(frequency.size, float(logs[where].mean()))
+        return np.full(frequency.size, float(logs[where].mean())), use
     middle = np.bincount(band, at, _BANDS)[full] / count[full]
     mean = np.bincount(band, logs[where], _BANDS)[full] / count[full]
-    return np.asarray(np.interp(np.log(np.maximum(frequency, frequency[where[0]])), middle, mean))
+    course = np.interp(np.log(np.maximum(frequency, frequency[where[0]])), middle, mean)
+    seen = use * (np.log(np.maximum(frequency, frequency[1])) >= middle[0])
+    return np.asarray(course), np.asarray(seen)
 
 
 def _peak(parts: Sequence[ScannedRun]) -> float:
@@ -343,7 +352,7 @@ def _peak(parts: Sequence[ScannedRun]) -> float:
     log_p, trials = 0.0, 0.0
     for part in parts:
         use, power = part.sums[0], part.sums[1]
-        trials += _INDEPENDENT * float(use.sum()) * part.step_hz * part.duration_s * 2.0
+        trials += float(use.sum())
         log_p = min(log_p, -float(power.max()))
     if not trials:
         return 0.0

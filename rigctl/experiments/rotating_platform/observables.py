@@ -41,6 +41,7 @@ SERIES = tuple(
 )
 
 _STRETCHES = 4
+_REWEIGHTED = 5
 _KNOWN_DOF = 1e6
 
 
@@ -206,16 +207,17 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     given = reducer.series(reducer.readings()[:, None])[:, :, 0]
     design = reducer.series(reducer.of(columns, whole))
     seen = np.isfinite(given)
-    scale = np.nanstd(given, axis=1, keepdims=True)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    matrix = (design / scale[:, :, None])[seen]
-    size = np.linalg.norm(matrix, axis=0)
-    matrix = matrix / np.where(size > 0.0, size, 1.0)
-    values = (given / scale)[seen]
-    found, *_ = np.linalg.lstsq(matrix, values, rcond=1e-9)
-    left = np.zeros_like(given)
-    left[seen] = values - matrix @ found
-    left *= scale
+    size = np.linalg.norm(design[seen], axis=0)
+    design = design / np.where(size > 0.0, size, 1.0)
+    left = given
+    # An output in which an external signal is large must not count by its size: by what is left of it.
+    for _ in range(_REWEIGHTED):
+        scale = np.nanstd(left, axis=1, keepdims=True)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        matrix = (design / scale[:, :, None])[seen]
+        found, *_ = np.linalg.lstsq(matrix, (given / scale)[seen], rcond=1e-12)
+        left = given - design @ found
+    left = np.where(seen, left, 0.0)
     sigma, dof = reducer.bin_scatter()
     return likelihood(
         reducer.sampled,

@@ -13,7 +13,7 @@ from rigctl.experiments.rotating_platform.lines import Spectra, line_amplitudes,
 from rigctl.experiments.rotating_platform.recorded import MODULATED, Chains, chains, guard_of, lead_of
 from rigctl.signals.lines import FoundLine
 
-VERSION = 4
+VERSION = 7
 """Of what is kept: counted up whenever cells.py would give other numbers."""
 
 _REFUSED = b"!"
