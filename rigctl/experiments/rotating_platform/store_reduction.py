@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
 
 from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
 from rigctl.errors import DataError
 from rigctl.experiments.rotating_platform.cells import Cells, Columns, cells_of
 from rigctl.experiments.rotating_platform.lines import Spectra, line_amplitudes, refined, spectra, without_lines
-from rigctl.experiments.rotating_platform.recorded import MODULATED, Chains, chains, guard_of, lead_of
+from rigctl.experiments.rotating_platform.recorded import COMMANDS, MODULATED, Chains, chains, guard_of, lead_of
+from rigctl.interfaces import FloatArray
 from rigctl.signals.lines import FoundLine
 
 VERSION = 7
@@ -99,14 +103,38 @@ def chunks_of(source: RunSource, run_id: str) -> Iterable[Columns]:
     return source.sample_chunks(run_id) if isinstance(source, InChunks) else [source.samples(run_id)]
 
 
+def _commanded(chunks: Iterable[Columns], conditions: Mapping[str, Any]) -> Iterator[Columns]:
+    """The chunks, with the command as runs.csv tells it where the samples do not: level, sine or triangle."""
+    level = conditions.get("v_z_v", 0.0)
+    volts = float(level) if isinstance(level, int | float) and math.isfinite(level) else 0.0
+    period_s = float(conditions.get("external_period_s", math.nan))
+    begins_s: float | None = None
+    for chunk in chunks:
+        if COMMANDS["z"] in chunk or not chunk["t_s"].size:
+            yield chunk
+            continue
+        begins_s = float(chunk["t_s"][0]) if begins_s is None else begins_s
+        turns = (chunk["t_s"] - begins_s) / period_s
+        yield {**chunk, COMMANDS["z"]: volts * _course(str(conditions.get("external")), turns)}
+
+
+def _course(external: str, turns: FloatArray) -> FloatArray:
+    """An external signal of amplitude 1, by turns of it since it began."""
+    if external == "sine":
+        return np.asarray(np.sin(2.0 * np.pi * turns))
+    if external == "triangle":
+        return np.asarray(4.0 * np.abs((turns - 0.25) % 1.0 - 0.5) - 1.0)
+    return np.ones(turns.size)
+
+
 def samples_of(source: RunSource, run: PlatformRun, lines_hz: Sequence[float]) -> Iterator[Columns]:
     """A run's samples in pieces, lines taken off; nothing is read before the first is asked for."""
     if not lines_hz:
-        yield from chunks_of(source, run.run_id)
+        yield from _commanded(chunks_of(source, run.run_id), run.conditions)
         return
     believed = chains(source.header)
-    sizes = line_amplitudes(chunks_of(source, run.run_id), believed, run.cells, lines_hz)
-    yield from without_lines(chunks_of(source, run.run_id), believed, lines_hz, sizes)
+    sizes = line_amplitudes(samples_of(source, run, ()), believed, run.cells, lines_hz)
+    yield from without_lines(samples_of(source, run, ()), believed, lines_hz, sizes)
 
 
 def scan(source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[float]) -> Spectra:
@@ -139,7 +167,7 @@ def _reduced(source: RunSource, record: RunRecord, believed: Chains, lines_hz: S
         )
 
     try:
-        found = cells(chunks_of(source, record.run_id))
+        found = cells(_commanded(chunks_of(source, record.run_id), given))
         if lines_hz:
             found = cells(samples_of(source, PlatformRun(record.run_id, given, found), lines_hz))
         return found.to_bytes()

@@ -158,6 +158,18 @@ def test_a_run_without_a_whole_period_is_left_out_with_a_sentence() -> None:
     }
 
 
+def test_commands_that_were_not_sampled_are_those_of_the_table() -> None:
+    def bare(_: int, samples: Columns) -> Columns:
+        return {name: values for name, values in samples.items() if not name.startswith("dm1")}
+
+    sine = SampledRun("a", 300.0, 24, v_z_v=1.0, external="sine", external_period_s=3600.0)
+    runs = [sine, SampledRun("c", 60.0, 12), SampledRun("c", 60.0, 12, v_z_v=1.0)]
+    with_them, without = result(runs), result(runs, bare)
+    for given, taken in zip(with_them.as_json()["runs"], without.as_json()["runs"], strict=True):
+        assert taken["accel_z_m_s2"]["value"] == given["accel_z_m_s2"]["value"]
+    assert without.tilt_gain.value == pytest.approx(with_them.tilt_gain.value, abs=1e-4)
+
+
 def test_a_scan_gives_the_axes() -> None:
     angles = tuple(float(angle) for angle in range(0, 360, 30))
     nature = PlatformSettings.model_validate(
