@@ -13,6 +13,7 @@ from itertools import zip_longest
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from procedures import time_table
 from procedures.live_estimate import LiveEstimate
@@ -187,7 +188,7 @@ def _record(session: Session, bench: PlatformBench, recording: Recording, estima
     session.acquire(recording.key, recording.conditions, measure)
 
 
-def _nobody(rows: FloatArray, moving: FloatArray) -> None:
+def _nobody(rows: FloatArray, sign: NDArray[np.int8]) -> None:
     """Nothing is estimated without a pattern."""
 
 

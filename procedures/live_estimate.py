@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.campaign.session import Session
 from rigctl.experiments.rotating_platform.demodulation import Demodulator, PeriodSums
@@ -20,7 +21,8 @@ PERIOD = "period"
 class LiveEstimate:
     """Takes a run's rows as they come; each period that is complete is told, and kept as an event.
 
-    Columns are z and y; `gains` their volts per m/s2. Samples taken while the platform was late count as missing.
+    Columns are z and y; `gains` their volts per m/s2. Samples taken while the platform was not where the
+    table has it count as missing.
     """
 
     def __init__(
@@ -38,12 +40,12 @@ class LiveEstimate:
         self._done = 0
         self._periods = periods
 
-    def __call__(self, rows: FloatArray, moving: FloatArray) -> None:
-        """The next rows of the run, shape (n, 2), and whether the platform moved, shape (n,)."""
+    def __call__(self, rows: FloatArray, sign: NDArray[np.int8]) -> None:
+        """The next rows of the run, shape (n, 2), and cos(theta) of each as it was, 0 in motion, shape (n,)."""
         place = np.arange(self._taken, self._taken + len(rows)) % self._sampled.samples
-        late = (moving != 0.0) & (self._sampled.sign[place] != 0)
+        wanted = self._sampled.sign[place]
         self._taken += len(rows)
-        self._tell(self._stream.feed([rows[:, 0], rows[:, 1]], off_stop=late))
+        self._tell(self._stream.feed([rows[:, 0], rows[:, 1]], off_stop=(wanted != 0) & (sign != wanted)))
 
     def _tell(self, sums: PeriodSums) -> None:
         found = estimates(self._sampled, sums, self._estimator)

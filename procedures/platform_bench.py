@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from procedures.course import Course, Leg
 from procedures.stream import Block, FollowingMeter, PacingMeter, Stream
@@ -15,6 +18,7 @@ from procedures.time_table import EARLY_S, Motion, TimeTable, shortest_turn_s
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.clock import Clock
+from rigctl.errors import InstrumentError, LinkError, RigError
 from rigctl.interfaces import FloatArray, Started, Thermometer, TimedRotationStage, VoltageSource, Waveform
 
 FETCH_S, FETCH_ROWS = 60.0, 10_000
@@ -29,8 +33,8 @@ THERMOMETER_S = 3.0
 
 TILT_Y, TILT_Z = "dm1_y_v", "dm1_z_v"
 
-Watch = Callable[[FloatArray, FloatArray], None]
-"""Is given every stretch of rows, shape (n, 2), and whether the platform moved, shape (n,)."""
+Watch = Callable[[FloatArray, NDArray[np.int8]], None]
+"""Is given every stretch of rows, shape (n, 2), and cos(theta) of each where the platform was at rest, else 0."""
 
 
 class TiltSource(VoltageSource, Protocol):
@@ -95,10 +99,6 @@ class PlatformBench:
         session.wait_s(self.settle_s)
         return _Recording(session, self, writer, wanted, started, watch).made()
 
-    def temperature_c(self) -> float:
-        """Now [degC]; NaN without a thermometer."""
-        return self.thermometer.temperature().value if self.thermometer is not None else math.nan
-
 
 class _Recording:
     """One run under way. Times are from its beginning, half a sample before its first."""
@@ -131,11 +131,13 @@ class _Recording:
 
     def made(self) -> dict[str, Any]:
         """The whole recording."""
-        self._temperatures_c.append(self._bench.temperature_c())
+        self._temperatures_c.append(self._temperature_c())
         self._stream.begin()
-        for motion in self._wanted.table.motions:
+        for motion, after in zip_longest(self._wanted.table.motions, self._wanted.table.motions[1:]):
             self._wait_until(motion.start_s)
-            self._turn(motion)
+            # After a meter's long silence the turns of that time are not made up for.
+            if after is None or self._now_s() < after.start_s:
+                self._turn(motion)
         self._wait_until(self._wanted.table.duration_s)
         while not self._stream.finished:
             self._fetch()
@@ -147,7 +149,7 @@ class _Recording:
         lost = self._stream.lost
         found: dict[str, Any] = {
             "start_s": self._rig_time_s(0.5 * self._period_s),
-            "temperature_c": float(np.mean(self._temperatures_c)),
+            "temperature_c": _mean(self._temperatures_c),
         }
         driven = self._started.waveforms.get(TILT_Z)
         if driven is not None and driven.shape != "constant":
@@ -180,8 +182,22 @@ class _Recording:
 
     def _feel(self) -> None:
         """One more temperature."""
-        self._temperatures_c.append(self._bench.temperature_c())
+        self._temperatures_c.append(self._temperature_c())
         self._felt_s = self._now_s()
+
+    def _temperature_c(self) -> float:
+        """Now; NaN from a thermometer that fails, for which no run is given up."""
+        thermometer = self._bench.thermometer
+        if thermometer is None:
+            return math.nan
+        try:
+            return thermometer.temperature().value
+        except (InstrumentError, LinkError) as error:
+            self._session.event("temperature-missed", error=str(error))
+            with suppress(RigError):
+                thermometer.close()
+                thermometer.open()
+            return math.nan
 
     def _fetch(self) -> None:
         for block in self._stream.fetch():
@@ -196,22 +212,22 @@ class _Recording:
             return
         index = np.arange(len(rows), dtype=np.float64) + (block.first + needless - self._run_up)
         times_s: FloatArray = (index + 0.5) * self._period_s + block.late_s
-        moving = self._course.moving(times_s).astype(np.float64)
+        moving, theta_deg = self._course.moving(times_s), self._course.theta_deg(times_s)
         elapsed_s = self._rig_time_s(0.0) + times_s - self._started.start_s
         tilt = {name: waveform.volts(elapsed_s) for name, waveform in self._started.waveforms.items()}
         self._writer.stream(
             {
                 "t_s": index * self._period_s,
-                "theta_deg": self._course.theta_deg(times_s),
+                "theta_deg": theta_deg,
                 self._bench.readout.channels()[0].name: rows[:, 0],
                 self._bench.voltmeter.channels()[0].name: rows[:, 1],
                 **tilt,
-                "moving": moving,
+                "moving": moving.astype(np.float64),
                 "temperature_c": np.full(len(rows), self._temperatures_c[-1]),
             }
         )
         self._course.forget(float(times_s[-1]))
-        self._watch(rows, moving)
+        self._watch(rows, np.where(moving, 0, np.rint(np.cos(np.deg2rad(theta_deg)))).astype(np.int8))
 
     def _now_s(self) -> float:
         return self._bench.clock.now_s() - self._rig_time_s(0.0)
@@ -219,3 +235,9 @@ class _Recording:
     def _rig_time_s(self, time_s: float) -> float:
         """Rig time of a time of the run."""
         return self._stream.begun_s + (self._run_up - 0.5) * self._period_s + time_s
+
+
+def _mean(values: Sequence[float]) -> float:
+    """Of the numbers among them; NaN without any."""
+    known = [value for value in values if math.isfinite(value)]
+    return float(np.mean(known)) if known else math.nan

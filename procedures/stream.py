@@ -20,9 +20,10 @@ from rigctl.campaign.session import Session
 from rigctl.errors import InstrumentError, LinkError, ProcedureError, RigError
 from rigctl.interfaces import FloatArray, Instrument, PacingRecorder, StreamedRecorder, Voltmeter
 
-FAILURES_IN_A_ROW = 3
 PREPARE_S = 0.05
 """Setting up the pacing meter for a record that begins at a given time."""
+RETRIES_S = (PREPARE_S, 1.0, 10.0, 60.0, 300.0)
+"""How long to wait before another record, after one failure in a row, after two ...: then the run is given up."""
 GRACE_S = 2.0
 """How long after its edge a sample may come."""
 LOOK_S = 0.01
@@ -149,18 +150,28 @@ class Stream:
         """After a record failed: what one meter alone had, and another record."""
         self._give_unpaired()
         while True:
-            self._failures += 1
-            if self._failures > FAILURES_IN_A_ROW:
-                raise ProcedureError(f"{self._failures} records in a row failed, the last one: {error}") from error
+            if self._failures >= len(RETRIES_S):
+                raise ProcedureError(
+                    f"{self._failures + 1} records in a row failed, the last one: {error}"
+                ) from error
             self._session.event("record-lost", sample=self._next, error=str(error))
             for meter in (self._pacing, self._following):
                 with suppress(RigError):
                     meter.stop()
-            self._session.wait_s(PREPARE_S)
+            self._session.wait_s(RETRIES_S[self._failures])
+            self._failures += 1
             try:
+                if isinstance(error, LinkError):
+                    self._reconnect()
                 return self._go_on()
             except (InstrumentError, LinkError) as again:
                 error = again
+
+    def _reconnect(self) -> None:
+        """Nobody can tell whose line it was."""
+        for meter in (self._pacing, self._following):
+            meter.close()
+            meter.open()
 
     def _give_unpaired(self) -> None:
         a, b = self._waiting

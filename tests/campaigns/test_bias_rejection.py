@@ -359,6 +359,43 @@ def test_a_glitch_of_a_meter_costs_a_gap_that_is_told(
     )
 
 
+@pytest.mark.parametrize("fault", ["late = { nth = [20], delay_s = 30.0 }", "disconnect = { nth = [20] }"])
+@pytest.mark.parametrize("meter", ["q_a", "q_b"])
+def test_a_wire_that_breaks_costs_a_gap_that_is_told(tmp_path: Path, campaigns: Path, meter: str, fault: str) -> None:
+    (tmp_path / "campaign.toml").write_text(CUSTOM.replace("periods = 2", "periods = 8"))
+    text = (campaigns / RIG).read_text()
+    text = text.replace(f"[instruments.{meter}]", f"[instruments.{meter}.faults]\n{fault}\n\n[instruments.{meter}]")
+    rig, store = config.parse_rig(text, tmp_path / "rig.toml"), tmp_path / "x.rig.sqlite"
+    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    ((run, samples),) = runs_of(store)
+    lost = np.isnan(samples["q_a_v"]) | np.isnan(samples["q_b_v"])
+    assert run.reason == f"{lost.sum()} of 4800 samples were lost"
+    assert 0 < lost.sum() < 700
+    assert len(events_of(store, "record-lost")) == 1
+    told = events_of(store, "period")
+    missing = [each["samples_missing"] for each in told]
+    assert len(told) == 8
+    assert 0 < sum(each > 0 for each in missing) <= 3
+    sound = [each["accel_z_m_s2"] for each in told if not each["samples_missing"]]
+    assert sound == pytest.approx([2.8757e-4] * len(sound), abs=6.5 * SIGMA_PERIOD_M_S2)
+
+
+def test_a_thermometer_that_fails_costs_temperatures(tmp_path: Path, campaigns: Path) -> None:
+    (tmp_path / "campaign.toml").write_text(CUSTOM)
+    text = (campaigns / RIG).read_text()
+    text = text.replace(
+        "[instruments.thermometer]",
+        "[instruments.thermometer.faults]\nsilent = { after = 3 }\n\n[instruments.thermometer]",
+    )
+    rig, store = config.parse_rig(text, tmp_path / "rig.toml"), tmp_path / "x.rig.sqlite"
+    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    ((run, samples),) = runs_of(store)
+    assert run.valid
+    assert np.isfinite(samples["q_a_v"]).all()
+    assert np.isnan(samples["temperature_c"]).any()
+    assert events_of(store, "temperature-missed")
+
+
 def test_days_are_recorded_in_bounded_memory(made: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     largest = []
     stream = RunWriter.stream

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procedures.stream import Stream
+from procedures.stream import RETRIES_S, Stream
 from rigctl.errors import Aborted, InstrumentError, LinkLost, ProcedureError
 from rigctl.interfaces import FloatArray
 from simulators.clock import VirtualClock
@@ -53,6 +53,7 @@ class Meter:
         self.first_sample_after_s = DELAY_S
         self.starts = 0
         self.refuses: Exception | None = None
+        self.opened, self.dead_until_s = 0, 0.0
 
     def longest_record(self, period_s: float) -> int:
         return self._longest
@@ -76,6 +77,14 @@ class Meter:
 
     def stop(self) -> None:
         self._on = False
+
+    def close(self) -> None:
+        self._on = False
+
+    def open(self) -> None:
+        if self._hall.clock.now_s() < self.dead_until_s:
+            raise LinkLost(f"{self.name}: still no connection")
+        self.opened += 1
 
     def fetch(self) -> FloatArray:
         self._fetches += 1
@@ -161,14 +170,26 @@ def test_rows_that_one_meter_alone_has_are_kept() -> None:
 
 
 def test_a_meter_that_fails_again_and_again_ends_the_run_with_its_words() -> None:
-    hall, stream, a, _ = setting(600)
+    hall, stream, a, _ = setting(60_000)
     stream.begin()
     a._fails[1] = InstrumentError("a: broken")
     a.refuses = InstrumentError("a: still broken")
     hall.wait_s(3.0)
     with pytest.raises(ProcedureError, match="records in a row failed, the last one: a: still broken"):
         stream.fetch()
-    assert len(hall.of("record-lost")) == 3
+    assert len(hall.of("record-lost")) == len(RETRIES_S)
+    assert hall.clock.now_s() == pytest.approx(3.0 + sum(RETRIES_S), abs=1.0)
+
+
+def test_a_line_that_was_broken_is_connected_again() -> None:
+    hall, stream, _, b = setting(9000, b={4: LinkLost("b: no connection")})
+    b.dead_until_s = 60.0
+    rows = everything(hall, stream, 10.0)
+    lost = np.isnan(rows).any(axis=1)
+    assert 300 < lost.sum() < 1500
+    assert lost[lost.argmax() : lost.argmax() + lost.sum()].all(), "one gap"
+    assert b.opened == 1
+    assert len(hall.of("record-lost")) == 4
 
 
 def test_a_meter_that_stays_silent_is_started_anew() -> None:
