@@ -131,7 +131,7 @@ class MonteCarloWork:
         from rigctl.kinds.inflight_draws import ReducedUnit, draw_of, estimated
 
         scored = {int(document.data["draw"]) for document in session.store.documents(DRAW)}
-        step_s = self.ensemble.sample_period_s
+        step_s, orbit_s = self.ensemble.sample_period_s, self.flight.orbit_period_s
         by_session = {name: self._units(run, name) for run, name in enumerate(self.study.sessions, 1)}
         for place, unit in enumerate(next(iter(by_session.values())).values()):
             if scored.issuperset(unit.draws):
@@ -143,11 +143,8 @@ class MonteCarloWork:
                 reduced[name] = ReducedUnit.from_bytes(data)
             for draw in sorted(set(unit.draws) - scored):
                 session.checkpoint()
-                step_s, orbit_s = self.ensemble.sample_period_s, self.flight.orbit_period_s
-                found = draw_of(
-                    draw, estimated(draw, self.study, orbit_s, step_s, reduced), self.ensemble.truths(draw)
-                )
-                session.store.add_document(DRAW, found.as_json())
+                found = estimated(draw, self.study, orbit_s, step_s, reduced)
+                session.store.add_document(DRAW, draw_of(draw, found, self.ensemble.truths(draw)).as_json())
 
 
 def _awaited(session: Session, promise: Promise) -> bytes:

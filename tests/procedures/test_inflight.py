@@ -20,10 +20,11 @@ from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
-from rigctl.errors import Aborted, ConfigError, LimitError
+from rigctl.errors import Aborted, ConfigError, LimitError, LinkLost
 from rigctl.interfaces import DragFreeSatellite, FlightSession, Stimulus
 from rigctl.kinds.inflight_campaign import flight_of
 from rigctl.rig import Rig
+from rigctl.serving import Served
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 SHORT = Calibration(
@@ -182,6 +183,17 @@ def test_a_stimulus_without_a_whole_number_of_periods_is_remarked_on(launch: Cal
     (remark,) = check(orbit.flight, SHORT.model_copy(update={"common_hz": 3.1e-3}))
     assert remark.startswith("session ad11: 5.534 periods of the stimulus are no whole number")
     assert check(orbit.flight, SHORT) == []
+
+
+def test_a_satellite_is_not_served_and_says_who_it_is(launch: Callable[..., InOrbit]) -> None:
+    with pytest.raises(ConfigError, match="a drag-free-satellite has no wire that could be served"):
+        Served(config.read_rig(CAMPAIGNS / "microscope-rig.toml"))
+    orbit = launch()
+    orbit.rig.open()
+    assert orbit.rig.identities()["satellite"].model == "drag-free satellite"
+    orbit.rig.close()
+    with pytest.raises(LinkLost, match="not open"):
+        orbit.flight.satellite.fetch()
 
 
 def test_turn_and_displacement_have_limits_of_their_own(launch: Callable[..., InOrbit]) -> None:
