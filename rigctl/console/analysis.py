@@ -195,7 +195,8 @@ def compare_with(store: Path, other: Path, plugins: Plugins) -> Found:
 
     with Store.open(store) as here, Store.open(other) as there:
         found = Workbench(here, plugins).compare_with(Workbench(there, plugins)).as_json()
-    return {**found, "sentence": transfer_sentence(found), "store": str(other)}
+    told = {**found, "store": str(other)}
+    return {**told, "sentence": transfer_sentence(told)}
 
 
 def add(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Found]:

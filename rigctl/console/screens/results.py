@@ -196,14 +196,18 @@ def _numbers(found: Found) -> Iterator[tuple[Text, str, str, str]]:
 
 
 def _transfer(found: Found) -> RenderableType:
-    table = _table("Parameters", "parameter", "here", "there", "σ apart")
+    from rigctl.report.quantities import quantity
+
+    table = Table(
+        title="Parameters", title_justify="left", title_style="bold", box=None, padding=(0, 1), pad_edge=False
+    )
+    table.add_column("parameter", overflow="fold")
+    for name in ("here", "there", "unit", "σ apart"):
+        table.add_column(name, no_wrap=True, justify="right" if name == "σ apart" else "left")
     for name, pair in found["parameters"].items():
-        shown = (
-            f"{pair[side]['value']:.5g} ± {pair[side]['sigma']:.2g} {pair[side]['unit']}"
-            for side in ("here", "there")
-        )
+        here, there = (quantity(pair[side]["value"], pair[side]["sigma"]) for side in ("here", "there"))
         apart = pair["sigmas_apart"]
-        table.add_row(name[:24], *shown, "-" if apart is None else f"{apart:+.1f}")
+        table.add_row(Text(name), here, there, pair["here"]["unit"], "-" if apart is None else f"{apart:+.1f}")
     return Group(Text(f"with {found['store']}", style="dim"), Text(found["sentence"]), Text(), table)
 
 

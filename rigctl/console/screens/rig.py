@@ -185,7 +185,8 @@ class RigPane(Vertical):
             self._say("detail", Text(told))
             return
         limits = f"  limits {view.limits}  jog step {self.jog_step:g} {view.limits.unit}" if view.limits else ""
-        text = Text(f"{view.name}: {view.role}, {view.driver}, {view.address}{limits}", no_wrap=True)
+        who = f"  {view.identity}" if view.identity else ""
+        text = Text(f"{view.name}: {view.role}, {view.driver}, {view.address}{who}{limits}")
         if view.error:
             text = Text(f"✗ {view.error}", style="bold", no_wrap=False)
         self._say("detail", text)

@@ -61,12 +61,6 @@ class WorkbenchPane(Vertical):
             with TabPane("Next", id="tab-next"), VerticalScroll():
                 yield Static("n asks what to measure next.", id="next")
 
-    def on_mount(self) -> None:
-        """The ranking's columns."""
-        table = self.query_one(DataTable)
-        for name, width in (("effect", 27), ("p corr.", 8), ("size", 24), ("held out", 8)):
-            table.add_column(name, key=name, width=width)
-
     # What is shown
 
     def show_busy(self, what: str) -> None:
@@ -127,7 +121,9 @@ class WorkbenchPane(Vertical):
             told.append(f"\nunexplained: {found['unexplained']['description']}")
         self.query_one("#verdict", Static).update(told)
         table = self.query_one(DataTable)
-        table.clear()
+        table.clear(columns=True)
+        for name, width in zip(("effect", "p corr.", "size", "held out"), self._widths(), strict=True):
+            table.add_column(name, key=name, width=width)
         for rank in self._ranked:
             star = "*" if rank["effect"] in self._suggested else " "
             size = "; ".join(sizes(rank)) or "-"
@@ -140,6 +136,11 @@ class WorkbenchPane(Vertical):
         self._go("tab-ranking")
         self._show_rank(0)
         table.focus()
+
+    def _widths(self) -> tuple[int, int, int, int]:
+        """Of the ranking's columns: what 80 columns leave is little, so names and sizes get all there is beyond."""
+        more = max(self.size.width - 80, 0)
+        return 27 + more // 3, 8, 24 + more - more // 3, 8
 
     def show_history(self, rungs: Sequence[Found]) -> None:
         """`rigctl model history`."""
@@ -161,7 +162,8 @@ class WorkbenchPane(Vertical):
             if known:
                 x, y = (np.array([point[i] for point in known]) for i in (0, 1))
                 lines += [Line(x, np.log10(y), "", "", place), Line(x, np.log10(y), name, MARKS[place], place)]
-        picture = Picture("log error, 0 = noise", tuple(lines), "version", levels=((0.0, "noise"),))
+        versions = (rungs[0]["version"] - 0.5, rungs[-1]["version"] + 0.5) if rungs else None
+        picture = Picture("log error, 0 = noise", tuple(lines), "version", versions, levels=((0.0, "noise"),))
         self.query_one("#ladder-plot", Plot).show(picture)
 
     def show_next(self, found: Found) -> None:

@@ -17,14 +17,17 @@ if TYPE_CHECKING:
     from rigctl.console.widgets.braille import FloatArray
 
 MARKS = ("o", "x", "+", "#", "*", "@")
-COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
-"""Okabe and Ito's palette: each series also has a mark or a name of its own."""
+ON_DARK = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
+ON_LIGHT = ("#0072b2", "#b35900", "#00795a", "#a0527d", "#d55e00", "#2a7fb0")
+"""Okabe and Ito's palette, darker on white: each series also has a mark or a name of its own."""
 
-INKS = tuple(Style(color=colour) for colour in COLOURS)
+DARK, LIGHT = (tuple(Style(color=colour) for colour in colours) for colours in (ON_DARK, ON_LIGHT))
 PLAIN, BOLD, DIM = Style(), Style(bold=True), Style(dim=True)
 
 Row = tuple[tuple[str, Style], ...]
 """Pieces of text from left to right."""
+
+Palette = tuple[Style, ...]
 
 _LABEL_WIDTH = 8
 _FLAT = 1e-3
@@ -69,6 +72,7 @@ class _Sheet:
     """Characters and inks of the plot area; a cell without ink is blank."""
 
     area: _Area
+    palette: Palette
     cells: list[list[str]] = field(default_factory=list)
     inks: list[list[Style | None]] = field(default_factory=list)
 
@@ -117,7 +121,7 @@ class Plot(Widget):
         if self._drawn_for != self._looks:
             self.refresh()
             return
-        before, self._rows = self._rows, drawn(picture, *self.size)
+        before, self._rows = self._rows, drawn(picture, *self.size, self._palette)
         base = self.rich_style
         changed = [y for y, row in enumerate(self._rows) if row != before[y]]
         for y in changed:
@@ -129,7 +133,7 @@ class Plot(Widget):
         """A line of the picture at the size the widget has."""
         if self._drawn_for != self._looks:
             self._drawn_for = self._looks
-            self._rows = drawn(self.picture, *self.size)
+            self._rows = drawn(self.picture, *self.size, self._palette)
             base = self.rich_style
             self._strips = [self._strip(row, base) for row in self._rows]
         return self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width, self.rich_style)
@@ -138,27 +142,31 @@ class Plot(Widget):
     def _looks(self) -> tuple[object, ...]:
         return self.size, self.app.theme
 
+    @property
+    def _palette(self) -> Palette:
+        return DARK if self.app.current_theme.dark else LIGHT
+
     def _strip(self, row: Row, base: Style) -> Strip:
         return Strip([Segment(text, base + ink) for text, ink in row]).adjust_cell_length(self.size.width, base)
 
 
-def drawn(picture: Picture, width: int, height: int) -> list[Row]:
+def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) -> list[Row]:
     """A picture as `height` rows, none wider than `width`."""
     if height < 1:
         return []
     lines = _with_values(picture.lines)
-    rows = height - 1 - (1 if picture.x_label or picture.x_range else 0)
+    heading = _heading(picture, lines, width, palette)[: 1 + height // 8]
+    rows = height - len(heading) - (1 if picture.x_label or picture.x_range else 0)
     columns = width - _LABEL_WIDTH - 1
     if rows < 1 or columns < 4:
         return [((picture.title[:width], PLAIN),)] + [()] * (height - 1)
-    heading = _heading(picture, lines, width)
     if not lines:
         told = f"{'':{_LABEL_WIDTH}} {picture.empty}"[:width]
-        return [heading, ((told, DIM),), *[()] * (height - 2)]
+        return [*heading, ((told, DIM),), *[()] * (height - len(heading) - 1)]
     area = _Area(
         columns, rows, _range(picture.x_range, [line.x for line in lines], _x_margin(lines)), _y_range(picture, lines)
     )
-    sheet = _Sheet(area)
+    sheet = _Sheet(area, palette)
     _draw_levels(sheet, picture.levels)
     for line in lines:
         _draw_line(sheet, line)
@@ -170,8 +178,8 @@ def drawn(picture: Picture, width: int, height: int) -> list[Row]:
         ((f"{labels.get(row, ''):>{_LABEL_WIDTH}}{'┤' if row in labels else '│'}", DIM), *sheet.row(row))
         for row in range(rows)
     ]
-    axis: list[Row] = [((_x_axis(picture, area), DIM),)] if height - 1 > rows else []
-    return [heading, *plotted, *axis]
+    axis: list[Row] = [((_x_axis(picture, area), DIM),)] if height - len(heading) > rows else []
+    return [*heading, *plotted, *axis]
 
 
 def _with_values(lines: Sequence[Line]) -> list[Line]:
@@ -182,18 +190,24 @@ def _with_values(lines: Sequence[Line]) -> list[Line]:
     return [line for line in lines if np.isfinite(line.y).any()]
 
 
-def _heading(picture: Picture, lines: Sequence[Line], width: int) -> Row:
-    pieces, room = [(picture.title[:width], BOLD)], width - len(picture.title)
-    for line in lines:
-        told = f"  {line.mark or '─'} {line.name}" if line.name else ""
-        if told and room > 0:
-            pieces.append((told[:room], _ink(line)))
-            room -= len(told)
-    return tuple(pieces)
+def _heading(picture: Picture, lines: Sequence[Line], width: int, palette: Palette) -> list[Row]:
+    """Title and legend, in more than one row where they are long."""
+    named = [line for line in lines if line.name]
+    long = len(picture.title) + sum(len(line.name) + 4 for line in named) > width
+    rows: list[Row] = [((picture.title[:width], BOLD),)]
+    room = width - len(picture.title)
+    for line in named:
+        told = f"{' ' if long else '  '}{line.mark or '─'} {line.name}"
+        if len(told) > room and room < width:
+            rows.append(())
+            room = width
+        rows[-1] = (*rows[-1], (told[:room], _ink(line, palette)))
+        room -= len(told)
+    return rows
 
 
-def _ink(line: Line) -> Style:
-    return INKS[line.colour % len(INKS)]
+def _ink(line: Line, palette: Palette) -> Style:
+    return palette[line.colour % len(palette)]
 
 
 def _range(given: tuple[float, float] | None, values: Sequence[FloatArray], margin: float) -> tuple[float, float]:
@@ -253,7 +267,7 @@ def _draw_line(sheet: _Sheet, line: Line) -> None:
     at = joined(scaled(x, *area.x, 2 * area.width), scaled(y, *area.y, 4 * area.height))
     points = dotted(*at, area.width, area.height)
     rows, columns = np.nonzero(points)
-    ink = _ink(line)
+    ink = _ink(line, sheet.palette)
     for row, column, dots in zip(rows.tolist(), columns.tolist(), points[rows, columns].tolist(), strict=True):
         sheet.cells[row][column] = chr(BLANK + dots)
         sheet.inks[row][column] = ink
@@ -268,7 +282,7 @@ def _draw_marks(sheet: _Sheet, line: Line) -> None:
     columns = scaled(line.x, *area.x, area.width)
     for column, value in zip(columns, line.y, strict=True):
         if math.isfinite(column) and math.isfinite(value):
-            sheet.put(_row(float(value), area), round(float(column)), line.mark, _ink(line))
+            sheet.put(_row(float(value), area), round(float(column)), line.mark, _ink(line, sheet.palette))
 
 
 def _labels(area: _Area) -> dict[int, str]:
