@@ -13,9 +13,9 @@ from procedures.tables import Procedure
 from rigctl import config
 from rigctl.campaign.parts import parts_of
 from rigctl.campaign.store import Store
-from rigctl.effects.catalogue import catalogue
 from rigctl.errors import ConfigError, DataError, LimitError
-from rigctl.kinds.sensing_axis import bench_of
+from rigctl.kinds import kind_of
+from rigctl.kinds.sensing_axis import bench_of, place_of, scan_of
 from rigctl.origin import rig_file_of
 from rigctl.rig import Rig
 from rigctl.workbench.recommend import Allowed
@@ -30,7 +30,7 @@ def allowed_by(store: Store) -> Allowed | None:
     if store.header.experiment != RUNNABLE or store.header.rig_toml is None or store.header.campaign_toml is None:
         return None
     procedure = _procedure(config.parse_campaign(store.header.campaign_toml, store.path))
-    axis, configuration = _place(store)
+    axis, configuration = place_of(store)
     return within(rig_file_of(store), procedure, axis, configuration)
 
 
@@ -47,25 +47,19 @@ def within(rig_file: config.RigFile, procedure: Procedure, axis: str, configurat
 def require_rig(store: Store) -> str:
     """The campaign that made a store; `DataError` where no rig of ours did, and so none could go on."""
     text = store.header.campaign_toml
-    if store.header.experiment != RUNNABLE or text is None:
+    if text is None:
         raise DataError(f"{store.path}: no rig of ours measured it: leave out --write and take the values shown")
     return text
 
 
 def campaign_text(store: Store, runs: Sequence[Proposal], title: str, path: Path, effects: Sequence[str]) -> str:
-    """A campaign file for these runs in the mounting of a store; `path` is where it will stand."""
+    """A campaign file for these runs, on the rig of a store; `path` is where it will stand.
+
+    Effects of files of one's own are named too: the file has to be passed when the campaign is run.
+    """
     campaign = config.parse_campaign(require_rig(store), store.path)
-    axis, configuration = _place(store)
-    known = set(catalogue(RUNNABLE))
-    return scan_text(
-        title,
-        _rig_seen_from(path, store, campaign.rig),
-        axis,
-        configuration,
-        runs,
-        [effect for effect in effects if effect in known],
-        _procedure(campaign),
-    )
+    procedure = kind_of(campaign.experiment, store.path).further(store, runs, campaign)
+    return text_of(campaign.experiment, title, _rig_seen_from(path, store, campaign.rig), procedure, effects)
 
 
 def scan_text(
@@ -78,28 +72,22 @@ def scan_text(
     like: Procedure,
 ) -> str:
     """A scan given as a list of runs, in its order; amplitudes and rates as in `like` where runs do not say."""
-    lines = [
-        f'experiment = "{RUNNABLE}"',
-        f"title = {_toml(title)}",
-        f"rig = {_toml(rig)}",
-        "",
-        "[procedure]",
-        'name = "scan"',
-        f"axes = [{_toml(axis)}]",
-        f"configurations = [{_toml(configuration)}]",
-        'mounting = "kept"',
-        'order = "as-listed"',
-        f"amplitude_mm = {_toml(like.amplitude_mm)}",
-        f"sample_rate_hz = {_toml(like.sample_rate_hz)}",
-    ]
-    for run in runs:
-        lines += ["", "[[procedure.runs]]"]
-        lines += [f"{name} = {_toml(value)}" for name, value in run.settings.items() if name in _OF_A_RUN]
-    lines += ["", "[model]", f"effects = [{', '.join(_toml(effect) for effect in effects)}]", ""]
+    return text_of(RUNNABLE, title, rig, scan_of(axis, configuration, runs, like), effects)
+
+
+def text_of(experiment: str, title: str, rig: str, procedure: Mapping[str, Any], effects: Sequence[str]) -> str:
+    """A campaign file; entries of `procedure` that are lists of tables come last, as such."""
+    lines = [f"experiment = {_toml(experiment)}", f"title = {_toml(title)}", f"rig = {_toml(rig)}", "", "[procedure]"]
+    lines += [f"{name} = {_toml(value)}" for name, value in procedure.items() if not _tables(value)]
+    for name, value in procedure.items():
+        for table in value if _tables(value) else ():
+            lines += ["", f"[[procedure.{name}]]", *(f"{key} = {_toml(each)}" for key, each in table.items())]
+    lines += ["", "[model]", f"effects = {_toml(list(effects))}", ""]
     return "\n".join(lines)
 
 
-_OF_A_RUN = ("angle_deg", "frequency_hz", "amplitude_mm", "approach", "dwell_s", "temperature_c")
+def _tables(value: Any) -> bool:
+    return isinstance(value, list | tuple) and bool(value) and isinstance(value[0], Mapping)
 
 
 _NOWHERE = "tcp://127.0.0.1:9"
@@ -111,14 +99,6 @@ def _toml(value: Any) -> str:
 
 def _procedure(campaign: config.CampaignFile) -> Procedure:
     return config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
-
-
-def _place(store: Store) -> tuple[str, str]:
-    """Axis and configuration that are mounted."""
-    runs = store.runs()
-    if not runs:
-        raise DataError(f"{store.path} has no runs yet; nothing can be said of the next one")
-    return str(runs[-1].conditions["axis"]), str(runs[-1].conditions["configuration"])
 
 
 def _set_point(settings: Mapping[str, Any], procedure: Procedure, axis: str, configuration: str) -> SetPoint:

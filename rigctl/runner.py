@@ -22,6 +22,7 @@ from rigctl.campaign.questions import Questions
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
+from rigctl.effects.catalogue import chosen
 from rigctl.effects.plugins import Plugin, load
 from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
 from rigctl.kinds import Plan, Work, kind_of
@@ -146,6 +147,11 @@ def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile, plugins: Se
 
 
 def _plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
+    brought = [effect for plugin in plugins for effect in plugin.effects.values()]
+    try:
+        chosen(campaign.experiment, campaign.model.effects, brought)
+    except ConfigError as error:
+        raise ConfigError(f"{campaign.path}: model.effects: {error}") from None
     return kind_of(campaign.experiment, campaign.path).plan(campaign, part, plugins)
 
 

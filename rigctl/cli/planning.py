@@ -41,7 +41,10 @@ def next_(
         return
     print_recommendation(found.as_json())
     if write is not None:
-        say(f"written: {write}; measure it with `rigctl run {write} --store {store}`")
+        own = "".join(f" --plugin {path}" for path in plugin or ())
+        goes_on = 'mounting = "kept"' in text
+        into = store if goes_on else write.with_suffix(".rig.sqlite")
+        say(f"written: {write}; measure it with `rigctl run {write} --store {into}{own}`")
 
 
 @app.command()

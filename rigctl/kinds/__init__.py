@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rigctl.report.result_table import ResultTable
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
-    from rigctl.workbench.study import Study
+    from rigctl.workbench.study import Proposal, Study
 
 
 class Work(Protocol):
@@ -86,6 +86,10 @@ class Kind(Protocol):
 
     def channels(self, rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInfo]]:
         """The columns that runs will have, and what is known of laser heads."""
+        ...
+
+    def further(self, store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> Mapping[str, Any]:
+        """The `[procedure]` table of a campaign that makes proposed runs, otherwise like the store's own."""
         ...
 
     def study(self, store: Store, plugins: Sequence[Plugin]) -> Study:

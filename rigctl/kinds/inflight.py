@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rigctl.report.figure_data import Plate
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.study import Proposal
 
 
 def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
@@ -38,6 +39,12 @@ def mounted(store: Store) -> Sequence[tuple[str, str, int]]:
 def channels(rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInfo]]:
     """The columns of telemetry."""
     return inflight_campaign.channels(rig), {}
+
+
+def further(store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> Mapping[str, Any]:
+    """These sessions once more, with the stimulus they had."""
+    del store
+    return {**campaign.procedure, "sessions": list(dict.fromkeys(str(run.settings["session"]) for run in runs))}
 
 
 def study(store: Store, plugins: Sequence[Plugin]) -> InflightStudy:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.study import Proposal
 
 Q_A, Q_B = "q_a_v", "q_b_v"
 
@@ -151,6 +152,12 @@ def channels(rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInf
     # What the source may give at most is no full scale: at its limit it is not saturated.
     commands = (c for instrument in rig.by_role("source") for c in instrument.channels())
     return found | {c.name: ChannelInfo(c.unit, "command", latency_s=c.latency_s) for c in commands}, {}
+
+
+def further(store: Store, runs: Sequence[Proposal], campaign: config.CampaignFile) -> Mapping[str, Any]:
+    """These recordings, rotations and guards as in the campaign there was."""
+    del store
+    return {**campaign.procedure, "runs": [dict(run.settings) for run in runs]}
 
 
 def study(store: Store, plugins: Sequence[Plugin]) -> PlatformStudy:

@@ -194,6 +194,37 @@ def channels(rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInf
     return found, {name: LaserInfo(tilt_deg=head.tilt_deg) for name, head in rig.file.lasers.items()}
 
 
+def further(store: Store, runs: Sequence[Proposal], campaign: config.CampaignFile) -> Mapping[str, Any]:
+    """A scan of these set-points in the mounting that is there."""
+    like = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
+    return scan_of(*place_of(store), runs, like)
+
+
+def scan_of(axis: str, configuration: str, runs: Sequence[Proposal], like: Procedure) -> dict[str, Any]:
+    """The `[procedure]` table of a scan given as a list of runs, in its order."""
+    return {
+        "name": "scan",
+        "axes": [axis],
+        "configurations": [configuration],
+        "mounting": "kept",
+        "order": "as-listed",
+        "amplitude_mm": like.amplitude_mm,
+        "sample_rate_hz": like.sample_rate_hz,
+        "runs": [{key: run.settings[key] for key in run.settings if key in _OF_A_RUN} for run in runs],
+    }
+
+
+_OF_A_RUN = ("angle_deg", "frequency_hz", "amplitude_mm", "approach", "dwell_s", "temperature_c")
+
+
+def place_of(store: Store) -> tuple[str, str]:
+    """Axis and configuration that are mounted; `DataError` before any run."""
+    runs = store.runs()
+    if not runs:
+        raise DataError(f"{store.path} has no runs yet; nothing can be said of the next one")
+    return str(runs[-1].conditions["axis"]), str(runs[-1].conditions["configuration"])
+
+
 def study(store: Store, plugins: Sequence[Plugin]) -> SensingAxisStudy:
     """A store's runs as the workbench sees them."""
     return SensingAxisStudy(store, plugins)

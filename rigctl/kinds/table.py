@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.study import Proposal
 
 
 def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
@@ -36,6 +37,12 @@ def channels(rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInf
     """No rig measures a table."""
     del rig
     return {}, {}
+
+
+def further(store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> Mapping[str, Any]:
+    """No rig of ours takes readings: `ConfigError`."""
+    del runs
+    raise ConfigError(f"{store.path}: {campaign.path}: tables are imported, not measured")
 
 
 def study(store: Store, plugins: Sequence[Plugin]) -> TableStudy:

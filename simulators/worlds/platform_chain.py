@@ -85,7 +85,7 @@ class ChainRecord:
         self._ringing = RingingFilter(cutoff_hz, turntable, self._inertial) if cutoff_hz else None
 
     def output_v(self, times_s: FloatArray, flipped: int = 0) -> FloatArray:
-        """What is read [V]; with `flipped` +1 or -1 the sensor feels g alone, and is read past amplifier and converter.
+        """What is read [V]; with `flipped` +1 or -1 the sensor feels g alone, read past amplifier and converter.
 
         Without the amplifier's noise the converter's steps, of a few times the bias, would be all there is to see.
         """
