@@ -43,7 +43,7 @@ displacement_hz = 3.0812324929971988e-3
 quadratic_hz = 8.963585434173669e-3
 workers = WORKERS
 """
-QUICK = "seed = 1707\nsettle_s = 2000.0\nnoise_on = false"
+QUICK = "seed = 1707\nsettle_s = 3000.0\nsample_period_s = 1.0\nnoise_on = false"
 WITHIN = {"m": 2e-8, "rad": 3e-5, "1": 2e-6, "s2/m": 30.0}
 """Of exact truth, without noise, in three orbits; ten do better."""
 

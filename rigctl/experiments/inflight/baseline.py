@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.experiments.inflight.parameters import NAMES, UNITS, of_masses
-from rigctl.experiments.inflight.series import INDEX, SERIES, Amplitudes
+from rigctl.experiments.inflight.series import INDEX, SERIES, Amplitudes, straightened
 from rigctl.experiments.inflight.sessions import QUADRATIC, STIMULUS, Line, Session, moved_axis
 from rigctl.experiments.inflight.weights import ComplexArray
 from rigctl.fitting.least_squares import Parameter, Prior
@@ -148,7 +148,9 @@ class Baseline:
             *(Parameter(f"gain[{run_id}]", GAIN[0], prior=Prior(*GAIN)) for run_id in gains),
         )
         self.units = (*UNITS, *_NUISANCE_UNITS, *("1" for _ in gains))
-        self._tables = [each.amplitudes.table[each.compared] for each in self.stretches]
+        self._tables = [
+            straightened(each.session, each.lines, each.amplitudes).table[each.compared] for each in self.stretches
+        ]
 
     def observed(self) -> FloatArray:
         """What was measured, shape (data,)."""

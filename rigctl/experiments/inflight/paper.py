@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.experiments.inflight.parameters import NAMES
-from rigctl.experiments.inflight.series import Amplitudes
+from rigctl.experiments.inflight.series import Amplitudes, straightened
 from rigctl.experiments.inflight.sessions import MASS_MOTION, Session
 from rigctl.experiments.inflight.weights import ComplexArray
 from rigctl.interfaces import FloatArray
@@ -86,7 +86,7 @@ def _equation(place: int, a: FloatArray, run: FittedRun) -> tuple[ComplexArray, 
     """Corrected complex amplitudes y and the regressor's, at the parameter's own lines."""
     name = _ROWS[place]
     own = slice(0, 2 if name in MASS_MOTION else 1)
-    table = run.amplitudes
+    table = straightened(run.session, run.session.fitted_lines(), run.amplitudes)
     linear, rest = _terms(table)
     if name in _QUADRATIC:
         moving, fixed, sign = _QUADRATIC[name]

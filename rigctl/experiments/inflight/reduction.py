@@ -26,7 +26,7 @@ from rigctl.experiments.inflight.sessions import (
 from rigctl.experiments.inflight.weights import level_weights, weights
 from rigctl.interfaces import FloatArray
 
-VERSION = 5
+VERSION = 6
 """Of what is kept: counted up whenever other numbers would come out."""
 
 HALVES = 2

@@ -6,25 +6,27 @@ are summed and turned into central ones afterwards.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.experiments.inflight.sessions import Session
+from rigctl.experiments.inflight.sessions import STIMULUS, Line, Session
 from rigctl.experiments.inflight.weights import ComplexArray
 from rigctl.interfaces import FloatArray
 
 MEASURED = ("m1_x", "m1_y", "m1_z", "m2_x", "m2_y", "m2_z")
 GRADIENTS = ("t_xx", "t_xz", "t_yy", "t_zz", "t_xy", "t_yz")
 ROTATION = ("dw_x", "dw_y", "dw_z")
-NEEDED = (*MEASURED, *GRADIENTS, *ROTATION)
+ATTITUDE = ("att_z",)
+NEEDED = (*MEASURED, *GRADIENTS, *ROTATION, *ATTITUDE)
 """Columns of a run that estimates use."""
 
 SERIES = (
     *("m1", "m2", "m1^2", "m2^2", "m1 m2", "m1^3", "m2^3", "y", "y^2", "z", "z^2"),
     *GRADIENTS,
     *ROTATION,
+    *ATTITUDE,
     *("moved", "moved t_xx", "moved t_xz", "moved t_zz"),
     *("own x", "own y", "own z"),
     *("force x", "force y", "force z"),
@@ -56,7 +58,7 @@ def raw_series(session: Session, t_s: FloatArray, columns: Mapping[str, FloatArr
     square_1, square_2 = m1 * m1, m2 * m2
     rows = (m1, m2, square_1, square_2, m1 * m2, square_1 * m1, square_2 * m2, y, y * y, z, z * z)
     made[: len(rows)] = rows
-    for name in (*GRADIENTS, *ROTATION):
+    for name in (*GRADIENTS, *ROTATION, *ATTITUDE):
         made[INDEX[name]] = columns[name]
     if session.moves_masses:
         moved = session.injected(t_s)
@@ -66,6 +68,26 @@ def raw_series(session: Session, t_s: FloatArray, columns: Mapping[str, FloatArr
         for axis in "xyz":
             made[INDEX[f"own {axis}"]] = columns[f"m1_{axis}"] - columns[f"m2_{axis}"]
     return made.T
+
+
+def straightened(session: Session, lines: Sequence[Line], found: Amplitudes) -> Amplitudes:
+    """With t_xy as the true attitude makes it at the stimulus of a turning session; other sessions as they are.
+
+    The injected angle is taken from the tracker, and the hybrid estimate has only what its low-pass lets through: at
+    the stimulus it is off by a hundredth. The measured angular acceleration, over -w^2, is not.
+    """
+    if session.name != "dy" or STIMULUS not in lines:
+        return found
+    place = lines.index(STIMULUS)
+    w = 2.0 * np.pi * session.frequency_hz
+    error = -found.of("dw_z")[place] / w**2 - found.of("att_z")[place]
+    table = found.table.copy()
+    # T_xy = alpha_z (T_yy - T_xx), and T_yy - T_xx = -1.5 n^2 (1 + cos 2 n t) but for the eccentricity.
+    steady = -1.5 * (2.0 * np.pi * session.orbital_hz) ** 2
+    for line, share in ((STIMULUS, 1.0), (Line(1, -2), 0.5), (Line(1, 2), 0.5)):
+        if line in lines:
+            table[lines.index(line), INDEX["t_xy"]] += share * steady * error
+    return Amplitudes(table, found.mean_square)
 
 
 class Sums:

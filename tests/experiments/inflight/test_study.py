@@ -226,6 +226,24 @@ def test_a_tracker_askew_does_what_the_effect_says(flight):
     assert moved == pytest.approx(predicted, abs=0.02 * np.abs(predicted).max())
 
 
+def test_an_attitude_that_the_hybrid_filter_misses_does_not_move_dy(flight):
+    def hybrid(name, columns, conditions):
+        if name != "dy":
+            return columns, conditions
+        seen = np.zeros((3, len(columns["t_s"])))
+        seen[2] = 0.99 * columns["att_z"]
+        t_seen = flight.gradient(columns["t_s"], seen)
+        missed = {
+            f"t_{a}{b}": t_seen["xyz".index(a), "xyz".index(b)] for a, b in ("xx", "xz", "yy", "zz", "xy", "yz")
+        }
+        return {**columns, **missed, "att_z": seen[2]}, conditions
+
+    study = InflightStudy(recording(flight, sky=flight.Sky(), spoil=hybrid))
+    found = calibration(study, fit(study, ()).as_json()["parameters"])["parameters"]["ac11_dy_m"]
+    assert found["value"] == pytest.approx(exact(flight)[1], abs=1.5e-9)
+    assert found["paper"]["value"] == pytest.approx(exact(flight)[1], abs=4e-9)
+
+
 def test_pulses_are_found_masked_and_no_longer_there(flight):
     rng = np.random.default_rng(3)
 
