@@ -88,11 +88,13 @@ def orbit_dating(run: FlightRun, delay: FloatArray) -> FloatArray:
 def orbit_precession(run: FlightRun, perigee_rate: FloatArray, eccentricity_rate: FloatArray) -> FloatArray:
     """Perigee and eccentricity move during a session: the phase of 2 f_orb drifts, the line at f_orb grows."""
     mean = run.orbital * run.t
-    turned = _turned(run.gradient, _TURN_Y)
-    return np.asarray(
-        perigee_rate * run.t * turned
-        + eccentricity_rate * run.t * (2.0 * np.sin(mean) * turned + 3.0 * np.cos(mean) * run.gradient)
-    )
+    # Over ten orbits the angle reaches hundredths: its square counts.
+    angle, none, one = perigee_rate * run.t, np.zeros_like(mean), np.ones_like(mean)
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, none, -s], [none, one, none], [s, none, c]])
+    precessed = np.einsum("ijn,jkn,lkn->iln", turn, run.gradient, turn) - run.gradient
+    grown = 2.0 * np.sin(mean) * _turned(run.gradient, _TURN_Y) + 3.0 * np.cos(mean) * run.gradient
+    return np.asarray(precessed + eccentricity_rate * run.t * grown)
 
 
 @effect(

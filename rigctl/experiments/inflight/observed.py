@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.experiments.inflight.baseline import Stretch, own_channel
+from rigctl.experiments.inflight.baseline import Stretch, own_channel, own_force
 from rigctl.experiments.inflight.joint import joint_estimate
 from rigctl.experiments.inflight.noise import RunNoise, run_noises
 from rigctl.experiments.inflight.paper import FittedRun
@@ -20,9 +20,9 @@ _FIRST = 4e-24
 """Densities to begin with, (m/s2)^2/Hz: only their ratio matters, once."""
 
 _LEAST_OWN = (1e-3, 2e-4)
-"""No moved mass's own channel counts as better known, as a part of its amplitude, in phase and in quadrature. Its
-gain is wanted for nothing else, and a prior of 1e-2 must not drown beside it; the two masses' gains differ by as
-much, so that a spring's loss, some hundredths of the amplitude, is seen to a hundredth."""
+"""No moved mass's own channel counts as better known, as a part of its amplitude or of the injected one, in phase
+and in quadrature. Its gain is wanted for nothing else, and a prior of 1e-2 must not drown beside it; the two masses'
+gains differ by as much, so that a spring's loss, some hundredths of the amplitude, is seen to a hundredth."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,8 @@ def _stretch(run: ReducedRun, half: ReducedStretch, noise: RunNoise) -> Stretch:
     own = (float("nan"), float("nan"))
     if run.session.moves_masses and STIMULUS in half.lines:
         place = half.lines.index(STIMULUS)
-        amplitude = abs(complex(half.amplitudes.table[place] @ own_channel(run.session)))
+        row = half.amplitudes.table[place]
+        amplitude = max(abs(complex(row @ each)) for each in (own_channel(run.session), own_force(run.session)))
         plain = float(np.sqrt(noise.own) * half.spread[place])
         own = (float(np.hypot(plain, _LEAST_OWN[0] * amplitude)), float(np.hypot(plain, _LEAST_OWN[1] * amplitude)))
     return Stretch(run.run_id, run.session, half.lines, half.amplitudes, sigma, own)
