@@ -232,7 +232,7 @@ class _Cutter:
         self._faults: list[IndexArray] = []
         self._periods, self._off_stop = 0, 0
         self._since, self._direction, self._stop_rad, self._beside = _FAR, 0.0, math.nan, _FAR
-        self._angle_rad = math.nan
+        self._angles_rad = np.zeros(0)
         self._turns: dict[int, tuple[FloatArray, int]] = {}
         self._turn_before = 0
 
@@ -354,6 +354,8 @@ class _Cutter:
             level = np.where(usable > 0.0, m, 0.0)
             for column, values in enumerate((usable, u * usable, u * u * usable, level, u * level)):
                 sums[:, number, column] = total(values)
+            # What saturates within a cell is what changes in it: its means would be of other samples.
+            sums[total(saturated.astype(np.float64)) > 0.0, number] = 0.0
             for kind, where in enumerate((gap, saturated, astray)):
                 faults[:, number, kind] = where.reshape(periods, q).sum(axis=1)
         cos, sin = np.cos(theta_ahead[:length]), np.sin(theta_ahead[:length])
@@ -391,10 +393,12 @@ class _Cutter:
 
     def _motion(self, theta: FloatArray, rests: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Angular rate and acceleration beside the turns; elsewhere none, whatever the encoder's last digit does."""
-        earlier = theta[0] if math.isnan(self._angle_rad) else self._angle_rad
-        course = np.concatenate([[earlier], theta, theta[-1:]])
-        speed = 0.5 * (course[2:] - course[:-2]) * self._rate_hz
-        turning = (course[2:] - 2.0 * course[1:-1] + course[:-2]) * self._rate_hz**2
+        earlier = self._angles_rad if self._angles_rad.size == 2 else np.full(2, theta[0])
+        course = np.concatenate([earlier, theta, np.full(2, theta[-1])])
+        far_back, back, here, on, far_on = (course[k : k + theta.size] for k in range(5))
+        # Five points: a turn of seconds at ten samples a second is too bent for three.
+        speed = (8.0 * (on - back) - (far_on - far_back)) * (self._rate_hz / 12.0)
+        turning = (16.0 * (on + back) - 30.0 * here - (far_on + far_back)) * (self._rate_hz**2 / 12.0)
         reach = round(BESIDE_S * self._rate_hz)
         index = np.arange(rests.size)
         last = np.maximum.accumulate(np.where(rests, -1 - min(self._beside, _FAR), index))
@@ -409,7 +413,7 @@ class _Cutter:
         self._since = int(min(since[last] + 1, 2 * _FAR)) if rests[last] else 0
         self._beside = self._since
         self._direction = float(direction[last])
-        self._angle_rad = float(theta[last])
+        self._angles_rad = theta[max(last - 1, 0) : last + 1].copy()
         resting = np.flatnonzero(rests[:length])
         if resting.size:
             self._stop_rad = float(theta[resting[-1]])

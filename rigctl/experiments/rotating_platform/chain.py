@@ -148,12 +148,17 @@ def _about_turns(cells: Cells, seen: Callable[[Motion, FloatArray], FloatArray])
 
 
 @lru_cache(maxsize=256)
+def _motion(turn: bytes, before: int, rate_hz: float) -> Motion:
+    return motion_of(np.frombuffer(turn), before, rate_hz)
+
+
+@lru_cache(maxsize=256)
 def _sums_after(turn: bytes, before: int, rate_hz: float, seen: Any) -> FloatArray | None:
     """Running sums over the samples after the mask's end, shape (2, samples + 1); None where nothing turned."""
     course: NDArray[np.float64] = np.frombuffer(turn)
     if not course.size or not np.any(course):
         return None
-    motion = motion_of(course, before, rate_hz)
+    motion = _motion(turn, before, rate_hz)
     samples = math.ceil(seen.lasts_s * rate_hz)
     values = seen(motion, (np.arange(samples) + 0.5) / rate_hz)
     return np.concatenate([np.zeros((2, 1)), np.cumsum(values, axis=1)], axis=1)

@@ -17,7 +17,7 @@ from rigctl.experiments.rotating_platform.recorded import COMMANDS, MODULATED, C
 from rigctl.interfaces import FloatArray
 from rigctl.signals.lines import FoundLine
 
-VERSION = 7
+VERSION = 9
 """Of what is kept: counted up whenever cells.py would give other numbers."""
 
 _REFUSED = b"!"
