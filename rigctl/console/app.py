@@ -174,6 +174,7 @@ class Console(App[None]):
         await asyncio.to_thread(_load_forms)
         self.kept.campaign = str(path.absolute())
         await self._panes.campaign.show_file(path, text)
+        self._tell_standing()
 
     def _beside(self, group: str, work: Coroutine[Any, Any, None]) -> None:
         self.run_worker(work, group=group, exclusive=group == "dry-run")
@@ -211,13 +212,14 @@ class Console(App[None]):
 
     def _tell_standing(self) -> None:
         view = self._view
-        names = [str(path) for path in (self._holding.rig, view.path if view else None) if path]
+        file = self._panes.campaign.file
+        names = [str(path) for path in (self._holding.rig, view.path if view else file) if path]
         campaign = ""
         if view is not None:
             done, planned = view.status.get("runs_done"), view.status.get("runs_planned")
             campaign = f"{view.state.upper()} {done}/{planned}"
         self._base.query_one(TopBar).standing = Standing(
-            " · ".join(names) or "no rig, no store", campaign, self._alarms, self.kept.bell
+            " · ".join(names) or "nothing is open", campaign, self._alarms, self.kept.bell
         )
 
     # What threads tell

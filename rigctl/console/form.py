@@ -206,7 +206,7 @@ def _comment(line: str) -> str:
 def plan_told(found: Mapping[str, Any]) -> str:
     """A dry run in words: what is known of every plan, then what its experiment says beyond."""
     mountings = list(found.get("mountings", ()))
-    seated = f" in {len(mountings)} mountings" if mountings else ""
+    seated = f" in {len(mountings)} mounting{'s' if len(mountings) > 1 else ''}" if mountings else ""
     lines = [f"{found['experiment']}, {found['procedure']}: {found['runs_planned']} runs{seated}"]
     if mountings:
         shown = ", ".join(mountings[:6]) + (f", … {mountings[-1]}" if len(mountings) > 6 else "")
@@ -221,7 +221,10 @@ def plan_told(found: Mapping[str, Any]) -> str:
             f"rig time    {_duration(found['rig_time_s'])} in a room as noisy as allowed; mounting not counted"
         )
     known = {"experiment", "procedure", "mountings", "runs_planned", "effects", "theta0_sigma_arcsec", "rig_time_s"}
-    lines += [f"{key:11} {value}" for key, value in found.items() if key not in known]
+    for key, value in found.items():
+        if key not in known:
+            several = "\n            ".join(map(str, value)) if isinstance(value, list) else value
+            lines.append(f"{key:11} {several}")
     return "\n".join([*lines, "", "Checked against the rig's limits: everything can be reached. Nothing was moved."])
 
 

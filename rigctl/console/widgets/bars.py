@@ -36,7 +36,7 @@ class StopButton(Static):
 class Standing:
     """What the top line says."""
 
-    name: str = "no rig, no store"
+    name: str = "nothing is open"
     campaign: str = ""
     alarms: int = 0
     bell: bool = True

@@ -226,24 +226,25 @@ class StartDialog(Dialog[Launch]):
         self.title = "Start a campaign"
         self._launch = launch
         self._fault = fault
+        wrong = fault(launch)
+        self.AUTO_FOCUS = f"#{wrong.entry if wrong else 'campaign'}"  # type: ignore[misc]  # textual reads it so
 
     def contents(self) -> ComposeResult:
         """The options of `rigctl run`."""
         yield Static("campaign file")
-        yield Input(str(self._launch.campaign), compact=True, id="campaign")
+        yield Input(str(self._launch.campaign), compact=True, select_on_focus=False, id="campaign")
         yield Static("store to make")
-        yield Input(str(self._launch.store), compact=True, id="store")
+        yield Input(str(self._launch.store), compact=True, select_on_focus=False, id="store")
         yield Static("rig file (empty: as the campaign file says)")
-        yield Input(str(self._launch.rig or ""), compact=True, id="rig")
+        yield Input(str(self._launch.rig or ""), compact=True, select_on_focus=False, id="rig")
         yield Static("seed of a simulated world (empty: as its file says)")
-        yield Input("", compact=True, id="seed", restrict=r"\d*")
+        yield Input("", compact=True, select_on_focus=False, id="seed", restrict=r"\d*")
         yield Tick("the simulated operator answers (nobody is asked)", compact=True, id="unattended")
         yield Static("", classes="refusal")
 
     def on_mount(self) -> None:
         """What is wrong from the start?"""
-        fault = self._judge()
-        self.query_one(f"#{fault.entry if fault else 'campaign'}", Input).focus()
+        self._judge()
 
     def on_input_changed(self) -> None:
         """Say at once what is wrong."""
