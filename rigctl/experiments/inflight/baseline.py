@@ -30,7 +30,7 @@ NUISANCES = ("ac11", "theta_cx", "k_y", "k_z")
 _PRIORS = {"ac11": (1.0, 6e-3), "theta_cx": (0.0, 1.5e-3), "k_y": (0.0, 8e3), "k_z": (0.0, 8e3)}
 _NUISANCE_UNITS = ("1", "rad", "s2/m", "s2/m")
 GAIN = (1.0, 1e-2)
-"""What is known beforehand of a sensor's gain: mean and standard uncertainty."""
+"""What is known beforehand of a sensor's gain, and so of its inverse, in which the model is linear whatever acts."""
 
 _LOOSE = (1e-3, 1e-3, 1e-3, 0.1, 0.1, 0.3, 0.1, 0.1, 1e6, 1e6)
 """Priors of the parameters themselves, hundreds of times their bounds: without its session one is not determined."""
@@ -145,7 +145,7 @@ class Baseline:
         self.parameters = (
             *(Parameter(name, 0.0, prior=Prior(0.0, loose)) for name, loose in zip(NAMES, _LOOSE, strict=True)),
             *(Parameter(name, _PRIORS[name][0], prior=Prior(*_PRIORS[name])) for name in NUISANCES),
-            *(Parameter(f"gain[{run_id}]", GAIN[0], prior=Prior(*GAIN)) for run_id in gains),
+            *(Parameter(f"inverse_gain[{run_id}]", GAIN[0], prior=Prior(*GAIN)) for run_id in gains),
         )
         self.units = (*UNITS, *_NUISANCE_UNITS, *("1" for _ in gains))
         self._tables = [
@@ -183,8 +183,8 @@ class Baseline:
             found.append(_parts(at @ c))
             if each.has_own:
                 own = self._own(each) if changes is None else self._own(each) - changes[place][self._stimulus(each)]
-                gain = values[self._gain_of[each.run_id]]
-                left = own @ own_channel(each.session) - gain * (own @ own_force(each.session))
+                inverse = values[self._gain_of[each.run_id]]
+                left = inverse * (own @ own_channel(each.session)) - own @ own_force(each.session)
                 found.append(_parts(_unturned(each, left)))
         return np.concatenate(found)
 
@@ -201,7 +201,7 @@ class Baseline:
             if each.has_own:
                 own = self._own(each) if changes is None else self._own(each) - changes[place][self._stimulus(each)]
                 block = np.zeros((2, len(values)))
-                block[:, self._gain_of[each.run_id]] = -_parts(_unturned(each, own @ own_force(each.session)))
+                block[:, self._gain_of[each.run_id]] = _parts(_unturned(each, own @ own_channel(each.session)))
                 blocks.append(block)
         return np.vstack(blocks)
 
@@ -213,9 +213,8 @@ class Baseline:
             found.append(_parts(change[each.compared] @ c))
             if each.has_own:
                 own = change[self._stimulus(each)]
-                left = own @ own_channel(each.session) - values[self._gain_of[each.run_id]] * (
-                    own @ own_force(each.session)
-                )
+                inverse = values[self._gain_of[each.run_id]]
+                left = inverse * (own @ own_channel(each.session)) - own @ own_force(each.session)
                 found.append(_parts(_unturned(each, left)))
         return np.concatenate(found)
 

@@ -86,7 +86,9 @@ class InflightModel:
         )
         self.units: Sequence[str] = (*baseline.units, *(effect.parameters[name] for effect, name in self._own))
         self.owners: Sequence[str] = (*("" for _ in baseline.parameters), *(effect.id for effect, _ in self._own))
-        self.local: Sequence[bool] = tuple(parameter.name.startswith("gain[") for parameter in self.parameters)
+        self.local: Sequence[bool] = tuple(
+            parameter.name.startswith("inverse_gain[") for parameter in self.parameters
+        )
 
     @property
     def study(self) -> InflightStudy:
