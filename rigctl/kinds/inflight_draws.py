@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from procedures.inflight import MonteCarlo
-from rigctl.experiments.inflight.baseline import Stretch, own_channel
+from rigctl.experiments.inflight.baseline import Stretch
 from rigctl.experiments.inflight.joint import joint_estimate
 from rigctl.experiments.inflight.monte_carlo import Draw
+from rigctl.experiments.inflight.observed import own_sigma
 from rigctl.experiments.inflight.paper import FittedRun, paper_estimate
 from rigctl.experiments.inflight.parameters import NAMES
 from rigctl.experiments.inflight.series import INDEX, SERIES, Amplitudes, central, raw_series
@@ -29,9 +30,6 @@ from rigctl.workbench.threads import one_thread
 
 CHUNK = 1024
 """Samples that are made and reduced at a time: sixteen draws of them stay near the processor."""
-
-LEAST_OWN = (3e-4, 1e-6)
-"""No moved mass's own channel counts as better known, as a part of its amplitude, in phase and in quadrature."""
 
 
 @dataclass(frozen=True)
@@ -184,11 +182,7 @@ def _stretch(name: str, session: Session, lines: tuple[Line, ...], found: Amplit
     own = (math.nan, math.nan)
     if session.moves_masses and STIMULUS in lines:
         place = lines.index(STIMULUS)
-        amplitude = abs(complex(found.table[place] @ own_channel(session)))
-        own = (
-            math.hypot(float(sigma[place]), LEAST_OWN[0] * amplitude),
-            math.hypot(float(sigma[place]), LEAST_OWN[1] * amplitude),
-        )
+        own = own_sigma(session, found.table[place], float(sigma[place]))
     return Stretch(name, session, lines, found, sigma, own)
 
 

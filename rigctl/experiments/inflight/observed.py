@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,7 +13,8 @@ from rigctl.experiments.inflight.joint import joint_estimate
 from rigctl.experiments.inflight.noise import RunNoise, run_noises
 from rigctl.experiments.inflight.paper import FittedRun
 from rigctl.experiments.inflight.reduction import ReducedRun, ReducedStretch
-from rigctl.experiments.inflight.sessions import STIMULUS
+from rigctl.experiments.inflight.sessions import STIMULUS, Session
+from rigctl.experiments.inflight.weights import ComplexArray
 from rigctl.interfaces import FloatArray
 
 _ROUNDS = 3
@@ -61,14 +63,21 @@ def observed(runs: Sequence[ReducedRun]) -> Observed:
     return Observed(tuple(runs), tuple(noises), values)
 
 
+def own_sigma(session: Session, amplitudes: ComplexArray, noise: float) -> tuple[float, float]:
+    """Of a moved mass's own channel, in phase and in quadrature, m/s2: `noise`, and what its gain is not known to.
+
+    `amplitudes` are those of all series at the stimulus, shape (series,).
+    """
+    amplitude = max(abs(complex(amplitudes @ each)) for each in (own_channel(session), own_force(session)))
+    return math.hypot(noise, _LEAST_OWN[0] * amplitude), math.hypot(noise, _LEAST_OWN[1] * amplitude)
+
+
 def _stretch(run: ReducedRun, half: ReducedStretch, noise: RunNoise) -> Stretch:
     frequencies = np.array([run.session.frequency_of(line) for line in half.lines])
     sigma = np.sqrt(noise.density(frequencies)) * half.spread
     own = (float("nan"), float("nan"))
     if run.session.moves_masses and STIMULUS in half.lines:
         place = half.lines.index(STIMULUS)
-        row = half.amplitudes.table[place]
-        amplitude = max(abs(complex(row @ each)) for each in (own_channel(run.session), own_force(run.session)))
         plain = float(np.sqrt(noise.own) * half.spread[place])
-        own = (float(np.hypot(plain, _LEAST_OWN[0] * amplitude)), float(np.hypot(plain, _LEAST_OWN[1] * amplitude)))
+        own = own_sigma(run.session, half.amplitudes.table[place], plain)
     return Stretch(run.run_id, run.session, half.lines, half.amplitudes, sigma, own)
