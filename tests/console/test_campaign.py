@@ -85,8 +85,12 @@ def test_pause_and_resume_reach_the_campaign(desk: Any, serve: Any, at_console: 
     desk.campaign(('"rig.toml"', '"live.toml"'), ("noise_check_s = 20.0", "noise_check_s = 0.0"))
 
     async def sitting(seat: Any) -> None:
+        await seat.until(lambda: seat.app._panes.campaign.file)
+        await seat.press("2", "d")
+        await seat.sees("Nothing was moved")
         await starts(seat, unattended=True)
         await seat.sees("RUNNING")
+        await seat.sees("null search")  # how it goes, not what the dry run said
         await seat.press("p")
         await seat.sees("PAUSED")
         await seat.press("r")

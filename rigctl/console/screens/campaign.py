@@ -192,6 +192,7 @@ class CampaignPane(Vertical):
 
         def go(chosen: Launch | None) -> None:
             if chosen is not None:
+                self.query_one("#campaign-tabs", TabbedContent).active = "tab-progress"
                 self.post_message(StartAsked(chosen))
 
         self.app.push_screen(StartDialog(launch, launch_fault), go)
