@@ -152,6 +152,11 @@ class CampaignFile(Table):
         """The rig file it names, relative to itself."""
         return self.path.parent / self.rig
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether it measures in the mounting of a store that is there, if there is one."""
+        return self.procedure.get("mounting") in {"same", "kept"}
+
 
 def read_rig(path: Path) -> RigFile:
     """Read and check a rig file; `ConfigError`."""

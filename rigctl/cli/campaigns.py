@@ -33,7 +33,7 @@ def run(
     campaign_file = config.read_campaign(campaign)
     path = store or Path(campaign.stem + ".rig.sqlite")
     plugins = tuple(plugin or ())
-    if path.exists() and not dry and campaign_file.procedure.get("mounting") in {"same", "kept"}:
+    if path.exists() and not dry and campaign_file.goes_on:
         if rig is not None or seed is not None:
             raise ConfigError(
                 f"{path} goes on with the rig and the seed it was made with; leave out --rig and --seed"

@@ -24,6 +24,7 @@ def next_(
 ) -> None:
     """The measurement that best separates what is ambiguous, or most tightens the result."""
     from rigctl import planning
+    from rigctl.config import parse_campaign
     from rigctl.report.terminal_planning import print_recommendation
 
     with workbench(store, plugin) as bench:
@@ -42,8 +43,7 @@ def next_(
     print_recommendation(found.as_json())
     if write is not None:
         own = "".join(f" --plugin {path}" for path in plugin or ())
-        goes_on = 'mounting = "kept"' in text
-        into = store if goes_on else write.with_suffix(".rig.sqlite")
+        into = store if parse_campaign(text, write).goes_on else write.with_suffix(".rig.sqlite")
         say(f"written: {write}; measure it with `rigctl run {write} --store {into}{own}`")
 
 
