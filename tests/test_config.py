@@ -11,7 +11,9 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pydantic import BaseModel
 
+from procedures import inflight, platform_tables, tables
 from rigctl import config, runner
 from rigctl.campaign.toml_document import to_toml
 from rigctl.errors import ConfigError, LimitError
@@ -125,7 +127,7 @@ def test_a_wrong_value_of_a_rig_file_is_named_with_what_is_allowed(
         ((), {"on_terminal_lost": "abort"}, "on_terminal_lost: input should be 'continue' or 'stop', not 'abort'"),
         (("procedure",), {"amplitude_m": 0.005}, "unknown key procedure.amplitude_m; known there: name, axes"),
         (("procedure",), {"amplitude_mm": "5"}, "procedure.amplitude_mm: input should be a valid number, not '5'"),
-        (("procedure",), {"amplitude_mm": -5.0}, "procedure.amplitude_mm: input should be greater than 0"),
+        (("procedure",), {"amplitude_mm": -5.0}, "procedure.amplitude_mm: input should be greater than or equal to"),
         (("procedure",), {"mountings": 2.5}, "procedure.mountings: input should be a valid integer"),
         (("procedure",), {"mountings": True}, "procedure.mountings: input should be a valid integer"),
         (("procedure",), {"mountings": 0}, "procedure.mountings: input should be greater than or equal to 1"),
@@ -276,3 +278,66 @@ def test_a_mutated_file_is_accepted_or_refused_in_one_line(draw: st.DataObject) 
         said = f"rig.toml: {plan['runs_planned']} runs"
     assert len(said.splitlines()) == 1
     assert said.startswith(("rig.toml: ", "campaign.toml: "))
+
+
+# Extremes: the smallest and the largest numbers a field can take
+
+EXTREMES = (5e-324, 1e-195, 1e-12, 1e12, 1e195, 1.7e308, math.inf, math.nan, -1, 0, 10**4, 10**7, 10**20)
+
+
+def numbers(data: Any, prefix: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Where the numbers of some TOML are; of a list the first."""
+    if isinstance(data, dict):
+        return [path for key, value in data.items() for path in numbers(value, (*prefix, key))]
+    if isinstance(data, list):
+        return numbers(data[0], (*prefix, 0))
+    return [prefix] if isinstance(data, int | float) and not isinstance(data, bool) else []
+
+
+def with_defaults(data: dict[str, Any]) -> dict[str, Any]:
+    """A campaign with every number of its tables written out, whether it needs to be or not."""
+    table = TABLES[data["experiment"], data["procedure"]["name"] == "monte-carlo"]
+    defaults = {
+        name: field.default
+        for name, field in table.model_fields.items()
+        if isinstance(field.default, int | float) and not isinstance(field.default, bool)
+    }
+    return {**data, "procedure": {**defaults, **data["procedure"]}}
+
+
+TABLES: dict[tuple[str, bool], type[BaseModel]] = {
+    ("sensing-axis", False): tables.Procedure,
+    ("rotating-platform", False): platform_tables.Procedure,
+    ("inflight-calibration", False): inflight.Calibration,
+    ("inflight-calibration", True): inflight.MonteCarlo,
+}
+
+
+def test_a_null_search_that_would_never_end_is_refused_before_it_begins() -> None:
+    rig = config.read_rig(CAMPAIGNS / "isa-rig.toml")
+    weak = config.parse_campaign(changed(CAMPAIGN, "procedure", amplitude_mm=0.01), Path("campaign.toml"))
+    with pytest.raises(ConfigError) as error:
+        runner.dry_run(weak, rig)
+    complaint(error, "campaign.toml: procedure.amplitude_mm: 0.01 mm at 0.6 Hz do not tell theta0 to", "give more")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_no_number_of_a_campaign_is_too_small_or_too_large_for_a_dry_run(name: str) -> None:
+    written = with_defaults(tomllib.loads((CAMPAIGNS / name).read_text()))
+    rig = config.read_rig(CAMPAIGNS / written["rig"])
+    accepted, said = 0, []
+    for *keys, last in numbers({key: written[key] for key in ("procedure", "targets") if key in written}):
+        for value in EXTREMES:
+            data = copy.deepcopy(written)
+            table: Any = data
+            for key in keys:
+                table = table[key]
+            table[last] = value
+            try:
+                plan = runner.dry_run(config.parse_campaign(to_toml(data), Path("campaign.toml")), rig)
+            except (ConfigError, LimitError) as error:
+                said.append(str(error))
+            else:
+                accepted += plan["runs_planned"] > 0
+    assert accepted
+    assert [text for text in said if len(text.splitlines()) != 1 or not text.startswith("campaign.toml: ")] == []
