@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -321,23 +323,49 @@ def test_a_null_search_that_would_never_end_is_refused_before_it_begins() -> Non
     complaint(error, "campaign.toml: procedure.amplitude_mm: 0.01 mm at 0.6 Hz do not tell theta0 to", "give more")
 
 
+def with_extremes(data: dict[str, Any], places: list[tuple[Any, ...]]) -> Iterator[str]:
+    """TOML text with one number of it replaced, by every extreme in turn."""
+    for (*keys, last), value in itertools.product(places, EXTREMES):
+        copied = copy.deepcopy(data)
+        table: Any = copied
+        for key in keys:
+            table = table[key]
+        table[last] = value
+        yield to_toml(copied)
+
+
+def planned_or_refused(campaign_text: str, rig_text: str, refusals: list[str]) -> bool:
+    """Whether a dry run plans some runs; why not, otherwise, is appended to `refusals`."""
+    try:
+        rig = config.parse_rig(rig_text, Path("rig.toml"))
+        plan = runner.dry_run(config.parse_campaign(campaign_text, Path("campaign.toml")), rig)
+    except (ConfigError, LimitError) as error:
+        refusals.append(str(error))
+        return False
+    return bool(plan["runs_planned"] > 0)
+
+
+def ill_said(refusals: list[str]) -> list[str]:
+    """What is not one line that begins with the file it is about."""
+    named = ("campaign.toml: ", "rig.toml: ")
+    return [text for text in refusals if len(text.splitlines()) != 1 or not text.startswith(named)]
+
+
 @pytest.mark.parametrize("name", SHIPPED)
 def test_no_number_of_a_campaign_is_too_small_or_too_large_for_a_dry_run(name: str) -> None:
     written = with_defaults(tomllib.loads((CAMPAIGNS / name).read_text()))
-    rig = config.read_rig(CAMPAIGNS / written["rig"])
-    accepted, said = 0, []
-    for *keys, last in numbers({key: written[key] for key in ("procedure", "targets") if key in written}):
-        for value in EXTREMES:
-            data = copy.deepcopy(written)
-            table: Any = data
-            for key in keys:
-                table = table[key]
-            table[last] = value
-            try:
-                plan = runner.dry_run(config.parse_campaign(to_toml(data), Path("campaign.toml")), rig)
-            except (ConfigError, LimitError) as error:
-                said.append(str(error))
-            else:
-                accepted += plan["runs_planned"] > 0
-    assert accepted
-    assert [text for text in said if len(text.splitlines()) != 1 or not text.startswith("campaign.toml: ")] == []
+    rig_text, refusals = (CAMPAIGNS / written["rig"]).read_text(), list[str]()
+    places = numbers({key: written[key] for key in ("procedure", "targets") if key in written})
+    accepted = [planned_or_refused(text, rig_text, refusals) for text in with_extremes(written, places)]
+    assert any(accepted)
+    assert ill_said(refusals) == []
+
+
+@pytest.mark.parametrize("name", ["one-axis.toml", "bias-rejection-days.toml", "microscope.toml"])
+def test_no_number_of_a_rig_is_too_small_or_too_large_for_a_dry_run(name: str) -> None:
+    campaign_text = (CAMPAIGNS / name).read_text()
+    rig = tomllib.loads((CAMPAIGNS / tomllib.loads(campaign_text)["rig"]).read_text())
+    refusals = list[str]()
+    accepted = [planned_or_refused(campaign_text, text, refusals) for text in with_extremes(rig, numbers(rig))]
+    assert any(accepted)
+    assert ill_said(refusals) == []
