@@ -38,9 +38,6 @@ if TYPE_CHECKING:
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
 
-NULL_SEARCHES = ("six-mountings", "null-search")
-"""Procedures that end when they know the null as well as they are asked to."""
-
 KINDS = {"readout": "accelerometer"}
 """What a channel measures where the instrument only knows what it reads."""
 
@@ -62,7 +59,8 @@ class _Plan:
 
     def told(self, rig: Rig) -> Mapping[str, Any]:
         bench, points = bench_of(rig), self.plan.points
-        noise_check_s = self.plan.procedure.noise_check_s if self.plan.procedure.name in NULL_SEARCHES else 0.0
+        procedure = self.plan.procedure
+        noise_check_s = procedure.noise_check_s if procedure.name in sensing_axes.NULL_SEARCHES else 0.0
         return {
             "mountings": [mounting.key for mounting in self.plan.mountings],
             "theta0_sigma_arcsec": self._theta0_sigma_arcsec(bench),
@@ -71,7 +69,7 @@ class _Plan:
 
     def _theta0_sigma_arcsec(self, bench: Bench) -> float | None:
         """What a null search goes on to; of other procedures the worst of all mountings; None: not determined."""
-        if self.plan.procedure.name in NULL_SEARCHES:
+        if self.plan.procedure.name in sensing_axes.NULL_SEARCHES:
             return self.plan.targets.theta0_sigma_arcsec
         return theta0_sigma_arcsec(bench, self.plan)
 
