@@ -168,13 +168,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scores", type=Path, help="file of JSON lines, made or gone on with")
     parser.add_argument("--batches", type=int, default=1, help="per effect")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first batch")
     parser.add_argument("--effects", nargs="*", default=["", *SHOWN, *HIDDEN])
     parser.add_argument("--alpha", type=float, default=0.01)
     asked = parser.parse_args()
     rows = [json.loads(line) for line in asked.scores.read_text().splitlines()] if asked.scores.exists() else []
     done = {(row["seed"], row["effect"]) for row in rows}
     with asked.scores.open("a") as file:
-        for seed in range(asked.batches):
+        for seed in range(asked.first, asked.first + asked.batches):
             for effect in asked.effects:
                 if (seed, effect) in done:
                     continue

@@ -22,7 +22,10 @@ from rigctl.interfaces import Channel, DragFreeSatellite, FlightSession, FloatAr
 SessionName = Literal["dx", "dz", "dx+dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2"]
 TEN: tuple[SessionName, ...] = ("dx", "dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2")
 
-Positive = Annotated[float, Field(gt=0)]
+# Far beyond what any satellite does, and near enough for everything that is reckoned from them to stay a number.
+Orbits = Annotated[float, Field(ge=1e-2, le=1e3)]
+StimulusHz = Annotated[float, Field(ge=1e-7, le=1e3)]
+Amplitude = Annotated[float, Field(ge=1e-15, le=1.0)]
 
 TEN_ORBITS_S = 59500.0
 LINE_WIDTHS = 0.9
@@ -37,16 +40,16 @@ class Calibration(Table):
 
     name: Literal["calibration", "monte-carlo"] = "calibration"
     sessions: tuple[SessionName, ...] = Field(default=TEN, min_length=1)
-    orbits: Positive = 10.0
-    orbits_ac12: Positive = 40.0
-    common_m_s2: Positive = 5e-8
-    common_hz: Positive = 73 / TEN_ORBITS_S
-    turn_rad: Positive = 1e-2
-    turn_hz: Positive = 73 / TEN_ORBITS_S
-    displacement_m: Positive = 9e-6
-    displacement_hz: Positive = 183 / TEN_ORBITS_S
-    quadratic_m: Positive = 9e-6
-    quadratic_hz: Positive = 535 / TEN_ORBITS_S
+    orbits: Orbits = 10.0
+    orbits_ac12: Orbits = 40.0
+    common_m_s2: Amplitude = 5e-8
+    common_hz: StimulusHz = 73 / TEN_ORBITS_S
+    turn_rad: Amplitude = 1e-2
+    turn_hz: StimulusHz = 73 / TEN_ORBITS_S
+    displacement_m: Amplitude = 9e-6
+    displacement_hz: StimulusHz = 183 / TEN_ORBITS_S
+    quadratic_m: Amplitude = 9e-6
+    quadratic_hz: StimulusHz = 535 / TEN_ORBITS_S
     phase_rad: float = 0.0
 
     @field_validator("sessions")
@@ -110,14 +113,14 @@ class MonteCarlo(Calibration):
     -1 for none.
     """
 
-    draws: Annotated[int, Field(ge=1)] = 100
-    workers: Annotated[int, Field(ge=0)] = 0
+    draws: Annotated[int, Field(ge=1, le=1_000_000)] = 100
+    workers: Annotated[int, Field(ge=0, le=1024)] = 0
     scheduler: str = ""
     kept_draw: Annotated[int, Field(ge=-1)] = -1
-    expected_m_s2_rthz: Positive = 1.2e-12
+    expected_m_s2_rthz: Amplitude = 1.2e-12
     """One-sided amplitude density of a sensor's noise along x: white, and 1/f in power below the corner."""
-    expected_corner_hz: Annotated[float, Field(ge=0)] = 5e-4
-    expected_readout_m_rthz: Annotated[float, Field(ge=0)] = 3e-11
+    expected_corner_hz: Annotated[float, Field(ge=0, le=1.0)] = 5e-4
+    expected_readout_m_rthz: Annotated[float, Field(ge=0, le=1.0)] = 3e-11
 
     @model_validator(mode="after")
     def _all_parameters(self) -> Self:

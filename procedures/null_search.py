@@ -16,7 +16,7 @@ from procedures.bench import ANGLE_RESOLUTION_DEG, Bench, SetPoint
 from procedures.mounting import Fixture, Mounting
 from rigctl.campaign.session import Session
 from rigctl.effects.catalogue import Effect
-from rigctl.errors import ProcedureError
+from rigctl.errors import ConfigError, ProcedureError
 from rigctl.experiments.sensing_axis.fit import NullPoint, RecordingFit, fit_recording
 from rigctl.experiments.sensing_axis.model import RecordingModel
 from rigctl.experiments.sensing_axis.reduction import ReducedRun, noise_density, observables, reduce_run
@@ -173,10 +173,20 @@ class NullSearch:
 
 
 def expected_durations_s(settings: NullSearchSettings, effects: Sequence[Effect]) -> list[tuple[float, float]]:
-    """Frequency [Hz] and duration [s] of the runs that a search takes in a room of the settings' noise."""
+    """Frequency [Hz] and duration [s] of the runs that a search takes in a room of the settings' noise.
+
+    `ConfigError` where that is more than a search may take.
+    """
     pair = _pair(settings, effects)
-    allowed = (settings.theta0_sigma_arcsec * ARCSEC * _slope_m_s2(settings, pair)) ** 2 / MARGIN
-    near_s = settings.noise_m_s2_rthz**2 * len(pair) / allowed
+    allowed_m_s2 = settings.theta0_sigma_arcsec * ARCSEC * _slope_m_s2(settings, pair)
+    most = (MAX_RUNS - 1) // len(pair)
+    if allowed_m_s2 * math.sqrt(most * settings.max_run_s) < settings.noise_m_s2_rthz * math.sqrt(len(pair) * MARGIN):
+        raise ConfigError(
+            f"procedure.amplitude_mm: {settings.amplitude_mm:g} mm at {pair[0]:g} Hz do not tell theta0 to "
+            f"{settings.theta0_sigma_arcsec:g} arcsec within {MAX_RUNS} runs of {settings.max_run_s:g} s; "
+            "give more amplitude, a higher frequency or a larger targets.theta0_sigma_arcsec"
+        )
+    near_s = MARGIN * len(pair) * (settings.noise_m_s2_rthz / allowed_m_s2) ** 2
     parts = math.ceil(near_s / settings.max_run_s)
     near = [(frequency_hz, max(near_s / parts, 2.0 / frequency_hz)) for frequency_hz in pair for _ in range(parts)]
     return [(pair[0], settings.coarse_s), *near]

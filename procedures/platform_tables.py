@@ -9,18 +9,24 @@ from pydantic import Field, model_validator
 
 from rigctl.experiments.sensing_axis.package import Table
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+# Far beyond what any platform does, and near enough for everything that is reckoned from them to stay a number.
+RateHz = Annotated[float, Field(ge=1e-2, le=1e4)]
+PeriodS = Annotated[float, Field(ge=1e-2, le=1e6)]
+RecordS = Annotated[float, Field(ge=1e-2, le=1e8)]
+PauseS = Annotated[float, Field(ge=0, le=1e6)]
 Drift = Literal["nothing", "constant", "linear", "quadratic", "cubic"]
 Turning = Literal["back-and-forth", "forward"]
 
 MODULATED = ("a", "b", "c", "c_tm", "custom")
 
+MOST_SAMPLES = 10_000_000
+"""Of one modulation period; it is held as a whole."""
+
 
 class CustomPattern(Table):
     """A `[[procedure.custom]]` table: the dwells of one period as [sign of cos theta, start_s, stop_s]."""
 
-    modulation_period_s: Positive
+    modulation_period_s: PeriodS
     dwells: tuple[tuple[int, float, float], ...] = Field(min_length=1)
 
 
@@ -31,19 +37,19 @@ class ListedRun(Table):
     """
 
     pattern: Literal["a", "b", "c", "c_tm", "custom", "flip", "scan", "noise"]
-    modulation_period_s: Positive | None = None
-    periods: Annotated[int, Field(ge=1)] | None = None
-    duration_s: Positive | None = None
-    step_deg: Annotated[float, Field(gt=0, le=90)] = 15.0
-    dwell_s: Positive = 60.0
-    sample_rate_hz: Positive | None = None
+    modulation_period_s: PeriodS | None = None
+    periods: Annotated[int, Field(ge=1, le=100_000)] | None = None
+    duration_s: RecordS | None = None
+    step_deg: Annotated[float, Field(ge=0.1, le=90)] = 15.0
+    dwell_s: PeriodS = 60.0
+    sample_rate_hz: RateHz | None = None
     external: Literal["constant", "sine", "triangle"] = "constant"
     v_z_v: float | tuple[float, ...] = 0.0
     v_y_v: float = 0.0
-    external_period_s: Positive | None = None
-    rotation_s: Positive | None = None
-    guard_s: NotNegative | None = None
-    lead_s: NotNegative | None = None
+    external_period_s: PeriodS | None = None
+    rotation_s: PeriodS | None = None
+    guard_s: PauseS | None = None
+    lead_s: PauseS | None = None
     rejects: Drift | None = None
 
     @property
@@ -75,23 +81,27 @@ class Procedure(Table):
     """The `[procedure]` table."""
 
     name: Literal["bias-rejection"]
-    sample_rate_hz: Positive = 10.0
-    rotation_s: Positive | None = None
-    guard_s: NotNegative = 0.0
-    lead_s: NotNegative = 0.0
+    sample_rate_hz: RateHz = 10.0
+    rotation_s: PeriodS | None = None
+    guard_s: PauseS = 0.0
+    lead_s: PauseS = 0.0
     turning: Turning = "back-and-forth"
     estimator: Literal["projection", "joint-ls"] = "projection"
     rejects: Drift = "constant"
-    settle_s: NotNegative = 10.0
-    temperature_every_s: Positive = 60.0
+    settle_s: PauseS = 10.0
+    temperature_every_s: PeriodS = 60.0
     custom: tuple[CustomPattern, ...] = ()
     runs: tuple[ListedRun, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _one_custom_pattern_per_period(self) -> Self:
+    def _periods_can_be_had(self) -> Self:
         periods = [custom.modulation_period_s for custom in self.custom]
         if len(set(periods)) < len(periods):
             raise ValueError("two custom patterns have the same modulation_period_s; runs could not tell them apart")
+        for run in self.runs:
+            samples = (run.modulation_period_s or 0.0) * (run.sample_rate_hz or self.sample_rate_hz)
+            if samples > MOST_SAMPLES:
+                raise ValueError(f"a period of {samples:g} samples is more than {MOST_SAMPLES}; sample more slowly")
         wanted = {run.modulation_period_s for run in self.runs if run.pattern == "custom"}
         for period_s in sorted(each for each in wanted if each is not None and each not in periods):
             raise ValueError(

@@ -25,6 +25,9 @@ from rigctl.errors import ConfigError
 
 RUNS_PER_MOUNTING = 3
 
+NULL_SEARCHES = ("six-mountings", "null-search")
+"""Procedures that end when they know the null as well as they are asked to."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -122,6 +125,8 @@ class Plan:
         if procedure.name == "quick-check":
             for point in reversal_points(self._extremes()[0]):
                 bench.check(point, lasers=False)
+        if procedure.name in NULL_SEARCHES:
+            expected_durations_s(self.search(self.targets.noise_m_s2_rthz), self.effects)
 
     def _check_scan(self, bench: Bench) -> None:
         for i, run in enumerate(self.procedure.runs):

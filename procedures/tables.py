@@ -8,7 +8,11 @@ from pydantic import Field, field_validator
 
 from rigctl.experiments.sensing_axis.package import Table
 
-Positive = Annotated[float, Field(gt=0)]
+# Far beyond what any rig does, and near enough for everything that is reckoned from them to stay a number.
+FrequencyHz = Annotated[float, Field(ge=1e-3, le=1e4)]
+RateHz = Annotated[float, Field(ge=1e-2, le=1e7)]
+DurationS = Annotated[float, Field(ge=1e-2, le=1e6)]
+AmplitudeMm = Annotated[float, Field(ge=1e-6, le=1e4)]
 Approach = Literal[1, -1]
 
 
@@ -19,10 +23,10 @@ class ListedRun(Table):
     """
 
     angle_deg: float
-    frequency_hz: Positive
-    amplitude_mm: Positive | None = None
+    frequency_hz: FrequencyHz
+    amplitude_mm: AmplitudeMm | None = None
     approach: Approach = 1
-    dwell_s: Positive | None = None
+    dwell_s: DurationS | None = None
     axis: str | None = None
     configuration: str | None = None
     mounting: Annotated[int, Field(ge=0)] | None = None
@@ -35,18 +39,18 @@ class Procedure(Table):
     name: Literal["six-mountings", "null-search", "angle-scan", "scan", "quick-check"]
     axes: tuple[str, ...] = Field(min_length=1)
     configurations: tuple[str, ...] = Field(default=("pendulum", "flag"), min_length=1)
-    mountings: Annotated[int, Field(ge=1)] = 1
-    frequencies_hz: tuple[Positive, ...] = Field(default=(0.3, 0.5, 0.6), min_length=1)
-    amplitude_mm: Positive = 5.0
-    sample_rate_hz: Positive = 100.0
-    coarse_s: Positive = 6.0
+    mountings: Annotated[int, Field(ge=1, le=1000)] = 1
+    frequencies_hz: tuple[FrequencyHz, ...] = Field(default=(0.3, 0.5, 0.6), min_length=1)
+    amplitude_mm: AmplitudeMm = 5.0
+    sample_rate_hz: RateHz = 100.0
+    coarse_s: DurationS = 6.0
     start_deg: float = 0.0
     angles_deg: tuple[float, ...] = ()
-    dwell_s: Positive = 20.0
-    noise_check_s: Annotated[float, Field(ge=0)] = 100.0
+    dwell_s: DurationS = 20.0
+    noise_check_s: Annotated[float, Field(ge=0, le=1e6)] = 100.0
     approaches: tuple[Approach, ...] = Field(default=(1,), min_length=1)
-    amplitudes_mm: tuple[Positive, ...] = ()
-    repeats: Annotated[int, Field(ge=1)] = 1
+    amplitudes_mm: tuple[AmplitudeMm, ...] = ()
+    repeats: Annotated[int, Field(ge=1, le=1000)] = 1
     order: Literal["random", "as-listed"] = "random"
     order_seed: Annotated[int, Field(ge=0)] = 0
     mounting: Literal["new", "same", "kept"] = "new"
@@ -63,5 +67,5 @@ class Procedure(Table):
 class Targets(Table):
     """The `[targets]` table: when it is good enough."""
 
-    theta0_sigma_arcsec: Positive = 2.0
-    noise_m_s2_rthz: Positive = 3e-6
+    theta0_sigma_arcsec: Annotated[float, Field(ge=1e-6, le=1e6)] = 2.0
+    noise_m_s2_rthz: Annotated[float, Field(ge=1e-15, le=1.0)] = 3e-6

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pydantic import BaseModel
 
+from procedures import inflight, platform_tables, tables
 from rigctl import config, runner
 from rigctl.campaign.toml_document import to_toml
 from rigctl.errors import ConfigError, LimitError
@@ -125,7 +129,7 @@ def test_a_wrong_value_of_a_rig_file_is_named_with_what_is_allowed(
         ((), {"on_terminal_lost": "abort"}, "on_terminal_lost: input should be 'continue' or 'stop', not 'abort'"),
         (("procedure",), {"amplitude_m": 0.005}, "unknown key procedure.amplitude_m; known there: name, axes"),
         (("procedure",), {"amplitude_mm": "5"}, "procedure.amplitude_mm: input should be a valid number, not '5'"),
-        (("procedure",), {"amplitude_mm": -5.0}, "procedure.amplitude_mm: input should be greater than 0"),
+        (("procedure",), {"amplitude_mm": -5.0}, "procedure.amplitude_mm: input should be greater than or equal to"),
         (("procedure",), {"mountings": 2.5}, "procedure.mountings: input should be a valid integer"),
         (("procedure",), {"mountings": True}, "procedure.mountings: input should be a valid integer"),
         (("procedure",), {"mountings": 0}, "procedure.mountings: input should be greater than or equal to 1"),
@@ -276,3 +280,92 @@ def test_a_mutated_file_is_accepted_or_refused_in_one_line(draw: st.DataObject) 
         said = f"rig.toml: {plan['runs_planned']} runs"
     assert len(said.splitlines()) == 1
     assert said.startswith(("rig.toml: ", "campaign.toml: "))
+
+
+# Extremes: the smallest and the largest numbers a field can take
+
+EXTREMES = (5e-324, 1e-195, 1e-12, 1e12, 1e195, 1.7e308, math.inf, math.nan, -1, 0, 10**4, 10**7, 10**20)
+
+
+def numbers(data: Any, prefix: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Where the numbers of some TOML are; of a list the first."""
+    if isinstance(data, dict):
+        return [path for key, value in data.items() for path in numbers(value, (*prefix, key))]
+    if isinstance(data, list):
+        return numbers(data[0], (*prefix, 0))
+    return [prefix] if isinstance(data, int | float) and not isinstance(data, bool) else []
+
+
+def with_defaults(data: dict[str, Any]) -> dict[str, Any]:
+    """A campaign with every number of its tables written out, whether it needs to be or not."""
+    table = TABLES[data["experiment"], data["procedure"]["name"] == "monte-carlo"]
+    defaults = {
+        name: field.default
+        for name, field in table.model_fields.items()
+        if isinstance(field.default, int | float) and not isinstance(field.default, bool)
+    }
+    return {**data, "procedure": {**defaults, **data["procedure"]}}
+
+
+TABLES: dict[tuple[str, bool], type[BaseModel]] = {
+    ("sensing-axis", False): tables.Procedure,
+    ("rotating-platform", False): platform_tables.Procedure,
+    ("inflight-calibration", False): inflight.Calibration,
+    ("inflight-calibration", True): inflight.MonteCarlo,
+}
+
+
+def test_a_null_search_that_would_never_end_is_refused_before_it_begins() -> None:
+    rig = config.read_rig(CAMPAIGNS / "isa-rig.toml")
+    weak = config.parse_campaign(changed(CAMPAIGN, "procedure", amplitude_mm=0.01), Path("campaign.toml"))
+    with pytest.raises(ConfigError) as error:
+        runner.dry_run(weak, rig)
+    complaint(error, "campaign.toml: procedure.amplitude_mm: 0.01 mm at 0.6 Hz do not tell theta0 to", "give more")
+
+
+def with_extremes(data: dict[str, Any], places: list[tuple[Any, ...]]) -> Iterator[str]:
+    """TOML text with one number of it replaced, by every extreme in turn."""
+    for (*keys, last), value in itertools.product(places, EXTREMES):
+        copied = copy.deepcopy(data)
+        table: Any = copied
+        for key in keys:
+            table = table[key]
+        table[last] = value
+        yield to_toml(copied)
+
+
+def planned_or_refused(campaign_text: str, rig_text: str, refusals: list[str]) -> bool:
+    """Whether a dry run plans some runs; why not, otherwise, is appended to `refusals`."""
+    try:
+        rig = config.parse_rig(rig_text, Path("rig.toml"))
+        plan = runner.dry_run(config.parse_campaign(campaign_text, Path("campaign.toml")), rig)
+    except (ConfigError, LimitError) as error:
+        refusals.append(str(error))
+        return False
+    return bool(plan["runs_planned"] > 0)
+
+
+def ill_said(refusals: list[str]) -> list[str]:
+    """What is not one line that begins with the file it is about."""
+    named = ("campaign.toml: ", "rig.toml: ")
+    return [text for text in refusals if len(text.splitlines()) != 1 or not text.startswith(named)]
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_no_number_of_a_campaign_is_too_small_or_too_large_for_a_dry_run(name: str) -> None:
+    written = with_defaults(tomllib.loads((CAMPAIGNS / name).read_text()))
+    rig_text, refusals = (CAMPAIGNS / written["rig"]).read_text(), list[str]()
+    places = numbers({key: written[key] for key in ("procedure", "targets") if key in written})
+    accepted = [planned_or_refused(text, rig_text, refusals) for text in with_extremes(written, places)]
+    assert any(accepted)
+    assert ill_said(refusals) == []
+
+
+@pytest.mark.parametrize("name", ["one-axis.toml", "bias-rejection-days.toml", "microscope.toml"])
+def test_no_number_of_a_rig_is_too_small_or_too_large_for_a_dry_run(name: str) -> None:
+    campaign_text = (CAMPAIGNS / name).read_text()
+    rig = tomllib.loads((CAMPAIGNS / tomllib.loads(campaign_text)["rig"]).read_text())
+    refusals = list[str]()
+    accepted = [planned_or_refused(campaign_text, text, refusals) for text in with_extremes(rig, numbers(rig))]
+    assert any(accepted)
+    assert ill_said(refusals) == []

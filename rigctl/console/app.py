@@ -442,6 +442,14 @@ class Console(App[None]):
         self._act(f"move {message.name} to {message.value:g}")
         self._holding.bench.move(message.name, message.value)
 
+    def on_jog_asked(self, message: say.JogAsked) -> None:
+        """Move a stage of the rig that is held by a step."""
+        if self._holding.bench is None:
+            self._note("no rig is held here; the campaign moves it", "warning")
+            return
+        self._act(f"move {message.name} by {message.step:g}")
+        self._holding.bench.jog(message.name, message.step)
+
     def on_home_asked(self, message: say.HomeAsked) -> None:
         """Home a stage of the rig that is held."""
         if self._holding.bench is None:

@@ -174,6 +174,22 @@ class LiveBench:
 
         self._set_out(name, "moving", act)
 
+    def jog(self, name: str, step: float) -> None:
+        """Move the stage by a step from where it says it is now: what is on the screen may be a moment old."""
+        from rigctl.errors import LimitError
+
+        station = self._stations[name]
+        stage: Any = station.instrument
+
+        def act() -> None:
+            stage.home()
+            (_, at), *_ = _readings(stage)
+            if station.limits is not None and (refusal := station.limits.refusal(at.value + step)):
+                raise LimitError(f"{name}: {refusal}")
+            stage.move_to(at.value + step)
+
+        self._set_out(name, "moving", act)
+
     def home(self, name: str) -> None:
         """`rigctl home`, on a thread of its own."""
         stage: Any = self._stations[name].instrument
@@ -225,7 +241,7 @@ class LiveBench:
         self._post(Stopped(time.monotonic() - began_s, told))
 
     def _set_out(self, name: str, state: str, act: Callable[[], None]) -> None:
-        from rigctl.errors import RigError
+        from rigctl.errors import LimitError, RigError
 
         station = self._stations[name]
         if station.state in {"moving", "homing"}:
@@ -234,11 +250,14 @@ class LiveBench:
         if station.state not in {"ready", "stopped"}:
             self._post(Noted(f"{name}: {station.state}; it cannot be moved now", "warning"))
             return
-        station.state = state
+        before, station.state = station.state, state
 
         def carry_out() -> None:
             try:
                 act()
+            except LimitError as error:
+                station.state = before
+                self._post(Noted(str(error), "warning"))
             except RigError as error:
                 station.state, station.error = "stopped", str(error)
                 self._post(Noted(str(error), "warning"))

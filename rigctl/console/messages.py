@@ -26,6 +26,15 @@ class MoveAsked(Message):
         self.value = value
 
 
+class JogAsked(Message):
+    """Move a stage by `step` from where it is, in the unit of its panel."""
+
+    def __init__(self, name: str, step: float) -> None:
+        super().__init__()
+        self.name = name
+        self.step = step
+
+
 class HomeAsked(Message):
     """Home a stage."""
 

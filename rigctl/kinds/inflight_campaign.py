@@ -81,7 +81,7 @@ def flight_of(rig: Rig) -> Flight:
         if name not in rig.file.constants:
             raise ConfigError(f"{rig.file.path}: [constants.{name}] is missing; add what is believed of the orbit")
     period_s, eccentricity = (rig.file.constants[name].value for name in ORBIT)
-    if not (period_s > 0.0 and 0.0 <= eccentricity < 1.0):
+    if not (1.0 <= period_s <= 1e9 and 0.0 <= eccentricity < 1.0):
         raise ConfigError(
             f"{rig.file.path}: constants: no orbit has a period of {period_s:g} s and e = {eccentricity:g}"
         )

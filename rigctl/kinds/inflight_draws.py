@@ -10,7 +10,7 @@ import io
 import math
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -187,7 +187,7 @@ def _stretch(name: str, session: Session, lines: tuple[Line, ...], found: Amplit
 
 
 def _at(found: Amplitudes, lines: slice) -> Amplitudes:
-    return Amplitudes(found.table[lines], found.mean_square)
+    return replace(found, table=found.table[lines])
 
 
 def _named(values: FloatArray) -> dict[str, float]:

@@ -27,7 +27,7 @@ class _Settings(BaseModel):
 class SensorConfiguration(_Settings):
     """The sensor's second-order response in one configuration; `ideal` leaves only its gain."""
 
-    frequency_hz: float = Field(gt=0.0)
+    frequency_hz: float = Field(ge=1e-3, le=1e6)
     q: float = Field(default=10.0, gt=0.5)
     gain_v_per_m_s2: float = Field(gt=0.0)
     ideal: bool = False

@@ -130,7 +130,7 @@ def test_the_form_refuses_while_one_types_and_saves_what_is_valid(desk: Any, at_
         field = next(f for f in seat.app._panes.campaign.query("Input") if f.name == "procedure.amplitude_mm")
         field.focus()
         await seat.press("end", "backspace", "minus", "3")
-        await seat.sees("✗ procedure.amplitude_mm: input should be greater than 0")
+        await seat.sees("✗ procedure.amplitude_mm: input should be greater than or equal to")
         assert field.has_class("wrong")
         await seat.press("home", "delete")
         await seat.sees("not saved: Ctrl+S")

@@ -142,6 +142,24 @@ def test_what_is_opened_is_shown(desk: Any, at_console: Any) -> None:
     at_console(sitting)
 
 
+def test_a_jog_starts_where_the_stage_is_and_not_where_the_screen_last_saw_it(
+    desk: Any, at_console: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def sitting(seat: Any) -> None:
+        await seat.sees("● ready")
+        await seat.until(lambda: at(seat, 0.0))
+        monkeypatch.setattr("rigctl.console.bench.POLL_S", 3600.0)
+        stage = seat.app._holding.bench._stations["rotation"]
+        await seat.press("m", *"170", "enter")
+        await seat.until(lambda: stage.state == "ready" and abs(stage.instrument.angle().value - 170.0) < 1e-3)
+        await seat.press("right_square_bracket")
+        await seat.until(lambda: any("171 deg is outside" in line.text for line in seat.app._panes.log._lines))
+        await seat.press("left_square_bracket")
+        await seat.until(lambda: stage.state == "ready" and abs(stage.instrument.angle().value - 169.0) < 1e-3)
+
+    at_console(sitting, desk.directory / "rig.toml")
+
+
 def test_a_move_outside_the_limits_is_refused_where_it_is_typed(desk: Any, at_console: Any) -> None:
     async def sitting(seat: Any) -> None:
         await seat.sees("● ready")

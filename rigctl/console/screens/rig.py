@@ -17,7 +17,7 @@ from textual.containers import Grid, Vertical
 from textual.widgets import DataTable, Static
 
 from rigctl.console.bench import InstrumentView, Limits, Strip, Value
-from rigctl.console.messages import HomeAsked, MoveAsked, Noted, ReconnectAsked
+from rigctl.console.messages import HomeAsked, JogAsked, MoveAsked, Noted, ReconnectAsked
 from rigctl.console.widgets.dialogs import MoveDialog, TextDialog
 from rigctl.console.widgets.plot import Line, Picture, Plot
 
@@ -235,18 +235,9 @@ class RigPane(Vertical):
             self.post_message(HomeAsked(chosen[0].name))
 
     def action_jog(self, direction: int) -> None:
-        """One step; refused where it would leave the limits."""
-        if (chosen := self._stage()) is None:
-            return
-        view, limits = chosen
-        if not view.values or not math.isfinite(view.values[0].value):
-            self.post_message(Noted(f"{view.name}: its position is not known", "warning"))
-            return
-        value = view.values[0].value + direction * self.jog_step
-        if refusal := limits.refusal(value):
-            self.post_message(Noted(f"{view.name}: {refusal}", "warning"))
-        else:
-            self.post_message(MoveAsked(view.name, value))
+        """One step from where the stage is; refused where it would leave the limits."""
+        if (chosen := self._stage()) is not None:
+            self.post_message(JogAsked(chosen[0].name, direction * self.jog_step))
 
     def action_step(self) -> None:
         """Another size of the jog's steps."""

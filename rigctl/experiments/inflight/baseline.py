@@ -26,11 +26,21 @@ from rigctl.experiments.inflight.weights import ComplexArray
 from rigctl.fitting.least_squares import Parameter, Prior
 from rigctl.interfaces import FloatArray
 
-NUISANCES = ("ac11", "theta_cx", "k_y", "k_z")
-_PRIORS = {"ac11": (1.0, 6e-3), "theta_cx": (0.0, 1.5e-3), "k_y": (0.0, 8e3), "k_z": (0.0, 8e3)}
-_NUISANCE_UNITS = ("1", "rad", "s2/m", "s2/m")
+_PRIORS = {
+    "ac11": (1.0, 6e-3),
+    "theta_cx": (0.0, 1.5e-3),
+    "k_y": (0.0, 8e3),
+    "k_z": (0.0, 8e3),
+    "ad22": (0.0, 6e-3),
+    "ad33": (0.0, 6e-3),
+}
+NUISANCES = tuple(_PRIORS)
+_NUISANCE_UNITS = ("1", "rad", "s2/m", "s2/m", "1", "1")
 GAIN = (1.0, 1e-2)
 """What is known beforehand of a sensor's gain, and so of its inverse, in which the model is linear whatever acts."""
+
+_GAIN_RATIO = 1e-4
+"""Of a_d22 and a_d33, once seen: they are wanted to a hundredth of their bounds."""
 
 _LOOSE = (1e-3, 1e-3, 1e-3, 0.1, 0.1, 0.3, 0.1, 0.1, 1e6, 1e6)
 """Priors of the parameters themselves, hundreds of times their bounds: without its session one is not determined."""
@@ -65,17 +75,23 @@ class Stretch:
         return self.session.moves_masses and STIMULUS in self.lines
 
 
-def coefficients(session: Session, mean_square: float, p: AnyArray) -> AnyArray:
-    """Of each series in left side less right side, for parameters (shared, k), complex or not; shape (series, k)."""
-    dx, dy, dz, ac12, ac13, ad11, ad12, ad13, k2d, k2c, ac11, theta_cx, k_y, k_z = p
+def coefficients(session: Session, found: Amplitudes, p: AnyArray) -> AnyArray:
+    """Of each series in left side less right side, for parameters (shared, k), complex or not; shape (series, k).
+
+    Of `found` only the levels count that its amplitudes are about.
+    """
+    dx, dy, dz, ac12, ac13, ad11, ad12, ad13, k2d, k2c, ac11, theta_cx, k_y, k_z, ad22, ad33 = p
     c = np.zeros((len(SERIES), p.shape[1]), dtype=p.dtype)
 
     def put(name: str, value: AnyArray) -> None:
         c[INDEX[name]] = value
 
-    k = of_masses(k2d, k2c, ad11)
-    level = np.zeros_like(dx) if session.name in QUADRATIC else 0.5 * (k.k_1 - k.k_2) * mean_square
-    for name, factor, curve, mu in (("m1", 1.0 - ad11, k.k_1, level), ("m2", -(1.0 + ad11), k.k_2, -level)):
+    k_1, k_2 = of_masses(k2d, k2c, ad11)
+    level = 0.5 * (k_1 - k_2) * found.mean_square
+    if session.name in QUADRATIC:
+        level = np.zeros_like(dx)
+        k_1, k_2 = (held_elsewhere(k, session, found) for k in (k_1, k_2))
+    for name, factor, curve, mu in (("m1", 1.0 - ad11, k_1, level), ("m2", -(1.0 + ad11), k_2, -level)):
         put(name, factor * (1.0 - 2.0 * curve * mu + 6.0 * curve**2 * mu**2))
         put(f"{name}^2", factor * (6.0 * curve**2 * mu - curve))
         put(f"{name}^3", factor * 2.0 * curve**2)
@@ -95,21 +111,43 @@ def coefficients(session: Session, mean_square: float, p: AnyArray) -> AnyArray:
     put("z^2", 2.0 * ad13 * k_z)
     for axis, value in zip("xyz", (ac11, ac12, ac13), strict=True):
         put(f"force {axis}", -value)
-    _put_moved(session.name, put, ac11, ac12, ac13, theta_cx)
+    _put_moved(session.name, put, (ac11, ac12, ac13), theta_cx, (ad22 * ad12, ad33 * ad13))
     return c
 
 
-def _put_moved(name: str, put: Any, ac11: AnyArray, ac12: AnyArray, ac13: AnyArray, theta_cx: AnyArray) -> None:
-    """The gradient on what was moved."""
+def held_elsewhere(k: Any, session: Session, found: Amplitudes) -> Any:
+    """A mass' quadratic factor k = K2 / J^2 in a session whose loop holds one mass at nil, not the mean of both.
+
+    The output is higher there by half the masses' distance, m_dx, for which the slope J is larger by 2 k m_dx.
+    """
+    higher = found.apart if session.name == "k2c_1" else -found.apart
+    return k / (1.0 + 2.0 * k * higher) ** 2
+
+
+def _put_moved(
+    name: str, put: Any, ac1: tuple[AnyArray, ...], theta_cx: AnyArray, beyond: tuple[AnyArray, AnyArray]
+) -> None:
+    """The gradient on what was moved, along the masses' own axes, theta_c^T e: (-theta_cz, 1, theta_cx) for Y,
+    (theta_cy, -theta_cx, 1) for Z; a_c11 theta_cz = a_c12 + a_d22 a_d12, -a_c11 theta_cy = a_c13 + a_d33 a_d13."""
+    ac11, ac12, ac13 = ac1
     if name == "ac12":
-        put("moved t_xx", ac12)
-        put("moved t_xz", -theta_cx)
+        put("moved g_xx", ac12 + beyond[0])
+        put("moved g_xy", -ac11)
+        put("moved g_xz", -ac11 * theta_cx)
+        put("moved g_yy", -ac12)
+        put("moved g_zz", -ac13 * theta_cx)
     elif name == "ac13":
-        put("moved t_xx", ac13)
-        put("moved t_xz", -ac11)
-        put("moved t_zz", -ac13)
+        put("moved g_xx", ac13 + beyond[1])
+        put("moved g_xy", ac11 * theta_cx)
+        put("moved g_xz", -ac11)
+        put("moved g_zz", -ac13)
     elif name in QUADRATIC:
-        put("moved t_xx", ac11 if name == "k2c_1" else -ac11)
+        put("moved g_xx", ac11 if name == "k2c_1" else -ac11)
+
+
+def gain_ratio(apart: complex, common: complex) -> float:
+    """a_d22 or a_d33 from amplitudes of m_1 - m_2 and m_c along that axis, where control shakes the satellite."""
+    return float(0.5 * np.real(np.conj(common) * apart) / np.abs(common) ** 2)
 
 
 def own_channel(session: Session) -> AnyArray:
@@ -144,13 +182,29 @@ class Baseline:
         self._gain_of = {run_id: SHARED + place for place, run_id in enumerate(gains)}
         self.parameters = (
             *(Parameter(name, 0.0, prior=Prior(0.0, loose)) for name, loose in zip(NAMES, _LOOSE, strict=True)),
-            *(Parameter(name, _PRIORS[name][0], prior=Prior(*_PRIORS[name])) for name in NUISANCES),
+            *(Parameter(name, prior.mean, prior=prior) for name, prior in self._priors().items()),
             *(Parameter(f"inverse_gain[{run_id}]", GAIN[0], prior=Prior(*GAIN)) for run_id in gains),
         )
         self.units = (*UNITS, *_NUISANCE_UNITS, *("1" for _ in gains))
         self._tables = [
             straightened(each.session, each.lines, each.amplitudes).table[each.compared] for each in self.stretches
         ]
+
+    def _priors(self) -> dict[str, Prior]:
+        """Of the nuisances; the gains across the sensitive axis are measured where control shakes the satellite."""
+        found = {name: Prior(*prior) for name, prior in _PRIORS.items()}
+        for name, session, series in (("ad22", "ad12", "y"), ("ad33", "ad13", "z")):
+            seen = [
+                gain_ratio(table.of(f"own {series}")[place], table.of(series)[place])
+                for table, place in (
+                    (each.amplitudes, each.lines.index(STIMULUS))
+                    for each in self.stretches
+                    if each.session.name == session and STIMULUS in each.lines
+                )
+            ]
+            if seen:
+                found[name] = Prior(float(np.mean(seen)), _GAIN_RATIO)
+        return found
 
     def observed(self) -> FloatArray:
         """What was measured, shape (data,)."""
@@ -178,7 +232,7 @@ class Baseline:
         found = []
         shared = values[:SHARED, None]
         for place, (each, table) in enumerate(zip(self.stretches, self._tables, strict=True)):
-            c = coefficients(each.session, each.amplitudes.mean_square, shared)[:, 0]
+            c = coefficients(each.session, each.amplitudes, shared)[:, 0]
             at = table if changes is None else table - changes[place][each.compared]
             found.append(_parts(at @ c))
             if each.has_own:
@@ -193,7 +247,7 @@ class Baseline:
         stepped = values[:SHARED, None] + 1j * _STEP * np.eye(SHARED)
         blocks = []
         for place, (each, table) in enumerate(zip(self.stretches, self._tables, strict=True)):
-            c = np.imag(coefficients(each.session, each.amplitudes.mean_square, stepped)) / _STEP
+            c = np.imag(coefficients(each.session, each.amplitudes, stepped)) / _STEP
             at = table if changes is None else table - changes[place][each.compared]
             block = np.zeros((2 * len(at), len(values)))
             block[:, :SHARED] = _parts(at @ c)
@@ -209,7 +263,7 @@ class Baseline:
         """What changes of the measured amplitudes do to `residual`, shape (data,)."""
         found = []
         for each, change in zip(self.stretches, changes, strict=True):
-            c = coefficients(each.session, each.amplitudes.mean_square, values[:SHARED, None])[:, 0]
+            c = coefficients(each.session, each.amplitudes, values[:SHARED, None])[:, 0]
             found.append(_parts(change[each.compared] @ c))
             if each.has_own:
                 own = change[self._stimulus(each)]

@@ -228,7 +228,7 @@ def _in_gradient(run: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
     made = {name: -added["xyz".index(name[2]), "xyz".index(name[3])] for name in GRADIENTS}
     wave = (run.moved[1] - run.moved[0]).sum(axis=0)
     wave = -wave if run.session == "k2c_1" else wave
-    return made | {f"moved {name}": wave * made[name] for name in ("t_xx", "t_xz", "t_zz")}
+    return made | {f"moved g_{name}": wave * made[f"t_{name}"] for name in ("xx", "xy", "xz", "yy", "zz")}
 
 
 def _in_place(run: FlightRun, added: FloatArray) -> dict[str, FloatArray]:

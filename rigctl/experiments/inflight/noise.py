@@ -64,7 +64,7 @@ def run_noises(runs: Sequence[ReducedRun], values: FloatArray) -> list[RunNoise]
 
 
 def _left_over(run: ReducedRun, values: FloatArray) -> FloatArray:
-    return np.asarray(coefficients(run.session, run.whole.amplitudes.mean_square, values[:SHARED, None])[:, 0])
+    return np.asarray(coefficients(run.session, run.whole.amplitudes, values[:SHARED, None])[:, 0])
 
 
 def _level(ratio: FloatArray) -> float:

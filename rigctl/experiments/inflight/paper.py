@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.experiments.inflight.baseline import held_elsewhere
 from rigctl.experiments.inflight.parameters import NAMES
 from rigctl.experiments.inflight.series import Amplitudes, straightened
 from rigctl.experiments.inflight.sessions import MASS_MOTION, Session
@@ -21,9 +22,13 @@ SWEEPS = 8
 SETTLED = 1e-3
 """A sweep that moves nothing by more than so many sigmas is the last that matters."""
 
-_ROWS = ("dx", "dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2")
+_BESIDE = {"theta_cx": "ac12", "ad22": "ad12", "ad33": "ad13"}
+"""What else the corrections need, and the session that tells it."""
+
+_ROWS = ("dx", "dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2", *_BESIDE)
 _AT = {name: place for place, name in enumerate(_ROWS)}
-_SIZES = np.array([2e-5, 2e-5, 2e-5, 3e-3, 3e-3, 1e-2, 2e-3, 2e-3, 1e4, 1e4, 1e4])
+_SIZES = np.array([2e-5, 2e-5, 2e-5, 3e-3, 3e-3, 1e-2, 2e-3, 2e-3, 1e4, 1e4, 1e4, 3e-3, 1e-2, 1e-2])
+_OWN = {"ad22": "y", "ad33": "z"}
 _QUADRATIC = {"k2c_1": ("m1", "m2", 1.0), "k2c_2": ("m2", "m1", -1.0)}
 
 
@@ -73,7 +78,8 @@ def paper_estimate(runs: Mapping[str, FittedRun]) -> PaperEstimate:
 
 def _rows_of(runs: Mapping[str, FittedRun]) -> dict[int, FittedRun]:
     both = {name: runs["dx+dz"] for name in ("dx", "dz") if "dx+dz" in runs}
-    found = {**both, **runs}
+    beside = {name: runs[session] for name, session in _BESIDE.items() if session in runs}
+    found = {**both, **beside, **runs}
     return {_AT[name]: found[name] for name in _ROWS if name in found}
 
 
@@ -84,22 +90,26 @@ def _solved(place: int, a: FloatArray, run: FittedRun) -> float:
 
 def _equation(place: int, a: FloatArray, run: FittedRun) -> tuple[ComplexArray, ComplexArray]:
     """Corrected complex amplitudes y and the regressor's, at the parameter's own lines."""
-    name = _ROWS[place]
-    own = slice(0, 2 if name in MASS_MOTION else 1)
-    table = straightened(run.session, run.session.fitted_lines(), run.amplitudes)
+    name, session = _ROWS[place], run.session
+    own = slice(0, 2 if session.name in MASS_MOTION else 1)
+    table = straightened(session, session.fitted_lines(), run.amplitudes)
+    if name in _OWN:
+        return table.of(f"own {_OWN[name]}")[own], 2.0 * table.of(_OWN[name])[own]
     linear, rest = _terms(table)
     if name in _QUADRATIC:
         moving, fixed, sign = _QUADRATIC[name]
         gradient = sum(a[k] * linear[k] for k in range(3)) + _cross(a, table)
         linked = a[5] * table.of(fixed) + a[6] * table.of("y") + a[7] * table.of("z")
-        y = table.of(moving) - table.of(fixed) - sign * (gradient + 2.0 * linked) + table.of("moved t_xx")
-        return y[own], table.of(f"{moving}^2")[own]
-    y = table.of("m1") - table.of("m2") - _cross(a, table)
+        y = table.of(moving) - table.of(fixed) - sign * (gradient + 2.0 * linked) + table.of("moved g_xx")
+        share = held_elsewhere(a[place], session, table) / a[place] if a[place] else 1.0
+        return y[own], share * table.of(f"{moving}^2")[own]
+    y = table.of("m1") - table.of("m2") - _cross(a, table) - _cubic(a, table)
     for other, series in enumerate((*linear, *rest)):
         if other != place:
             y = y - a[other] * series
-    if name in MASS_MOTION:
-        return _of_moved(name, y, table, own)
+    if session.name in MASS_MOTION:
+        y, regressor = _of_moved(name, y, a, table)
+        return y[own], regressor[own]
     return y[own], (*linear, *rest)[place][own]
 
 
@@ -108,7 +118,7 @@ def _terms(table: Amplitudes) -> tuple[tuple[ComplexArray, ...], tuple[ComplexAr
     nothing = np.zeros(len(table.table), dtype=np.complex128)
     m_c = table.of("m1") + table.of("m2")
     square = 0.25 * (table.of("m1^2") + table.of("m2^2") + 2.0 * table.of("m1 m2"))
-    linear = (table.of("t_xx"), table.of("t_xz"), table.of("t_xy") + table.of("dw_z"))
+    linear = (table.of("t_xx"), table.of("t_xz") - table.of("dw_y"), table.of("t_xy") + table.of("dw_z"))
     return linear, (nothing, nothing, m_c, 2.0 * table.of("y"), 2.0 * table.of("z"), 2.0 * square)
 
 
@@ -120,11 +130,21 @@ def _cross(a: FloatArray, table: Amplitudes) -> ComplexArray:
     return np.asarray(a[3] * along_y + a[4] * along_z)
 
 
-def _of_moved(name: str, y: ComplexArray, table: Amplitudes, own: slice) -> tuple[ComplexArray, ComplexArray]:
-    xx = table.of("moved t_xx")
-    if name == "ac12":
-        return y[own], -xx[own]
-    return (y - table.of("moved t_xz"))[own], (table.of("moved t_zz") - xx)[own]
+def _cubic(a: FloatArray, table: Amplitudes) -> ComplexArray:
+    """-(k_1^2 - k_2^2) m_cx^3, which two parabolas with one slope at rest leave in 2 m_dx."""
+    return np.asarray(0.5 * (a[_AT["k2c_2"]] ** 2 - a[_AT["k2c_1"]] ** 2) * (table.of("m1^3") + table.of("m2^3")))
+
+
+def _of_moved(name: str, y: ComplexArray, a: FloatArray, table: Amplitudes) -> tuple[ComplexArray, ComplexArray]:
+    """Less the gradient on masses that move along their own axes, with a_c11 = 1; see `baseline`."""
+    xx, xy, xz, yy, zz = (table.of(f"moved g_{axes}") for axes in ("xx", "xy", "xz", "yy", "zz"))
+    ac12, ac13, ad12, ad13, theta_cx = (a[_AT[each]] for each in ("ac12", "ac13", "ad12", "ad13", "theta_cx"))
+    if name == "ac13":
+        return y - xz + theta_cx * xy + ad13 * a[_AT["ad33"]] * xx, zz - xx
+    y = y - xy - ac13 * theta_cx * zz + ad12 * a[_AT["ad22"]] * xx
+    if name == "theta_cx":
+        return y - ac12 * (yy - xx), xz
+    return y - theta_cx * xz, yy - xx
 
 
 def _covariance(a: FloatArray, rows: Mapping[int, FittedRun]) -> FloatArray:

@@ -26,7 +26,7 @@ from rigctl.experiments.inflight.sessions import (
 from rigctl.experiments.inflight.weights import level_weights, weights
 from rigctl.interfaces import FloatArray
 
-VERSION = 6
+VERSION = 7
 """Of what is kept: counted up whenever other numbers would come out."""
 
 HALVES = 2
@@ -159,6 +159,7 @@ def to_bytes(run: ReducedRun) -> bytes:
                 "stop_s": each.stop_s,
                 "lines": [[line.harmonic, line.orbital] for line in each.lines],
                 "mean_square": each.amplitudes.mean_square,
+                "apart": each.amplitudes.apart,
             }
             for each in (run.whole, *run.halves)
         ],
@@ -185,7 +186,7 @@ def from_bytes(data: bytes, run_id: str, conditions: Mapping[str, Any]) -> Reduc
                 each["start_s"],
                 each["stop_s"],
                 tuple(Line(*line) for line in each["lines"]),
-                Amplitudes(arrays[f"table_{number}"], each["mean_square"]),
+                Amplitudes(arrays[f"table_{number}"], each["mean_square"], each["apart"]),
                 arrays[f"spread_{number}"],
             )
             for number, each in enumerate(head["stretches"])

@@ -84,7 +84,7 @@ def scan(run: ReducedRun, samples: Mapping[str, FloatArray], values: FloatArray)
 
 def residual(run: ReducedRun, grid: Grid, values: FloatArray) -> FloatArray:
     """Left side less right side of the baseline, sample by sample; zero where samples miss."""
-    c = coefficients(run.session, run.whole.amplitudes.mean_square, values[:SHARED, None])[:, 0]
+    c = coefficients(run.session, run.whole.amplitudes, values[:SHARED, None])[:, 0]
     means = {name: float(column[grid.present].mean()) for name, column in grid.columns.items() if name[0] == "m"}
     found = np.zeros(len(grid.t_s))
     for start in range(0, len(found), _CHUNK):

@@ -7,7 +7,7 @@ are summed and turned into central ones afterwards.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,12 +27,12 @@ SERIES = (
     *GRADIENTS,
     *ROTATION,
     *ATTITUDE,
-    *("moved", "moved t_xx", "moved t_xz", "moved t_zz"),
     *("own x", "own y", "own z"),
+    *("moved", "moved g_xx", "moved g_xy", "moved g_xz", "moved g_yy", "moved g_zz"),
     *("force x", "force y", "force z"),
 )
-"""m1, m2: x accelerations; y, z: common ones; moved: injected displacement; own: m_1 - m_2. `force` is what acts on
-mass 1 less what acts on mass 2: no channel tells it, effects do."""
+"""m1, m2: x accelerations; y, z: common ones; own: m_1 - m_2; moved: injected displacement, g = T - In. `force` is
+what acts on mass 1 less what acts on mass 2: no channel tells it, effects do."""
 
 INDEX = {name: place for place, name in enumerate(SERIES)}
 _FROM_SAMPLES = SERIES[: INDEX["force x"]]
@@ -40,10 +40,12 @@ _FROM_SAMPLES = SERIES[: INDEX["force x"]]
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """A stretch's complex amplitudes c - i s, `table` of shape (lines, series), and the mean of m_cx^2."""
+    """A stretch's complex amplitudes c - i s, `table` of shape (lines, series), and what they count from: the mean of
+    m_cx^2, and the level of m_dx, half the difference of the masses' levels along x."""
 
     table: ComplexArray
     mean_square: float
+    apart: float
 
     def of(self, name: str) -> ComplexArray:
         """One series at all lines, shape (lines,)."""
@@ -60,13 +62,15 @@ def raw_series(session: Session, t_s: FloatArray, columns: Mapping[str, FloatArr
     made[: len(rows)] = rows
     for name in (*GRADIENTS, *ROTATION, *ATTITUDE):
         made[INDEX[name]] = columns[name]
+    for axis in "xyz":
+        made[INDEX[f"own {axis}"]] = columns[f"m1_{axis}"] - columns[f"m2_{axis}"]
     if session.moves_masses:
         moved = session.injected(t_s)
         made[INDEX["moved"]] = moved
-        for name in ("t_xx", "t_xz", "t_zz"):
-            made[INDEX[f"moved {name}"]] = moved * columns[name]
-        for axis in "xyz":
-            made[INDEX[f"own {axis}"]] = columns[f"m1_{axis}"] - columns[f"m2_{axis}"]
+        for name in ("xx", "yy", "zz"):
+            made[INDEX[f"moved g_{name}"]] = moved * columns[f"t_{name}"]
+        made[INDEX["moved g_xy"]] = moved * (columns["t_xy"] + columns["dw_z"])
+        made[INDEX["moved g_xz"]] = moved * (columns["t_xz"] - columns["dw_y"])
     return made.T
 
 
@@ -87,7 +91,7 @@ def straightened(session: Session, lines: Sequence[Line], found: Amplitudes) -> 
     for line, share in ((STIMULUS, 1.0), (Line(1, -2), 0.5), (Line(1, 2), 0.5)):
         if line in lines:
             table[lines.index(line), INDEX["t_xy"]] += share * steady * error
-    return Amplitudes(table, found.mean_square)
+    return replace(found, table=table)
 
 
 class Sums:
@@ -127,4 +131,4 @@ def central(table: ComplexArray, means: FloatArray) -> Amplitudes:
         made[:, at[f"{name}^2"]] = table[:, at[f"{name}^2"]] - 2.0 * mean[name] * table[:, at[name]]
     square = sum(float(means[at[name]]) for name in ("m1^2", "m2^2")) + 2.0 * float(means[at["m1 m2"]])
     centre = 0.5 * (mean["m1"] + mean["m2"])
-    return Amplitudes(made, 0.25 * square - centre**2)
+    return Amplitudes(made, 0.25 * square - centre**2, 0.5 * (mean["m1"] - mean["m2"]))

@@ -40,7 +40,7 @@ class SensorSettings(Table):
     """What is known beforehand of a sensor in one configuration; `u_` are relative standard uncertainties."""
 
     gain_v_per_m_s2: Annotated[float, Field(gt=0)]
-    frequency_hz: Annotated[float, Field(gt=0)]
+    frequency_hz: Annotated[float, Field(ge=1e-3, le=1e6)]
     q: Annotated[float, Field(gt=0)]
     u_gain: Annotated[float, Field(gt=0)] = 0.01
     u_frequency: Annotated[float, Field(gt=0)] = 0.02
@@ -134,7 +134,8 @@ class Package(Table):
     @model_validator(mode="after")
     def _consistent(self) -> Package:
         matrix = np.asarray(self.uoaf_from_coc)
-        if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-4) or np.linalg.det(matrix) < 0:
+        within = np.abs(matrix).max() <= 1.0 + 1e-4
+        if not (within and np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-4) and np.linalg.det(matrix) > 0):
             raise ValueError("uoaf_from_coc is no rotation matrix")
         for name, axis in self.axes.items():
             if name != axis.cube_axis:
