@@ -119,11 +119,11 @@ def one_sigma(effect: str, short_s: float) -> float:
 
 @lru_cache(maxsize=4)
 def _clean(short_s: float) -> tuple[PlatformStudy, Attempt]:
-    study = PlatformStudy(sampled(_nature(1, {}), design(short_s)))
+    study = PlatformStudy(sampled(nature(1, {}), design(short_s)))
     return study, Attempt(study, ())
 
 
-def _nature(seed: int, effects: Mapping[str, Mapping[str, float]]) -> PlatformSettings:
+def nature(seed: int, effects: Mapping[str, Mapping[str, float]]) -> PlatformSettings:
     return PlatformSettings.model_validate(
         {"kind": "rotating-platform", "seed": seed, "temperature": TEMPERATURE, "effects": effects}
     )
@@ -134,9 +134,9 @@ def trial(asked: tuple[str, tuple[float, float], tuple[str, ...], float], seed: 
     kind, sigma, among, alpha = asked
     truth, short_s = draw(seed, kind, sigma, among)
     began_s = time.perf_counter()
-    nature = _nature(1000 + seed, {truth.effect: truth.sizes} if truth.effect else {})
+    world = nature(1000 + seed, {truth.effect: truth.sizes} if truth.effect else {})
     with tempfile.TemporaryDirectory() as scratch:
-        record(nature, design(short_s), Path(scratch) / "bundle")
+        record(world, design(short_s), Path(scratch) / "bundle")
         try:
             with import_bundle(Path(scratch) / "bundle", Path(scratch) / "s.rig.sqlite") as store:
                 found = diagnose(study_of(store), (), alpha)
