@@ -1,8 +1,7 @@
 """Every effect of the rotating platform at a realistic size: what six runs say of it, and how far the error falls.
 
-One effect at a time is hidden in the world of the blind trials, at a size one may meet on a bench, in runs that let it
-show; where it is too small for them, the size that would have been seen is told, and the effect is looked for again at
-twice that.
+One effect at a time is hidden in the world of the blind trials, in their six runs, at a size one may meet on a bench;
+where that is too small for these runs, the size is told that would have been seen, and a larger one is tried too.
 
     python -m benchmarks.platform_effects --out platform_effects.jsonl
 """
@@ -25,6 +24,7 @@ from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.findings import Diagnosis, Rank
 
 INSEPARABLE = ("theta-locked-bias", "pendulum-reaction")
+"""What no modulation shows."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,9 @@ def said(case: Case, found: Diagnosis) -> str:
     if case.effect in names and found.verdict == "ambiguous" and set(names) <= {case.effect, *rivals}:
         return f"ambiguous with {', '.join(sorted({*names, *rivals} - {case.effect}))}"
     if not names and found.verdict == "adequate":
-        absorbed = any(each.effect == case.effect and each.other.startswith("baseline:") for each in found.inseparable)
+        absorbed = any(
+            each.effect == case.effect and each.other.startswith("baseline:") for each in found.inseparable
+        )
         return "inseparable" if absorbed else "nothing"
     return f"wrong: {found.verdict} {', '.join(names)}"
 
