@@ -16,14 +16,16 @@ import numpy as np
 
 from procedures import scan
 from procedures.tables import Procedure
-from rigctl import config, planning, runner
+from rigctl import config, runner
 from rigctl.campaign.recording import ImportReport, Recording
 from rigctl.campaign.store import Store
 from rigctl.effects.plugins import load
 from rigctl.errors import ConfigError, DataError
 from rigctl.experiments.sensing_axis.set_points import OVERHEAD_S
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
+from rigctl.kinds.sensing_axis import scan_of
 from rigctl.origin import campaign_of
+from rigctl.planning import text_of
 from rigctl.workbench import versions
 from rigctl.workbench.bench import ALPHA, Workbench
 from rigctl.workbench.diagnose import diagnose
@@ -337,15 +339,8 @@ def _require_same(campaign: config.CampaignFile, store_path: Path) -> None:
 
 def _text(campaign: config.CampaignFile, points: SetPoints, runs: Sequence[Proposal], title: str) -> str:
     named = f"{campaign.title}: {title}" if campaign.title else title
-    return planning.scan_text(
-        named,
-        campaign.rig,
-        points.axis,
-        points.configuration,
-        runs,
-        campaign.model.effects,
-        _procedure(campaign),
-    )
+    procedure = scan_of(points.axis, points.configuration, runs, _procedure(campaign))
+    return text_of(campaign.experiment, named, campaign.rig, procedure, campaign.model.effects)
 
 
 def _spread_in_time(full_scan: Sequence[Proposal]) -> list[Proposal]:

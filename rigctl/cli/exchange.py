@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 
 SAY_EVERY_S = 2.0
 
-_REDUCED = ("sensing-axis", "rotating-platform", "inflight-calibration")
-"""Experiments whose runs are reduced as soon as they are imported."""
-
 app = typer.Typer()
 
 
@@ -37,7 +34,7 @@ def import_(
     with import_bundle(bundle, store) as imported:
         report = import_report(imported) or ImportReport(len(imported.runs()))
         read = _read(imported, report)
-        left_out = _reduced(imported) if imported.header.experiment in _REDUCED else {}
+        left_out = _reduced(imported)
     if as_json:
         print_json(
             {
@@ -70,12 +67,7 @@ def _read(store: Store, report: ImportReport) -> str:
 
 def _reduced(store: Store) -> dict[str, str]:
     """Reduce the valid runs once and for all, saying how fast; which were left out, and why."""
-    if store.header.experiment == "inflight-calibration":
-        from rigctl.experiments.inflight.recorded import reduction
-    elif store.header.experiment == "rotating-platform":
-        from rigctl.experiments.rotating_platform.store_reduction import reduction  # type: ignore[assignment]
-    else:
-        from rigctl.experiments.sensing_axis.store_reduction import reduction  # type: ignore[assignment]
+    from rigctl.kinds import kind_of
 
     began_s = said_s = time.monotonic()
 
@@ -86,7 +78,7 @@ def _reduced(store: Store) -> dict[str, str]:
             said_s = now_s
             tell(f"{done} of {runs} runs reduced, {done / max(now_s - began_s, 1e-9):.0f} runs/s")
 
-    return dict(reduction(store, progress=progress).left_out)
+    return dict(kind_of(store.header.experiment, store.path).reduced(store, progress))
 
 
 @app.command()

@@ -30,7 +30,7 @@ def next_(
     with workbench(store, plugin) as bench:
         if write is not None:
             planning.require_rig(bench.store)
-        found = bench.recommend(planning.allowed_by(bench.store), tell)
+        found = bench.recommend(tell)
         if write is not None:
             if not found.runs:
                 raise DataError(f"{store}: there is nothing to write: {found.words}")

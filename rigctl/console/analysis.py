@@ -151,11 +151,10 @@ def diagnose(store: Path, plugins: Plugins) -> Found:
 def recommend(store: Path, plugins: Plugins) -> Found:
     """`rigctl next`."""
     from rigctl.campaign.store import Store
-    from rigctl.planning import allowed_by
     from rigctl.workbench.bench import Workbench
 
     with Store.open(store) as opened:
-        return Workbench(opened, plugins).recommend(allowed_by(opened)).as_json()
+        return Workbench(opened, plugins).recommend().as_json()
 
 
 def residuals(store: Path, covariate: str, plugins: Plugins) -> Found:

@@ -6,7 +6,7 @@ procedures, which know no analysis of a whole recording, and analysis, which kno
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -26,7 +26,11 @@ if TYPE_CHECKING:
     from rigctl.report.result_table import ResultTable
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.recommend import Allowed
     from rigctl.workbench.study import Proposal, Study
+
+Progress = Callable[[int, int], None]
+"""Called with how many runs are done, and of how many."""
 
 
 class Work(Protocol):
@@ -90,6 +94,14 @@ class Kind(Protocol):
 
     def further(self, store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> Mapping[str, Any]:
         """The `[procedure]` table of a campaign that makes proposed runs, otherwise like the store's own."""
+        ...
+
+    def allowed(self, store: Store) -> Allowed | None:
+        """Which proposals the rig of a store can carry out; None where there is no rig to ask, or none is needed."""
+        ...
+
+    def reduced(self, store: Store, progress: Progress) -> Mapping[str, str]:
+        """Reduce the valid runs once and for all; which were left out, and why."""
         ...
 
     def study(self, store: Store, plugins: Sequence[Plugin]) -> Study:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigctl.errors import DataError, ProcedureError
+from rigctl.experiments.inflight import recorded
 from rigctl.experiments.inflight.monte_carlo import DRAW, Draw, tables
 from rigctl.experiments.inflight.result import calibration
 from rigctl.experiments.inflight.study import InflightStudy
@@ -17,10 +18,11 @@ if TYPE_CHECKING:
     from rigctl.campaign.store import Store
     from rigctl.config import CampaignFile
     from rigctl.effects.plugins import Plugin
-    from rigctl.kinds import Plan
+    from rigctl.kinds import Plan, Progress
     from rigctl.report.figure_data import Plate
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.recommend import Allowed
     from rigctl.workbench.study import Proposal
 
 
@@ -45,6 +47,17 @@ def further(store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> M
     """These sessions once more, with the stimulus they had."""
     del store
     return {**campaign.procedure, "sessions": list(dict.fromkeys(str(run.settings["session"]) for run in runs))}
+
+
+def allowed(store: Store) -> Allowed | None:
+    """Every session that is proposed can be flown."""
+    del store
+    return None
+
+
+def reduced(store: Store, progress: Progress) -> Mapping[str, str]:
+    """Their lines, run by run."""
+    return recorded.reduction(store, progress=progress).left_out
 
 
 def study(store: Store, plugins: Sequence[Plugin]) -> InflightStudy:

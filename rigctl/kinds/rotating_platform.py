@@ -17,6 +17,7 @@ from rigctl.experiments.rotating_platform.alignment import Value
 from rigctl.experiments.rotating_platform.bench_runs import flips, noise_records, scans
 from rigctl.experiments.rotating_platform.recorded import chains
 from rigctl.experiments.rotating_platform.result import PlatformResult, platform_result
+from rigctl.experiments.rotating_platform.store_reduction import reduction
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.interfaces import TimedRotationStage
 from rigctl.kinds import Drawn
@@ -27,8 +28,10 @@ if TYPE_CHECKING:
     from rigctl.campaign.session import Session
     from rigctl.campaign.store import Store
     from rigctl.effects.plugins import Plugin
+    from rigctl.kinds import Progress
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.recommend import Allowed
     from rigctl.workbench.study import Proposal
 
 Q_A, Q_B = "q_a_v", "q_b_v"
@@ -158,6 +161,17 @@ def further(store: Store, runs: Sequence[Proposal], campaign: config.CampaignFil
     """These recordings, rotations and guards as in the campaign there was."""
     del store
     return {**campaign.procedure, "runs": [dict(run.settings) for run in runs]}
+
+
+def allowed(store: Store) -> Allowed | None:
+    """What is proposed keeps to the turns and tilts that were made."""
+    del store
+    return None
+
+
+def reduced(store: Store, progress: Progress) -> Mapping[str, str]:
+    """Their cells, run by run."""
+    return reduction(store, progress=progress).left_out
 
 
 def study(store: Store, plugins: Sequence[Plugin]) -> PlatformStudy:

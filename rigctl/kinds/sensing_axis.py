@@ -23,6 +23,7 @@ from rigctl.experiments.sensing_axis.reduction import ACCEL, LASER_PREFIX
 from rigctl.experiments.sensing_axis.result import SensingAxisResult
 from rigctl.experiments.sensing_axis.result import sensing_axes as axes_of
 from rigctl.experiments.sensing_axis.set_points import OVERHEAD_S, Limits
+from rigctl.experiments.sensing_axis.store_reduction import reduction
 from rigctl.experiments.sensing_axis.study import STANDARD_G, SensingAxisStudy
 from rigctl.fitting.plane import ARCSEC
 from rigctl.kinds import Drawn
@@ -34,9 +35,11 @@ if TYPE_CHECKING:
     from rigctl.campaign.session import Session
     from rigctl.campaign.store import Store
     from rigctl.effects.plugins import Plugin
+    from rigctl.kinds import Progress
     from rigctl.report.result_table import ResultTable
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.recommend import Allowed
 
 KINDS = {"readout": "accelerometer"}
 """What a channel measures where the instrument only knows what it reads."""
@@ -221,6 +224,22 @@ def place_of(store: Store) -> tuple[str, str]:
     if not runs:
         raise DataError(f"{store.path} has no runs yet; nothing can be said of the next one")
     return str(runs[-1].conditions["axis"]), str(runs[-1].conditions["configuration"])
+
+
+def allowed(store: Store) -> Allowed | None:
+    """What the stages' limits, the recorders' memories and the sensor's range leave."""
+    from rigctl.kinds.scan_limits import within
+
+    if store.header.rig_toml is None or store.header.campaign_toml is None:
+        return None
+    campaign = config.parse_campaign(store.header.campaign_toml, store.path)
+    procedure = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
+    return within(rig_file_of(store), procedure, *place_of(store))
+
+
+def reduced(store: Store, progress: Progress) -> Mapping[str, str]:
+    """Their harmonics, run by run."""
+    return reduction(store, progress=progress).left_out
 
 
 def study(store: Store, plugins: Sequence[Plugin]) -> SensingAxisStudy:

@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from rigctl.campaign.store import Store
     from rigctl.config import CampaignFile
     from rigctl.effects.plugins import Plugin
+    from rigctl.kinds import Progress
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.recommend import Allowed
     from rigctl.workbench.study import Proposal
 
 
@@ -43,6 +45,18 @@ def further(store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> M
     """No rig of ours takes readings: `ConfigError`."""
     del runs
     raise ConfigError(f"{store.path}: {campaign.path}: tables are imported, not measured")
+
+
+def allowed(store: Store) -> Allowed | None:
+    """No rig of ours takes readings."""
+    del store
+    return None
+
+
+def reduced(store: Store, progress: Progress) -> Mapping[str, str]:
+    """Readings are taken as they are."""
+    del store, progress
+    return {}
 
 
 def study(store: Store, plugins: Sequence[Plugin]) -> TableStudy:

@@ -7,21 +7,35 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import optimize
 
 from rigctl.errors import DataError, ProcedureError
-from rigctl.fitting.least_squares import FitResult, least_squares
+from rigctl.fitting.least_squares import FitResult, Parameter, least_squares
 from rigctl.workbench.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.findings import Estimate
 from rigctl.workbench.generic import Best, Generic
 from rigctl.workbench.held_out import HeldOut
 from rigctl.workbench.noise import Noise, NoiseEstimator, felt, stacked
 from rigctl.workbench.score import ABSORBED, Projector, Score, corrected, p_of, trials
-from rigctl.workbench.study import Candidate, FloatArray, IntArray, Model, NotTestable, Study, Term
+from rigctl.workbench.study import (
+    Candidate,
+    FloatArray,
+    IntArray,
+    Model,
+    NotTestable,
+    ScansBetween,
+    Study,
+    Term,
+)
 
 ROUNDS = 2
 """Fit, noise from what is left, fit again with that noise."""
 
 MAX_ITERATIONS = 80
+REFINED_FROM = 0.05
+"""Corrected p-values below are worth a look between the values of a scan."""
+
+_SCAN_TOLERANCE = 1e-4
 _SCANNED = 3
 _PART = 1e-3
 _WELL_KNOWN = 500.0
@@ -53,7 +67,8 @@ class Attempt:
         self.model: Model = study.model(self.terms)
         self._seed = seed
         self._shapes = {} if shapes is None else shapes
-        self._start = dict(start or {})
+        # Another choice of the same name is nowhere to start from.
+        self._start = {name: value for name, value in (start or {}).items() if name not in self._scanned}
         given = self.model.observations
         if not len(given.value):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
@@ -66,6 +81,12 @@ class Attempt:
             for _ in range(ROUNDS if self.estimator.from_scatter else 1):
                 self.noise = self.estimator.estimate(self.unexplained())
                 self.result = self._fit()
+
+    @cached_property
+    def _scanned(self) -> frozenset[str]:
+        """Parameters of terms that a scan has found; they have priors."""
+        pairs = zip(self.model.parameters, self.model.owners, strict=True)
+        return frozenset(each.name for each, owner in pairs if owner and each.prior is not None)
 
     def unexplained(self) -> FloatArray:
         """Data - model at the fit, in the data's units, shape (n,)."""
@@ -124,25 +145,52 @@ class Attempt:
 
     @cached_property
     def scored(self) -> list[Scored]:
-        """Every candidate with its score, of a scanned effect the choice with the largest statistic only."""
+        """Every candidate with its score, of a scanned effect the choice with the largest statistic only.
+
+        What stands out is looked for between the values of the scan too.
+        """
         best: dict[str, Scored] = {}
         for candidate, score in zip(self.candidates, self.scores, strict=True):
             held = best.get(candidate.term.effect)
             if held is None or score.statistic > held.score.statistic:
                 best[candidate.term.effect] = Scored(candidate, score)
-        return list(best.values())
+        return [self._refined(each) for each in best.values()]
 
     @cached_property
     def n_eff(self) -> float:
         """How many independent trials the catalogue amounts to."""
         return trials([score.basis for score in self.scores], np.random.default_rng([self._seed, 1]))
 
+    def _refined(self, scored: Scored) -> Scored:
+        """The choice with the largest statistic between its neighbours in the scan, one name after another."""
+        study, term = self.study, scored.candidate.term
+        if not isinstance(study, ScansBetween) or self.corrected(scored.score.p_value) >= REFINED_FROM:
+            return scored
+        found = scored
+        for name, (low, high) in study.neighbours(term).items():
+
+            def with_value(log: float, at: Term = found.candidate.term, name: str = name) -> Scored:
+                choice = {**at.choice, name: float(f"{np.exp(log):.6g}")}
+                candidate = study.candidate(self.model, self.result.values, Term(at.effect, choice))
+                return Scored(candidate, self._score(candidate))
+
+            best = optimize.minimize_scalar(
+                lambda log, of=with_value: -of(log).score.statistic,
+                bounds=(np.log(low), np.log(high)),
+                method="bounded",
+                options={"xatol": _SCAN_TOLERANCE},
+            )
+            found = max(found, with_value(best.x), key=lambda each: each.score.statistic)
+        return found
+
     @cached_property
     def scores(self) -> list[Score]:
         """Of every candidate, in their order."""
-        scores = [self.projector.score(self.columns(candidate)) for candidate in self.candidates]
-        frame = self.estimator.saturated
-        return scores if frame is None else [self._by_own_noise(score, frame) for score in scores]
+        return [self._score(candidate) for candidate in self.candidates]
+
+    def _score(self, candidate: Candidate) -> Score:
+        score, frame = self.projector.score(self.columns(candidate)), self.estimator.saturated
+        return score if frame is None else self._by_own_noise(score, frame)
 
     def _by_own_noise(self, score: Score, frame: FloatArray) -> Score:
         """With the scale of the noise as it is once the candidate is in: what it explains inflates it before."""
@@ -207,14 +255,19 @@ class Attempt:
         }
 
     def _absorbed(self) -> frozenset[str]:
-        """Parameters of terms that other parameters imitate: held at zero while the rest is fitted."""
+        """Parameters of terms that other parameters imitate: held at zero while the rest is fitted.
+
+        What a scan has found has its prior, so that nothing is singular with it: it is neither held nor does it hold.
+        """
         model = self.model
-        own = [i for i, owner in enumerate(model.owners) if owner and not model.parameters[i].fixed]
+        added = [i for i, owner in enumerate(model.owners) if owner and not model.parameters[i].fixed]
+        own = [i for i in added if model.parameters[i].name not in self._scanned]
         start = [self._start.get(each.name, each.start) for each in model.parameters]
         slopes = self.noise.whiten(model.jacobian(np.array(start, dtype=np.float64)))
         weights = [0.0 if each.prior is None else 1.0 / each.prior.sigma for each in model.parameters]
         slopes = np.vstack([slopes, np.diag(weights)])
         size = np.linalg.norm(slopes, axis=0)
+        size[[each.name in self._scanned for each in model.parameters]] = 0.0
         gram = slopes.T @ slopes / np.outer(*2 * [np.where(size > 0.0, size, 1.0)])
         held: list[int] = []
         while own:
@@ -246,12 +299,23 @@ class Attempt:
             else replace(each, start=self._start.get(each.name, each.start))
             for each in model.parameters
         ]
-        result = least_squares(
-            lambda p: noise.whiten(value - model.predict(p)),
-            parameters,
-            jacobian=lambda p: -noise.whiten(model.jacobian(p)),
-            max_iterations=MAX_ITERATIONS,
-        )
+
+        def fitted(parameters: Sequence[Parameter]) -> FitResult:
+            return least_squares(
+                lambda p: noise.whiten(value - model.predict(p)),
+                parameters,
+                jacobian=lambda p: -noise.whiten(model.jacobian(p)),
+                max_iterations=MAX_ITERATIONS,
+            )
+
+        if self._scanned:
+            # A time or a frequency means something where its amplitude is right: that first.
+            amplitudes = fitted(
+                [replace(each, fixed=each.fixed or each.name in self._scanned) for each in parameters]
+            )
+            sizes = np.nan_to_num(amplitudes.values)
+            parameters = [replace(each, start=float(x)) for each, x in zip(parameters, sizes, strict=True)]
+        result = fitted(parameters)
         if result.verdict == "ill-conditioned":
             raise ProcedureError(f"the fit is singular: {result.reason}")
         if not np.isfinite(result.values).all():

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rigctl.campaign.store import Store
 from rigctl.effects.catalogue import unknown_effect
 from rigctl.errors import ConfigError, DataError
+from rigctl.kinds import kind_of
 from rigctl.studies import study_of
 from rigctl.workbench import versions
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
@@ -99,23 +100,25 @@ class Workbench:
 
     def _with_next(self, found: Diagnosis) -> Diagnosis:
         """What to measure where something is ambiguous; `recommend` tells it of everything else, in longer time."""
-        from rigctl.planning import allowed_by
         from rigctl.workbench.recommend import recommend
 
         if found.verdict != "ambiguous":
             return found
-        allowed = allowed_by(self.store)
-        return replace(found, next_measurement=recommend(self.study, found.terms, found, allowed=allowed).as_json())
+        further = recommend(self.study, found.terms, found, allowed=self._allowed)
+        return replace(found, next_measurement=further.as_json())
 
-    def recommend(
-        self, allowed: Allowed | None = None, progress: Callable[[str], None] | None = None, alpha: float = ALPHA
-    ) -> Recommendation:
-        """What to measure next, after a diagnosis of the current model; `allowed` says what the bench can do."""
+    @property
+    def _allowed(self) -> Allowed | None:
+        return kind_of(self.store.header.experiment, self.store.path).allowed(self.store)
+
+    def recommend(self, progress: Callable[[str], None] | None = None, alpha: float = ALPHA) -> Recommendation:
+        """What to measure next, after a diagnosis of the current model, with the rig that measured."""
         from rigctl.workbench.diagnose import diagnose
         from rigctl.workbench.recommend import recommend
 
         terms = self.current.terms
-        return recommend(self.study, terms, diagnose(self.study, terms, alpha, progress=progress), allowed=allowed)
+        found = diagnose(self.study, terms, alpha, progress=progress)
+        return recommend(self.study, terms, found, allowed=self._allowed)
 
     def history(self, progress: Callable[[str], None] | None = None) -> list[dict[str, Any]]:
         """The error ladder, keys of `rigctl model history --json`; fits what has not been fitted to these runs.

@@ -18,6 +18,9 @@ from rigctl.workbench.threads import one_thread
 SAME = 0.99
 """Canonical correlation above which two effects are one class: these data cannot tell them apart."""
 
+TOLD_APART = 30.0
+"""Difference of the falls of chi-square above which one of two alike effects is not the other, however alike."""
+
 POWER = 0.95
 
 HELD_OUT = 10
@@ -210,8 +213,8 @@ def _classmates(attempt: Attempt, scored: Scored) -> list[str]:
 
 
 def _one(a: Scored, b: Scored) -> bool:
-    """Whether two effects do the same to these data: their spans coincide."""
-    same = a.score.dimension == b.score.dimension > 0
+    """Whether two effects do the same to these data: their spans coincide, neither explains more of what is left."""
+    same = a.score.dimension == b.score.dimension > 0 and abs(a.score.statistic - b.score.statistic) < TOLD_APART
     return same and contained(a.score.basis, b.score.basis) > SAME
 
 

@@ -216,6 +216,19 @@ class DeclaresInseparable(Protocol):
         ...
 
 
+@runtime_checkable
+class ScansBetween(Study, Protocol):
+    """A study whose scans have more to choose from than the values that are tried first."""
+
+    def neighbours(self, term: Term) -> Mapping[str, tuple[float, float]]:
+        """Between which positive values the scan leaves open what a choice really is, by name."""
+        ...
+
+    def candidate(self, model: Model, values: FloatArray, term: Term) -> Candidate:
+        """An effect that `model` lacks with any values of its choice, at the fitted `values`."""
+        ...
+
+
 @dataclass(frozen=True)
 class Proposal:
     """A run, or a reading, that could be made next: `settings` by name, with units in the names.

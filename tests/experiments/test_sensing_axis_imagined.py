@@ -14,7 +14,7 @@ from rigctl.experiments.sensing_axis import set_points
 from rigctl.experiments.sensing_axis.set_points import ROOM_S
 from rigctl.experiments.sensing_axis.store_reduction import reduction
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
-from rigctl.planning import allowed_by
+from rigctl.kinds import sensing_axis
 from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.imagined import Imagined
 from rigctl.workbench.study import Plannable, Proposal, Term
@@ -111,7 +111,7 @@ def test_longer_runs_have_less_noise_but_no_steadier_mean(study: SensingAxisStud
 def test_options_are_within_the_range_and_the_stages_limits(study: SensingAxisStudy, store: Store) -> None:
     assert isinstance(study, Plannable)
     options = study.options()
-    allowed = allowed_by(store)
+    allowed = sensing_axis.allowed(store)
     assert allowed is not None
     kept = [each for each in options if allowed(each)]
     assert {-20.0, -0.8, 0.8, 20.0} <= {each.settings["angle_deg"] for each in kept}

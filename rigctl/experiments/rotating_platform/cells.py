@@ -11,6 +11,7 @@ import io
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,9 @@ Columns = Mapping[str, FloatArray]
 
 AFTER_S = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """Times after a turn at which bins begin; the last one ends with the dwell."""
+
+NEAR_S = (0.1, 0.2, 0.3, 0.4, 0.7)
+"""Further edges of cells: what a motion leaves after its mask is over within samples, and its place counts."""
 
 BEFORE_S = 0.5
 """What lies so near before the next turn is a bin of its own."""
@@ -66,8 +70,9 @@ class Cells:
     `count` and `centre` (cells,): samples and their mean u, usable or not. `geometry` and `ramps` (cells, 6): mean x
     of `GEOMETRY`, sum (u - mean u) x; `state` (cells, 5) means of `STATE`. `faults` (periods, channels, 4): samples
     by `FAULTS`. `off_stop`: samples that count while the platform moves. `drift_s`: by how much later the turns came
-    in the last period than in the first. `turn` (2, samples): the mean angle [rad] about a turn on and back, from
-    `turn_before` samples before the mask ends.
+    in the last period than in the first. `turns` (kinds, samples): the mean angle [rad] about the turns of one
+    direction that end with the same sample of the period (`turn_kinds` (kinds, 2): direction, sample), from
+    `turn_before` samples before the mask ends: where within a sample a turn ends is the same for all of a kind.
     """
 
     sample_rate_hz: float
@@ -87,7 +92,8 @@ class Cells:
     faults: IndexArray
     off_stop: int
     drift_s: float
-    turn: FloatArray
+    turns: FloatArray
+    turn_kinds: IndexArray
     turn_before: int
 
     @property
@@ -104,6 +110,24 @@ class Cells:
     def time_s(self) -> FloatArray:
         """Mean time of each cell from the start of the run, shape (cells,)."""
         return np.asarray((self.period + 0.5 + 0.5 * self.centre / self.samples) * self.period_s)
+
+    @cached_property
+    def kind(self) -> IndexArray:
+        """Which of `followed` each cell's last turn was, shape (cells,)."""
+        return self._kinds[1]
+
+    @cached_property
+    def followed(self) -> list[tuple[int, int]]:
+        """Direction and last sample, as in `turn_kinds`, of all turns that cells follow; (0, 0) is before any."""
+        return [(way, end) for way, end in self._kinds[0].tolist()]
+
+    @cached_property
+    def _kinds(self) -> tuple[IndexArray, IndexArray]:
+        first = np.rint(0.5 * (self.centre + self.samples - self.count)).astype(np.int64)
+        end = np.where(self.direction != 0.0, (first - self.since) % self.samples, 0)
+        found, which = np.unique(self.direction.astype(np.int64) * self.samples + end, return_inverse=True)
+        way = np.rint(np.floor_divide(found, self.samples)).astype(np.int64)
+        return np.stack([way, found - way * self.samples], axis=1), which
 
     @property
     def since_s(self) -> FloatArray:
@@ -224,7 +248,7 @@ class _Cutter:
         self.parts: list[dict[str, Any]] = []
         self._rate_hz, self._samples = rate_hz, samples
         self._full = [chains.full_scale_v[name] / chains.gain_v_per_m_s2[name] for name in CHANNELS]
-        edges = np.array(sorted({*AFTER_S, guard_s}))
+        edges = np.array(sorted({*AFTER_S, *NEAR_S, guard_s}))
         self._leads = sorted({round(BEFORE_S * rate_hz), round(lead_s * rate_hz)} - {0})
         self._edges = np.ceil(edges * rate_hz - 1e-6).astype(np.int64)
         self._bin_edges = np.ceil(np.array(AFTER_S) * rate_hz - 1e-6).astype(np.int64)
@@ -233,7 +257,7 @@ class _Cutter:
         self._periods, self._off_stop = 0, 0
         self._since, self._direction, self._stop_rad, self._beside = _FAR, 0.0, math.nan, _FAR
         self._angles_rad = np.zeros(0)
-        self._turns: dict[int, tuple[FloatArray, int]] = {}
+        self._turns: dict[tuple[int, int], tuple[FloatArray, int]] = {}
         self._turn_before = 0
 
     def cut(self, block: FloatArray, ahead: int) -> int:
@@ -281,7 +305,7 @@ class _Cutter:
         return found
 
     def _note_turns(self, rests: BoolArray, theta: FloatArray) -> None:
-        """Add whole turns to the mean ones, on and back."""
+        """Add whole turns to the mean ones of their kinds."""
         begins = np.flatnonzero(rests[1:] & ~rests[:-1]) + 1
         ends = np.flatnonzero(~rests[1:] & rests[:-1]) + 1
         beside = self.ahead // 2
@@ -295,9 +319,9 @@ class _Cutter:
             if first < 0 or last > theta.size or abs(end - begin + beside - self._turn_before) > 1:
                 continue
             course = theta[first:last] - theta[first]
-            way = 0 if course[-1] >= 0.0 else 1
-            total, count = self._turns.get(way, (np.zeros(course.size), 0))
-            self._turns[way] = total + course, count + 1
+            kind = (1 if course[-1] >= 0.0 else -1, end % self._samples)
+            total, count = self._turns.get(kind, (np.zeros(course.size), 0))
+            self._turns[kind] = total + course, count + 1
 
     def _edges_of(self, sign: IndexArray, since: IndexArray, to_go: IndexArray, index: IndexArray) -> BoolArray:
         """Where a cell begins."""
@@ -424,11 +448,9 @@ class _Cutter:
         faults = np.concatenate(self._faults)
         shifted, drift = _shifts(joined, self._periods)
         faults[:, :, FAULTS.index("shifted")] = shifted[:, None]
-        turn = np.zeros((2, self._turn_before + self.ahead // 2))
-        for way, (course, count) in self._turns.items():
-            turn[way] = course / count
-        if 1 not in self._turns:
-            turn[1] = -turn[0]
+        turns = np.zeros((len(self._turns), self._turn_before + self.ahead // 2))
+        for number, (course, count) in enumerate(self._turns.values()):
+            turns[number] = course / count
         integers = {name: joined[name].astype(np.int64) for name in ("period", "sign", "bin", "since", "to_go")}
         return Cells(
             sample_rate_hz=self._rate_hz,
@@ -437,7 +459,8 @@ class _Cutter:
             faults=faults,
             off_stop=self._off_stop,
             drift_s=drift / self._rate_hz,
-            turn=turn,
+            turns=turns,
+            turn_kinds=np.array(list(self._turns), dtype=np.int64).reshape(-1, 2),
             turn_before=self._turn_before,
         )
 

@@ -12,7 +12,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.errors import ConfigError
 from rigctl.experiments.rotating_platform.cells import BESIDE_S, Cells
@@ -96,6 +95,16 @@ class PlatformRuns:
         return other
 
 
+def off_stop(cells: Cells) -> FloatArray:
+    """Square of the angular rate and angular acceleration where samples count though the platform moves, (2, cells).
+
+    After a turn they are those of the law behind the recorded angle; differences of angles are good to a per cent.
+    """
+    seen = cells.state[:, 3:5].T
+    known = np.isin(cells.kind, list(_courses(cells))) & (cells.since_s < BESIDE_S)
+    return np.where(seen.any(axis=0) & known, _about_turns(cells, _Late(0.0)), seen)
+
+
 def _decay(cells: Cells, time_s: float) -> FloatArray:
     begin_s, step = cells.since / cells.sample_rate_hz, 1.0 / (cells.sample_rate_hz * time_s)
     # A geometric series over the samples, each taken half a step after its beginning.
@@ -136,28 +145,34 @@ def _joined(parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
 def _about_turns(cells: Cells, seen: Callable[[Motion, FloatArray], FloatArray]) -> FloatArray:
     """Means over the cells of what `seen` makes of the motion after each turn, shape (2, cells)."""
     found = np.zeros((2, cells.since.size))
-    for way, direction in enumerate((1.0, -1.0)):
-        sums = _sums_after(cells.turn[way].tobytes(), cells.turn_before, cells.sample_rate_hz, seen)
-        if sums is None:
-            continue
+    for number, course in _courses(cells).items():
+        sums = _sums_after(course.tobytes(), cells.turn_before, cells.sample_rate_hz, seen)
         last = sums.shape[1] - 1
-        own = np.flatnonzero((cells.direction == direction) & (cells.since < last))
+        own = np.flatnonzero((cells.kind == number) & (cells.since < last))
         stop = np.minimum(cells.since[own] + cells.count[own].astype(np.int64), last)
         found[:, own] = (sums[:, stop] - sums[:, cells.since[own]]) / cells.count[own]
     return found
 
 
-@lru_cache(maxsize=256)
+def _courses(cells: Cells) -> dict[int, FloatArray]:
+    """The course of every kind of turn that a cell follows; one that was not seen whole is as another of its run."""
+    seen = {(way, end): course for (way, end), course in zip(cells.turn_kinds.tolist(), cells.turns, strict=True)}
+    found: dict[int, FloatArray] = {}
+    for number, (way, end) in enumerate(cells.followed):
+        if way and seen:
+            like = next((kind for kind in seen if kind[0] == way), next(iter(seen)))
+            found[number] = seen.get((way, end), way * like[0] * seen[like])
+    return found
+
+
+@lru_cache(maxsize=1024)
 def _motion(turn: bytes, before: int, rate_hz: float) -> Motion:
     return motion_of(np.frombuffer(turn), before, rate_hz)
 
 
-@lru_cache(maxsize=256)
-def _sums_after(turn: bytes, before: int, rate_hz: float, seen: Any) -> FloatArray | None:
-    """Running sums over the samples after the mask's end, shape (2, samples + 1); None where nothing turned."""
-    course: NDArray[np.float64] = np.frombuffer(turn)
-    if not course.size or not np.any(course):
-        return None
+@lru_cache(maxsize=1024)
+def _sums_after(turn: bytes, before: int, rate_hz: float, seen: Any) -> FloatArray:
+    """Running sums over the samples after the mask's end, shape (2, samples + 1)."""
     motion = _motion(turn, before, rate_hz)
     samples = math.ceil(seen.lasts_s * rate_hz)
     values = seen(motion, (np.arange(samples) + 0.5) / rate_hz)

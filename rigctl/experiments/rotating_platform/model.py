@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.rotating_platform.chain import PlatformRuns
+from rigctl.experiments.rotating_platform.chain import PlatformRuns, off_stop
 from rigctl.experiments.rotating_platform.observables import (
     ChannelRun,
     baseline_columns,
@@ -147,6 +147,7 @@ class Recorded:
     def _chain(self, channel: str) -> PlatformRuns:
         own = [each for each in self.channels if each.channel == channel]
         cells = [each.run.cells for each in own]
+        moving = np.concatenate([off_stop(each) for each in cells], axis=1)
 
         def joined(of: Callable[[ChannelRun], FloatArray]) -> FloatArray:
             return np.concatenate([of(each) for each in own])
@@ -162,8 +163,8 @@ class Recorded:
             sin=np.concatenate([each.geometry[:, 1] for each in cells]),
             since=np.concatenate([each.since_s for each in cells]),
             direction=np.concatenate([each.direction for each in cells]),
-            speed_squared=np.concatenate([each.state[:, 3] for each in cells]),
-            turning=np.concatenate([each.state[:, 4] for each in cells]),
+            speed_squared=moving[0],
+            turning=moving[1],
             c_y=np.concatenate([each.state[:, 1] for each in cells]),
             c_z=np.concatenate([each.state[:, 0] for each in cells]),
             temperature=joined(_temperatures),

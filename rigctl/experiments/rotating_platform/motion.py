@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import interpolate, optimize, signal
@@ -51,26 +52,41 @@ class Motion:
 
     def filtered(self, cutoff_hz: float, times_s: FloatArray) -> FloatArray:
         """The same behind the anti-alias filter."""
-        zeros, poles, gain = signal.ellip(
-            ORDER, RIPPLE_DB, STOP_DB, 2.0 * np.pi * cutoff_hz, analog=True, output="zpk"
-        )
-        gain /= abs(gain * np.prod(-zeros) / np.prod(-poles))
-        step_s = 1.0 / (_NODES_PER_CYCLE * cutoff_hz)
-        grid = np.arange(self.first_s, max(self.last_s, float(times_s[-1])) + step_s, step_s)
-        force = self.forces(grid)
-        answer = np.zeros(force.shape, dtype=np.complex128)
-        # Parallel one-pole filters, each exact for a force that is straight between the nodes.
-        residues = [
-            gain * np.prod(pole - zeros) / np.prod(pole - np.delete(poles, i)) for i, pole in enumerate(poles)
-        ]
-        for pole, residue in zip(poles, residues, strict=True):
-            kept = np.exp(pole * step_s)
-            new = (kept - 1.0 - pole * step_s) / (pole**2 * step_s)
-            old = (kept - 1.0) / pole - new
-            answer += residue * signal.lfilter([new, old], [1.0, -kept], force.astype(np.complex128))
-        direct = gain if len(zeros) == len(poles) else 0.0
-        whole = np.real(answer) + direct * force
-        return np.stack([np.interp(times_s, grid, row) for row in whole])
+        end_s = max(self.last_s, float(times_s[-1]))
+        if not isinstance(self.course, _Cycloid):
+            grid_s, whole = _filtered(self, cutoff_hz, end_s)
+            return np.stack([np.interp(times_s, grid_s, row) for row in whole])
+        # Turns of a table differ in when they begin: their answers are one.
+        law, lasts_s = self.course, math.ceil(end_s - self.first_s)
+        grid_s, whole = _of_cycloid(round(law.duration_s, 6), round(abs(law.turn_rad), 6), cutoff_hz, lasts_s)
+        squared, turning = (np.interp(times_s - law.start_s, grid_s, row) for row in whole)
+        return np.stack([squared, math.copysign(1.0, law.turn_rad) * turning])
+
+
+@lru_cache(maxsize=64)
+def _of_cycloid(duration_s: float, turn_rad: float, cutoff_hz: float, lasts_s: int) -> tuple[FloatArray, FloatArray]:
+    motion = Motion(_Cycloid(0.0, duration_s, turn_rad), 0.0, duration_s)
+    return _filtered(motion, cutoff_hz, float(lasts_s))
+
+
+def _filtered(motion: Motion, cutoff_hz: float, end_s: float) -> tuple[FloatArray, FloatArray]:
+    """Times up to `end_s`, and what the filter makes of the forces then, shape (2, times)."""
+    zeros, poles, gain = signal.ellip(ORDER, RIPPLE_DB, STOP_DB, 2.0 * np.pi * cutoff_hz, analog=True, output="zpk")
+    gain /= abs(gain * np.prod(-zeros) / np.prod(-poles))
+    step_s = 1.0 / (_NODES_PER_CYCLE * cutoff_hz)
+    grid = np.arange(motion.first_s, end_s + step_s, step_s)
+    force = motion.forces(grid)
+    whole = gain * force if len(zeros) == len(poles) else np.zeros(force.shape)
+    # Parallel one-pole filters, each exact for a force that is straight between the nodes; poles come in pairs.
+    for number in np.flatnonzero(poles.imag > 0.0):
+        pole = poles[number]
+        residue = gain * np.prod(pole - zeros) / np.prod(pole - np.delete(poles, number))
+        kept = np.exp(pole * step_s)
+        new = (kept - 1.0 - pole * step_s) / (pole**2 * step_s)
+        old = (kept - 1.0) / pole - new
+        answer = signal.lfilter([new, old], [1.0, -kept], force.astype(np.complex128))
+        whole = whole + 2.0 * np.real(residue * answer)
+    return grid, whole
 
 
 def motion_of(course_rad: FloatArray, before: int, rate_hz: float) -> Motion:

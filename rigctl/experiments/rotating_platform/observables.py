@@ -42,6 +42,7 @@ SERIES = tuple(
 
 _STRETCHES = 4
 _REWEIGHTED = 5
+_FEWEST_GROUPS = 6
 _KNOWN_DOF = 1e6
 
 
@@ -205,7 +206,12 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     columns = np.column_stack([means, bias_means, *slow])
     whole = np.column_stack([ramps, bias_ramps, *(np.zeros_like(each) for each in slow)])
     given = reducer.series(reducer.readings()[:, None])[:, :, 0]
-    design = reducer.series(reducer.of(columns, whole))
+    fitted = reducer.series(reducer.of(columns, whole))
+    # Where a turn leaves something behind, every period has the same of it, but for one that begins without a turn.
+    same = np.broadcast_to(np.eye(len(OUTPUTS))[:, None], (*given.shape, len(OUTPUTS)))
+    design = np.concatenate([fitted, same], axis=2)
+    if given.shape[1] > _FEWEST_GROUPS:
+        given, design = given[:, 1:], design[:, 1:]
     seen = np.isfinite(given)
     size = np.linalg.norm(design[seen], axis=0)
     design = design / np.where(size > 0.0, size, 1.0)

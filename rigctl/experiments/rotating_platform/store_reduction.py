@@ -17,7 +17,7 @@ from rigctl.experiments.rotating_platform.recorded import COMMANDS, MODULATED, C
 from rigctl.interfaces import FloatArray
 from rigctl.signals.lines import FoundLine
 
-VERSION = 9
+VERSION = 10
 """Of what is kept: counted up whenever cells.py would give other numbers."""
 
 _REFUSED = b"!"

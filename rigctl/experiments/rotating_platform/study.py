@@ -114,6 +114,17 @@ class PlatformStudy:
                 )
         return found, refused
 
+    def neighbours(self, term: Term) -> dict[str, tuple[float, float]]:
+        """Between which values the scan leaves open what a choice really is, by name; empty for what has no scan."""
+        scans = self.catalogue[term.effect].scans
+        return {name: _between(scans[name], float(value)) for name, value in term.choice.items() if name in scans}
+
+    def candidate(self, model: Model, values: FloatArray, term: Term) -> Candidate:
+        """An effect that `model` lacks with any values of its choice."""
+        here = own_model(model)
+        taken = [parameter.own for each in here.placed for parameter in each.parameters]
+        return self._candidate(here, values, placed(self.catalogue[term.effect], term, taken))
+
     def lines(self, model: Model) -> Sequence[Line]:
         """Steady lines in what is left of the samples."""
         lines_hz = _lines_of(model.terms)
@@ -209,6 +220,14 @@ def _line(found: FoundLine, duration_s: float) -> Line:
             "frequency": {**frequency, "aliases_hz": list(found.aliases_hz)},
         },
     )
+
+
+def _between(scan: Sequence[float], value: float) -> tuple[float, float]:
+    """The neighbours of a value of a scan; beyond its ends it goes on by the last ratio."""
+    below = [each for each in scan if each < value]
+    above = [each for each in scan if each > value]
+    low = max(below) if below else value**2 / min(above)
+    return low, (min(above) if above else value**2 / max(below))
 
 
 def choices(effect: Effect) -> list[Term]:

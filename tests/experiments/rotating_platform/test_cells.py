@@ -15,6 +15,7 @@ from rigctl.errors import DataError
 from rigctl.experiments.rotating_platform import cells as module
 from rigctl.experiments.rotating_platform.cells import BEFORE, FAULTS, Cells, cells_of
 from rigctl.experiments.rotating_platform.estimators import weights
+from rigctl.experiments.rotating_platform.motion import motion_of
 from rigctl.experiments.rotating_platform.patterns import named_pattern
 from rigctl.experiments.rotating_platform.recorded import Chains, chains
 from rigctl.experiments.rotating_platform.reducer import Reducer
@@ -70,10 +71,23 @@ def test_it_does_not_matter_how_the_record_was_cut(
     monkeypatch.setattr(module, "_BLOCK", 1500)
     parts = cut(samples, believed, step)
     for each in fields(Cells):
-        if each.name != "turn":
-            assert np.allclose(getattr(parts, each.name), getattr(whole, each.name), rtol=1e-12, atol=1e-12), (
-                each.name
-            )
+        assert np.allclose(getattr(parts, each.name), getattr(whole, each.name), rtol=1e-12, atol=1e-12), each.name
+
+
+def test_turns_that_end_elsewhere_within_a_sample_are_of_different_kinds(recorded: tuple[Columns, Chains]) -> None:
+    """Pattern c of a minute: its turns end at 8.417, 23.417, 41.583 and 56.583 s."""
+    found = cut(*recorded)
+    assert sorted(found.turn_kinds.tolist()) == [[-1, 234], [-1, 566], [1, 84], [1, 416]]
+    assert [each for each in found.followed if each[0]] == sorted(map(tuple, found.turn_kinds.tolist()))
+    for (way, end), course in zip(found.turn_kinds.tolist(), found.turns, strict=True):
+        law = motion_of(course, found.turn_before, 10.0)
+        ends_s = {84: 8.416876, 234: 23.416876, 416: 41.583124, 566: 56.583124}[end]
+        assert law.last_s == pytest.approx(ends_s - end / 10.0, abs=1e-5)
+        assert np.sign(course[-1]) == way
+    own = found.direction != 0.0
+    named = np.array(found.followed)[found.kind]
+    assert np.array_equal(named[own, 0], found.direction[own])
+    assert (found.kind[~own] == found.followed.index((0, 0))).all()
 
 
 def test_cells_come_back_from_their_bytes(recorded: tuple[Columns, Chains]) -> None:

@@ -120,6 +120,39 @@ def test_a_mask_that_is_too_short_shows_the_sensor_off_its_axis() -> None:
     assert size.value == pytest.approx(5e-4, abs=max(4.0 * size.sigma, 2e-5))
 
 
+@pytest.mark.parametrize(
+    ("effect", "sizes", "short_s"),
+    [
+        ("clock-skew", {"r_sin": 0.05, "delay": 0.2}, 0.0),
+        ("filter-ringing", {"r_sin": 0.05, "cutoff": 5.0}, 0.0),
+        ("off-centre", {"r_sin": 0.05}, 0.5),
+        ("recovery", {"e": 1e-5, "t_r": 5.0}, 0.0),
+        ("recovery-signed", {"e": 1e-5, "t_r": 30.0}, 0.0),
+    ],
+)
+def test_what_a_turn_leaves_behind_is_sized_between_the_values_of_its_scan(
+    effect: str, sizes: dict[str, float], short_s: float
+) -> None:
+    """At the sizes of a sensor 5 cm off its axis: thousands of sigma, of which nothing may be left for another."""
+    found = diagnose(study({effect: sizes}, mask_short_s=short_s), ())
+    assert [term.effect for term in found.suggested] == [effect]
+    assert found.verdict == "effect"
+    assert found.ranking[0].equivalent_to in {(), ("clock-skew",)}  # a delay of nothing does what a short mask does
+    for name, estimate in found.ranking[0].parameters.items():
+        true = sizes.get(name.partition("[")[0], 0.0)
+        assert estimate.value == pytest.approx(true, abs=4.0 * estimate.sigma), name
+        assert 0.0 < estimate.sigma < (0.15 * true if true else 0.1), name
+    assert found.steps[-1].error_held_out < 1.1 < found.steps[0].error_held_out
+
+
+def test_what_every_turn_leaves_behind_is_no_noise() -> None:
+    """Nor is the first dwell, which follows no turn."""
+    hidden = study({"clock-skew": {"r_sin": 0.05, "delay": 0.2}})
+    frequency = np.array([3e-3, 2e-2, 1.0])
+    for each, bare in zip(hidden.recorded.channels, study().recorded.channels, strict=True):
+        assert each.noise(frequency) == pytest.approx(bare.noise(frequency), rel=0.3), each.run.run_id
+
+
 def test_a_line_is_found_and_taken_off() -> None:
     hidden = study({"line": {"amplitude": 2e-6, "frequency": 0.14321}})
     (line,) = hidden.lines(hidden.model(()))

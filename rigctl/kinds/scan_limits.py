@@ -1,0 +1,60 @@
+"""Which runs of a scan a rig can carry out: its stages' limits, its recorders' memories, the sensor's range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from procedures.bench import Bench, SetPoint
+from procedures.tables import Procedure
+from rigctl import config
+from rigctl.errors import ConfigError, LimitError
+from rigctl.kinds.sensing_axis import bench_of
+from rigctl.rig import Rig
+from rigctl.workbench.recommend import Allowed
+from rigctl.workbench.study import Proposal
+
+_NOWHERE = "tcp://127.0.0.1:9"
+
+
+def within(rig_file: config.RigFile, procedure: Procedure, axis: str, configuration: str) -> Allowed:
+    """Whether a rig can carry out a proposal; what that does not say is as in `procedure`."""
+    bench = bench_of(Rig(_without_world(rig_file)))
+
+    def allowed(proposal: Proposal) -> bool:
+        return _possible(bench, _set_point(proposal.settings, procedure, axis, configuration))
+
+    return allowed
+
+
+def _set_point(settings: Mapping[str, Any], procedure: Procedure, axis: str, configuration: str) -> SetPoint:
+    return SetPoint(
+        axis,
+        configuration,
+        0,
+        float(settings["angle_deg"]),
+        float(settings["frequency_hz"]),
+        float(settings.get("amplitude_mm", procedure.amplitude_mm)),
+        float(settings.get("dwell_s", procedure.dwell_s)),
+        procedure.sample_rate_hz,
+        int(settings.get("approach", 1)),
+    )
+
+
+def _without_world(rig_file: config.RigFile) -> config.RigFile:
+    """The rig for its limits alone: simulated instruments at an address that nobody opens."""
+    nowhere = {
+        name: each.model_copy(update={"address": _NOWHERE}) if each.simulated else each
+        for name, each in rig_file.instruments.items()
+    }
+    clock = rig_file.rig.model_copy(update={"clock": "real"})
+    return rig_file.model_copy(update={"instruments": nowhere, "rig": clock, "world": None})
+
+
+def _possible(bench: Bench, point: SetPoint) -> bool:
+    try:
+        bench.check(point, lasers=bench.spots_stay(point))
+        bench.check_level(point)
+    except (LimitError, ConfigError):
+        return False
+    return True
