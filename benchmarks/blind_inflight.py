@@ -151,10 +151,16 @@ def scores(batch: Batch, alpha: float) -> Iterator[dict[str, Any]]:
             "suggested": found["suggested"],
             "alike": sorted(alike),
             "p": {name: ranks[name]["p_value_corrected"] for name in found["suggested"]},
+            "sigmas": {name: _sigmas(ranks[name]["parameters"]) for name in found["suggested"]},
             "unexplained": found["unexplained"],
             "right": _right(batch.effect, found["suggested"], alike, found["verdict"]),
             "seconds": time.perf_counter() - began_s,
         }
+
+
+def _sigmas(parameters: Mapping[str, Mapping[str, Any]]) -> float:
+    """How many standard uncertainties an effect is large, by its best-seen parameter."""
+    return max((abs(each["value"]) / each["sigma"] for each in parameters.values() if each["sigma"]), default=0.0)
 
 
 def _right(effect: str, suggested: list[str], alike: set[str], verdict: str) -> bool:

@@ -41,7 +41,7 @@ FloatArray = NDArray[np.float64]
 
 ORBIT_S, STEP_S, SETTLE_S = 5950.0, 0.25, 6000.0
 STEPS_OF_A_DRAW = round((140 * ORBIT_S + 11 * SETTLE_S) / STEP_S)
-TARGET_S, TARGET_MIB = 1.2, 500.0
+TARGET_S, TARGET_MB = 1.2, 500.0
 PLAIN_STEPS, LINEAR_STEPS = 600, 4000
 NATURE = SatelliteSettings(kind="drag-free-satellite", seed=1)
 
@@ -117,12 +117,12 @@ def main() -> None:
         ratio = "" if name in {"ours", "simulated only"} else f"  {step_s / median['ours']:7.0f}"
         print(f"  {name:<16} {1e9 * step_s:10.1f} ns {draw_s:10.2f} s{ratio}")
     longest_s = processor_s(lambda: rows_of(Unit(ensemble, MonteCarlo(name="monte-carlo"), ORBIT_S, "ac12", 4, (0,))))
-    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6
     draw_s = median["ours"] * STEPS_OF_A_DRAW
     print(f"  weights of the lines: {weights_s:.2f} s for this stretch, {longest_s:.2f} s for forty orbits")
-    missed = draw_s > TARGET_S or peak_mib > TARGET_MIB
+    missed = draw_s > TARGET_S or peak_mb >= TARGET_MB
     verdict = "  MISSED" if missed else ""
-    print(f"  {draw_s:.2f} s of one core per draw, <= {TARGET_S:g}; {peak_mib:.0f} MiB, <= {TARGET_MIB:g}{verdict}")
+    print(f"  {draw_s:.2f} s of one core per draw, <= {TARGET_S:g}; {peak_mb:.0f} MB, < {TARGET_MB:g}{verdict}")
     sys.exit(missed)
 
 

@@ -28,7 +28,7 @@ from rigctl.experiments.inflight.weights import weights
 from rigctl.interfaces import FloatArray, SatelliteEnsemble
 from rigctl.workbench.threads import one_thread
 
-CHUNK = 1024
+CHUNK = 512
 """Samples that are made and reduced at a time: sixteen draws of them stay near the processor."""
 
 
@@ -46,7 +46,8 @@ class Unit:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Weights of all samples, (2 lines, samples) each: of the published estimate's lines, and of those observed."""
+    """Weights of all samples, (2 lines, samples) each in single precision: of the published estimate's lines, and of
+    those observed."""
 
     session: Session
     published: FloatArray
@@ -55,7 +56,7 @@ class _Rows:
     @property
     def spread(self) -> FloatArray:
         """Standard uncertainty of one component of each line in noise of unit density, (lines,)."""
-        square = np.concatenate([np.einsum("ij,ij->i", rows, rows) for rows in (self.published, self.observed)])
+        square = np.array([np.dot(row, row) for rows in (self.published, self.observed) for row in rows])
         return np.asarray(np.sqrt(0.5 * (square[0::2] + square[1::2]) / (2.0 * self.session.sample_period_s)))
 
 
@@ -69,19 +70,24 @@ def reduce_unit(unit: Unit) -> bytes:
     filled = INDEX["force x" if session.moves_masses else "moved"]
     at = 0
     asked = unit.study.session(unit.name, unit.orbit_period_s)
+    memory, products = np.zeros((len(SERIES), CHUNK, len(unit.draws))), [part[:filled].copy() for part in parts]
     for chunk in unit.ensemble.telemetry(unit.draws, unit.run, asked, CHUNK):
         t_s = session.sample_period_s * np.arange(at, at + len(chunk), dtype=np.float64)
         columns = {name: chunk[:, place] for place, name in enumerate(unit.ensemble.columns)}
-        series = raw_series(session, t_s[:, np.newaxis], columns).T[:filled]
-        for part, rows in zip(parts, groups, strict=True):
-            part[:filled] += rows[:, at : at + len(chunk)] @ series
+        series = raw_series(session, t_s[:, np.newaxis], columns, memory[:, : len(chunk)]).T[:filled]
+        for part, rows, product in zip(parts, groups, products, strict=True):
+            part[:filled] += np.matmul(rows[:, at : at + len(chunk)].astype(np.float64), series, out=product)
         totals[:filled] += np.ones(len(chunk)) @ series
         at += len(chunk)
+    means = totals / at
+    for part, rows in zip(parts, groups, strict=True):
+        # In single precision the weights of a line let a billionth of a level through; it is not wanted.
+        part -= rows.sum(axis=1, dtype=np.float64)[:, np.newaxis] * means[:, np.newaxis]
     made = io.BytesIO()
     np.savez(
         made,
         parts=np.concatenate(parts, axis=1),
-        means=totals / at,
+        means=means,
         draws=np.array(unit.draws),
         spread=prepared.spread,
     )
@@ -107,7 +113,7 @@ def _rows(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) ->
     duration_s = study.session(name, orbit_period_s).duration_s
     t_s = step_s * np.arange(round(duration_s / step_s), dtype=np.float64)
     published, observed = (
-        weights(t_s, [session.frequency_of(line) for line in lines])
+        weights(t_s, [session.frequency_of(line) for line in lines], single=True)
         for lines in (session.fitted_lines(), session.reduced_lines(duration_s))
     )
     return _Rows(session, published, observed)

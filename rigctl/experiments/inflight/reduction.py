@@ -26,7 +26,7 @@ from rigctl.experiments.inflight.sessions import (
 from rigctl.experiments.inflight.weights import level_weights, weights
 from rigctl.interfaces import FloatArray
 
-VERSION = 7
+VERSION = 8
 """Of what is kept: counted up whenever other numbers would come out."""
 
 HALVES = 2

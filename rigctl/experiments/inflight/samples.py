@@ -36,12 +36,14 @@ _HIGHEST = 0.45
 """Of the sampling rate: read-out noise is steep at the end of the spectrum."""
 _PULSE_S = 60.0
 _STEADY_S = 600.0
+_QUIETEST = 0.5
+"""Of what a run's spectrum says: noise is no less than that at any time."""
 
 
 @dataclass(frozen=True)
 class Pulses:
-    """Pulses of one run: when they begin [s], their amplitudes [m/s2] in the residual and how many sigmas they are;
-    `trials` independent places were looked at."""
+    """Pulses of one run: when they begin [s], their amplitudes [m/s2] in the difference along the axis that shows
+    them best, and how many sigmas they are; `trials` independent places were looked at."""
 
     at_s: FloatArray
     amplitude: FloatArray
@@ -77,9 +79,30 @@ def scan(run: ReducedRun, samples: Mapping[str, FloatArray], values: FloatArray)
     grid = grid_of(run.run_id, {name: samples[name] for name in ("t_s", *NEEDED)})
     left = _without_lines(run, grid, residual(run, grid, values))
     rate_hz = 1.0 / grid.step_s
-    f_hz, density = _density(left, grid.present, rate_hz)
     levels, at_s = _levels(left, grid)
-    return RunScan(run.run_id, _pulses(left, grid, f_hz, density), _peak(run, left, grid), levels, at_s)
+    f_hz, density = _density(left, grid.present, rate_hz)
+    pulses = [_pulses(left, grid, f_hz, density)]
+    for axis in "yz":
+        beside = _without_lines(run, grid, across(grid, axis))
+        # Where no noise is, rounding is none: a sensor is hardly better across its axis than along it.
+        noise = np.maximum(_density(beside, grid.present, rate_hz)[1], float(np.min(density)))
+        pulses.append(_pulses(beside, grid, f_hz, noise))
+    return RunScan(run.run_id, _together(pulses), _peak(run, left, grid), levels, at_s)
+
+
+def across(grid: Grid, axis: str) -> FloatArray:
+    """The masses' difference along Y or Z, less what they have in common; zero where samples miss.
+
+    The ratio of their gains follows from the steps of what shakes both: the thrusters' noise, above all lines.
+    """
+    one, two = grid.columns[f"m1_{axis}"], grid.columns[f"m2_{axis}"]
+    apart, common = one - two, 0.5 * (one + two)
+    both = grid.present[1:] & grid.present[:-1]
+    apart_steps, common_steps = np.diff(apart)[both], np.diff(common)[both]
+    power = float(common_steps @ common_steps)
+    ratio = float(apart_steps @ common_steps) / power if power > 0.0 else 0.0
+    left = apart - ratio * common
+    return np.where(grid.present, left - left[grid.present].mean(), 0.0)
 
 
 def residual(run: ReducedRun, grid: Grid, values: FloatArray) -> FloatArray:
@@ -170,6 +193,19 @@ def _pulses(left: FloatArray, grid: Grid, f_hz: FloatArray, density: FloatArray)
     return Pulses(grid.t_s[peaks], estimate[peaks], np.abs(sigmas[peaks]), trials)
 
 
+def _together(found: Sequence[Pulses]) -> Pulses:
+    """Of several channels: what hits all of them at once counts once, where it stands out most."""
+    at_s, amplitude, sigma = (
+        np.concatenate([getattr(each, name) for each in found]) for name in ("at_s", "amplitude", "sigma")
+    )
+    kept: list[int] = []
+    for place in np.argsort(-sigma, kind="stable"):
+        if all(abs(at_s[place] - at_s[other]) > AFTER_S for other in kept):
+            kept.append(int(place))
+    kept.sort(key=lambda place: float(at_s[place]))
+    return Pulses(at_s[kept], amplitude[kept], sigma[kept], sum(each.trials for each in found))
+
+
 def _scale(sigmas: FloatArray, seen: BoolArray, count: int) -> FloatArray:
     """How much the filter's output scatters about each sample, by medians: noise may be louder at times."""
     edges = np.append(np.arange(0, max(len(sigmas) - count // 2, 1), count), len(sigmas))
@@ -179,7 +215,9 @@ def _scale(sigmas: FloatArray, seen: BoolArray, count: int) -> FloatArray:
         if len(here) > count // 4:
             middles.append(0.5 * (start + stop))
             scales.append(float(np.median(here)) / 0.6745)
-    return np.interp(np.arange(len(sigmas)), middles, scales) if scales else np.ones(len(sigmas))
+    if not scales:
+        return np.ones(len(sigmas))
+    return np.maximum(np.interp(np.arange(len(sigmas)), middles, scales), _QUIETEST)
 
 
 def _peak(run: ReducedRun, left: FloatArray, grid: Grid) -> Peak | None:

@@ -52,26 +52,45 @@ class Amplitudes:
         return np.asarray(self.table[:, INDEX[name]])
 
 
-def raw_series(session: Session, t_s: FloatArray, columns: Mapping[str, FloatArray]) -> FloatArray:
-    """`SERIES` of some samples, powers not yet central; shape (samples, series)."""
+def raw_series(
+    session: Session, t_s: FloatArray, columns: Mapping[str, FloatArray], out: FloatArray | None = None
+) -> FloatArray:
+    """`SERIES` of some samples, powers not yet central; shape (samples, series).
+
+    `out` (series, samples, ..), zero when it is first given, is written into: memory that is used again needs not
+    be fetched again.
+    """
     m1, m2 = columns["m1_x"], columns["m2_x"]
-    y, z = (0.5 * (columns[f"m1_{axis}"] + columns[f"m2_{axis}"]) for axis in "yz")
-    made = np.zeros((len(SERIES), *m1.shape))
-    square_1, square_2 = m1 * m1, m2 * m2
-    rows = (m1, m2, square_1, square_2, m1 * m2, square_1 * m1, square_2 * m2, y, y * y, z, z * z)
-    made[: len(rows)] = rows
+    made = np.zeros((len(SERIES), *m1.shape)) if out is None else out
+    row = dict(zip(SERIES, made, strict=True))
+    row["m1"][:], row["m2"][:] = m1, m2
+    for power, one, other in _POWERS:
+        np.multiply(row[one], row[other], out=row[power])
+    for axis in "yz":
+        np.add(columns[f"m1_{axis}"], columns[f"m2_{axis}"], out=row[axis])
+        row[axis] *= 0.5
+        np.square(row[axis], out=row[f"{axis}^2"])
     for name in (*GRADIENTS, *ROTATION, *ATTITUDE):
-        made[INDEX[name]] = columns[name]
+        row[name][:] = columns[name]
     for axis in "xyz":
-        made[INDEX[f"own {axis}"]] = columns[f"m1_{axis}"] - columns[f"m2_{axis}"]
+        np.subtract(columns[f"m1_{axis}"], columns[f"m2_{axis}"], out=row[f"own {axis}"])
     if session.moves_masses:
-        moved = session.injected(t_s)
-        made[INDEX["moved"]] = moved
+        row["moved"][:] = moved = session.injected(t_s)
         for name in ("xx", "yy", "zz"):
-            made[INDEX[f"moved g_{name}"]] = moved * columns[f"t_{name}"]
-        made[INDEX["moved g_xy"]] = moved * (columns["t_xy"] + columns["dw_z"])
-        made[INDEX["moved g_xz"]] = moved * (columns["t_xz"] - columns["dw_y"])
+            np.multiply(moved, columns[f"t_{name}"], out=row[f"moved g_{name}"])
+        for name, combine, turning in (("xy", np.add, "dw_z"), ("xz", np.subtract, "dw_y")):
+            combine(columns[f"t_{name}"], columns[turning], out=row[f"moved g_{name}"])
+            row[f"moved g_{name}"] *= moved
     return made.T
+
+
+_POWERS = (
+    ("m1^2", "m1", "m1"),
+    ("m2^2", "m2", "m2"),
+    ("m1 m2", "m1", "m2"),
+    ("m1^3", "m1^2", "m1"),
+    ("m2^3", "m2^2", "m2"),
+)
 
 
 def straightened(session: Session, lines: Sequence[Line], found: Amplitudes) -> Amplitudes:

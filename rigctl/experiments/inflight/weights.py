@@ -44,25 +44,30 @@ def band_pass(lowest_hz: float, highest_hz: float, sample_rate_hz: float) -> Flo
     return np.vstack([high_pass, low_pass])
 
 
-def templates(t_s: FloatArray, lines_hz: Sequence[float]) -> FloatArray:
+def templates(t_s: FloatArray, lines_hz: Sequence[float], single: bool = False) -> FloatArray:
     """Cosine and sine of each line, rows cos 1, sin 1, cos 2, ...; shape (2 lines, samples)."""
-    made = np.empty((2 * len(lines_hz), len(t_s)))
+    made = np.empty((2 * len(lines_hz), len(t_s)), dtype=np.float32 if single else np.float64)
     for number, f_hz in enumerate(lines_hz):
         angle = 2.0 * np.pi * f_hz * t_s
-        np.cos(angle, out=made[2 * number])
-        np.sin(angle, out=made[2 * number + 1])
+        made[2 * number] = np.cos(angle)
+        made[2 * number + 1] = np.sin(angle)
     return made
 
 
-def weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | None = None) -> FloatArray:
+def weights(
+    t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | None = None, *, single: bool = False
+) -> FloatArray:
     """Rows w with w s = c, s of each line: s = c cos + s sin; shape (2 lines, samples).
 
     `t_s` (samples,) is evenly spaced; `present` (samples,) says which samples there are, all by default. Rows are
     zero where there is none, and every row is orthogonal to a constant. Raises `DataError` when the samples that are
     there cannot tell the lines apart.
+
+    `single`: of whole stretches, in single precision, for half the memory. Rounding is alike for all series, but a
+    row then lets some 1e-8 of a constant through: whoever uses it takes the levels' part out.
     """
     if present is None or bool(np.all(present)):
-        return _filtered(t_s, lines_hz)
+        return _filtered(t_s, lines_hz, single)
     return _tapered(t_s, lines_hz, present)
 
 
@@ -85,21 +90,23 @@ def amplitudes(rows: FloatArray, series: FloatArray) -> ComplexArray:
     return np.asarray(parts[0::2] - 1j * parts[1::2])
 
 
-def _filtered(t_s: FloatArray, lines_hz: Sequence[float]) -> FloatArray:
+def _filtered(t_s: FloatArray, lines_hz: Sequence[float], single: bool) -> FloatArray:
     step_s = float(t_s[1] - t_s[0])
     sections = band_pass(min(lines_hz), max(lines_hz), 1.0 / step_s)
     dropped = round(DROPPED_S / step_s)
     # In place and row by row: those of forty orbits are hundreds of megabytes.
-    rows = templates(t_s, lines_hz)
+    rows = templates(t_s, lines_hz, single)
     for row in rows:
-        row[:] = signal.sosfilt(sections, row - row.mean())
+        row[:] = signal.sosfilt(sections, row - row.mean(dtype=np.float64))
     rows[:, :dropped] = 0.0
-    normal = rows @ rows.T
+    parts = [slice(start, start + _AT_ONCE) for start in range(0, rows.shape[1], _AT_ONCE)]
+    normal = np.sum([part @ part.T for part in (rows[:, where].astype(np.float64) for where in parts)], axis=0)
     for row in rows:
-        row[:] = signal.sosfilt(sections, row[::-1])[::-1]
-    for start in range(0, rows.shape[1], _AT_ONCE):
-        rows[:, start : start + _AT_ONCE] = _solved(normal, rows[:, start : start + _AT_ONCE])
-    rows -= rows.mean(axis=1, keepdims=True)
+        row[:] = signal.sosfilt(sections, row[::-1].astype(np.float64))[::-1]
+    for where in parts:
+        rows[:, where] = _solved(normal, rows[:, where].astype(np.float64))
+    for row in rows:
+        row -= row.mean(dtype=np.float64)
     return rows
 
 

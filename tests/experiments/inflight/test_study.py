@@ -264,3 +264,24 @@ def test_pulses_are_found_masked_and_no_longer_there(flight):
     assert not [line for line in study.lines(masked) if line.term.effect == "glitches"]
     assert len(masked.observations.value) == len(study.observations.value)
     assert masked.study.reduced.runs[0].coarse.present.mean() < 0.999
+
+
+def test_pulses_that_both_sensors_show_alike_along_x_are_found_across_it(flight):
+    """In 2 m_dx nothing is left of what hits masses whose gains differ as the pulses do; along Y other gains hold."""
+    rng = np.random.default_rng(5)
+    instrument = flight.drawn(1, eta=0.0)
+
+    def crackling(_, t_s, out):
+        made = np.zeros_like(out)
+        made[:, 1] += instrument.scale[:, 1, None] * 3e-9 * rng.standard_normal(len(t_s))
+        made[:, 1:] += 2.5e-12 * rng.standard_normal((2, 2, len(t_s)))
+        for begin_s in rng.uniform(2000.0, t_s[-1] - 2000.0, 12):
+            since_s = np.maximum(t_s - begin_s, 0.0)
+            made[0, 1] += 1e-10 * (np.exp(-since_s / 3.0) - np.exp(-since_s / 1.0))
+        return made
+
+    sky = flight.Sky(noise=1.2e-12, seed=1, added=crackling)
+    study = InflightStudy(recording(flight, sky=sky, sessions=("dx", "dz", "ad11")))
+    (found,) = [line for line in study.lines(study.model(())) if line.term.effect == "glitches"]
+    assert found.p_value < 1e-6
+    assert found.parameters["number"]["value"] == pytest.approx(36, abs=6)
