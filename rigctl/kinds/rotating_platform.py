@@ -193,7 +193,7 @@ def result(bench: Workbench) -> dict[str, Any]:
     return {
         **analyse(bench).as_json(),
         "scans": [each.as_json() for each in scanned],
-        "flips": {channel: {name: fit.value(name) for name in fit.names} for channel, fit in turned.items()},
+        "flips": {channel: flipped.as_json() for channel, flipped in turned.items()},
         "noise": [each.as_json() for each in noises],
     }
 

@@ -11,6 +11,8 @@ from rich.table import Table
 from rigctl.report.quantities import number, quantity
 from rigctl.report.result_table import ResultTable
 
+_TURNED_OVER = (("gain_v_per_m_s2", "V s2/m"), ("bias_v", "V"))
+
 
 def print_platform(found: Mapping[str, Any]) -> None:
     """Gain, accelerations, wobbles, then a table of the runs; fits 80 columns."""
@@ -35,6 +37,11 @@ def headline(found: Mapping[str, Any]) -> list[str]:
         lines.append(f"acceleration {axis} {quantity(value['value'], value['sigma'], 'm/s2')}")
     for sensor, value in (found["wobble_rad"] or {}).items():
         lines.append(f"wobble of sensor {sensor.upper()} {quantity(value['value'], value['sigma'], 'rad')}")
+    for channel, flipped in found.get("flips", {}).items():
+        told = flipped["chain"] or flipped["sensor"]
+        what = f"chain of channel {channel}" if flipped["chain"] else f"channel {channel} without its amplifier"
+        gain, bias = (quantity(told[name]["value"], told[name]["sigma"], unit) for name, unit in _TURNED_OVER)
+        lines.append(f"{what}, sensor turned over: scale factor {gain}, electrical bias {bias}")
     return lines
 
 

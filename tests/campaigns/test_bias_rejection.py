@@ -22,6 +22,9 @@ from rigctl.campaign.store import Store
 from rigctl.errors import ConfigError, InstrumentError, LimitError
 from rigctl.experiments.rotating_platform.patterns import custom_pattern, named_pattern
 from rigctl.interfaces import FloatArray
+from rigctl.kinds import rotating_platform
+from rigctl.report.terminal_platform import headline
+from rigctl.workbench.bench import Workbench
 
 RIG = "bias-rejection-rig.toml"
 COLUMNS = {"t_s", "theta_deg", "q_a_v", "q_b_v", "dm1_y_v", "dm1_z_v", "moving", "temperature_c"}
@@ -194,6 +197,16 @@ def test_a_scan_and_a_flip_show_what_they_are_for(small: Path) -> None:
         up_v, down_v = plus[name].mean(), minus[name].mean()
         assert amplifier * (up_v - down_v) / (2 * 9.81) == pytest.approx(gain, rel=1e-4)
         assert amplifier * (up_v + down_v) / 2 == pytest.approx(bias_v, abs=0.01)
+    with Store.open(small, readonly=True) as store:
+        found = rotating_platform.result(Workbench(store))
+    turned, lines = found["flips"], headline(found)
+    for channel, gain, amplifier, bias_v in (("z", GAIN_A, 1010.9, 0.2221), ("y", GAIN_B, 990.54, -0.0527)):
+        sensor, chain = turned[channel]["sensor"], turned[channel]["chain"]
+        assert sensor["gain_v_per_m_s2"]["value"] == pytest.approx(gain / amplifier, rel=1e-4)
+        assert chain["gain_v_per_m_s2"]["value"] == pytest.approx(gain, rel=1e-4)
+        assert chain["bias_v"]["value"] == pytest.approx(bias_v, abs=0.01)
+        assert 0.0 < chain["bias_v"]["sigma"] < 0.01
+        assert any(f"chain of channel {channel}, sensor turned over: scale factor" in line for line in lines)
     still = scan["moving"] == 0.0
     assert set(np.round(scan["theta_deg"][still], 3)) == {45.0 * i for i in range(8)}
     theta = np.deg2rad(scan["theta_deg"][still])

@@ -19,6 +19,7 @@ from rigctl.experiments.rotating_platform.store_reduction import chunks_of
 from rigctl.interfaces import FloatArray
 
 _FEWEST = 8
+_STRETCHES = 8
 _LONGEST = 1 << 22
 
 
@@ -77,8 +78,29 @@ def scans(source: RunSource, chains: Chains) -> tuple[list[Scan], dict[str, str]
     return found, left_out
 
 
-def flips(source: RunSource, chains: Chains) -> dict[str, Fitted]:
-    """Scale factor and electrical bias of each chain from flips, amplifier bypassed; none without both directions."""
+@dataclass(frozen=True)
+class Flipped:
+    """What turning a sensor over tells: of itself, and with the `amplifier` (None: not known) of its chain.
+
+    Scale factors in V s2/m and electrical biases in V.
+    """
+
+    sensor: Fitted
+    amplifier: float | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Within `rigctl result --json`."""
+        told = {name: (self.sensor.value(name), self.sensor.sigma(name)) for name in self.sensor.names}
+        found: dict[str, Any] = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in told.items()}
+        if self.amplifier is None:
+            return {"sensor": found, "chain": None}
+        k = self.amplifier
+        chain = {name: {"value": k * value, "sigma": k * sigma} for name, (value, sigma) in told.items()}
+        return {"sensor": found, "chain": chain}
+
+
+def flips(source: RunSource, chains: Chains) -> dict[str, Flipped]:
+    """Scale factor and electrical bias of each sensor from flips, by channel; none without both directions."""
     records = _of(source, "flip")
     signs = [float(record.conditions["g_sign"]) for record in records]
     if len(set(signs)) < 2:
@@ -87,7 +109,10 @@ def flips(source: RunSource, chains: Chains) -> dict[str, Fitted]:
     for channel in CHANNELS:
         readings = np.array([_mean(source, record.run_id, READINGS[channel]) for record in records])
         try:
-            found[channel] = flip(signs, readings, chains.g_m_s2, None if len(signs) > 2 else np.ones(len(signs)))
+            each = [_scatter(source, record.run_id, READINGS[channel]) for record in records]
+            sigma_v = None if len(signs) > 2 else np.array(each)
+            fitted = flip(signs, readings, chains.g_m_s2, sigma_v)
+            found[channel] = Flipped(fitted, chains.amplifier.get(channel))
         except DataError:
             continue
     return found
@@ -134,6 +159,12 @@ def _scan(source: RunSource, record: RunRecord, chains: Chains) -> Scan:
 
 def _column(source: RunSource, run_id: str, name: str) -> FloatArray:
     return np.concatenate([chunk[name] for chunk in chunks_of(source, run_id)])
+
+
+def _scatter(source: RunSource, run_id: str, name: str) -> float:
+    """Standard uncertainty of a mean from those of its stretches: what changes more slowly is not in it."""
+    stretches = np.array_split(_column(source, run_id, name), _STRETCHES)
+    return float(np.std([np.nanmean(each) for each in stretches], ddof=1)) / math.sqrt(_STRETCHES)
 
 
 def _mean(source: RunSource, run_id: str, name: str) -> float:

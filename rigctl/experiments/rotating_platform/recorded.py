@@ -1,17 +1,17 @@
-"""What a recording of the rotating platform says of itself: scale factors, biases, ranges, and each run's table."""
+"""What a recording of the rotating platform says of itself: scale factors, biases, ranges, guards."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rigctl import config
 from rigctl.campaign.recording import Header
-from rigctl.errors import ConfigError, DataError
-from rigctl.experiments.rotating_platform.patterns import ROTATIONS, Pattern, custom_pattern, named_pattern
+from rigctl.errors import DataError
+from rigctl.experiments.rotating_platform.patterns import ROTATIONS
 
 CHANNELS = ("z", "y")
 """The two chains by the axis they sense at angle 0: A is z, B is y."""
@@ -28,13 +28,17 @@ MODULATED = (*ROTATIONS, "custom")
 
 @dataclass(frozen=True)
 class Chains:
-    """What is believed of the chains, by channel: scale factors [V s2/m], electrical bias and full scale [V]."""
+    """What is believed of the chains, by channel: scale factors [V s2/m], electrical bias and full scale [V].
+
+    `amplifier` (V/V) is what a sensor is read without when it is turned over; absent where it is not known.
+    """
 
     gain_v_per_m_s2: Mapping[str, float]
     command_v_per_m_s2: Mapping[str, float]
     bias_v: Mapping[str, float]
     full_scale_v: Mapping[str, float]
     g_m_s2: float
+    amplifier: Mapping[str, float] = field(default_factory=dict)
 
 
 def chains(header: Header) -> Chains:
@@ -45,27 +49,11 @@ def chains(header: Header) -> Chains:
             "z": _needed(header, "gain_dm1_z_v_per_m_s2"),
             "y": _needed(header, "gain_dm1_y_v_per_m_s2"),
         },
-        bias_v={
-            name: value
-            for name, key in (("z", "bias_q_a_v"), ("y", "bias_q_b_v"))
-            if (value := _constant(header, key)) is not None
-        },
+        bias_v=_known(header, {"z": "bias_q_a_v", "y": "bias_q_b_v"}),
         full_scale_v={name: _full_scale(header, column) for name, column in READINGS.items()},
         g_m_s2=_needed(header, "g_m_s2"),
+        amplifier=_known(header, {"z": "amplifier_q_a_v_per_v", "y": "amplifier_q_b_v_per_v"}),
     )
-
-
-def table_of(header: Header, conditions: Mapping[str, Any]) -> Pattern | None:
-    """The table a run was made with; None where only its record tells it."""
-    name, period_s = str(conditions["pattern"]), float(conditions["modulation_period_s"])
-    guard_s = guard_of(conditions)
-    if name in ROTATIONS:
-        try:
-            return named_pattern(name, period_s, guard_s=guard_s)
-        except ConfigError:
-            return None
-    patterns = header.extra.get("patterns")
-    return None if patterns is None else _custom(patterns, period_s)
 
 
 def guard_of(conditions: Mapping[str, Any]) -> float:
@@ -83,26 +71,6 @@ def _seconds(conditions: Mapping[str, Any], name: str) -> float:
     return float(value) if isinstance(value, int | float) and value > 0.0 and math.isfinite(value) else 0.0
 
 
-def _custom(patterns: Mapping[str, Any], period_s: float) -> Pattern | None:
-    rows = zip(
-        patterns["pattern"],
-        patterns["period_s"],
-        patterns["sign_cos_theta"],
-        patterns["start_s"],
-        patterns["stop_s"],
-        strict=True,
-    )
-    dwells = [
-        (int(float(sign)), float(start), float(stop))
-        for name, period, sign, start, stop in rows
-        if name == "custom" and math.isclose(float(period), period_s, rel_tol=1e-6)
-    ]
-    try:
-        return custom_pattern(period_s, dwells) if dwells else None
-    except ConfigError:
-        return None
-
-
 def _constant(header: Header, name: str) -> float | None:
     if name in header.constants:
         return float(header.constants[name])
@@ -110,6 +78,10 @@ def _constant(header: Header, name: str) -> float | None:
         return None
     value = config.parse_rig(header.rig_toml, Path("rig file")).constant(name, math.nan)
     return value if math.isfinite(value) else None
+
+
+def _known(header: Header, names: Mapping[str, str]) -> dict[str, float]:
+    return {channel: value for channel, name in names.items() if (value := _constant(header, name)) is not None}
 
 
 def _needed(header: Header, name: str) -> float:
