@@ -119,11 +119,11 @@ def one_sigma(effect: str, short_s: float) -> float:
 
 @lru_cache(maxsize=4)
 def _clean(short_s: float) -> tuple[PlatformStudy, Attempt]:
-    study = PlatformStudy(sampled(_nature(1, {}), design(short_s)))
+    study = PlatformStudy(sampled(nature(1, {}), design(short_s)))
     return study, Attempt(study, ())
 
 
-def _nature(seed: int, effects: Mapping[str, Mapping[str, float]]) -> PlatformSettings:
+def nature(seed: int, effects: Mapping[str, Mapping[str, float]]) -> PlatformSettings:
     return PlatformSettings.model_validate(
         {"kind": "rotating-platform", "seed": seed, "temperature": TEMPERATURE, "effects": effects}
     )
@@ -134,27 +134,23 @@ def trial(asked: tuple[str, tuple[float, float], tuple[str, ...], float], seed: 
     kind, sigma, among, alpha = asked
     truth, short_s = draw(seed, kind, sigma, among)
     began_s = time.perf_counter()
-    nature = _nature(1000 + seed, {truth.effect: truth.sizes} if truth.effect else {})
+    world = nature(1000 + seed, {truth.effect: truth.sizes} if truth.effect else {})
     with tempfile.TemporaryDirectory() as scratch:
-        record(nature, design(short_s), Path(scratch) / "bundle")
+        record(world, design(short_s), Path(scratch) / "bundle")
         try:
             with import_bundle(Path(scratch) / "bundle", Path(scratch) / "s.rig.sqlite") as store:
                 found = diagnose(study_of(store), (), alpha)
         except RigError as error:
             return {**asdict(truth), "kind": kind, "error": str(error)}
-    suggested = [term.effect for term in found.suggested]
-    alike = [
-        other
-        for rank in found.ranking
-        for other in (rank.term.effect, *rank.equivalent_to)
-        if {rank.term.effect, *rank.equivalent_to} & set(suggested)
-    ]
+    named = [term.effect for term in found.steps[-1].terms]
+    alike = [[name, *rank.equivalent_to] for name in named for rank in found.ranking if rank.term.effect == name]
     return {
         **asdict(truth),
         "kind": kind,
         "mask_short_s": short_s,
         "verdict": found.verdict,
-        "suggested": suggested,
+        "named": named,
+        "suggested": [term.effect for term in found.suggested],
         "alike": alike,
         "estimates": {
             name: [each.value, each.sigma]
@@ -167,14 +163,14 @@ def trial(asked: tuple[str, tuple[float, float], tuple[str, ...], float], seed: 
 
 
 def right(score: Mapping[str, Any]) -> bool:
-    """Whether exactly what is hidden was said, or a set that holds it where the data leave several."""
+    """Whether exactly what is hidden was said: one effect and it, or one that may be it or one of its rivals."""
     if "error" in score:
         return False
     if score["effect"] is None:
         return not score["suggested"] and score["verdict"] == "adequate"
     if score["verdict"] == "ambiguous":
-        return score["effect"] in score["alike"] and len(score["suggested"]) <= 2
-    return bool(score["suggested"] == [score["effect"]] and score["verdict"] == "effect")
+        return len(score["named"]) == 1 and score["effect"] in score["alike"][0]
+    return bool(score["named"] == [score["effect"]] and score["verdict"] == "effect")
 
 
 def share(count: int, of: int) -> str:
@@ -196,8 +192,10 @@ def report(scores: Sequence[Mapping[str, Any]]) -> list[str]:
         names = sorted({score["effect"] for score in own if score["effect"]})
         for name in names:
             of = [score for score in own if score["effect"] == name]
-            first = sum(name in (*score.get("suggested", ())[:1], *score.get("alike", ())) for score in of)
-            lines.append(f"  {name}: right {share(sum(map(right, of)), len(of))}, first {first}/{len(of)}")
+            among = sum(any(name in alike for alike in score.get("alike", ())) for score in of)
+            alone = sum(score.get("verdict") == "effect" and right(score) for score in of)
+            told = f"alone {alone}/{len(of)}, among what is said {among}/{len(of)}"
+            lines.append(f"  {name}: right {share(sum(map(right, of)), len(of))}, {told}")
     return lines
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from procedures import time_table
 from procedures.live_estimate import LiveEstimate
 from procedures.platform_bench import TILT_Y, TILT_Z, PlatformBench, Wanted, Watch
-from procedures.platform_tables import ListedRun, Procedure
+from procedures.platform_tables import ListedRun, Procedure, Turning
 from procedures.time_table import TimeTable
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
@@ -118,9 +118,12 @@ class Plan:
             "rotation_s": pattern.rotation_s,
             "guard_s": pattern.guard_s,
             "lead_s": pattern.lead_s,
-            "turning": self.procedure.turning,
+            "turning": self._turning(run),
             "estimator": self.procedure.estimator,
         }
+
+    def _turning(self, run: ListedRun) -> Turning:
+        return run.turning or self.procedure.turning
 
     def _pattern(self, run: ListedRun) -> Pattern:
         procedure = self.procedure
@@ -143,9 +146,8 @@ class Plan:
 
     def _table(self, run: ListedRun, sampled: SampledPattern | None) -> TimeTable:
         if sampled is not None:
-            return time_table.modulation(
-                sampled.pattern, run.periods or 1, forward=self.procedure.turning == "forward"
-            )
+            forward = self._turning(run) == "forward"
+            return time_table.modulation(sampled.pattern, run.periods or 1, forward=forward)
         if run.pattern == "scan":
             angles_deg = np.arange(0.0, 360.0 - 0.5 * run.step_deg, run.step_deg).tolist()
             return time_table.scan(

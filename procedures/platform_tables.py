@@ -33,7 +33,8 @@ class CustomPattern(Table):
 class ListedRun(Table):
     """A `[[procedure.runs]]` table: one recording, or several of them where `v_z_v` is a list.
 
-    What is left out of `sample_rate_hz`, `rotation_s`, `guard_s`, `lead_s` and `rejects` is as in `[procedure]`.
+    What is left out of `sample_rate_hz`, `rotation_s`, `guard_s`, `lead_s`, `turning` and `rejects` is as in
+    `[procedure]`.
     """
 
     pattern: Literal["a", "b", "c", "c_tm", "custom", "flip", "scan", "noise"]
@@ -50,6 +51,7 @@ class ListedRun(Table):
     rotation_s: PeriodS | None = None
     guard_s: PauseS | None = None
     lead_s: PauseS | None = None
+    turning: Turning | None = None
     rejects: Drift | None = None
 
     @property

@@ -5,12 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from procedures.bias_rejection import Plan
+from procedures.platform_tables import Procedure as PlatformProcedure
 from procedures.tables import Procedure
 from rigctl import config, planning, runner
 from rigctl.errors import ConfigError
-from rigctl.kinds import inflight, rotating_platform
+from rigctl.kinds import inflight, platform_limits, rotating_platform
 from rigctl.kinds.sensing_axis import scan_of
 from rigctl.workbench.study import Proposal
 
@@ -40,6 +43,37 @@ def test_patterns_keep_the_guards_of_the_campaign_there_was() -> None:
     assert plan["runs_planned"] == 3
     assert not campaign.goes_on
     assert campaign.procedure["rejects"] == like.procedure["rejects"]
+
+
+@pytest.mark.parametrize(
+    ("way", "limits", "possible"),
+    [
+        ({}, "", True),
+        ({"rotation_s": 3.2}, "", True),
+        ({"rotation_s": 2.5}, "", False),  # 181 deg/s2, where the rig has 120
+        ({"turning": "forward"}, "", False),
+        ({"turning": "forward"}, "angle_max_deg = 3000.0", True),
+        ({"v_y_v": 3.0}, "", False),
+        ({"pattern": "a"}, "", False),  # it does not reject a linear drift, as the campaign wants
+    ],
+)
+def test_what_is_proposed_keeps_to_the_platforms_limits(way: dict[str, Any], limits: str, possible: bool) -> None:
+    like = config.read_campaign(CAMPAIGNS / "bias-rejection.toml")
+    text = like.rig_path.read_text().replace("angle_max_deg = 370.0", limits or "angle_max_deg = 370.0")
+    settings = config.validated(PlatformProcedure, like.procedure, like.path, "procedure")
+    allowed = platform_limits.within(config.parse_rig(text, like.rig_path), settings)
+    assert allowed(Proposal({**TURN, **way})) is possible
+
+
+def test_one_run_may_turn_otherwise_than_the_others() -> None:
+    like = config.read_campaign(CAMPAIGNS / "bias-rejection.toml")
+    runs = [Proposal(TURN), Proposal({**TURN, "turning": "forward"})]
+    asked = rotating_platform.further(None, runs, like)  # type: ignore[arg-type]
+    found = Plan(config.validated(PlatformProcedure, asked, like.path, "procedure")).recordings
+    assert [each.conditions["turning"] for each in found] == ["back-and-forth", "forward"]
+    back, forward = ([motion.to_deg for motion in each.wanted.table.motions] for each in found)
+    assert set(back) == {0.0, 180.0}
+    assert set(np.diff(forward)) == {180.0}
 
 
 def test_a_session_is_flown_once_however_often_it_is_proposed() -> None:

@@ -21,6 +21,7 @@ from rigctl.experiments.rotating_platform.store_reduction import reduction
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.interfaces import TimedRotationStage
 from rigctl.kinds import Drawn
+from rigctl.origin import rig_file_of
 from rigctl.workbench.fit import fit
 
 if TYPE_CHECKING:
@@ -164,9 +165,13 @@ def further(store: Store, runs: Sequence[Proposal], campaign: config.CampaignFil
 
 
 def allowed(store: Store) -> Allowed | None:
-    """What is proposed keeps to the turns and tilts that were made."""
-    del store
-    return None
+    """What patterns, the platform's limits and the source's leave."""
+    from rigctl.kinds.platform_limits import within
+
+    if store.header.rig_toml is None or store.header.campaign_toml is None:
+        return None
+    campaign = config.parse_campaign(store.header.campaign_toml, store.path)
+    return within(rig_file_of(store), config.validated(Procedure, campaign.procedure, campaign.path, "procedure"))
 
 
 def reduced(store: Store, progress: Progress) -> Mapping[str, str]:

@@ -19,7 +19,7 @@ _NOWHERE = "tcp://127.0.0.1:9"
 
 def within(rig_file: config.RigFile, procedure: Procedure, axis: str, configuration: str) -> Allowed:
     """Whether a rig can carry out a proposal; what that does not say is as in `procedure`."""
-    bench = bench_of(Rig(_without_world(rig_file)))
+    bench = bench_of(Rig(for_its_limits(rig_file)))
 
     def allowed(proposal: Proposal) -> bool:
         return _possible(bench, _set_point(proposal.settings, procedure, axis, configuration))
@@ -41,7 +41,7 @@ def _set_point(settings: Mapping[str, Any], procedure: Procedure, axis: str, con
     )
 
 
-def _without_world(rig_file: config.RigFile) -> config.RigFile:
+def for_its_limits(rig_file: config.RigFile) -> config.RigFile:
     """The rig for its limits alone: simulated instruments at an address that nobody opens."""
     nowhere = {
         name: each.model_copy(update={"address": _NOWHERE}) if each.simulated else each

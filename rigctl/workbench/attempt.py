@@ -68,7 +68,7 @@ class Attempt:
         self._seed = seed
         self._shapes = {} if shapes is None else shapes
         # Another choice of the same name is nowhere to start from.
-        self._start = {name: value for name, value in (start or {}).items() if name not in self._scanned}
+        self._start = {name: value for name, value in (start or {}).items() if name not in self.scanned}
         given = self.model.observations
         if not len(given.value):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
@@ -83,7 +83,7 @@ class Attempt:
                 self.result = self._fit()
 
     @cached_property
-    def _scanned(self) -> frozenset[str]:
+    def scanned(self) -> frozenset[str]:
         """Parameters of terms that a scan has found; they have priors."""
         pairs = zip(self.model.parameters, self.model.owners, strict=True)
         return frozenset(each.name for each, owner in pairs if owner and each.prior is not None)
@@ -261,13 +261,13 @@ class Attempt:
         """
         model = self.model
         added = [i for i, owner in enumerate(model.owners) if owner and not model.parameters[i].fixed]
-        own = [i for i in added if model.parameters[i].name not in self._scanned]
+        own = [i for i in added if model.parameters[i].name not in self.scanned]
         start = [self._start.get(each.name, each.start) for each in model.parameters]
         slopes = self.noise.whiten(model.jacobian(np.array(start, dtype=np.float64)))
         weights = [0.0 if each.prior is None else 1.0 / each.prior.sigma for each in model.parameters]
         slopes = np.vstack([slopes, np.diag(weights)])
         size = np.linalg.norm(slopes, axis=0)
-        size[[each.name in self._scanned for each in model.parameters]] = 0.0
+        size[[each.name in self.scanned for each in model.parameters]] = 0.0
         gram = slopes.T @ slopes / np.outer(*2 * [np.where(size > 0.0, size, 1.0)])
         held: list[int] = []
         while own:
@@ -308,11 +308,9 @@ class Attempt:
                 max_iterations=MAX_ITERATIONS,
             )
 
-        if self._scanned:
+        if self.scanned:
             # A time or a frequency means something where its amplitude is right: that first.
-            amplitudes = fitted(
-                [replace(each, fixed=each.fixed or each.name in self._scanned) for each in parameters]
-            )
+            amplitudes = fitted([replace(each, fixed=each.fixed or each.name in self.scanned) for each in parameters])
             sizes = np.nan_to_num(amplitudes.values)
             parameters = [replace(each, start=float(x)) for each, x in zip(parameters, sizes, strict=True)]
         result = fitted(parameters)

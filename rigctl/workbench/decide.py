@@ -104,5 +104,5 @@ def _power(question: Question, noncentrality: float) -> float:
 def _terms_of(questions: Sequence[Question]) -> list[Term]:
     found: list[Term] = []
     for question in questions:
-        found += [term for term in (question.term, question.rival) if term is not None and term not in found]
+        found += [term for term in question.terms if term not in found]
     return found

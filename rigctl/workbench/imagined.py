@@ -94,7 +94,8 @@ class Imagined:
         except RigError:
             return None
         values = _values(model, {**self._attempt.values, **_zeros(model, term)})
-        own = [column for column, owner in enumerate(model.owners) if owner == term.effect]
+        fitted = [each.name.rpartition(".")[2] not in term.choice for each in model.parameters]
+        own = [column for column, owner in enumerate(model.owners) if owner == term.effect and fitted[column]]
         slopes = model.jacobian(values)[:, own]
         return self._padded(slopes[:, np.any(slopes != 0.0, axis=0)])
 

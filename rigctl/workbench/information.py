@@ -42,7 +42,7 @@ class Information:
 
     def asked(self, question: Question) -> Asked | None:
         """A question as these columns have it; None when no run can be asked."""
-        own, rival = self._place(question.term), self._place(question.rival)
+        own, rival = self._place(question.term), self._places(question.terms[1:])
         if own is None or rival is None or len(own) != len(question.size):
             return None
         length = self._triangle.length[self._free :]
@@ -94,9 +94,12 @@ class Information:
         share = free / np.maximum(self._whole(question) + more, _TINY) / question.absorbed**2
         return np.asarray(free * np.where(share >= 1.0, 1.0, share**2))
 
-    def _place(self, term: Term | None) -> IntArray | None:
-        if term is None:
-            return np.zeros(0, dtype=np.intp)
+    def _places(self, terms: Sequence[Term]) -> IntArray | None:
+        found = [self._place(term) for term in terms]
+        known = [each for each in found if each is not None]
+        return np.concatenate([np.zeros(0, dtype=np.intp), *known]) if len(known) == len(found) else None
+
+    def _place(self, term: Term) -> IntArray | None:
         return next((where for known, where in self._triangle.places if known == term), None)
 
 

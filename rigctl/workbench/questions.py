@@ -12,14 +12,15 @@ from rigctl.errors import RigError
 from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.findings import Diagnosis, Rank
 from rigctl.workbench.score import ABSORBED
-from rigctl.workbench.study import FloatArray, Study, Term
+from rigctl.workbench.study import FloatArray, ScansBetween, Study, Term
 
 
 @dataclass(frozen=True)
 class Question:
     """Is it `term`, or `rival`? Or without a rival: is it there at all, so that `instead` does not imitate it?
 
-    `size` (d,) are the parameters' sizes, `basis` where they are from.
+    `size` (d,) are the parameters' sizes, `basis` where they are from. `nearby` are choices of the rival beside the
+    one it has: free with it, for a time or a frequency is fitted too.
     """
 
     term: Term
@@ -27,6 +28,12 @@ class Question:
     size: FloatArray
     basis: Literal["estimate", "typical"]
     instead: str = ""
+    nearby: tuple[Term, ...] = ()
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """What has columns of its own."""
+        return (self.term, *(() if self.rival is None else (self.rival,)), *self.nearby)
 
     @property
     def other(self) -> str:
@@ -53,7 +60,7 @@ def rivals(study: Study, final: Sequence[Term], diagnosis: Diagnosis) -> tuple[t
             for one, other in ((rank.term, alternative), (alternative, rank.term)):
                 size = _estimated(study, beside, one)
                 if len(size):
-                    questions.append(Question(one, other, size, "estimate"))
+                    questions.append(Question(one, other, size, "estimate", nearby=_nearby(study, other)))
     return base, questions
 
 
@@ -82,11 +89,20 @@ def _equals(study: Study, beside: Sequence[Term], rank: Rank) -> list[Term]:
     return [instead[effect] for effect in rank.equivalent_to if effect in instead]
 
 
+def _nearby(study: Study, term: Term) -> tuple[Term, ...]:
+    """The same effect with the neighbours of what a scan has found."""
+    if not isinstance(study, ScansBetween):
+        return ()
+    found = study.neighbours(term).items()
+    return tuple(Term(term.effect, {**term.choice, name: value}) for name, both in found for value in both)
+
+
 def _estimated(study: Study, beside: Sequence[Term], term: Term) -> FloatArray:
-    """Size of a term fitted beside others, (d,); empty when it cannot be."""
+    """Size of a term fitted beside others, (d,), without what was scanned for; empty when it cannot be fitted."""
     try:
         attempt = Attempt(study, (*beside, term))
     except RigError:
         return np.zeros(0)
-    own = [i for i, owner in enumerate(attempt.model.owners) if owner == term.effect]
+    amplitudes = [name not in attempt.scanned for name in attempt.names]
+    own = [i for i, owner in enumerate(attempt.model.owners) if owner == term.effect and amplitudes[i]]
     return np.asarray(attempt.result.values[own])

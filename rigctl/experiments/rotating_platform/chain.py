@@ -106,11 +106,24 @@ def off_stop(cells: Cells) -> FloatArray:
 
 
 def _decay(cells: Cells, time_s: float) -> FloatArray:
-    begin_s, step = cells.since / cells.sample_rate_hz, 1.0 / (cells.sample_rate_hz * time_s)
+    rate_hz, ends_s = cells.sample_rate_hz, _ends_s(cells)
+    # Where a mask is too short the first samples are of the turn itself.
+    first = np.maximum(cells.since, np.ceil(ends_s * rate_hz - 0.5).astype(np.int64))
+    samples = np.maximum(cells.since + cells.count - first, 0.0)
+    step = 1.0 / (rate_hz * time_s)
     # A geometric series over the samples, each taken half a step after its beginning.
-    series = np.expm1(-step * cells.count) / np.expm1(-step) / cells.count
+    series = np.expm1(-step * samples) / np.expm1(-step) / cells.count
     with np.errstate(under="ignore"):
-        return np.asarray(np.exp(-begin_s / time_s - 0.5 * step) * series)
+        return np.asarray(np.exp((ends_s - first / rate_hz) / time_s - 0.5 * step) * series)
+
+
+def _ends_s(cells: Cells) -> FloatArray:
+    """When each cell's last turn was over, from the end of its mask [s]; 0 where the angle does not tell."""
+    ends_s = np.zeros(len(cells.followed))
+    for number, course in _courses(cells).items():
+        motion = _motion(course.tobytes(), cells.turn_before, cells.sample_rate_hz)
+        ends_s[number] = motion.last_s if motion.is_cycloid else 0.0
+    return np.asarray(ends_s[cells.kind])
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,9 @@ from rigctl.workbench.study import Proposal
 PATTERNS = ("b", "c")
 PERIODS_S = (60.0, 300.0, 1200.0)
 LEVELS_V = (0.0, 0.5, 1.0, 1.5)
+TURNS_S = (2.5, 3.2)
+"""Half turns that are faster than usual: what is left of a motion goes as their third power."""
+
 LASTS_S = 3600.0
 """About so long is a run that is proposed."""
 
@@ -46,14 +49,15 @@ def imagined_cells(
     c_z_m_s2: float = 0.0,
     c_y_m_s2: float = 0.0,
     mask_short_s: float = 0.0,
+    forward: bool = False,
 ) -> Cells:
-    """The cells of a run of `periods` with nothing read; half turns are cycloids, back and forth.
+    """The cells of a run of `periods` with nothing read; half turns are cycloids, back and forth or all `forward`.
 
     `mask_short_s` ends the mask so much before the motion.
     """
     samples_made = round(periods * pattern.period_s * sample_rate_hz)
     t_s: FloatArray = np.asarray((np.arange(samples_made) + 0.5) / sample_rate_hz)
-    theta, moving = _course(pattern, periods, t_s, mask_short_s)
+    theta, moving = _course(pattern, periods, t_s, mask_short_s, forward)
     nothing = np.zeros(t_s.size)
     samples = {
         "t_s": t_s,
@@ -68,14 +72,16 @@ def imagined_cells(
     return cells_of([samples], _UNIT, pattern.period_s, sample_rate_hz, **given)
 
 
-def _course(pattern: Pattern, periods: int, t_s: FloatArray, mask_short_s: float) -> tuple[FloatArray, FloatArray]:
+def _course(
+    pattern: Pattern, periods: int, t_s: FloatArray, mask_short_s: float, forward: bool
+) -> tuple[FloatArray, FloatArray]:
     stop = 0.0 if pattern.dwells[0].sign > 0 else math.pi
     theta, moving = np.full(t_s.size, stop), np.zeros(t_s.size)
     moving[t_s < pattern.dwells[0].start_s] = 1.0
     for number in range(periods):
         for turn in pattern.turns:
             begin_s = number * pattern.period_s + turn.start_s
-            target = 0.0 if turn.to_sign > 0 else math.pi
+            target = stop + math.pi if forward else (0.0 if turn.to_sign > 0 else math.pi)
             phase = 2.0 * np.pi * np.clip((t_s - begin_s) / pattern.rotation_s, 0.0, 1.0)
             theta += (target - stop) * (phase - np.sin(phase)) / (2.0 * np.pi)
             end_s = begin_s + pattern.rotation_s - mask_short_s
@@ -85,22 +91,33 @@ def _course(pattern: Pattern, periods: int, t_s: FloatArray, mask_short_s: float
 
 
 def options(seen: Sequence[PlatformRun]) -> list[Proposal]:
-    """Patterns, periods and tilts for the next runs, of an hour each; a tilt across too, which few runs have."""
+    """Patterns, periods and tilts for the next runs, of an hour each; a tilt across too, which few runs have.
+
+    At the shortest period, faster turns, and turns that all go forward: then the stop says nothing of the direction.
+    """
+    tilts = [*((level, 0.0) for level in LEVELS_V), (0.0, 1.0)]
+    ways: list[dict[str, Any]] = [*({"rotation_s": turn_s} for turn_s in TURNS_S), {"turning": "forward"}]
     found = []
     for name in PATTERNS:
-        for period_s in PERIODS_S:
-            for v_z, v_y in [*((level, 0.0) for level in LEVELS_V), (0.0, 1.0)]:
-                periods = max(round(LASTS_S / period_s), 3)
-                settings = {
-                    "pattern": name,
-                    "modulation_period_s": period_s,
-                    "periods": periods,
-                    "v_z_v": v_z,
-                    "v_y_v": v_y,
-                    "sample_rate_hz": _rate(seen),
-                }
-                found.append(Proposal(settings, periods * period_s + BETWEEN_S))
+        found += [_proposal(seen, name, period_s, *tilt) for period_s in PERIODS_S for tilt in tilts]
+        found += [_proposal(seen, name, PERIODS_S[0], *tilts[-1], **way) for way in ways]
     return found
+
+
+def _proposal(
+    seen: Sequence[PlatformRun], pattern: str, period_s: float, v_z: float, v_y: float, **way: Any
+) -> Proposal:
+    periods = max(round(LASTS_S / period_s), 3)
+    settings = {
+        "pattern": pattern,
+        "modulation_period_s": period_s,
+        "periods": periods,
+        "v_z_v": v_z,
+        "v_y_v": v_y,
+        "sample_rate_hz": _rate(seen),
+        **way,
+    }
+    return Proposal(settings, periods * period_s + BETWEEN_S)
 
 
 def imagined_channels(proposals: Sequence[Proposal], seen: Sequence[ChannelRun], chains: Chains) -> list[ChannelRun]:
@@ -125,11 +142,12 @@ def _cells(given: Mapping[str, Any], chains: Chains, made: dict[str, Cells]) -> 
         if name == "custom":
             raise ConfigError("a custom pattern cannot be proposed: name a, b, c or c_tm")
         made[key] = imagined_cells(
-            named_pattern(name, float(given["modulation_period_s"])),
+            named_pattern(name, float(given["modulation_period_s"]), given.get("rotation_s")),
             int(given["periods"]),
             float(given.get("sample_rate_hz", SAMPLE_RATE_HZ)),
             c_z_m_s2=float(given["v_z_v"]) / chains.command_v_per_m_s2["z"],
             c_y_m_s2=float(given.get("v_y_v", 0.0)) / chains.command_v_per_m_s2["y"],
+            forward=given.get("turning") == "forward",
         )
     return made[key]
 

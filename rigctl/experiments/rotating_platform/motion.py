@@ -44,6 +44,11 @@ class Motion:
     first_s: float
     last_s: float
 
+    @property
+    def is_cycloid(self) -> bool:
+        """Whether its beginning and end are known to better than a sample."""
+        return isinstance(self.course, _Cycloid)
+
     def forces(self, times_s: FloatArray) -> FloatArray:
         """Square of the angular rate and angular acceleration, shape (2, times)."""
         inside = (times_s >= self.first_s) & (times_s <= self.last_s)

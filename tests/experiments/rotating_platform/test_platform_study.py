@@ -17,6 +17,7 @@ from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.compare import compare
 from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.fit import fit
+from rigctl.workbench.recommend import recommend
 from rigctl.workbench.study import Plannable, Term
 from simulators.worlds.platform_effects import EFFECTS
 from simulators.worlds.platform_settings import PlatformSettings
@@ -179,6 +180,22 @@ def test_an_effect_of_ones_own_is_fitted(tmp_path: Path) -> None:
     own = PlatformStudy(sampled(nature, RUNS), [load(file)])
     size = fit(own, (Term("tilt-square"),)).parameters["q[z]"]
     assert abs(size.value) < 4.0 * size.sigma
+
+
+def test_motions_that_runs_cannot_tell_apart_are_said_to_be_so_with_what_would_tell_them() -> None:
+    """Within the first half second after a turn these bins see one number; what is left goes as the turn's speed."""
+    hidden = study({"clock-skew": {"r_sin": 1e-4, "delay": 0.2}})
+    found = diagnose(hidden, ())
+    assert found.verdict == "ambiguous"
+    (named,) = found.suggested
+    alike = {named.effect, *found.ranking[0].equivalent_to}
+    assert alike == {"clock-skew", "filter-ringing"}
+    usual = recommend(hidden, (), found, allowed=lambda run: "rotation_s" not in run.settings)
+    assert ("clock-skew", "filter-ringing") in {(e.question.term.effect, e.question.other) for e in usual.hopeless}
+    faster = recommend(hidden, (), found)
+    assert faster.purpose == "separate"
+    assert all(run.settings["rotation_s"] < 5.0 for run in faster.runs)
+    assert max(each.lambda_promised for each in faster.answers) > 25.0
 
 
 def test_the_next_run_would_tell_what_cannot_be_told(clean: PlatformStudy) -> None:

@@ -1,0 +1,28 @@
+"""Which runs of the rotating platform a rig can carry out: its limits, and what a pattern has to reject."""
+
+from __future__ import annotations
+
+from procedures.bias_rejection import Plan
+from procedures.platform_tables import ListedRun, Procedure
+from rigctl import config
+from rigctl.errors import ConfigError, LimitError
+from rigctl.kinds.rotating_platform import bench_of
+from rigctl.kinds.scan_limits import for_its_limits
+from rigctl.rig import Rig
+from rigctl.workbench.recommend import Allowed
+from rigctl.workbench.study import Proposal
+
+
+def within(rig_file: config.RigFile, procedure: Procedure) -> Allowed:
+    """Whether a rig can carry out a proposal; what that does not say is as in `procedure`."""
+    bench = bench_of(Rig(for_its_limits(rig_file)), procedure)
+
+    def allowed(proposal: Proposal) -> bool:
+        run = ListedRun.model_validate(dict(proposal.settings))
+        try:
+            Plan(procedure.model_copy(update={"runs": (run,)})).check(bench)
+        except (LimitError, ConfigError):
+            return False
+        return True
+
+    return allowed
