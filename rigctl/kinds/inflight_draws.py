@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -60,9 +60,17 @@ class _Rows:
         return np.asarray(np.sqrt(0.5 * (square[0::2] + square[1::2]) / (2.0 * self.session.sample_period_s)))
 
 
+class NotWanted(Exception):
+    """Nobody waits for a unit any more."""
+
+
+def _never() -> bool:
+    return False
+
+
 @one_thread
-def reduce_unit(unit: Unit) -> bytes:
-    """Simulate a unit and reduce it; see `sessions_of` for what comes back."""
+def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> bytes:
+    """Simulate a unit and reduce it: `ReducedUnit` reads it back. `NotWanted` as soon as it is `unwanted`."""
     prepared = rows_of(unit)
     session, groups = prepared.session, (prepared.published, prepared.observed)
     parts = [np.zeros((len(SERIES), len(rows), len(unit.draws))) for rows in groups]
@@ -72,6 +80,8 @@ def reduce_unit(unit: Unit) -> bytes:
     asked = unit.study.session(unit.name, unit.orbit_period_s)
     memory, products = np.zeros((len(SERIES), CHUNK, len(unit.draws))), [part[:filled].copy() for part in parts]
     for chunk in unit.ensemble.telemetry(unit.draws, unit.run, asked, CHUNK):
+        if unwanted():
+            raise NotWanted
         t_s = session.sample_period_s * np.arange(at, at + len(chunk), dtype=np.float64)
         columns = {name: chunk[:, place] for place, name in enumerate(unit.ensemble.columns)}
         series = raw_series(session, t_s[:, np.newaxis], columns, memory[:, : len(chunk)]).T[:filled]

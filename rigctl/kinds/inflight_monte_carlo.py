@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from procedures.inflight import Flight, MonteCarlo, calibrate, check
@@ -36,7 +37,7 @@ class Promise(Protocol):
         ...
 
 
-Submit = Callable[[Callable[["Unit"], bytes], "Unit"], Promise]
+Submit = Callable[["Unit"], Promise]
 
 
 @dataclass(frozen=True)
@@ -118,10 +119,8 @@ class MonteCarloWork:
         }
 
     def _simulate(self, session: Session, submit: Submit, run: int, name: str) -> None:
-        from rigctl.kinds.inflight_draws import reduce_unit
-
         units, there = self._units(run, name), session.store.reduced_names(RECIPE)
-        promised = {key: submit(reduce_unit, unit) for key, unit in units.items() if key not in there}
+        promised = {key: submit(unit) for key, unit in units.items() if key not in there}
         for key, unit in units.items():
             if key in promised:
                 session.store.keep_reductions(RECIPE, {key: _awaited(session, promised[key])})
@@ -159,19 +158,26 @@ def _awaited(session: Session, promise: Promise) -> bytes:
 @contextmanager
 def _workers(study: MonteCarlo) -> Iterator[Submit]:
     """Threads of this process (the loops let go of the interpreter), or the workers of a dask scheduler."""
+    from rigctl.kinds.inflight_draws import reduce_unit
+
     if study.scheduler:
         with _cluster(study.scheduler) as submit:
             yield submit
         return
     pool = ThreadPoolExecutor(study.workers or os.cpu_count() or 1, thread_name_prefix="draws")
+    leaving = Event()
     try:
-        yield pool.submit
+        yield lambda unit: pool.submit(reduce_unit, unit, leaving.is_set)
     finally:
+        # Who aborts does not wait for sixteen draws to come down.
+        leaving.set()
         pool.shutdown(cancel_futures=True)
 
 
 @contextmanager
 def _cluster(address: str) -> Iterator[Submit]:
+    from rigctl.kinds.inflight_draws import reduce_unit
+
     try:
         from distributed import Client
     except ImportError:
@@ -183,4 +189,4 @@ def _cluster(address: str) -> Iterator[Submit]:
     except (OSError, TimeoutError, ValueError) as error:
         raise LinkError(f"procedure.scheduler: no scheduler answers at {address} ({error}); start it first") from None
     with client:
-        yield lambda function, unit: client.submit(function, unit, pure=False)
+        yield lambda unit: client.submit(reduce_unit, unit, pure=False)

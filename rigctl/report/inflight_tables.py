@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -52,13 +53,14 @@ def _table2(found: Mapping[str, Any]) -> ResultTable:
         heads = [name, f"< {number(each['objective'], 2)}"]
         for place, (words, summary, sigma) in enumerate(told):
             numbers = [number(summary[key], 2) for key in ("worst", "mean", "std")]
+            numbers.append(number(math.hypot(summary["mean"], summary["std"]), 2))
             head = heads[place] if place < len(heads) else ""
             rows.append([head, words, *numbers, "" if sigma is None else number(sigma, 2)])
     sentence = (
         f"Table 2: |estimate - true| over {found['draws']} simulated calibrations, below each name its objective; "
-        "sigma is what the estimates state."
+        "sigma is what the estimates state, of noise alone: to be compared with the root mean square."
     )
-    return ResultTable(sentence, ["parameter", "estimate, truth", "#worst", "#mean", "#std", "#sigma"], rows)
+    return ResultTable(sentence, ["parameter", "estimate, truth", "#worst", "#mean", "#std", "#rms", "#sigma"], rows)
 
 
 def _table3(table: Mapping[str, Any]) -> ResultTable:

@@ -6,8 +6,10 @@ import json
 import os
 import pickle
 import signal
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -22,9 +24,11 @@ from rigctl.errors import ConfigError, LinkError
 from rigctl.experiments.inflight.monte_carlo import DRAW
 from rigctl.experiments.inflight.parameters import NAMES
 from rigctl.kinds import inflight_monte_carlo
+from rigctl.kinds.inflight_draws import NotWanted, Unit
 from rigctl.origin import truth_path
 from rigctl.rig import Rig
 from simulators.worlds.satellite.instrument import drawn
+from simulators.worlds.satellite.layout import COLUMNS
 from simulators.worlds.satellite.settings import SatelliteSettings
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
@@ -207,3 +211,31 @@ def test_an_ensemble_travels_to_another_process() -> None:
     session = MonteCarlo(name="monte-carlo").session("dx", 5950.0)
     here, there = (next(one.telemetry((3,), 1, session, 10)) for one in (ensemble, travelled))
     assert np.array_equal(here, there)
+
+
+class Slow:
+    """An ensemble that sends down sample by sample, and tells when the first has come."""
+
+    at_once, columns, sample_period_s, complete = 1, COLUMNS, 1.0, True
+
+    def __init__(self) -> None:
+        self.taken, self.begun = 0, Event()
+
+    def telemetry(self, draws: Any, run: int, session: Any, chunk: int) -> Iterator[Any]:
+        for _ in range(round(session.duration_s)):
+            self.taken += 1
+            self.begun.set()
+            yield np.zeros((1, len(self.columns), len(draws)))
+
+    def truths(self, draw: int) -> dict[str, Any]:
+        return {}
+
+
+def test_who_leaves_a_study_does_not_wait_for_what_is_under_way() -> None:
+    study, ensemble = MonteCarlo(name="monte-carlo", orbits=3.0, workers=1), Slow()
+    with inflight_monte_carlo._workers(study) as submit:
+        promise = submit(Unit(ensemble, study, 5950.0, "dx", 1, (0,)))
+        assert ensemble.begun.wait(60.0)
+    assert ensemble.taken < 3 * 5950
+    with pytest.raises(NotWanted):
+        promise.result()
