@@ -112,6 +112,7 @@ def _numbers(case: Case, rank: Rank) -> dict[str, Any]:
         },
         "detectable": {name: size for name, size in rank.detectable.items() if _own(name) in wanted},
         "equivalent_to": list(rank.equivalent_to),
+        "held_out_error_ratio": rank.held_out_error_ratio,
     }
 
 
@@ -128,6 +129,8 @@ def line_of(score: Mapping[str, Any]) -> str:
         seen = score["found"].get("detectable", {}) if score["found"] else {}
         sized = ", ".join(f"{name} from {size:.2g}" for name, size in seen.items()) or score["not_testable"]
     before, after = score["held_out"]
+    if score["effect"] == "line" and numbers:
+        sized += f", its own spectrum held out {numbers['held_out_error_ratio']:.2g}"
     short = f", mask {score['mask_short_s']:g} s short" if score["mask_short_s"] else ""
     return f"{score['effect']:<23} {sizes}{short}: {score['said']}; {sized}; held out {before:.3g} -> {after:.3g}"
 

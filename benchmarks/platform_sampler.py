@@ -42,8 +42,8 @@ _CHUNK = 1 << 16
 class SampledRun:
     """One run: a pattern and its period, how many, and what the pendulum is told.
 
-    `mask_short_s` ends the mask so much before the motion; `forward` turns on instead of back. A scan dwells
-    `dwell_s` at each of `angles_deg`.
+    `mask_short_s` ends the mask so much before the motion; `forward` turns on instead of back, a half turn takes
+    `rotation_s`. A scan dwells `dwell_s` at each of `angles_deg`.
     """
 
     pattern: str = "c"
@@ -57,13 +57,14 @@ class SampledRun:
     guard_s: float = 0.0
     mask_short_s: float = 0.0
     forward: bool = False
+    rotation_s: float | None = None
     angles_deg: tuple[float, ...] = ()
     dwell_s: float = 60.0
 
     @property
     def table(self) -> Pattern:
         """When the platform rests."""
-        return named_pattern(self.pattern, self.period_s, guard_s=self.guard_s)
+        return named_pattern(self.pattern, self.period_s, self.rotation_s, guard_s=self.guard_s)
 
     @property
     def samples(self) -> int:

@@ -12,7 +12,10 @@ from rigctl.errors import RigError
 from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.findings import Diagnosis, Rank
 from rigctl.workbench.score import ABSORBED
-from rigctl.workbench.study import FloatArray, ScansBetween, Study, Term
+from rigctl.workbench.study import FloatArray, IntArray, ScansBetween, Study, Term
+
+SURE = 2.0
+"""So many sigma of a parameter, and it is there."""
 
 
 @dataclass(frozen=True)
@@ -104,5 +107,15 @@ def _estimated(study: Study, beside: Sequence[Term], term: Term) -> FloatArray:
     except RigError:
         return np.zeros(0)
     amplitudes = [name not in attempt.scanned for name in attempt.names]
-    own = [i for i, owner in enumerate(attempt.model.owners) if owner == term.effect and amplitudes[i]]
-    return np.asarray(attempt.result.values[own])
+    own = np.flatnonzero([o == term.effect and a for o, a in zip(attempt.model.owners, amplitudes, strict=True)])
+    size = np.asarray(attempt.result.values[own])
+    sure = np.abs(size) > SURE * _sigma(attempt.result.covariance, own, np.flatnonzero(np.logical_not(amplitudes)))
+    # What is not sure is estimated too large: no promise is built on it.
+    return np.where(sure, size, 0.0) if sure.any() else size
+
+
+def _sigma(covariance: FloatArray, own: IntArray, scanned: IntArray) -> FloatArray:
+    """Standard uncertainties of amplitudes with what was scanned for held where it is."""
+    across = covariance[np.ix_(own, scanned)]
+    known = np.linalg.pinv(covariance[np.ix_(scanned, scanned)])
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance[np.ix_(own, own)] - across @ known @ across.T), 0.0)))

@@ -360,7 +360,9 @@ class Search:
             if each.score.statistic < 0.25 * own.score.statistic:
                 continue
             if (instead := self._substituted(others, each, own)) is not None:
-                found.append(Rival(term.effect, each.candidate.term, self._contains(instead, effect, own)))
+                size = sum(owner == term.effect for owner in self.attempt(self.terms).model.owners)
+                wider = self._contains(instead, effect, own, max(size, len(own.candidate.names)))
+                found.append(Rival(term.effect, each.candidate.term, wider))
         return found
 
     def _substituted(self, others: tuple[Term, ...], rival: Scored, simpler: Scored) -> Attempt | None:
@@ -375,10 +377,13 @@ class Search:
         return instead if self.adequate((*others, rival.candidate.term)) else None
 
     @staticmethod
-    def _contains(attempt: Attempt, effect: str, simpler: Scored) -> bool:
-        """Whether an effect has more parameters than another, whose doing it can imitate entirely."""
+    def _contains(attempt: Attempt, effect: str, simpler: Scored, parameters: int) -> bool:
+        """Whether an effect has more parameters than another's, whose doing it can imitate entirely.
+
+        A candidate's columns are its amplitudes: what is scanned for counts as a parameter once it is in a model.
+        """
         own = [i for i, owner in enumerate(attempt.model.owners) if owner == effect]
-        if len(own) <= len(simpler.candidate.names):
+        if len(own) <= parameters:
             return False
         rest = np.delete(attempt.jacobian, own, axis=1)
         others = Projector(rest, attempt.left, attempt.noise.dof, len(attempt.noise.dof))

@@ -182,6 +182,13 @@ def test_an_effect_of_ones_own_is_fitted(tmp_path: Path) -> None:
     assert abs(size.value) < 4.0 * size.sigma
 
 
+def test_two_that_are_scanned_for_are_rivals_neither_wider_than_the_other() -> None:
+    """What is scanned for counts on both sides: five parameters each, however alike they are."""
+    found = diagnose(study({"filter-ringing": {"r_sin": 4e-4, "cutoff": 5.0}}), ())
+    assert found.verdict == "ambiguous"
+    assert {found.suggested[0].effect, *found.ranking[0].equivalent_to} == {"clock-skew", "filter-ringing"}
+
+
 def test_motions_that_runs_cannot_tell_apart_are_said_to_be_so_with_what_would_tell_them() -> None:
     """Within the first half second after a turn these bins see one number; what is left goes as the turn's speed."""
     hidden = study({"clock-skew": {"r_sin": 1e-4, "delay": 0.2}})
