@@ -79,12 +79,14 @@ class Batch:
 
     seed: int
     effect: str
+    weaker: float = 1.0
+    """What its size is divided by."""
 
     @property
     def settings(self) -> SatelliteSettings:
         """Nature."""
         parameters = {**SHOWN, **HIDDEN}.get(self.effect, {})
-        scale = float(generator(self.seed, "size", self.effect).uniform(*SCALES))
+        scale = float(generator(self.seed, "size", self.effect).uniform(*SCALES)) / self.weaker
         effects = {
             self.effect: {
                 name: value if name.partition("[")[0] in SIZES_KEPT else scale * value
@@ -160,7 +162,9 @@ def scores(batch: Batch, alpha: float) -> Iterator[dict[str, Any]]:
 
 def _sigmas(parameters: Mapping[str, Mapping[str, Any]]) -> float:
     """How many standard uncertainties an effect is large, by its best-seen parameter."""
-    return max((abs(each["value"]) / each["sigma"] for each in parameters.values() if each["sigma"]), default=0.0)
+    return max(
+        (abs(each["value"]) / each["sigma"] for each in parameters.values() if each["sigma"] > 0.0), default=0.0
+    )
 
 
 def _right(effect: str, suggested: list[str], alike: set[str], verdict: str) -> bool:
@@ -176,6 +180,7 @@ def main() -> int:
     parser.add_argument("--batches", type=int, default=1, help="per effect")
     parser.add_argument("--first", type=int, default=0, help="seed of the first batch")
     parser.add_argument("--effects", nargs="*", default=["", *SHOWN, *HIDDEN])
+    parser.add_argument("--weaker", type=float, default=1.0, help="divides the sizes of what is hidden")
     parser.add_argument("--alpha", type=float, default=0.01)
     asked = parser.parse_args()
     rows = [json.loads(line) for line in asked.scores.read_text().splitlines()] if asked.scores.exists() else []
@@ -185,7 +190,7 @@ def main() -> int:
             for effect in asked.effects:
                 if (seed, effect) in done:
                     continue
-                new = list(scores(Batch(seed, effect), asked.alpha))
+                new = list(scores(Batch(seed, effect, asked.weaker), asked.alpha))
                 rows += new
                 file.writelines(json.dumps(row) + "\n" for row in new)
                 file.flush()
