@@ -319,6 +319,7 @@ class SatelliteEnsemble(Protocol):
         """A session of some draws, shape (samples, columns, draws), `chunk` samples at a time, the last ones fewer.
 
         `run` is the key of its randomness beside the draw's number: what comes does not depend on the other draws.
+        A chunk is there until the next is asked for: all may be in the same memory.
         """
         ...
 

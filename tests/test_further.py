@@ -13,7 +13,7 @@ from procedures.platform_tables import Procedure as PlatformProcedure
 from procedures.tables import Procedure
 from rigctl import config, planning, runner
 from rigctl.errors import ConfigError
-from rigctl.kinds import inflight, platform_limits, rotating_platform
+from rigctl.kinds import inflight, inflight_campaign, platform_limits, rotating_platform
 from rigctl.kinds.sensing_axis import scan_of
 from rigctl.workbench.study import Proposal
 
@@ -81,6 +81,34 @@ def test_a_session_is_flown_once_however_often_it_is_proposed() -> None:
     runs = [Proposal({"session": name, "orbits": 10.0}) for name in ("dy", "ac13", "dy")]
     _, plan = planned(like, inflight.further(None, runs, like))  # type: ignore[arg-type]
     assert plan["sessions"] == ["dy", "ac13"]
+
+
+def test_sessions_that_share_a_stimulus_are_flown_with_the_strongest_that_is_proposed() -> None:
+    like = config.read_campaign(CAMPAIGNS / "microscope.toml")
+    runs = [
+        Proposal({"session": "ad11", "orbits": 10.0, "amplitude": 5e-8}),
+        Proposal({"session": "k2d", "orbits": 10.0, "amplitude": 1e-7}),
+        Proposal({"session": "dx", "orbits": 10.0}),
+    ]
+    _, plan = planned(like, inflight.further(None, runs, like))  # type: ignore[arg-type]
+    assert plan["sessions"] == ["ad11", "k2d", "dx"]
+    asked = inflight_campaign.procedure_of(
+        like.model_copy(update={"procedure": inflight.further(None, runs, like)})  # type: ignore[arg-type]
+    )
+    assert (asked.common_m_s2, asked.turn_rad) == (1e-7, 1e-2)
+
+
+@pytest.mark.parametrize(
+    ("session", "amplitude", "possible"),
+    [("k2d", 1e-7, True), ("k2d", 3e-7, False), ("dy", 2e-2, True), ("dy", 3e-2, False), ("dx", None, True)],
+)
+def test_what_is_proposed_keeps_to_the_satellites_limits(
+    session: str, amplitude: float | None, possible: bool
+) -> None:
+    like = config.read_campaign(CAMPAIGNS / "microscope.toml")
+    allowed = inflight_campaign.within(config.read_rig(like.rig_path), inflight_campaign.procedure_of(like))
+    settings = {"session": session, "orbits": 10.0} | ({} if amplitude is None else {"amplitude": amplitude})
+    assert allowed(Proposal(settings)) is possible
 
 
 @pytest.mark.parametrize("name", ["bias-rejection.toml", "microscope.toml"])

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from rigctl import config
 from rigctl.errors import DataError, ProcedureError
 from rigctl.experiments.inflight import recorded
 from rigctl.experiments.inflight.monte_carlo import DRAW, Draw, tables
 from rigctl.experiments.inflight.result import calibration
 from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.kinds import Drawn, inflight_campaign
+from rigctl.origin import rig_file_of
 
 if TYPE_CHECKING:
     from rigctl.campaign.parts import Part
@@ -44,15 +46,24 @@ def channels(rig: Rig) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInf
 
 
 def further(store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> Mapping[str, Any]:
-    """These sessions once more, with the stimulus they had."""
+    """These sessions once more; of sessions that share a stimulus the strongest that is asked for."""
     del store
-    return {**campaign.procedure, "sessions": list(dict.fromkeys(str(run.settings["session"]) for run in runs))}
+    asked: dict[str, float] = {}
+    for run in runs:
+        if key := inflight_campaign.STRENGTH.get(str(run.settings["session"])):
+            asked[key] = max(asked.get(key, 0.0), float(run.settings.get("amplitude", 0.0)))
+    strengths = {key: amplitude for key, amplitude in asked.items() if amplitude}
+    sessions = list(dict.fromkeys(str(run.settings["session"]) for run in runs))
+    return {**campaign.procedure, **strengths, "sessions": sessions}
 
 
 def allowed(store: Store) -> Allowed | None:
-    """Every session that is proposed can be flown."""
-    del store
-    return None
+    """What the satellite's limits leave; of a satellite that is not known what was flown already."""
+    if store.header.rig_toml is None or store.header.campaign_toml is None:
+        flown = {run.conditions.get("amplitude") for run in store.runs()}
+        return lambda proposal: proposal.settings.get("amplitude") in {None, *flown}
+    campaign = config.parse_campaign(store.header.campaign_toml, store.path)
+    return inflight_campaign.within(rig_file_of(store), inflight_campaign.procedure_of(campaign))
 
 
 def reduced(store: Store, progress: Progress) -> Mapping[str, str]:

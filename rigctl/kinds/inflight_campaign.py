@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 from procedures.inflight import Calibration, Flight, MonteCarlo, calibrate, check
 from rigctl import config
 from rigctl.campaign.recording import ChannelInfo
-from rigctl.errors import ConfigError
+from rigctl.errors import ConfigError, LimitError
 from rigctl.kinds.inflight_monte_carlo import MonteCarloPlan
+from rigctl.rig import Rig
 
 if TYPE_CHECKING:
     from rigctl.campaign.session import Session
-    from rigctl.rig import Rig
+    from rigctl.workbench.recommend import Allowed
+    from rigctl.workbench.study import Proposal
 
 ORBIT = ("orbit_period_s", "eccentricity")
 
@@ -61,6 +63,37 @@ class CalibrationWork:
 
     def rest(self) -> None:
         """Nothing moves that could rest."""
+
+
+STRENGTH = {
+    **dict.fromkeys(("ad11", "ad12", "ad13", "k2d"), "common_m_s2"),
+    "dy": "turn_rad",
+    **dict.fromkeys(("ac12", "ac13"), "displacement_m"),
+    **dict.fromkeys(("k2c_1", "k2c_2"), "quadratic_m"),
+}
+"""Where a campaign file says how strong a session's stimulus is."""
+
+
+_SOME_WORLD = {"kind": "drag-free-satellite", "seed": 0}
+
+
+def within(rig_file: config.RigFile, calibration: Calibration) -> Allowed:
+    """Whether a rig's satellite can fly a proposal; what that does not say is as in `calibration`."""
+    # Any world will do for the limits; a store's is nobody's business.
+    flight = flight_of(Rig(rig_file.model_copy(update={"world": _SOME_WORLD})))
+
+    def allowed(proposal: Proposal) -> bool:
+        name = str(proposal.settings["session"])
+        update: dict[str, Any] = {"sessions": (name,)}
+        if name in STRENGTH and "amplitude" in proposal.settings:
+            update[STRENGTH[name]] = float(proposal.settings["amplitude"])
+        try:
+            check(flight, calibration.model_copy(update=update))
+        except (LimitError, ConfigError):
+            return False
+        return True
+
+    return allowed
 
 
 def plan_of(campaign: config.CampaignFile) -> CalibrationPlan | MonteCarloPlan:

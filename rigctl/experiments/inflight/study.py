@@ -18,6 +18,7 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.experiments.inflight.baseline import NUISANCES, Baseline, Stretch
 from rigctl.experiments.inflight.flight import Reducer
 from rigctl.experiments.inflight.found import level_found, line_found, loudness, pulses_found
+from rigctl.experiments.inflight.imagined import stronger
 from rigctl.experiments.inflight.kept_scan import scan_from_bytes, scan_to_bytes
 from rigctl.experiments.inflight.observed import Observed, observed
 from rigctl.experiments.inflight.parameters import NAMES
@@ -63,6 +64,9 @@ PULSES, LEVEL, LINE = "glitches", "noise-level", "steady-line"
 
 SHOWN_P = 0.01
 """What the samples show is spoken of when noise does so less often."""
+
+STRONGER = 2.0
+"""What may be injected next, over what was."""
 
 _IN_SAMPLES = (PULSES, LEVEL, LINE)
 _LINEAR = 1e-6
@@ -310,23 +314,28 @@ class InflightStudy:
         }
 
     def options(self) -> list[Proposal]:
-        """Each session once more, as long as it was and with the same stimulus."""
-        found = {}
-        for run in self.reduced.runs:
+        """Each session once more, as long as it was, with the same stimulus and with one that is twice as strong."""
+        found = []
+        for run in {run.session.name: run for run in self.reduced.runs}.values():
             session = run.session
             settings: dict[str, Any] = {"session": session.name, "orbits": run.duration_s / session.orbit_period_s}
-            if session.frequency_hz > 0.0:
-                settings |= {"calibration_frequency_hz": session.frequency_hz, "amplitude": session.amplitude}
-            found[session.name] = Proposal(settings, takes_s=run.duration_s)
-        return list(found.values())
+            strengths = (1.0, STRONGER) if session.frequency_hz > 0.0 else ()
+            stimuli = [
+                {"calibration_frequency_hz": session.frequency_hz, "amplitude": strength * session.amplitude}
+                for strength in strengths
+            ]
+            found += [Proposal({**settings, **each}, takes_s=run.duration_s) for each in stimuli or [{}]]
+        return found
 
     def extended(self, proposals: Sequence[Proposal]) -> InflightStudy:
-        """This recording with sessions flown once more: copies of the runs there are, of which only lines count."""
+        """This recording with sessions flown once more: like the runs there are, of which only lines count."""
         known = {run.session.name: place for place, run in enumerate(self.reduced.runs)}
         places = [known[str(each.settings["session"])] for each in proposals]
-        runs = [
-            replace(self.reduced.runs[place], run_id=f"next {number}") for number, place in enumerate(places, start=1)
-        ]
+        runs = []
+        for number, (each, place) in enumerate(zip(proposals, places, strict=True), start=1):
+            like = self.reduced.runs[place]
+            amplitude = float(each.settings.get("amplitude", like.session.amplitude))
+            runs.append(stronger(like, f"next {number}", amplitude))
         here, other = self.observed, self._copied()
         other.reduced = Reduction((*self.reduced.runs, *runs), self.reduced.left_out)
         other.observed = Observed(

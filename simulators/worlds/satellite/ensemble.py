@@ -31,7 +31,8 @@ class Ensemble:
     def telemetry(self, draws: Sequence[int], run: int, session: Any, chunk: int) -> Iterator[FloatArray]:
         """A session of some draws, (samples, columns, draws), `chunk` samples at a time; the last ones fewer.
 
-        `session` has `duration_s`, `hold` and a `stimulus` with the fields of an `Injection`.
+        All chunks are in the same memory: one is there until the next is asked for. `session` has
+        `duration_s`, `hold` and a `stimulus` with the fields of an `Injection`.
         """
         # The compiler takes a second to load: not before somebody asks for it.
         from simulators.worlds.satellite.simulation import Simulation
@@ -39,8 +40,9 @@ class Ensemble:
         told = {field.name: getattr(session.stimulus, field.name) for field in fields(Injection)}
         command = command_of(self._settings, {"duration_s": session.duration_s, "hold": session.hold, **told})
         simulation = Simulation(self._settings, draws, run, command)
+        memory = np.empty((chunk, len(COLUMNS) * LANES))
         while simulation.taken < command.samples:
-            yield simulation.take(chunk)
+            yield simulation.take(chunk, memory)
 
     def truths(self, draw: int) -> dict[str, Mapping[str, float]]:
         """The parameters of a draw, by `exact_truth` and `paper_truth`."""

@@ -80,12 +80,15 @@ class Simulation:
         while self._step < 0:
             self._advance(nobody, min(SETTLED_AT_ONCE, -self._step))
 
-    def take(self, count: int) -> FloatArray:
-        """The next samples, (samples, columns, draws); fewer than `count` at the session's end."""
+    def take(self, count: int, memory: FloatArray | None = None) -> FloatArray:
+        """The next samples, (samples, columns, draws); fewer than `count` at the session's end.
+
+        They are in `memory`, if given, of shape (`count` at least, columns * LANES).
+        """
         self.settle()
         first = self._step
         count = max(min(count, self._command.samples - first), 0)
-        out = np.empty((count, len(COLUMNS) * LANES))
+        out = np.empty((count, len(COLUMNS) * LANES)) if memory is None else memory[:count]
         self._advance(out, count)
         return self._radio.received(out.reshape(count, len(COLUMNS), LANES)[:, :, : self._draws], first)
 

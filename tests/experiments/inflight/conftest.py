@@ -208,7 +208,7 @@ def recorded(session, instrument, sky=Sky(), orbits=None, step_s=STEP_S):
 class Flight:
     """The generator as tests use it."""
 
-    Instrument, Sky = Instrument, Sky
+    Instrument, Sky, STIMULI = Instrument, Sky, STIMULI
     drawn, small_signal, recorded, replace = (
         staticmethod(drawn),
         staticmethod(small_signal),

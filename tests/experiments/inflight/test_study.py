@@ -285,3 +285,23 @@ def test_pulses_that_both_sensors_show_alike_along_x_are_found_across_it(flight)
     (found,) = [line for line in study.lines(study.model(())) if line.term.effect == "glitches"]
     assert found.p_value < 1e-6
     assert found.parameters["number"]["value"] == pytest.approx(36, abs=6)
+
+
+def test_a_stronger_stimulus_is_among_what_can_be_flown_and_tells_what_it_would(flight, plain):
+    """As the same session recorded with twice the stimulus does, to a hundredth of what it tells of its parameter."""
+    for name in ("ad11", "k2d", "ac13", "k2c_1"):
+        offered = [each for each in plain.options() if each.settings["session"] == name]
+        weak, strong = (each.settings["amplitude"] for each in offered)
+        assert strong == pytest.approx(2.0 * weak)
+        imagined = plain.extended(offered[1:]).baseline
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setitem(flight.STIMULI, name, (flight.STIMULI[name][0], strong))
+            flown = InflightStudy(recording(flight, sessions=(name,))).baseline
+        assert [each.run_id for each in imagined.stretches[-2:]] == ["next 1"] * 2
+        told, true = (
+            each.jacobian(np.array([parameter.start for parameter in each.parameters]))[:, : len(NAMES)]
+            for each in (imagined, flown)
+        )
+        for place, parameter in enumerate(NAMES):
+            size = np.abs(true[:, place]).max()
+            assert told[-len(true) :, place] == pytest.approx(true[:, place], abs=0.02 * size), (name, parameter)
