@@ -9,8 +9,9 @@ from __future__ import annotations
 import io
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from rigctl.experiments.inflight.paper import FittedRun, paper_estimate
 from rigctl.experiments.inflight.parameters import NAMES
 from rigctl.experiments.inflight.series import INDEX, SERIES, Amplitudes, central, raw_series
 from rigctl.experiments.inflight.sessions import STIMULUS, Line, Session, session_of
-from rigctl.experiments.inflight.weights import weights
+from rigctl.experiments.inflight.weights import response, weights
 from rigctl.interfaces import FloatArray, SatelliteEnsemble
 from rigctl.workbench.threads import one_thread
 
@@ -52,11 +53,13 @@ class _Rows:
     session: Session
     published: FloatArray
     observed: FloatArray
+    sigma: FloatArray
+    """Of cosine and sine of the published lines in the noise the study expects, (lines, 2)."""
 
     @property
     def spread(self) -> FloatArray:
-        """Standard uncertainty of one component of each line in noise of unit density, (lines,)."""
-        square = np.array([np.dot(row, row) for rows in (self.published, self.observed) for row in rows])
+        """Standard uncertainty of one component of each observed line in noise of unit density, (lines,)."""
+        square = np.array([np.dot(row, row) for row in self.observed])
         return np.asarray(np.sqrt(0.5 * (square[0::2] + square[1::2]) / (2.0 * self.session.sample_period_s)))
 
 
@@ -99,6 +102,7 @@ def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> bytes:
         parts=np.concatenate(parts, axis=1),
         means=means,
         draws=np.array(unit.draws),
+        sigma=prepared.sigma,
         spread=prepared.spread,
     )
     return made.getvalue()
@@ -126,7 +130,9 @@ def _rows(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) ->
         weights(t_s, [session.frequency_of(line) for line in lines], single=True)
         for lines in (session.fitted_lines(), session.reduced_lines(duration_s))
     )
-    return _Rows(session, published, observed)
+    expected = partial(_density, study, step_s)
+    sigma = np.array([response(row, step_s, expected) for row in published])
+    return _Rows(session, published, observed, sigma.reshape(-1, 2))
 
 
 def flown(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) -> Session:
@@ -136,18 +142,20 @@ def flown(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) ->
 
 @dataclass(frozen=True, eq=False)
 class ReducedUnit:
-    """A reduced unit, read back: `parts` (series, 2 lines, draws), `means` (series, draws), `spread` (lines,)."""
+    """A reduced unit, read back: `parts` (series, 2 lines, draws), `means` (series, draws); `sigma` (lines, 2) of the
+    published lines' parts, `spread` (lines,) of the observed ones."""
 
     parts: FloatArray
     means: FloatArray
     draws: tuple[int, ...]
+    sigma: FloatArray
     spread: FloatArray
 
     @classmethod
     def from_bytes(cls, data: bytes) -> ReducedUnit:
         """What `reduce_unit` has made."""
         with np.load(io.BytesIO(data), allow_pickle=False) as kept:
-            return cls(kept["parts"], kept["means"], tuple(kept["draws"].tolist()), kept["spread"])
+            return cls(kept["parts"], kept["means"], tuple(kept["draws"].tolist()), kept["sigma"], kept["spread"])
 
     def amplitudes(self, draw: int) -> Amplitudes:
         """Of one draw, at all lines."""
@@ -167,9 +175,10 @@ def estimated(
         published = session.fitted_lines()
         observed = session.reduced_lines(study.session(name, orbit_period_s).duration_s)
         first, rest = slice(0, len(published)), slice(len(published), None)
-        sigma = np.sqrt(_density(study, session, (*published, *observed))) * unit.spread
-        fitted[name] = FittedRun(session, _at(everything, first), sigma[first])
-        stretches.append(_stretch(name, session, observed, _at(everything, rest), sigma[rest]))
+        at_hz = np.array([session.frequency_of(line) for line in observed])
+        sigma = np.sqrt(_density(study, step_s, at_hz)) * unit.spread
+        fitted[name] = FittedRun(session, _at(everything, first), unit.sigma)
+        stretches.append(_stretch(name, session, observed, _at(everything, rest), sigma))
     paper, joint = paper_estimate(fitted), joint_estimate(stretches)
     return {
         "paper": (_named(paper.values), _named(paper.sigmas)),
@@ -187,11 +196,14 @@ def draw_of(number: int, estimates: Mapping[str, Any], truths: Mapping[str, Mapp
     )
 
 
-def _density(study: MonteCarlo, session: Session, lines: Sequence[Line]) -> FloatArray:
-    """One-sided density of m_1x - m_2x that the study expects at some lines, (m/s2)^2/Hz."""
-    f_hz = np.array([session.frequency_of(line) for line in lines])
+def _density(study: MonteCarlo, step_s: float, f_hz: FloatArray) -> FloatArray:
+    """One-sided density of m_1x - m_2x that the study expects, (m/s2)^2/Hz.
+
+    Read-out noise is that of positions, which become accelerations by differences over `step_s`.
+    """
     white = study.expected_m_s2_rthz**2 * (1.0 + study.expected_corner_hz / f_hz)
-    return np.asarray(2.0 * (white + (study.expected_readout_m_rthz * (2.0 * math.pi * f_hz) ** 2) ** 2))
+    twice = (2.0 * np.sin(math.pi * step_s * f_hz) / step_s) ** 2
+    return np.asarray(2.0 * (white + (study.expected_readout_m_rthz * twice) ** 2))
 
 
 def _stretch(name: str, session: Session, lines: tuple[Line, ...], found: Amplitudes, sigma: FloatArray) -> Stretch:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rigctl.kinds.inflight_draws import Unit
     from rigctl.rig import Rig
 
-RECIPE = "inflight draws 1"
+RECIPE = "inflight draws 2"
 LOOKED_S = 0.2
 """How often somebody who waits for a unit looks whether the operator wants something."""
 

@@ -49,7 +49,8 @@ class Observed:
         for run, noise in zip(self.runs, self.noises, strict=True):
             frequencies = np.array([run.session.frequency_of(line) for line in run.whole.lines])
             sigma = np.sqrt(noise.density(frequencies)) * run.whole.spread
-            found[run.session.name] = FittedRun(run.session, run.whole.amplitudes, sigma)
+            both = np.stack([sigma, sigma], axis=1)
+            found[run.session.name] = FittedRun(run.session, run.whole.amplitudes, both)
         return found
 
 

@@ -34,8 +34,8 @@ _QUADRATIC = {"k2c_1": ("m1", "m2", 1.0), "k2c_2": ("m2", "m1", -1.0)}
 
 @dataclass(frozen=True)
 class FittedRun:
-    """A session with its amplitudes at `Session.fitted_lines`, and the standard uncertainty of one component of the
-    differential channel there, shape (lines,)."""
+    """A session with its amplitudes at `Session.fitted_lines`, and the standard uncertainties of cosine and sine of
+    the differential channel there, shape (lines, 2)."""
 
     session: Session
     amplitudes: Amplitudes
@@ -155,8 +155,8 @@ def _covariance(a: FloatArray, rows: Mapping[int, FittedRun]) -> FloatArray:
     for i, place in enumerate(there):
         run = rows[place]
         _, regressor = _equation(place, a, run)
-        weight = np.abs(regressor) ** 2
-        variance[i] = np.sum(weight * run.sigma[: len(weight)] ** 2) / np.sum(weight) ** 2
+        parts = np.stack([regressor.real, regressor.imag], axis=1)
+        variance[i] = np.sum((parts * run.sigma[: len(parts)]) ** 2) / np.sum(parts**2) ** 2
         for j, other in enumerate(there):
             step = np.zeros(len(a))
             step[other] = _SIZES[other]

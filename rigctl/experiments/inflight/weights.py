@@ -12,11 +12,11 @@ sensor's read-out noise grows as f^2, to a thousand times the noise at the lines
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import fft, signal
 
 from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray
@@ -88,6 +88,18 @@ def amplitudes(rows: FloatArray, series: FloatArray) -> ComplexArray:
     """Complex amplitudes c - i s from the rows of `weights` and series (samples, k); shape (lines, k)."""
     parts = rows @ series
     return np.asarray(parts[0::2] - 1j * parts[1::2])
+
+
+def response(row: FloatArray, step_s: float, density: Callable[[FloatArray], FloatArray]) -> float:
+    """Standard deviation of w s for one row of `weights`, in noise of a one-sided density of frequency [Hz].
+
+    It is not that of the density at the line: dropping 200 s leaves the published rows an edge, through which a
+    density that grows with frequency comes in.
+    """
+    count = fft.next_fast_len(2 * len(row), real=True)
+    power = np.abs(fft.rfft(row, count)[1:]) ** 2
+    step_hz = 1.0 / (count * step_s)
+    return float(np.sqrt(power @ density(step_hz * np.arange(1.0, len(power) + 1.0)) * step_hz))
 
 
 def _filtered(t_s: FloatArray, lines_hz: Sequence[float], single: bool) -> FloatArray:

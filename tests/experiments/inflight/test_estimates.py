@@ -32,7 +32,7 @@ def estimates(flight, instrument, sky, noise=1.7e-12):
     runs, stretches = {}, []
     for name in flight.SESSIONS:
         session, _, amplitudes, sigma = reduced(flight, instrument, sky, name, "fitted", noise)
-        runs[name] = FittedRun(session, amplitudes, sigma)
+        runs[name] = FittedRun(session, amplitudes, np.stack([sigma, sigma], axis=1))
         session, lines, amplitudes, sigma = reduced(flight, instrument, sky, name, "observed", noise)
         stretches.append(Stretch(name, session, lines, amplitudes, sigma, (1e-12, 1e-13)))
     return paper_estimate(runs), joint_estimate(stretches)
@@ -96,7 +96,7 @@ def test_without_a_session_its_parameter_is_not_given(flight):
     for name in flight.SESSIONS:
         session, _, amplitudes, sigma = reduced(flight, instrument, flight.Sky(), name, "fitted", 1.7e-12)
         if name != "k2c_2":
-            runs[name] = FittedRun(session, amplitudes, sigma)
+            runs[name] = FittedRun(session, amplitudes, np.stack([sigma, sigma], axis=1))
     found = dict(zip(NAMES, paper_estimate(runs).values, strict=True))
     assert np.isnan(found.pop("k2c_s2_m"))
     assert np.isfinite(list(found.values())).all()

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from rigctl.errors import DataError
-from rigctl.experiments.inflight.weights import DROPPED_S, amplitudes, band_pass, templates, weights
+from rigctl.experiments.inflight.weights import DROPPED_S, amplitudes, band_pass, response, templates, weights
 
 STEP_S = 2.0
 T_S = np.arange(29750) * STEP_S
@@ -47,6 +47,25 @@ def test_read_out_noise_does_not_enter_through_the_edges_of_gaps():
     rng = np.random.default_rng(2)
     noise = np.diff(rng.standard_normal((40, len(t_s) + 2)), 2, axis=1)
     assert np.std(rows @ noise.T) < 0.2 * np.std(abrupt @ noise.T)
+
+
+def test_what_noise_does_to_a_line_is_told_with_what_enters_at_the_edge():
+    """Noise growing as f^2 over white noise, in the published chain: more than the density at the line says."""
+    step_s, white, draws = 0.25, 1e-3, 400
+    rows = weights(np.arange(4 * 11900) * step_s, [16 / 11900])
+
+    def density(f_hz):
+        return 2.0 * step_s * (white**2 + (2.0 * np.sin(np.pi * f_hz * step_s)) ** 4)
+
+    rng = np.random.default_rng(3)
+    found = np.empty((draws, len(rows)))
+    for number in range(draws):
+        steps = rng.standard_normal(rows.shape[1] + 2)
+        found[number] = rows @ (np.diff(steps, 2) + white * rng.standard_normal(rows.shape[1]))
+    told = np.array([response(row, step_s, density) for row in rows])
+    at_line = np.sqrt(density(16 / 11900) * np.sum(rows**2, axis=1) / (2.0 * step_s))
+    assert np.std(found, axis=0) == pytest.approx(told, rel=5.0 / np.sqrt(2.0 * draws))
+    assert max(told / at_line) > 1.5
 
 
 def test_too_little_is_refused():
