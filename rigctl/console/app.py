@@ -7,8 +7,9 @@ import signal
 import tomllib
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
+from functools import wraps
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Concatenate, ParamSpec
 
 from textual import work
 from textual.app import App, ComposeResult, SystemCommand
@@ -36,9 +37,22 @@ from rigctl.console.widgets.bars import SCREENS, Banner, Standing, TabBar, TopBa
 from rigctl.console.widgets.dialogs import ConfirmDialog, HelpDialog, OpenDialog, QuestionDialog
 
 SMALLEST = (80, 24)
+P = ParamSpec("P")
+
 DRAW_S = 0.1
 FIRST_S = 0.25
 """What is open at the start is opened after the first paint: its imports take seconds."""
+
+
+def _while_running(tell: Callable[Concatenate[Console, P], None]) -> Callable[Concatenate[Console, P], None]:
+    """What threads say while the console closes is not shown: there is nothing left to show it on."""
+
+    @wraps(tell)
+    def told(self: Console, /, *args: P.args, **kwargs: P.kwargs) -> None:
+        if self.is_running:
+            tell(self, *args, **kwargs)
+
+    return told
 
 
 class Console(App[None]):
@@ -224,6 +238,7 @@ class Console(App[None]):
 
     # What threads tell
 
+    @_while_running
     def on_store_seen(self, message: say.StoreSeen) -> None:
         """The store has changed."""
         before, self._view = self._view, message.view
@@ -252,6 +267,7 @@ class Console(App[None]):
             if isinstance(screen, QuestionDialog):
                 screen.dismiss(None)
 
+    @_while_running
     def on_campaign_ended(self, message: say.CampaignEnded) -> None:
         """A process of ours has ended."""
         if message.status not in {0, 130}:
@@ -259,10 +275,12 @@ class Console(App[None]):
         if self._holding.bench is None:
             self._holding.take()
 
+    @_while_running
     def on_bench_taken(self) -> None:
         """It is open, or was refused."""
         self._panes.rig.show_opening("")
 
+    @_while_running
     def on_stopped(self, message: say.Stopped) -> None:
         """What came of a STOP."""
         if message.failures:
@@ -270,10 +288,12 @@ class Console(App[None]):
         else:
             self._note(f"all instruments at rest after {1e3 * message.took_s:.0f} ms", "warning")
 
+    @_while_running
     def on_noted(self, message: say.Noted) -> None:
         """Tell the operator."""
         self._note(message.text, message.severity)
 
+    @_while_running
     def _note(self, text: str, severity: say.Severity = "information") -> None:
         self.notify(text, severity=severity, timeout=8, markup=False)
         self._panes.log.add(state.now(), "alarm" if severity == "error" else "note", text)
@@ -527,6 +547,7 @@ class Console(App[None]):
         else:
             self.post_message(say.EarlierFound(search, found))
 
+    @_while_running
     def on_earlier_found(self, message: say.EarlierFound) -> None:
         """Show it above what is kept."""
         self._panes.log.show_earlier(message.search, message.lines)

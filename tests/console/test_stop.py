@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from rigctl.console import messages as say
+
 WITHIN_S = 0.1
 HANGS = (
     "[instruments.thermometer]\n",
@@ -114,3 +116,21 @@ def test_stop_aborts_the_campaign_that_is_watched(desk: Any, serve: Any, at_cons
 
     at_console(sitting, desk.directory / "campaign.toml")
     assert rig.process.poll() is None
+
+
+def test_what_threads_say_while_the_console_closes_is_not_shown(desk: Any, at_console: Any) -> None:
+    apps = []
+
+    async def sitting(seat: Any) -> None:
+        await ready(seat)
+        apps.append(seat.app)
+
+    at_console(sitting, desk.directory / "rig.toml")
+    (app,) = apps
+    before = list(app._panes.log._lines)
+    app.on_stopped(say.Stopped(0.05, ()))
+    app.on_noted(say.Noted("the thermometer does not answer", "error"))
+    app.on_campaign_ended(say.CampaignEnded(desk.directory / "s.rig.sqlite", 1, "it failed"))
+    assert list(app._panes.log._lines) == before
+    assert app._alarms == 0
+    assert app._holding.bench is None
