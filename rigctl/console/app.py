@@ -9,7 +9,7 @@ from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
 from functools import wraps
 from pathlib import Path
-from typing import Any, ClassVar, Concatenate, ParamSpec
+from typing import TYPE_CHECKING, Any, ClassVar, Concatenate, ParamSpec
 
 from textual import work
 from textual.app import App, ComposeResult, SystemCommand
@@ -36,8 +36,12 @@ from rigctl.console.themes import DARK, LIGHT
 from rigctl.console.widgets.bars import SCREENS, Banner, Standing, TabBar, TopBar
 from rigctl.console.widgets.dialogs import ConfirmDialog, HelpDialog, OpenDialog, QuestionDialog
 
-SMALLEST = (80, 24)
+if TYPE_CHECKING:
+    from rigctl.console.bench import LiveBench
+
 P = ParamSpec("P")
+
+SMALLEST = (80, 24)
 
 DRAW_S = 0.1
 FIRST_S = 0.25
@@ -456,27 +460,25 @@ class Console(App[None]):
 
     def on_move_asked(self, message: say.MoveAsked) -> None:
         """Move a stage of the rig that is held."""
-        if self._holding.bench is None:
-            self._note("no rig is held here; the campaign moves it", "warning")
-            return
-        self._act(f"move {message.name} to {message.value:g}")
-        self._holding.bench.move(message.name, message.value)
+        self._drive(
+            f"move {message.name} to {message.value:g}", lambda bench: bench.move(message.name, message.value)
+        )
 
     def on_jog_asked(self, message: say.JogAsked) -> None:
         """Move a stage of the rig that is held by a step."""
-        if self._holding.bench is None:
-            self._note("no rig is held here; the campaign moves it", "warning")
-            return
-        self._act(f"move {message.name} by {message.step:g}")
-        self._holding.bench.jog(message.name, message.step)
+        self._drive(f"move {message.name} by {message.step:g}", lambda bench: bench.jog(message.name, message.step))
 
     def on_home_asked(self, message: say.HomeAsked) -> None:
         """Home a stage of the rig that is held."""
-        if self._holding.bench is None:
+        self._drive(f"home {message.name}", lambda bench: bench.home(message.name))
+
+    def _drive(self, action: str, go: Callable[[LiveBench], None]) -> None:
+        bench = self._holding.bench
+        if bench is None:
             self._note("no rig is held here; the campaign moves it", "warning")
             return
-        self._act(f"home {message.name}")
-        self._holding.bench.home(message.name)
+        self._act(action)
+        go(bench)
 
     def on_reconnect_asked(self) -> None:
         """Try again."""
