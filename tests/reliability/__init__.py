@@ -1,0 +1,1 @@
+"""Trials of what rigctl promises under faults: `python -m tests.reliability --help`; results in docs/reliability.md."""

@@ -1,0 +1,85 @@
+"""Trials of what rigctl promises under faults.
+
+    python -m tests.reliability --form short            # 30 minutes on 2 cores
+    python -m tests.reliability --form full             # hours; interrupt it, and run it again to go on
+    python -m tests.reliability --only signals --first-seed 201 --seeds 100
+    python -m tests.reliability --table                 # the table of docs/reliability.md, from what is there
+
+Each kind has a file of JSON lines in --out, one line per seed. A seed that has its line is not tried again, so that
+runs add up. Exit status 1 when a promise was broken.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+import sys
+import time
+from pathlib import Path
+
+from tests.reliability.bounds import upper_bound
+from tests.reliability.plan import KINDS
+from tests.reliability.records import Line, Records, tally
+from tests.reliability.workers import Task, carry_out
+
+
+def main() -> int:
+    """The trials asked for, then the table."""
+    asked = _asked()
+    records = Records(asked.out)
+    kinds = asked.only or list(KINDS)
+    if not asked.table:
+        until_s = time.monotonic() + asked.minutes * 60.0
+        carry_out(_tasks(asked, records, kinds), records, asked.workers, until_s, _told)
+    print("\n".join(table(records, kinds)))
+    return int(any(line["failed"] for kind in kinds for line in records.lines(kind)))
+
+
+def table(records: Records, kinds: list[str]) -> list[str]:
+    """Rows for docs/reliability.md: what was tried of each promise, what failed, and the rate that leaves possible."""
+    rows = ["| kind | promise | seeds | tried | failed | rate at most (95 %) |", "|---|---|---|---|---|---|"]
+    for name in kinds:
+        found = tally(records.lines(name))
+        if found.tried:
+            bound = upper_bound(found.failures, found.tried)
+            rows.append(
+                f"| `{name}` | {KINDS[name].trials.PROMISE} | {found.seeds} | {found.tried} {KINDS[name].unit} "
+                f"| {found.failures} | {bound:.1e} |"
+            )
+    return rows
+
+
+def _tasks(asked: argparse.Namespace, records: Records, kinds: list[str]) -> list[Task]:
+    """Kinds take turns, so that a run cut short has tried all of them."""
+    queues = []
+    for name in kinds:
+        done = {line["seed"] for line in records.lines(name)}
+        count = KINDS[name].seeds(asked.form) if asked.seeds is None else asked.seeds
+        seeds = range(asked.first_seed, asked.first_seed + count)
+        queues.append([(place / max(count, 1), name, seed) for place, seed in enumerate(seeds) if seed not in done])
+    return [(name, seed) for _, name, seed in sorted(itertools.chain.from_iterable(queues))]
+
+
+def _told(kind: str, line: Line) -> None:
+    if line["failed"]:
+        print(f"{kind} {line['seed']}: {line['failed']}", file=sys.stderr, flush=True)
+
+
+def _asked() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.reliability", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", nargs="+", choices=list(KINDS), metavar="KIND", help=", ".join(KINDS))
+    parser.add_argument("--form", choices=("ci", "short", "full"), default="short")
+    parser.add_argument("--seeds", type=int, help="this many of each kind, whatever the form")
+    parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="begin no trial after so many")
+    parser.add_argument("--out", type=Path, default=Path("out/reliability"))
+    parser.add_argument("--table", action="store_true", help="only the table of what is there")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
