@@ -1,1 +1,1 @@
-"""Trials of what rigctl promises under faults: `python -m tests.reliability --help`; results in docs/reliability.md."""
+"""Trials of what is promised under faults: `python -m tests.reliability --help`; results in docs/reliability.md."""

@@ -37,7 +37,7 @@ def main() -> int:
 
 
 def table(records: Records, kinds: list[str]) -> list[str]:
-    """Rows for docs/reliability.md: what was tried of each promise, what failed, and the rate that leaves possible."""
+    """Rows for docs/reliability.md: what was tried of each promise, what failed, what rate that leaves possible."""
     rows = ["| kind | promise | seeds | tried | failed | rate at most (95 %) |", "|---|---|---|---|---|---|"]
     for name in kinds:
         found = tally(records.lines(name))

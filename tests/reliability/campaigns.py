@@ -63,14 +63,15 @@ SMALL_CAMPAIGNS = {
         ),
         _sensing_axis(
             "six-mountings",
-            'name = "six-mountings"\naxes = ["Y"]\nconfigurations = ["pendulum", "flag"]\nfrequencies_hz = [0.25, 0.5]\n'
+            'name = "six-mountings"\naxes = ["Y"]\nconfigurations = ["pendulum", "flag"]\n'
+            "frequencies_hz = [0.25, 0.5]\n"
             "amplitude_mm = 4.0\ncoarse_s = 4.0\nnoise_check_s = 0.0\n",
             rig="one-axis.rig.toml",
             targets="\n[targets]\ntheta0_sigma_arcsec = 20.0\nnoise_m_s2_rthz = 1e-5\n",
         ),
         _sensing_axis(
             "scan",
-            f'name = "scan"\nconfigurations = ["flag"]\nangles_deg = [-10.0, -1.0, 1.0]\napproaches = [1, -1]\n{SCAN}',
+            f'name = "scan"\nconfigurations = ["flag"]\nangles_deg = [-10.0, -1.0]\napproaches = [1, -1]\n{SCAN}',
             rig="hidden-effect-rig.toml",
         ),
         _sensing_axis(
@@ -80,7 +81,8 @@ SMALL_CAMPAIGNS = {
         ),
         _sensing_axis(
             "quick-check",
-            'name = "quick-check"\naxes = ["X"]\nconfigurations = ["pendulum"]\nfrequencies_hz = [0.6]\namplitude_mm = 5.0\n',
+            'name = "quick-check"\naxes = ["X"]\nconfigurations = ["pendulum"]\nfrequencies_hz = [0.6]\n'
+            "amplitude_mm = 5.0\n",
         ),
         _platform(
             "bias-rejection",

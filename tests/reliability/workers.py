@@ -10,6 +10,7 @@ import time
 import traceback
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -44,7 +45,9 @@ class Worker:
 
     def close(self) -> None:
         """End the process, and whatever it started."""
-        _kill(self._process.pid)
+        if self._process.pid is not None:
+            _kill_session(self._process.pid)
+        self._process.kill()
         self._process.join()
 
     def _answer(self, kind: str, seed: int, work: str) -> dict[str, Any]:
@@ -70,7 +73,7 @@ class Worker:
 
 
 def carry_out(tasks: Iterable[Task], records: Records, workers: int, until_s: float, told: Any) -> None:
-    """Do the trials, `workers` at a time, and write a line each; none begins after `until_s` of the monotonic clock."""
+    """Do the trials, `workers` at a time, and write a line each; none begins after `until_s` (monotonic)."""
     queue: SimpleQueue[Task] = SimpleQueue()
     for task in tasks:
         queue.put(task)
@@ -114,8 +117,6 @@ def _tried(kind: str, seed: int, work: str) -> dict[str, Any]:
         return {"failed": f"{type(error).__name__}: {error}"}
 
 
-def _kill(process: int | None) -> None:
-    try:
-        os.killpg(process or 0, signal.SIGKILL)
-    except (ProcessLookupError, PermissionError):
-        pass
+def _kill_session(leader: int) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(leader, signal.SIGKILL)
