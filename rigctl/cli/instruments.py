@@ -21,13 +21,16 @@ def simulate(
     write_rig: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write a rig file that points at the served instruments.")
     ] = None,
+    measured: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Append what the instruments really measure, for trials.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Serve a rig file's simulated instruments on loopback ports and pseudo-terminals until interrupted."""
     from rigctl import config
     from rigctl.serving import Served
 
-    with Served(config.read_rig(rig)) as served:
+    with Served(config.read_rig(rig), measured=measured) as served:
         if write_rig is not None:
             # Whole or not at all: somebody may be waiting for it to appear.
             partial = write_rig.with_name(f".{write_rig.name}.{os.getpid()}")
