@@ -23,7 +23,7 @@ TRY_AGAIN_S = 0.01
 """Whoever asks `is_held` holds the lock for an instant; a holder holds it for long."""
 
 DIRECTORIES = (Path("/run/lock"), Path("/var/lock"), Path("/tmp"))  # noqa: S108 - see `_opened`
-"""Where locks on instruments may be; the first in which every user may make files, so that all choose the same one."""
+"""Where locks on instruments may be: in the first in which every user may make files, so all choose the same."""
 
 LOCK_MODE = 0o666
 
@@ -81,7 +81,7 @@ def _open(path: Path) -> int:
 
 
 def _opened(path: Path) -> int:
-    """Opened without O_CREAT, which Linux refuses on others' files in a directory for all; links and pipes are traps."""
+    """Opened without O_CREAT, which Linux refuses on others' files in a directory for all; links may be traps."""
     flags = os.O_NOFOLLOW | os.O_NONBLOCK
     try:
         handle = os.open(path, os.O_RDWR | flags)
@@ -120,7 +120,7 @@ def store_lock(store: Path) -> Path:
 
 
 def instrument_lock(claim: Claim) -> Path:
-    """The lock file of a claim: the same for every user of this machine; `RigError` when there is no place for one."""
+    """The lock file of a claim, the same for every user of this machine; `RigError` when no place is for all."""
     digest = hashlib.sha256(claim.name.encode()).hexdigest()[:16]
     return _directory() / f"rigctl-{digest}.lock"
 

@@ -128,7 +128,7 @@ def test_whoever_makes_a_lock_every_user_can_take_it(tmp_path: Path, monkeypatch
 
 def test_without_a_place_for_all_nobody_is_let_in(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(locks, "DIRECTORIES", (tmp_path,))
-    with pytest.raises(RigError, match="no place for locks that every user can take; give one of .* the mode 1777"):
+    with pytest.raises(RigError, match=r"no place for locks that every user can take; give one of .* the mode 1777"):
         locks.instruments_held(rig("tcp://127.0.0.1:5001"), "busy").__enter__()
 
 
