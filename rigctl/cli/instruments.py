@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rigctl.cli.io import Json, RigToml, print_json, say
+from rigctl.cli.io import Json, RigToml, number, print_json, say
 from rigctl.errors import ConfigError
 
 app = typer.Typer()
@@ -106,7 +106,9 @@ def home(
 def move(
     rig: RigToml,
     name: Annotated[str, typer.Argument(metavar="NAME")],
-    value: Annotated[float, typer.Argument(metavar="VALUE", help="deg for a rotation stage, mm for a linear one")],
+    value: Annotated[
+        float, typer.Argument(metavar="VALUE", parser=number, help="deg for a rotation stage, mm for a linear one")
+    ],
     as_json: Json = False,
 ) -> None:
     """Move a stage to a position (homing it first if needed)."""
