@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from enum import IntFlag
 
 from drivers.aerotech_ascii import FAULT, INVALID, SUCCESS, Answer, AsciiLink
-from rigctl.errors import BadReply, InstrumentError, LinkError
+from rigctl.errors import BadReply, InstrumentError, LinkError, SafetyStop
 
 
 class AxisStatus(IntFlag):
@@ -45,6 +45,9 @@ FAULTS = {
     28: "power supply",
     30: "internal",
 }
+
+SAFETY_FAULTS = 1 << 2 | 1 << 3 | 1 << 4 | 1 << 5 | 1 << 11
+"""Limits and the emergency stop."""
 
 
 class AsciiAxis:
@@ -138,7 +141,8 @@ class AsciiAxis:
             if fault
             else "is it enabled, or did another client stop it?"
         )
-        return InstrumentError(
+        kind = SafetyStop if fault & SAFETY_FAULTS else InstrumentError
+        return kind(
             f"{self._name}: {command!r}: {how} ({fault_text(fault)}, AXISFAULT {fault}); {mend}",
             instrument=self._name,
             code=str(fault),

@@ -24,7 +24,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.aerotech_ascii import FAULT, INVALID, Answer, AsciiLink
-from drivers.aerotech_axis import AsciiAxis, AxisStatus, fault_text
+from drivers.aerotech_axis import SAFETY_FAULTS, AsciiAxis, AxisStatus, fault_text
 from drivers.transport import Connect
 from rigctl.clock import Clock
 from rigctl.errors import (
@@ -154,6 +154,11 @@ class AerotechEnsemble:
         """True when enabled and referenced."""
         ready = AxisStatus.ENABLED | AxisStatus.HOMED
         return self._wire.status() & ready == ready
+
+    def safety_stop(self) -> str:
+        """The limits and the emergency stop among the axis' latched faults."""
+        word = self._wire.fault_word() & SAFETY_FAULTS
+        return fault_text(word) if word else ""
 
     def move_to(self, position_mm: float) -> None:
         """Move and return when the axis is in position."""

@@ -11,18 +11,22 @@ Where the sources are silent the driver decides:
 
 from __future__ import annotations
 
+import itertools
 import re
 
 from pydantic import Field
 
-from drivers.newport_esp301_line import EspLine, QueuedError
+from drivers.newport_esp301_line import ERRORS_QUEUED_MAX, EspLine, QueuedError
 from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.clock import Clock
-from rigctl.errors import InstrumentError, LimitError, LinkError, MotionStopped
+from rigctl.errors import InstrumentError, LimitError, LinkError, MotionStopped, SafetyStop
 from rigctl.interfaces import Identity, Reading
 
 UNIT_DEGREE = 7
+
+EMERGENCY_STOP, LIMITS, AXIS_ERRORS = 4, range(4, 8), 100
+"""Error codes: of an axis, its number is in the hundreds."""
 
 
 class Esp301Settings(RotationSettings):
@@ -107,6 +111,12 @@ class NewportEsp301:
         motor_on = self._line.ask_number(f"{self._axis}MO?") == 1
         return motor_on and self._homed_in_session == self._line.session
 
+    def safety_stop(self) -> str:
+        """The emergency stop and the limits among the controller's errors, which are taken off its queue."""
+        queued = (self._line.next_error() for _ in range(ERRORS_QUEUED_MAX))
+        errors = itertools.takewhile(lambda error: error.code, queued)
+        return ", ".join(error.text for error in errors if _is_safety(error))
+
     def move_to(self, angle_deg: float) -> None:
         """Move and return when the controller reports motion done at the target."""
         low_deg, high_deg = self.limits.angle_min_deg, self.limits.angle_max_deg
@@ -189,7 +199,8 @@ class NewportEsp301:
             raise self._failed(command, error)
 
     def _failed(self, command: str, error: QueuedError) -> InstrumentError:
-        return InstrumentError(
+        kind = SafetyStop if _is_safety(error) else InstrumentError
+        return kind(
             f"{self.name}: {command!r} failed with {error.code} ({error.text}); see the manual's error list",
             instrument=self.name,
             code=str(error.code),
@@ -199,6 +210,12 @@ class NewportEsp301:
     def _raise_if_stopped(self, command: str, stops: int) -> None:
         if self._stops != stops:
             raise MotionStopped(f"{self.name}: {command!r} was stopped", instrument=self.name)
+
+
+def _is_safety(error: QueuedError) -> bool:
+    """The emergency stop, or a limit of an axis."""
+    of_axis = error.code >= AXIS_ERRORS and error.code % AXIS_ERRORS in LIMITS
+    return of_axis or error.code == EMERGENCY_STOP
 
 
 def _decimal(value: float) -> str:

@@ -34,6 +34,7 @@ from rigctl.errors import (
     LinkTimeout,
     MotionStopped,
     RigError,
+    SafetyStop,
     WrongInstrument,
 )
 from rigctl.interfaces import Identity, Reading
@@ -44,7 +45,11 @@ DISABLED = frozenset(range(20, 39))
 NOT_REFERENCED = 42
 ONLY_KILL_STOPS = frozenset({41, 43, 49})
 
+SAFETY_STATES = frozenset({1, 2, 8, 40})
+"""After an emergency brake, an emergency stop, or an end of run; braking."""
+
 NOT_ALLOWED, ABORTED = -22, -27
+SAFETY_ERRORS = frozenset({-26, -45, -113})
 STANDING_DEG = 1e-3
 """A motion that is shorter is none that could take a time."""
 ERROR_TEXTS = {
@@ -176,6 +181,11 @@ class NewportXps:
         """True when the group is in one of its ready states."""
         return self._status() in READY
 
+    def safety_stop(self) -> str:
+        """The group's state, when an emergency signal or an end of run has brought it there."""
+        status = self._status()
+        return self._status_text(status) if status in SAFETY_STATES else ""
+
     def move_to(self, angle_deg: float) -> None:
         """Move and return when the controller reports motion done."""
         self._check_target(angle_deg)
@@ -303,7 +313,8 @@ class NewportXps:
 
     def _refused(self, request: str, code: int) -> InstrumentError:
         text = self._look_up(f"ErrorStringGet({code},char *)") or ERROR_TEXTS.get(code, "unknown error")
-        return InstrumentError(
+        kind = SafetyStop if code in SAFETY_ERRORS else InstrumentError
+        return kind(
             f"{self.name}: {request!r} failed with {code} ({text}){self._advice(code)}",
             instrument=self.name,
             code=str(code),

@@ -10,16 +10,18 @@ from typing import Any, Protocol
 import numpy as np
 
 from rigctl.campaign.recording import RunRecord
+from rigctl.campaign.recovery import Apparatus
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.clock import Clock
-from rigctl.errors import LimitError, ProcedureError
+from rigctl.errors import InstrumentError, LimitError, ProcedureError
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package
 from rigctl.experiments.sensing_axis.reduction import face_column
 from rigctl.interfaces import (
     Channel,
     DisplacementMeter,
     FloatArray,
+    Instrument,
     LinearStage,
     PacedRecorder,
     PacingRecorder,
@@ -101,6 +103,19 @@ class Bench:
             self.linear.home()
         if not self.rotation.is_homed():
             self.rotation.home()
+
+    def apparatus(self, *, lasers: bool = True) -> Apparatus:
+        """The instruments of a run, and how they are made ready after a fault."""
+        instruments: list[Instrument] = [self.readout]
+        if lasers:
+            instruments += self.lasers
+        if self.thermometer is not None:
+            instruments.append(self.thermometer)
+        return Apparatus((self.rotation, self.linear), tuple(instruments), self._forget)
+
+    def _forget(self) -> None:
+        """Nothing oscillates any more, and nobody knows from which side the angle was reached."""
+        self._oscillating, self._approached = False, 0
 
     def rest(self) -> None:
         """End an oscillation."""
@@ -192,7 +207,7 @@ class Bench:
             before()
             return self._measure(session, writer, point, lasers)
 
-        return session.acquire(key, asked, measure)
+        return session.acquire(key, asked, measure, self.apparatus(lasers=lasers))
 
     def _measure(self, session: Session, writer: RunWriter, point: SetPoint, lasers: bool) -> dict[str, Any]:
         # Every run sets out from rest: what it records depends on nothing before it, a restart included.
@@ -241,9 +256,10 @@ class Bench:
             received += len(part)
             parts.append(part)
             if self.clock.now_s() > start_s + samples * period_s + 30.0 and not len(part):
-                raise ProcedureError(
+                raise InstrumentError(
                     f"{self.readout.name}: {received} of {samples} samples after "
-                    f"{self.clock.now_s() - start_s:.0f} s; check its trigger and memory"
+                    f"{self.clock.now_s() - start_s:.0f} s; check its trigger and memory",
+                    instrument=self.readout.name,
                 )
         columns = {name: np.concatenate(parts)}
         for recorder in recorders:

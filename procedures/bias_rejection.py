@@ -161,33 +161,36 @@ def run(session: Session, bench: PlatformBench, plan: Plan) -> None:
     plan.check(bench)
     session.plan(len(plan.recordings), [recording.wanted.table.duration_s for recording in plan.recordings])
     with session.step("prepare"):
-        bench.prepare()
+        session.guarded("prepare", bench.apparatus(), bench.prepare)
         session.once("patterns", lambda: {label: list(found.says) for label, found in plan.separations.items()})
     for recording, after in zip_longest(plan.recordings, plan.recordings[1:]):
         with session.step(recording.key):
             _record(session, bench, recording, plan.procedure.estimator)
             if recording.g_sign and (after is None or not after.g_sign):
                 session.once(f"{recording.key}: put back", lambda: session.operator.flip(0))
-    bench.level()
+    session.guarded("level", bench.apparatus(), bench.level)
 
 
 def _record(session: Session, bench: PlatformBench, recording: Recording, estimator: Estimator) -> None:
     def measure(writer: RunWriter) -> dict[str, Any]:
         if recording.g_sign:
             session.operator.flip(recording.g_sign)
-        return bench.measure(session, writer, recording.wanted, watch)
+        return bench.measure(session, writer, recording.wanted, _watch(session, bench, recording, estimator))
 
-    watch: Watch = _nobody
-    if recording.sampled is not None:
-        watch = LiveEstimate(
-            session,
-            recording.sampled,
-            estimator,
-            bench.gains_v_per_m_s2,
-            bench.readout.channels()[0].full_scale,
-            recording.conditions["periods"],
-        )
-    session.acquire(recording.key, recording.conditions, measure)
+    session.acquire(recording.key, recording.conditions, measure, bench.apparatus())
+
+
+def _watch(session: Session, bench: PlatformBench, recording: Recording, estimator: Estimator) -> Watch:
+    if recording.sampled is None:
+        return _nobody
+    return LiveEstimate(
+        session,
+        recording.sampled,
+        estimator,
+        bench.gains_v_per_m_s2,
+        bench.readout.channels()[0].full_scale,
+        recording.conditions["periods"],
+    )
 
 
 def _nobody(rows: FloatArray, sign: NDArray[np.int8]) -> None:

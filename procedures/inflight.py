@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from rigctl.campaign.recovery import Apparatus
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.errors import ConfigError, LimitError
@@ -183,7 +184,8 @@ def calibrate(session: Session, flight: Flight, calibration: Calibration) -> Non
         with session.step(f"session {name}"):
             asked = calibration.session(name, flight.orbit_period_s)
             conditions = calibration.conditions(name, flight.satellite.sample_period_s)
-            session.acquire(name, conditions, _Recording(session, flight, asked).measure)
+            measure = _Recording(session, flight, asked).measure
+            session.acquire(name, conditions, measure, Apparatus(others=(flight.satellite,)))
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ class Fixture:
         seated = f"{mounting.key} mounted"
         if not self.session.done(seated):
             self.session.checkpoint()
-            self.bench.rest()
+            self.session.guarded("rest", self.bench.apparatus(), self.bench.rest)
             self.session.operator.remount(mounting.axis, mounting.configuration, mounting.number)
             self._mounted = mounting
         self.session.once(seated, lambda: True)
@@ -105,8 +105,11 @@ class Fixture:
             if not self.session.done(key):
                 self.confirm(mounting)
                 self.session.operator.level(reading_v)
-                self.session.event(LEVELLED, mounting=mounting.key, angle_deg=self.bench.rotation.angle().value)
-            reading_v = self.session.once(key, lambda: self._static_output_v(mounting))
+                angle_deg = self.session.guarded(
+                    key, self.bench.apparatus(), lambda: self.bench.rotation.angle().value
+                )
+                self.session.event(LEVELLED, mounting=mounting.key, angle_deg=angle_deg)
+            reading_v = self.session.once(key, lambda: self._static_output_v(mounting), self.bench.apparatus())
             if abs(reading_v) < limit_v:
                 return
         raise ProcedureError(

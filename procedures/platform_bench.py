@@ -15,11 +15,20 @@ from numpy.typing import NDArray
 from procedures.course import Course, Leg
 from procedures.stream import Block, FollowingMeter, PacingMeter, Stream
 from procedures.time_table import EARLY_S, Motion, TimeTable, shortest_turn_s
+from rigctl.campaign.recovery import Apparatus
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.clock import Clock
 from rigctl.errors import InstrumentError, LinkError, RigError
-from rigctl.interfaces import FloatArray, Started, Thermometer, TimedRotationStage, VoltageSource, Waveform
+from rigctl.interfaces import (
+    FloatArray,
+    Instrument,
+    Started,
+    Thermometer,
+    TimedRotationStage,
+    VoltageSource,
+    Waveform,
+)
 
 FETCH_S, FETCH_ROWS = 60.0, 10_000
 """Meters are read at least so often: what a crash costs, and what their memories hold many times."""
@@ -78,6 +87,13 @@ class PlatformBench:
         """Home what is not homed."""
         if not self.platform.is_homed():
             self.platform.home()
+
+    def apparatus(self) -> Apparatus:
+        """The instruments of a run, and how they are made ready after a fault that ended it."""
+        instruments: list[Instrument] = [self.readout, self.voltmeter, self.source]
+        if self.thermometer is not None:
+            instruments.append(self.thermometer)
+        return Apparatus((self.platform,), tuple(instruments), confirms_itself=True)
 
     def rest(self) -> None:
         """Between runs nothing moves."""

@@ -172,9 +172,9 @@ def run(session: Session, bench: Bench, plan: Plan) -> None:
     plan.check(bench)
     session.plan(plan.runs)
     with session.step("prepare"):
-        bench.prepare()
+        session.guarded("prepare", bench.apparatus(), bench.prepare)
     _PROCEDURES[plan.procedure.name](session, bench, plan)
-    bench.rest()
+    session.guarded("rest", bench.apparatus(), bench.rest)
 
 
 def _six_mountings(session: Session, bench: Bench, plan: Plan) -> None:

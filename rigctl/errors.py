@@ -5,13 +5,17 @@
     ├── DataError              a recording or a store: names file, line and mend
     ├── LinkError              the wire
     │   ├── LinkTimeout        nothing (or not all) came back in time
-    │   └── LinkLost           the connection is gone
+    │   ├── LinkLost           the connection is gone
+    │   └── OutOfStep          replies may belong to other questions: nothing read in this run is to be believed
     ├── InstrumentError        the instrument answered with an error: carries its code and text
     │   ├── WrongInstrument    it answers as another model
     │   ├── BadReply           it answers what its manual does not allow
+    │   ├── ImplausibleSample  a reading that cannot be true: names channel and sample
+    │   ├── SafetyStop         an emergency stop or a limit switch: goes on when a person says so
     │   └── MotionStopped      a motion ended before its target because somebody stopped it
     ├── LimitError             refused before a byte was sent
     ├── ProcedureError         the measurement cannot go on: says why
+    │   └── NotRecovered       an instrument was not brought back, or a run failed too often
     └── Aborted                the operator asked for it
 
 A message is one line: what, where, and the next thing to try.
@@ -44,6 +48,13 @@ class LinkLost(LinkError):
     """The connection is gone."""
 
 
+class OutOfStep(LinkError):
+    """Replies may have been out of step with questions: nothing read in this run is to be believed.
+
+    The link has been resynchronised: the next question gets its own reply.
+    """
+
+
 class InstrumentError(RigError):
     """An instrument refused or failed.
 
@@ -65,6 +76,19 @@ class BadReply(InstrumentError):
     """A reply the manual does not allow."""
 
 
+class ImplausibleSample(InstrumentError):
+    """A reading that cannot be true; `sample` counts from 0, None where it is no sample of a column."""
+
+    def __init__(self, message: str, *, channel: str, sample: int | None = None, instrument: str = "") -> None:
+        super().__init__(message, instrument=instrument)
+        self.channel = channel
+        self.sample = sample
+
+
+class SafetyStop(InstrumentError):
+    """An emergency stop or a limit switch has stopped the axis; only a person can say that it may move again."""
+
+
 class MotionStopped(InstrumentError):
     """A motion was stopped before it reached its target."""
 
@@ -75,6 +99,10 @@ class LimitError(RigError):
 
 class ProcedureError(RigError):
     """The measurement cannot go on."""
+
+
+class NotRecovered(ProcedureError):
+    """After a fault an instrument was not brought back, or a run failed too often."""
 
 
 class Aborted(RigError):

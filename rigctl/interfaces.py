@@ -83,18 +83,30 @@ class LinearLimits:
 
 
 @runtime_checkable
-class RotationStage(Instrument, Protocol):
-    """A rotary axis."""
-
-    limits: RotationLimits
+class Stage(Instrument, Protocol):
+    """An axis that can be moved."""
 
     def home(self) -> None:
-        """Initialise if needed and find the reference; returns when done. No-op when already homed."""
+        """Enable it and find the reference, returns when done; only what is still to be done of it."""
         ...
 
     def is_homed(self) -> bool:
         """True when positions are referenced and the axis is ready to move."""
         ...
+
+    def safety_stop(self) -> str:
+        """Which safety device has stopped the axis, such as an emergency stop or a limit switch; "" for none.
+
+        It says so until the axis is homed or enabled anew.
+        """
+        ...
+
+
+@runtime_checkable
+class RotationStage(Stage, Protocol):
+    """A rotary axis."""
+
+    limits: RotationLimits
 
     def move_to(self, angle_deg: float) -> None:
         """Move and return when the stage has arrived and settled (its own motion-done)."""
@@ -115,18 +127,10 @@ class TimedRotationStage(RotationStage, Protocol):
 
 
 @runtime_checkable
-class LinearStage(Instrument, Protocol):
+class LinearStage(Stage, Protocol):
     """A linear axis that can be moved and oscillated."""
 
     limits: LinearLimits
-
-    def home(self) -> None:
-        """Enable, find the reference, return when done. No-op when already homed and enabled."""
-        ...
-
-    def is_homed(self) -> bool:
-        """True when enabled and referenced."""
-        ...
 
     def move_to(self, position_mm: float) -> None:
         """Move and return when arrived."""

@@ -58,6 +58,11 @@ class Control:
         self._paused.clear()
         self._make_safe()
 
+    def bring_to_rest(self) -> None:
+        """Halt all motion, as far as instruments can be reached; the campaign goes on."""
+        with suppress(RigError):
+            self._make_safe()
+
     def heed(self) -> None:
         """Carry out an abort that was asked for."""
         if self._asked and not self._aborted.is_set():

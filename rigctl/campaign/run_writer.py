@@ -21,7 +21,7 @@ from rigctl.interfaces import FloatArray
 
 _INSERT = "INSERT INTO samples (id, name, data) VALUES (?, ?, ?)"
 _FINISH = "UPDATE runs SET conditions = ?, state = 'finished', valid = ?, reason = ? WHERE number = ?"
-_INTERRUPT = "UPDATE runs SET state = 'interrupted', reason = ? WHERE number = ?"
+_INTERRUPT = "UPDATE runs SET state = 'interrupted', valid = 0, reason = ? WHERE number = ?"
 
 COMMIT_EVERY_S = 1.0
 """Of real time: what a stream of samples loses at most when its process is killed."""

@@ -10,17 +10,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from rigctl.campaign.control import Control
 from rigctl.campaign.operator import Operator
 from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import RunRecord
+from rigctl.campaign.recovery import REPEATED, Apparatus, Faults, Recovery
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.store import Store
 from rigctl.clock import Clock
 from rigctl.errors import DataError
 
+T = TypeVar("T")
 Measure = Callable[[RunWriter], Mapping[str, Any]]
 
 
@@ -42,6 +44,7 @@ class Session:
         self.operator = operator
         self._control = control
         self._progress = progress
+        self._recovery = Recovery(self, control, progress)
         self._answers = {event.data["key"]: event.data["result"] for event in store.events("once")}
         self._steps: list[str] = []
         self._serial = (part - 1) * SERIALS
@@ -72,12 +75,16 @@ class Session:
         else:
             self._progress.ran(valid=True, runs=runs)
 
-    def acquire(self, key: str, conditions: Mapping[str, Any], measure: Measure) -> RunRecord:
+    def acquire(
+        self, key: str, conditions: Mapping[str, Any], measure: Measure, apparatus: Apparatus | None = None
+    ) -> RunRecord:
         """One run: measured and durable when this returns, or as recorded when the store already has `key`.
 
         `measure` appends samples to the writer and returns the conditions known only afterwards, with
-        `valid` and `reason` among them when the run is not to be used. `DataError` when the store holds the key with
-        other set-points: the campaign file and the record do not belong together.
+        `valid` and `reason` among them when the run is not to be used. Where a fault of the `apparatus` touches it,
+        what there is stays as an attempt with its reason, and the run is measured again under the same key and
+        nature's same number. `DataError` when the store holds the key with other set-points: the campaign file and
+        the record do not belong together. `NotRecovered` when faults do not end.
         """
         number, key = self._next(), self._prefix + key
         recorded = self.store.run_by_key(key)
@@ -85,25 +92,58 @@ class Session:
             self._must_match(key, recorded, conditions)
             self._progress.replayed(valid=recorded.valid)
             return recorded
-        self.checkpoint()
-        self.operator.announce_run(number)
-        with self.store.begin_run(key, " / ".join(self._steps), conditions) as writer:
-            found = dict(measure(writer))
-            valid, reason = bool(found.pop("valid", True)), str(found.pop("reason", ""))
-            record = writer.finish(found, valid=valid, reason=reason)
-        self._progress.ran(valid=valid)
+
+        def measured() -> RunRecord:
+            self.checkpoint()
+            self.operator.announce_run(number)
+            with self.store.begin_run(key, " / ".join(self._steps), conditions) as writer:
+                found = dict(measure(writer))
+                if apparatus is not None:
+                    apparatus.confirm_in_step()
+                valid, reason = bool(found.pop("valid", True)), str(found.pop("reason", ""))
+                return writer.finish(found, valid=valid, reason=reason)
+
+        record = self.guarded(key, apparatus, measured)
+        self._progress.ran(valid=record.valid)
         return record
 
-    def once(self, key: str, action: Callable[[], Any]) -> Any:
-        """The JSON-able result of `action`, done once per campaign and durable when this returns."""
+    def once(self, key: str, action: Callable[[], Any], apparatus: Apparatus | None = None) -> Any:
+        """The JSON-able result of `action`, done once per campaign and durable when this returns.
+
+        What reads instruments names them as its `apparatus`, and is done again after a fault.
+        """
         number, key = self._next(), self._prefix + key
-        if key not in self._answers:
+        if key in self._answers:
+            return self._answers[key]
+
+        def done() -> Any:
             self.checkpoint()
             self.operator.announce_run(number)
             result = action()
-            self.store.add_event("once", {"key": key, "result": result}, self.clock.now_s())
-            self._answers[key] = result
-        return self._answers[key]
+            if apparatus is not None:
+                apparatus.confirm_in_step()
+            return result
+
+        result = self.guarded(key, apparatus, done)
+        self.store.add_event("once", {"key": key, "result": result}, self.clock.now_s())
+        self._answers[key] = result
+        return result
+
+    def guarded(self, what: str, apparatus: Apparatus | None, action: Callable[[], T]) -> T:
+        """The result of `action`, which is done again as a whole after a fault of the `apparatus`.
+
+        `NotRecovered` when faults do not end; without an apparatus the fault itself.
+        """
+        attempt = 0
+        while True:
+            attempt += 1
+            try:
+                return action()
+            except Faults as fault:
+                if apparatus is None:
+                    raise
+                self._recovery.after(fault, what, attempt, apparatus)
+                self.event(REPEATED, key=what, attempt=attempt, error=type(fault).__name__, reason=str(fault))
 
     def done(self, key: str) -> bool:
         """True when `once(key)` has been done, now or before a restart."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.bundle import import_report
 from rigctl.campaign.locks import is_held, store_lock
+from rigctl.campaign.recovery import REPEATED
 from rigctl.campaign.store import Store
 
 
@@ -29,4 +31,15 @@ def status_in(store: Store) -> dict[str, Any]:
     # A study has runs whose samples nobody keeps.
     done = max(int(status.get("runs_done", 0)), finished)
     planned = max(int(status["runs_planned"]), done)
-    return {**status, "runs_done": done, "runs_planned": planned, "runs_invalid": invalid}
+    return {
+        **status,
+        "runs_done": done,
+        "runs_planned": planned,
+        "runs_invalid": invalid,
+        "runs_repeated": repeats_in(store),
+    }
+
+
+def repeats_in(store: Store) -> dict[str, int]:
+    """How often something was measured again after a fault, by the kind of error."""
+    return dict(Counter(event.data["error"] for event in store.events(REPEATED)))

@@ -71,8 +71,16 @@ def duration(seconds: float | None) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
+def repeats_line(repeated: Mapping[str, int]) -> str:
+    """How many runs were repeated and why; empty when none was."""
+    if not repeated:
+        return ""
+    why = ", ".join(f"{error} {count}" for error, count in repeated.items())
+    return f"{sum(repeated.values())} repeated after a fault ({why})"
+
+
 def print_status(status: Mapping[str, Any]) -> None:
-    """A campaign's status in two lines."""
+    """A campaign's status in two lines, and a third when runs were repeated."""
     console = Console()
     console.print(
         f"{status['state']}: {status['runs_done']} of {status['runs_planned']} runs"
@@ -81,6 +89,8 @@ def print_status(status: Mapping[str, Any]) -> None:
     )
     if status.get("step"):
         console.print(str(status["step"]), highlight=False)
+    if line := repeats_line(status.get("runs_repeated", {})):
+        console.print(line, highlight=False)
 
 
 def print_result(result: Mapping[str, Any], reference: Mapping[str, Any]) -> None:

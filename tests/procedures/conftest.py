@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import itertools
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -41,17 +43,31 @@ class Twin:
 
 @pytest.fixture
 def make_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
+    numbers = itertools.count(1)
     with ExitStack() as stack:
 
-        def make(seed: int = 1, effects: dict[str, dict[str, float]] | None = None, **world: Any) -> Twin:
+        def make(
+            seed: int = 1,
+            effects: dict[str, dict[str, float]] | None = None,
+            faults: Mapping[str, dict[str, Any]] = MappingProxyType({}),
+            **world: Any,
+        ) -> Twin:
             file = config.read_rig(RIG)
+            instruments = {
+                name: table.model_copy(update={"faults": faults.get(name, {})})
+                for name, table in file.instruments.items()
+            }
             assert file.world is not None
             nature = {**file.world, **world}
             if effects is not None:
                 nature["effects"] = effects
-            rig = stack.enter_context(Rig(file.model_copy(update={"world": nature}), seed=seed))
+            rig = stack.enter_context(
+                Rig(file.model_copy(update={"world": nature, "instruments": instruments}), seed=seed)
+            )
             bench = bench_of(rig)
-            store = stack.enter_context(Store.create(tmp_path / f"{seed}.rig.sqlite", Header("sensing-axis")))
+            store = stack.enter_context(
+                Store.create(tmp_path / f"{next(numbers)}.rig.sqlite", Header("sensing-axis"))
+            )
             session = Session(
                 store, rig.clock, SimulatedOperator(rig.operator_link), Control(rig.stop, bench.rest), Progress(store)
             )

@@ -1,1 +1,0 @@
-"""What every part may know: nothing here knows an instrument, an experiment or a store."""
