@@ -13,6 +13,7 @@ from rigctl.config import RigFile, parse_rig
 from rigctl.errors import ConfigError
 from rigctl.rig import build_simulation
 from simulators.clock import ScaledClock
+from simulators.measured import into_file
 from simulators.operator_port import Done
 from simulators.rig import SATELLITE
 from simulators.serve import Address, Server
@@ -22,15 +23,20 @@ SERIAL_KINDS: dict[str, int] = {"keyence-lkg3001": 115200, "newport-esp301": 921
 
 
 class Served:
-    """The instruments of a rig file, served; use it in `with`."""
+    """The instruments of a rig file, served; use it in `with`.
 
-    def __init__(self, file: RigFile) -> None:
+    What they really measure is appended to `measured`, when given: see `simulators.measured`.
+    """
+
+    def __init__(self, file: RigFile, *, measured: Path | None = None) -> None:
         self.file = file
         for name, table in file.instruments.items():
             if table.driver == SATELLITE:
                 raise ConfigError(f"{file.path}: instruments.{name}: a {SATELLITE} has no wire that could be served")
         clock = ScaledClock(file.rig.clock_speed)
         self.simulation = build_simulation(file, clock)
+        if measured is not None:
+            self._write_measured(measured)
         self._server = Server(clock)
         with ExitStack() as undo:
             undo.callback(self._server.close)
@@ -90,6 +96,12 @@ class Served:
                 f"{self.file.path}: write every instrument as a table [instruments.NAME] to have it served"
             )
         return text
+
+    def _write_measured(self, path: Path) -> None:
+        try:
+            self.simulation.measured.listen(into_file(path))
+        except OSError as error:
+            raise ConfigError(f"--measured: cannot write {path} ({error}); name another file") from None
 
     def _serve(self, name: str) -> Address:
         table, instrument = self.file.instruments[name], self.simulation.instruments[name]

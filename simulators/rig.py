@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,6 +17,7 @@ from simulators.faults import FaultPlan, FaultyInstrument
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings, SimulatedLkg3001, SimulatedLkg5000
 from simulators.keysight_33500b import GeneratorSettings, Simulated33500B
 from simulators.keysight_34465a import MeterSettings, Simulated34465A
+from simulators.measured import Measured, Tap, into_file
 from simulators.motion import MotionAxis
 from simulators.newport_esp301 import Esp301SimulatorSettings, SimulatedEsp301
 from simulators.newport_xps import SimulatedXps, XpsSimulatorSettings
@@ -91,6 +93,9 @@ class SimulatedRig:
 
     def __init__(self, specs: Mapping[str, Spec], world: Mapping[str, Any], clock: SimulationClock) -> None:
         self.clock = clock
+        self.measured = Measured()
+        """What the instruments really measure, for who wants to hear it."""
+        world = self._heard_by_file(world)
         self._pace = TriggerLine()
         self.bench = _bench(world, clock, self._pace)
         self._meters: list[Simulated34465A] = []
@@ -98,6 +103,8 @@ class SimulatedRig:
         if len(wired) < len(specs) and not isinstance(self.world, Satellite):
             raise ValueError(f'a {SATELLITE} needs a world of its own; write world.kind = "{SATELLITE}"')
         self.instruments = {name: self._build(name, spec) for name, spec in wired.items()}
+        for name in set(specs) - set(wired):
+            self.world.tap = self.measured.tap(name)
 
     @property
     def nature(self) -> Any:
@@ -118,6 +125,7 @@ class SimulatedRig:
         """
         match dict(action):
             case {"run": int(number)}:
+                self.measured.run = number
                 self.bench.announce_run(number)
                 for index, meter in enumerate(self._meters):
                     meter.key_noise(self.bench.seed, index, number)
@@ -140,7 +148,7 @@ class SimulatedRig:
             raise ValueError(f"no simulator for {spec.kind}; there are {', '.join(_KINDS)}")
         build, model = _KINDS[spec.kind]
         settings = _checked(model, spec.simulator, f"instruments.{name}.simulator")
-        instrument = build(self, spec, settings)
+        instrument = build(self, spec, settings, self.measured.tap(name, _columns(spec)))
         if isinstance(instrument, Simulated34465A):
             self._meters.append(instrument)
         if spec.faults:
@@ -148,28 +156,39 @@ class SimulatedRig:
             return FaultyInstrument(instrument, plan, self.clock)
         return instrument
 
+    def _heard_by_file(self, world: Mapping[str, Any]) -> dict[str, Any]:
+        """The world without the key that says where to keep what was measured."""
+        nature = dict(world)
+        file = nature.pop("measured", None)
+        if file is not None:
+            try:
+                self.measured.listen(into_file(Path(str(file))))
+            except OSError as error:
+                raise ValueError(f"world.measured: cannot write {file} ({error}); name another file") from None
+        return nature
+
     def _axis(self, role: str) -> MotionAxis:
         """The world's axis of this role; an instrument that has no part in the experiment moves its own."""
         return self.bench.axes.get(role) or MotionAxis()
 
-    def _xps(self, spec: Spec, settings: XpsSimulatorSettings) -> SimulatedInstrument:
+    def _xps(self, spec: Spec, settings: XpsSimulatorSettings, tap: Tap) -> SimulatedInstrument:
         group, positioner = spec.settings.get("group", "Group1"), spec.settings.get("positioner", "Pos")
-        return SimulatedXps(self.clock, {group: {positioner: self._axis(spec.role)}}, settings)
+        return SimulatedXps(self.clock, {group: {positioner: self._axis(spec.role)}}, settings, tap)
 
-    def _esp301(self, spec: Spec, settings: Esp301SimulatorSettings) -> SimulatedInstrument:
-        return SimulatedEsp301(self.clock, [self._axis(spec.role)], settings)
+    def _esp301(self, spec: Spec, settings: Esp301SimulatorSettings, tap: Tap) -> SimulatedInstrument:
+        return SimulatedEsp301(self.clock, [self._axis(spec.role)], settings, tap)
 
-    def _ensemble(self, spec: Spec, settings: EnsembleSimulatorSettings) -> SimulatedInstrument:
+    def _ensemble(self, spec: Spec, settings: EnsembleSimulatorSettings, tap: Tap) -> SimulatedInstrument:
         named = settings.model_copy(update={"axis": spec.settings.get("axis", settings.axis)})
-        return SimulatedEnsemble(self.clock, self._axis(spec.role), self._pace, named)
+        return SimulatedEnsemble(self.clock, self._axis(spec.role), self._pace, named, tap)
 
-    def _lkg3001(self, spec: Spec, settings: Lkg3001Settings) -> SimulatedInstrument:
-        return SimulatedLkg3001(self.clock, self._heads(spec), self._pace, settings)
+    def _lkg3001(self, spec: Spec, settings: Lkg3001Settings, tap: Tap) -> SimulatedInstrument:
+        return SimulatedLkg3001(self.clock, self._heads(spec), self._pace, settings, tap)
 
-    def _lkg5000(self, spec: Spec, settings: Lkg5000Settings) -> SimulatedInstrument:
-        return SimulatedLkg5000(self.clock, self._heads(spec), self._pace, settings)
+    def _lkg5000(self, spec: Spec, settings: Lkg5000Settings, tap: Tap) -> SimulatedInstrument:
+        return SimulatedLkg5000(self.clock, self._heads(spec), self._pace, settings, tap)
 
-    def _meter(self, spec: Spec, settings: MeterSettings) -> SimulatedInstrument:
+    def _meter(self, spec: Spec, settings: MeterSettings, tap: Tap) -> SimulatedInstrument:
         paces, measures = spec.role == "readout", spec.role in ("readout", "voltmeter")
         return Simulated34465A(
             self.clock,
@@ -178,24 +197,47 @@ class SimulatedRig:
             trigger_out=self._pace if paces else None,
             trigger_in=None if paces else self._pace,
             settings=settings,
+            tap=tap,
         )
 
-    def _generator(self, spec: Spec, settings: GeneratorSettings) -> SimulatedInstrument:
-        outputs = dict(spec.settings.get("outputs", GENERATOR_OUTPUTS)) if spec.role == "source" else {}
+    def _generator(self, spec: Spec, settings: GeneratorSettings, tap: Tap) -> SimulatedInstrument:
+        outputs = _outputs(spec)
         if unknown := set(outputs) - set(self.bench.inputs):
             there = ", ".join(self.bench.inputs) or "none"
             raise ValueError(f"nothing is driven by '{min(unknown)}' in this world; inputs are: {there}")
-        lines = {int(number): self.bench.inputs[name] for name, number in outputs.items()}
-        return Simulated33500B(self.clock, lines, settings)
+        lines = {number: self.bench.inputs[name] for name, number in outputs.items()}
+        return Simulated33500B(self.clock, lines, settings, tap)
 
     def _heads(self, spec: Spec) -> list[Signal]:
         """Signals by output number; an output without a head has no target."""
-        heads = {int(output): name for name, output in dict(spec.settings.get("heads", {})).items()}
+        heads = {output: name for name, output in _numbered(spec, "heads").items()}
         known = self.bench.heads
         return [
             self.bench.displacement_mm(heads[output]) if heads.get(output) in known else _nothing
             for output in range(1, max(heads, default=1) + 1)
         ]
+
+
+def _columns(spec: Spec) -> dict[str, str]:
+    """Columns of a run by what the instrument calls the quantity."""
+    match spec.kind:
+        case "aerotech-ensemble":
+            return {"position": "stage_x_mm"}
+        case "newport-xps" | "newport-esp301":
+            return {"position": "theta_deg"}
+        case "keysight-34465a":
+            return {"VOLT": spec.settings.get("channel", "accel_v"), "TEMP": "temperature_c"}
+        case _:
+            return {str(output): name for name, output in {**_numbered(spec, "heads"), **_outputs(spec)}.items()}
+
+
+def _numbered(spec: Spec, key: str, default: Mapping[str, int] | None = None) -> dict[str, int]:
+    return {name: int(number) for name, number in dict(spec.settings.get(key, default or {})).items()}
+
+
+def _outputs(spec: Spec) -> dict[str, int]:
+    """What a source drives, by input of the world."""
+    return _numbered(spec, "outputs", GENERATOR_OUTPUTS) if spec.role == "source" else {}
 
 
 def _bench(world: Mapping[str, Any], clock: SimulationClock, pace: TriggerLine) -> Bench:
@@ -220,7 +262,7 @@ def _checked(model: type[Settings], data: Mapping[str, Any], table: str) -> Sett
         raise TableError(table, model, error) from None
 
 
-_Build = Callable[[SimulatedRig, Spec, Any], SimulatedInstrument]
+_Build = Callable[[SimulatedRig, Spec, Any, Tap], SimulatedInstrument]
 
 _KINDS: dict[str, tuple[_Build, type[BaseModel]]] = {
     "newport-xps": (SimulatedRig._xps, XpsSimulatorSettings),

@@ -333,7 +333,9 @@ def test_one_campaign_per_instrument_even_under_another_rig_file(desk: Any, wire
     with locks.instruments_held(config.read_rig(other), "taken"):
         desk.run().refused(1, "rig.toml", "another campaign holds these instruments", address)
         desk.rigctl("move", "rig.toml", "rotation", 1).refused(1, "another campaign holds", address)
-    assert wire.sent == []
+        assert wire.sent == []
+        stopped = desk.rigctl("stop", "rig.toml")
+        assert "another campaign" not in stopped.err, "whoever holds the rig, anybody may stop it"
     desk.run().refused(1, address, "no connection")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rigctl.campaign.csv_table import parse_number
+from rigctl.core.numbers import NotMeasurable, decimal_or_missing
 
 FACES = ("x", "y", "z", "-x", "-y", "-z")
 
@@ -41,7 +41,9 @@ class Layout:
 def number(text: str) -> float:
     """Any number."""
     try:
-        return parse_number(text)
+        return decimal_or_missing(text)
+    except NotMeasurable:
+        raise
     except ValueError:
         hint = ", with a decimal point" if "," in text else ""
         raise ValueError(f"a number{hint}") from None

@@ -17,6 +17,7 @@ from rigctl.campaign.csv_table import CsvTable, numbers_or_text, read_table
 from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id
 from rigctl.campaign.recording_toml import read_header
 from rigctl.campaign.sample_file import SUFFIXES, SampleFile, read_sample_file
+from rigctl.core.numbers import decimal_or_missing, is_missing
 from rigctl.interfaces import FloatArray
 
 RunWithSamples = tuple[RunRecord, Mapping[str, FloatArray]]
@@ -195,7 +196,7 @@ def _column(table: CsvTable, name: str, layout: Layout, warnings: list[str]) -> 
 
 
 def _value(table: CsvTable, line: int, name: str, field: Field, text: str) -> Any:
-    if text == "" or text.lower() == "nan":
+    if is_missing(text):
         if field.required:
             raise table.place.error(f"{name} is missing; write it", line)
         return field.missing
@@ -236,7 +237,7 @@ def _rename(name: str, header: tuple[str, ...]) -> str:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text or "nan")
+        decimal_or_missing(text)
     except ValueError:
         return False
     return True

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from rigctl.campaign.bundle_files import Place
 from rigctl.campaign.recording import flaw_of_column
+from rigctl.core.numbers import NotMeasurable, decimal, decimal_or_missing
 
 
 @dataclass(frozen=True)
@@ -35,15 +36,6 @@ def decode(place: Place, data: bytes) -> str:
         line = data.count(b"\n", 0, error.start) + 1
         raise place.error(f"byte 0x{data[error.start]:02x} is not UTF-8; save it as UTF-8", line) from error
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-
-
-def parse_number(text: str) -> float:
-    """A number, NaN for an empty field; `ValueError` for anything else."""
-    if not text:
-        return math.nan
-    if "_" in text:
-        raise ValueError(text)
-    return float(text)
 
 
 def rows_with_lines(place: Place, text: str) -> Iterator[tuple[int, list[str]]]:
@@ -76,7 +68,7 @@ def check_header(place: Place, line: int, header: Sequence[str]) -> None:
 
 def _is_number(text: str) -> bool:
     try:
-        return not math.isnan(parse_number(text))
+        return math.isfinite(decimal(text))
     except ValueError:
         return False
 
@@ -108,16 +100,27 @@ def read_table(place: Place, data: bytes) -> CsvTable:
 def numbers_or_text(table: CsvTable, name: str) -> tuple[list[float] | list[str], str | None]:
     """A column of the laboratory's own: numbers if it holds nothing else, otherwise text as it stands.
 
-    The second is a remark on a column that looks like numbers spoilt by text, None if there is none.
+    The second is a remark on a column that looks like numbers spoilt by text, None if there is none. `DataError`
+    for a number that cannot have been measured, such as `inf`.
     """
     fields = table.column(name)
     numbers: list[float] = []
     spoilt: list[int] = []
+    beyond: list[int] = []
     for index, field in enumerate(fields):
         try:
-            numbers.append(parse_number(field))
+            numbers.append(decimal_or_missing(field))
+        except NotMeasurable:
+            beyond.append(index)
         except ValueError:
             spoilt.append(index)
+    if beyond and not spoilt:
+        raise table.place.error(
+            f"column {name} holds {fields[beyond[0]]}, which nobody can have measured;"
+            " mend it, or leave a missing value empty",
+            table.lines[beyond[0]],
+        )
+    spoilt = sorted(spoilt + beyond)
     if not spoilt:
         return numbers, None
     if 2 * sum(not math.isnan(x) for x in numbers) <= len(fields):

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.campaign.bundle_files import BundleFiles, Place
-from rigctl.campaign.csv_table import check_header, check_width, decode, parse_number, rows_with_lines
+from rigctl.campaign.csv_table import check_header, check_width, decode, rows_with_lines
 from rigctl.campaign.recording import flaw_of_column
+from rigctl.core.numbers import MAGNITUDE_MAX, NotMeasurable, decimal_or_missing, measurable
 from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray
 
@@ -97,7 +98,7 @@ def _fast(text: str, header_line: int, width: int) -> FloatArray | None:
         values = np.loadtxt(io.StringIO(body), dtype=np.float64, delimiter=",", comments=None, ndmin=2)
     except ValueError:
         return None
-    return values if values.shape[1] == width else None
+    return values if values.shape[1] == width and measurable(values) else None
 
 
 def _careful(place: Place, text: str, header: list[str]) -> FloatArray:
@@ -107,7 +108,7 @@ def _careful(place: Place, text: str, header: list[str]) -> FloatArray:
     for line, fields in rows:
         check_width(place, line, fields, header)
         try:
-            values.append([parse_number(field) for field in fields])
+            values.append([decimal_or_missing(field) for field in fields])
         except ValueError:
             raise _text_among_numbers(place, line, fields, header) from None
     return np.array(values, dtype=np.float64).reshape(-1, len(header))
@@ -116,7 +117,12 @@ def _careful(place: Place, text: str, header: list[str]) -> FloatArray:
 def _text_among_numbers(place: Place, line: int, fields: list[str], header: list[str]) -> Exception:
     for name, field in zip(header, fields, strict=True):
         try:
-            parse_number(field)
+            decimal_or_missing(field)
+        except NotMeasurable:
+            return place.error(
+                f"column {name} holds {field}, which nobody can have measured; mend it, or leave a missing value empty",
+                line,
+            )
         except ValueError:
             return place.error(
                 f"column {name} holds {field!r}, not a number; leave a missing value empty or write nan", line
@@ -138,6 +144,13 @@ def _read_npz(place: Place, data: bytes) -> dict[str, FloatArray]:
             raise place.error(f"the name of column {name!r} {flaw}; {mend}")
         if array.ndim != 1 or array.dtype.kind not in "fiub":
             raise place.error(f"column {name} is {array.ndim}-dimensional {array.dtype}; {mend}")
+    for name, array in arrays.items():
+        if not measurable(array):
+            at = int(np.argmax(~(np.abs(array) <= MAGNITUDE_MAX) & ~np.isnan(array)))
+            raise place.error(
+                f"sample {at + 1} of column {name} is {array[at]:g}, which nobody can have measured;"
+                " mend it, or write nan for a missing value"
+            )
     lengths = {name: len(array) for name, array in arrays.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name} {length}" for name, length in lengths.items())

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rigctl.cli.io import Json, RigToml, print_json, say
+from rigctl.cli.io import Json, RigToml, number, print_json, say
 from rigctl.errors import ConfigError
 
 app = typer.Typer()
@@ -21,13 +21,16 @@ def simulate(
     write_rig: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write a rig file that points at the served instruments.")
     ] = None,
+    measured: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Append what the instruments really measure, for trials.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Serve a rig file's simulated instruments on loopback ports and pseudo-terminals until interrupted."""
     from rigctl import config
     from rigctl.serving import Served
 
-    with Served(config.read_rig(rig)) as served:
+    with Served(config.read_rig(rig), measured=measured) as served:
         if write_rig is not None:
             # Whole or not at all: somebody may be waiting for it to appear.
             partial = write_rig.with_name(f".{write_rig.name}.{os.getpid()}")
@@ -103,7 +106,9 @@ def home(
 def move(
     rig: RigToml,
     name: Annotated[str, typer.Argument(metavar="NAME")],
-    value: Annotated[float, typer.Argument(metavar="VALUE", help="deg for a rotation stage, mm for a linear one")],
+    value: Annotated[
+        float, typer.Argument(metavar="VALUE", parser=number, help="deg for a rotation stage, mm for a linear one")
+    ],
     as_json: Json = False,
 ) -> None:
     """Move a stage to a position (homing it first if needed)."""

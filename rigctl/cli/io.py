@@ -24,6 +24,16 @@ Plugins = Annotated[
 ]
 
 
+def number(text: str | float) -> float:
+    """A number of a command line, in plain decimal digits; a usage error otherwise. Defaults are numbers already."""
+    from rigctl.core.numbers import decimal
+
+    try:
+        return decimal(str(text).strip())
+    except ValueError as expected:
+        raise typer.BadParameter(f"{text!r}; write {expected}") from None
+
+
 def print_json(document: object) -> None:
     """One document on stdout; JSON has no NaN, so what is not finite is null."""
     print(json.dumps(_plain(document), allow_nan=False, default=str))  # noqa: T201

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rigctl.cli.io import Json, Plugins, StoreFile, print_json, tell, workbench
+from rigctl.cli.io import Json, Plugins, StoreFile, number, print_json, tell, workbench
 
 app = typer.Typer()
 model = typer.Typer(no_args_is_help=True)
@@ -44,7 +44,9 @@ def compare(
 @app.command()
 def diagnose(
     store: StoreFile,
-    alpha: Annotated[float, typer.Option(metavar="LEVEL", help="Level over all trials together.")] = 0.01,
+    alpha: Annotated[
+        float, typer.Option(metavar="LEVEL", parser=number, help="Level over all trials together.")
+    ] = 0.01,
     plugin: Plugins = None,
     as_json: Json = False,
 ) -> None:

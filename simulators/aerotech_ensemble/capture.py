@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.measured import Tap
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
 from simulators.worlds.keyed_random import generator
@@ -20,8 +21,9 @@ class PositionCapture:
     whenever it is made, changes it from run to run.
     """
 
-    def __init__(self, axis: MotionAxis, trigger: TriggerLine, settings: EnsembleSimulatorSettings) -> None:
+    def __init__(self, axis: MotionAxis, trigger: TriggerLine, settings: EnsembleSimulatorSettings, tap: Tap) -> None:
         self.run_key: tuple[int, ...] = ()
+        self._tap = tap
         self._axis = axis
         self._line = trigger
         self._settings = settings
@@ -36,12 +38,14 @@ class PositionCapture:
         self._points = 0
         self._ended_s = 0.0
         self._complete: FloatArray | None = None
+        self._edges_s = np.empty(0)
         self._read = 0
 
     def arm(self, now_s: float, points: int, zero_mm: float) -> None:
         """Forget the last record and wait for `points` edges; positions are relative to `zero_mm`."""
         self._armed_s, self._points, self._zero_mm = now_s, points, zero_mm
         self._ended_s, self._complete, self._read = np.inf, None, 0
+        self._tap.begin()
 
     def off(self, now_s: float) -> None:
         """Latch no more; what was recorded can still be read."""
@@ -55,6 +59,7 @@ class PositionCapture:
         """The next up to `count` points, in the unit of the registers."""
         recorded = self._recorded(now_s)
         taken = recorded[self._read : self._read + count]
+        self._note(self._read, taken)
         if self._settings.capture_read == "continues":
             self._read += len(taken)
         return taken
@@ -62,6 +67,10 @@ class PositionCapture:
     def left(self, now_s: float) -> int:
         """How many points can still be read."""
         return len(self._recorded(now_s)) - self._read
+
+    def _note(self, first: int, taken: FloatArray) -> None:
+        in_mm = taken / self._settings.counts_per_mm if self._settings.capture_unit == "counts" else taken
+        self._tap.note("position", self._edges_s[first : first + len(taken)], in_mm)
 
     def _recorded(self, now_s: float) -> FloatArray:
         if self._complete is not None:
@@ -71,6 +80,7 @@ class PositionCapture:
         latency_s = self._settings.capture_latency_s
         until_s = min(now_s - latency_s, self._ended_s)
         edges_s = self._line.edges(self._armed_s, until_s)[: self._points]
+        self._edges_s = edges_s
         values = self._latched(edges_s + latency_s)
         if len(values) == self._points:
             self._complete = values

@@ -10,6 +10,7 @@ from simulators.aerotech_ensemble.interpreter import Blocked, Interpreter, Resta
 from simulators.aerotech_ensemble.parameters import Parameter
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.clock import SimulationClock
+from simulators.measured import Tap, unheard
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
 
@@ -25,10 +26,11 @@ class SimulatedEnsemble:
         axis: MotionAxis,
         trigger: TriggerLine,
         settings: EnsembleSimulatorSettings | None = None,
+        tap: Tap | None = None,
     ) -> None:
         self._clock = clock
         self._settings = settings or EnsembleSimulatorSettings()
-        self._interpreter = Interpreter(clock, axis, trigger, self._settings)
+        self._interpreter = Interpreter(clock, axis, trigger, self._settings, tap or unheard())
         self._interpreter.axis.on_fault = self._end_wait
         self._clients: list[_Client] = []
         self._waits = 0

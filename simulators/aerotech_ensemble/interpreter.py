@@ -13,6 +13,7 @@ from simulators.aerotech_ensemble.registers import Registers
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisStatus, signed_32_bit
 from simulators.clock import SimulationClock
+from simulators.measured import Tap
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
 
@@ -52,13 +53,14 @@ class Interpreter:
         axis: MotionAxis,
         trigger: TriggerLine,
         settings: EnsembleSimulatorSettings,
+        tap: Tap,
     ) -> None:
         self._clock = clock
         self._settings = settings
         self._names = frozenset({settings.axis.upper(), "@0"})
         self.parameters = Parameters(settings)
         self.axis = AxisController(clock, axis, self.parameters, settings)
-        self.capture = PositionCapture(axis, trigger, settings)
+        self.capture = PositionCapture(axis, trigger, settings, tap)
         self._registers = Registers(settings)
         self._set_power_on_modes()
         self._handlers: dict[str, Callable[[tuple[str, ...]], Reply]] = {

@@ -13,6 +13,7 @@ from simulators.keyence_lkg.registers import PROGRAMS, Register, Registers, whol
 from simulators.keyence_lkg.session import LINE_MAX, Answer, Session
 from simulators.keyence_lkg.storage import DataStorage, Plan
 from simulators.keyence_lkg.values import NO_VALUE, format_value, format_values
+from simulators.measured import Tap
 from simulators.wiring import Signal, TriggerLine
 
 STORAGE_CYCLES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
@@ -39,6 +40,7 @@ class Controller:
         heads: Sequence[Signal],
         trigger: TriggerLine,
         settings: LkgSettings,
+        tap: Tap,
     ) -> None:
         if not 1 <= len(heads) <= model.outputs:
             raise ValueError(f"{model.kind}: {len(heads)} heads, it has outputs for 1 to {model.outputs}")
@@ -48,7 +50,7 @@ class Controller:
         self.outputs = [Output(signal, settings.range_mm) for signal in heads]
         self._model = model
         self._registers = Registers.of(registers)
-        self._storage = DataStorage(clock, trigger, self.outputs, settings.latency_s)
+        self._storage = DataStorage(clock, trigger, self.outputs, settings, tap)
         self._measuring = True
         self._ready_s = clock.now_s()
         self._return_delay_s = 0.0

@@ -13,6 +13,7 @@ from simulators.keyence_lkg.faults import Fault
 from simulators.keyence_lkg.model import LkgSettings, Model, common_registers
 from simulators.keyence_lkg.registers import Register, digits, switch, whole
 from simulators.keyence_lkg.values import format_values
+from simulators.measured import Tap, unheard
 from simulators.wiring import Signal, TriggerLine
 
 MODEL = Model(
@@ -50,9 +51,10 @@ class SimulatedLkg3001(Controller):
         heads: Sequence[Signal],
         trigger: TriggerLine,
         settings: LkgSettings | None = None,
+        tap: Tap | None = None,
     ) -> None:
         settings = settings or Lkg3001Settings()
-        super().__init__(MODEL, _registers(settings), clock, heads, trigger, settings)
+        super().__init__(MODEL, _registers(settings), clock, heads, trigger, settings, tap or unheard())
 
     def measurement_commands(self) -> dict[str, Command]:
         """Measurement and control, by output in the command's name: 1, 2, or 0 for both."""

@@ -10,6 +10,7 @@ from simulators.keyence_lkg.controller import Command, Controller
 from simulators.keyence_lkg.faults import Fault, Refused
 from simulators.keyence_lkg.model import LkgSettings, Model, common_registers
 from simulators.keyence_lkg.registers import Register, digits, number, switch, whole
+from simulators.measured import Tap, unheard
 from simulators.wiring import Signal, TriggerLine
 
 MODEL = Model(
@@ -51,9 +52,10 @@ class SimulatedLkg5000(Controller):
         heads: Sequence[Signal],
         trigger: TriggerLine,
         settings: LkgSettings | None = None,
+        tap: Tap | None = None,
     ) -> None:
         settings = settings or Lkg5000Settings()
-        super().__init__(MODEL, _registers(settings), clock, heads, trigger, settings)
+        super().__init__(MODEL, _registers(settings), clock, heads, trigger, settings, tap or unheard())
 
     def measurement_commands(self) -> dict[str, Command]:
         """Measurement and control: S takes one output, M twelve flags, A takes all."""

@@ -9,6 +9,9 @@ import numpy as np
 
 from simulators.clock import SimulationClock
 from simulators.keyence_lkg.heads import Output
+from simulators.keyence_lkg.model import LkgSettings
+from simulators.keyence_lkg.values import shown_mm
+from simulators.measured import Tap
 from simulators.wiring import FloatArray, TriggerLine
 
 _LOOK_EVERY_S = 30.0
@@ -30,11 +33,15 @@ class DataStorage:
     remembers only its recent past.
     """
 
-    def __init__(self, clock: SimulationClock, trigger: TriggerLine, outputs: list[Output], latency_s: float) -> None:
+    def __init__(
+        self, clock: SimulationClock, trigger: TriggerLine, outputs: list[Output], settings: LkgSettings, tap: Tap
+    ) -> None:
         self._clock = clock
+        self._tap = tap
+        self._decimals = settings.decimals
         self._trigger = trigger
         self._outputs = outputs
-        self._latency_s = latency_s
+        self._latency_s = settings.latency_s
         self._plan = Plan(0, None, ())
         self._start_s = math.inf
         self._seen_s = -math.inf
@@ -61,6 +68,7 @@ class DataStorage:
         """Forget all values; a storage that runs goes on from here."""
         self._look()
         self._count = 0
+        self._tap.begin()
         self._pending: list[FloatArray] = []
         self._values = {output: np.empty(0) for output in self._plan.outputs}
 
@@ -90,7 +98,14 @@ class DataStorage:
             times_s = np.concatenate(self._pending) + self._latency_s
             self._pending = []
             for output, before in self._values.items():
-                self._values[output] = np.concatenate([before, self._outputs[output].at(times_s)])
+                values = self._outputs[output].at(times_s)
+                self._values[output] = np.concatenate([before, values])
+                self._note(output, times_s, values)
+
+    def _note(self, output: int, times_s: FloatArray, values_mm: FloatArray) -> None:
+        if self._tap.heard:
+            shown = shown_mm(values_mm.tolist(), self._decimals)
+            self._tap.note(str(output + 1), times_s - self._latency_s, shown)
 
     def _look(self) -> None:
         if not self._running:

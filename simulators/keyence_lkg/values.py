@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+import numpy as np
+from numpy.typing import NDArray
+
 NO_VALUE = "XXXXXXXX"
 OVER_RANGE = "+FFFFFFF"
 UNDER_RANGE = "-FFFFFFF"
@@ -24,3 +27,9 @@ def format_value(value_mm: float, decimals: int) -> str:
 def format_values(values_mm: Iterable[float], decimals: int) -> str:
     """Comma-separated values."""
     return ",".join([format_value(value, decimals) for value in values_mm])
+
+
+def shown_mm(values_mm: Iterable[float], decimals: int) -> NDArray[np.float64]:
+    """The numbers a reader of the text gets, NaN where it shows none."""
+    texts = [format_value(value, decimals) for value in values_mm]
+    return np.array([float(text) if text[1:2].isdigit() else np.nan for text in texts])

@@ -9,6 +9,7 @@ from simulators.clock import SimulationClock
 from simulators.keysight_33500b.commands import Commands
 from simulators.keysight_33500b.output import Output
 from simulators.keysight_33500b.settings import GeneratorSettings
+from simulators.measured import Tap, unheard
 from simulators.scpi import Register, ScpiShell
 from simulators.wiring import Connection, VoltageLine
 
@@ -29,9 +30,11 @@ class Simulated33500B:
         clock: SimulationClock,
         lines: Mapping[int, VoltageLine] | None = None,
         settings: GeneratorSettings | None = None,
+        tap: Tap | None = None,
     ) -> None:
         settings, wired = settings or GeneratorSettings(), lines or {}
-        outputs = {number: Output(clock, wired.get(number) or VoltageLine(), settings) for number in OUTPUTS}
+        tap = tap or unheard()
+        outputs = {n: Output(clock, wired.get(n) or VoltageLine(), settings, tap, str(n)) for n in OUTPUTS}
         self._shell = ScpiShell(
             clock,
             Commands(outputs, settings).table(),

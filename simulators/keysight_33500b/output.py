@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simulators.clock import SimulationClock
 from simulators.keysight_33500b.settings import GeneratorSettings
+from simulators.measured import Tap
 from simulators.scpi import ScpiError
 from simulators.wiring import VoltageLine
 
@@ -56,8 +57,12 @@ class Course:
 class Output:
     """Takes settings one by one; `ScpiError` for what it has changed or clipped, after the fact."""
 
-    def __init__(self, clock: SimulationClock, line: VoltageLine, settings: GeneratorSettings) -> None:
+    def __init__(
+        self, clock: SimulationClock, line: VoltageLine, settings: GeneratorSettings, tap: Tap, name: str
+    ) -> None:
         self._clock = clock
+        self._tap = tap
+        self._name = name
         self._line = line
         self._settings = settings
         self.reset()
@@ -124,7 +129,10 @@ class Output:
 
     def _run(self, course: Course) -> None:
         self._course = course
-        self._line.drive(self._clock.now_s(), course.volts)
+        now_s = self._clock.now_s()
+        self._line.drive(now_s, course.volts)
+        if self._tap.heard:
+            self._tap.note(self._name, now_s, course.volts(np.array([now_s])))
 
 
 def _ramp(turns: FloatArray, symmetry: float) -> FloatArray:

@@ -10,6 +10,7 @@ from simulators.keysight_34465a.measurement_commands import MeasurementCommands
 from simulators.keysight_34465a.meter import Meter
 from simulators.keysight_34465a.settings import MeterSettings
 from simulators.keysight_34465a.system_commands import system_commands
+from simulators.measured import Tap, unheard
 from simulators.scpi import ScpiShell
 from simulators.wiring import Connection, Signal, TriggerLine
 
@@ -33,9 +34,10 @@ class Simulated34465A:
         trigger_out: TriggerLine | None = None,
         trigger_in: TriggerLine | None = None,
         settings: MeterSettings | None = None,
+        tap: Tap | None = None,
     ) -> None:
         settings = settings or MeterSettings()
-        self._meter = Meter(clock, volts, celsius, trigger_out, trigger_in, settings)
+        self._meter = Meter(clock, volts, celsius, trigger_out, trigger_in, settings, tap or unheard())
         measurement = MeasurementCommands(self._meter, settings)
         acquisition = AcquisitionCommands(self._meter, measurement)
         self._shell = ScpiShell(

@@ -16,6 +16,7 @@ from simulators.keysight_34465a.acquisition import (
 )
 from simulators.keysight_34465a.configuration import OVERLOAD_V, RANGES_V, Configuration, Integration
 from simulators.keysight_34465a.settings import MeterSettings
+from simulators.measured import Tap
 from simulators.scpi import Register, ScpiError
 from simulators.wiring import Signal, TriggerLine
 
@@ -42,6 +43,7 @@ class Meter:
         trigger_out: TriggerLine | None,
         trigger_in: TriggerLine | None,
         settings: MeterSettings,
+        tap: Tap,
     ) -> None:
         self.configuration = Configuration(settings)
         self.memory = Memory(settings.memory)
@@ -49,6 +51,7 @@ class Meter:
         self.operation = Register(self._operation)
         self._settings = settings
         self._clock = clock
+        self._tap = tap
         self._signals = {"VOLT": volts, "TEMP": celsius}
         self._trigger_out, self._trigger_in = trigger_out, trigger_in
         self._lag_s = max(settings.latency_s, 0.0)
@@ -86,6 +89,7 @@ class Meter:
         if not self.idle:
             raise ScpiError(-213)
         self.memory.clear()
+        self._tap.begin()
         setup = self.configuration
         if setup.sample_source == "TIM" and setup.timer_s < setup.timer_minimum_s * (1 - 1e-9):
             self.questionable.event |= TIMING_VIOLATION
@@ -144,10 +148,17 @@ class Meter:
         if self._readings is None:
             return
         times = self._readings.due(self._clock.now_s())
-        if len(times) and self.memory.append(self._measure(times + self._settings.latency_s)):
-            self.questionable.event |= MEMORY_OVERFLOW
+        if len(times):
+            self._take(times)
         if not self._readings.remaining:
             self._readings = None
+
+    def _take(self, times_s: FloatArray) -> None:
+        readings = self._measure(times_s + self._settings.latency_s)
+        valid = np.where(np.abs(readings) >= OVERLOAD, np.nan, readings)
+        self._tap.note(self.configuration.function, times_s, valid)
+        if self.memory.append(readings):
+            self.questionable.event |= MEMORY_OVERFLOW
 
     def _no_condition(self) -> int:
         self.advance()

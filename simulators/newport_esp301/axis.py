@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from simulators.clock import SimulationClock
+from simulators.measured import Tap
 from simulators.motion import MotionAxis
 from simulators.newport_esp301.errors import Refused
 from simulators.newport_esp301.settings import Esp301SimulatorSettings
@@ -25,7 +26,9 @@ class EspAxis:
         clock: SimulationClock,
         settings: Esp301SimulatorSettings,
         report: Report,
+        tap: Tap,
     ) -> None:
+        self._tap = tap
         self.number = number
         self.motion = motion
         self.motor_on = False
@@ -49,6 +52,12 @@ class EspAxis:
         """What the encoder says [deg]."""
         resolution_deg = self._settings.resolution_deg
         return round(self.commanded() / resolution_deg) * resolution_deg
+
+    def reading(self) -> float:
+        """What it answers when asked where it is [deg]."""
+        position_deg = round(self.position(), self.decimals)
+        self._tap.note("position", self._clock.now_s(), position_deg)
+        return position_deg
 
     def commanded(self) -> float:
         """Where the profile is [deg]."""

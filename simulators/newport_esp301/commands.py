@@ -137,7 +137,7 @@ def _done(axis: EspAxis, _: Command) -> str:
 
 
 def _actual_position(axis: EspAxis, _: Command) -> str:
-    return format_number(axis.position(), axis.decimals)
+    return format_number(axis.reading(), axis.decimals)
 
 
 def _commanded_position(axis: EspAxis, _: Command) -> str:

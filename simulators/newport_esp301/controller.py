@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from simulators.clock import SimulationClock
+from simulators.measured import Tap, unheard
 from simulators.motion import MotionAxis
 from simulators.newport_esp301.axis import EspAxis
 from simulators.newport_esp301.commands import execute
@@ -29,7 +30,9 @@ class SimulatedEsp301:
         clock: SimulationClock,
         axes: Sequence[MotionAxis],
         settings: Esp301SimulatorSettings | None = None,
+        tap: Tap | None = None,
     ) -> None:
+        self._tap = tap or unheard()
         self.clock = clock
         self.settings = settings or Esp301SimulatorSettings()
         self.errors = ErrorQueue(self.settings.errors_queued_max)
@@ -45,7 +48,7 @@ class SimulatedEsp301:
     def reset(self) -> None:
         """The state after power on."""
         self.axes = [
-            EspAxis(number, motion, self.clock, self.settings, self.report)
+            EspAxis(number, motion, self.clock, self.settings, self.report, self._tap)
             for number, motion in enumerate(self._motions, start=1)
         ]
         self.stored = [stored_defaults(self.settings) for _ in self.axes]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 from simulators.clock import SimulationClock
+from simulators.measured import Tap, unheard
 from simulators.motion import MotionAxis
 from simulators.newport_xps.codes import GroupState, Refused
 from simulators.newport_xps.controller_functions import CONTROLLER_FUNCTIONS
@@ -34,7 +35,9 @@ class SimulatedXps:
         clock: SimulationClock,
         groups: Mapping[str, Mapping[str, MotionAxis]],
         settings: XpsSimulatorSettings | None = None,
+        tap: Tap | None = None,
     ) -> None:
+        self._tap = tap or unheard()
         self.clock = clock
         self.settings = settings or XpsSimulatorSettings()
         self._axes = groups
@@ -149,7 +152,9 @@ class SimulatedXps:
 
     def _wire_up(self, group: str, axes: Mapping[str, MotionAxis]) -> Group:
         names = {f"{group}.{name}": axis for name, axis in axes.items()}
-        positioners = {name: Positioner(name, axis, self._powered_s, self.settings) for name, axis in names.items()}
+        positioners = {
+            name: Positioner(name, axis, self._powered_s, self.settings, self._tap) for name, axis in names.items()
+        }
         return Group(positioners, self.clock, self.settings)
 
 

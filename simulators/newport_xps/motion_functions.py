@@ -76,7 +76,7 @@ def _reference(call: Call, selected: Selection) -> None:
 
 GROUP_FUNCTIONS: dict[str, Function[Selection]] = {
     "GroupStatusGet": Function(Signature(outputs=("int",)), lambda _, selected: (str(int(selected.group.state)),)),
-    "GroupPositionCurrentGet": _per_axis(Positioner.current),
+    "GroupPositionCurrentGet": _per_axis(Positioner.reading),
     "GroupPositionSetpointGet": _per_axis(Positioner.setpoint),
     "GroupPositionTargetGet": _per_axis(lambda p, _: p.target_deg),
     "GroupVelocityCurrentGet": _per_axis(Positioner.velocity),

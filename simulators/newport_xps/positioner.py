@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from simulators.measured import Tap
 from simulators.motion import MotionAxis
 from simulators.newport_xps.codes import (
     HIGH_ZERO_MARK_BIT,
@@ -23,8 +24,9 @@ FloatArray = NDArray[np.float64]
 class Positioner:
     """An axis in the controller's coordinates, which count from where it woke up until it is referenced."""
 
-    def __init__(self, name: str, axis: MotionAxis, now_s: float, settings: XpsSimulatorSettings) -> None:
+    def __init__(self, name: str, axis: MotionAxis, now_s: float, settings: XpsSimulatorSettings, tap: Tap) -> None:
         self.name = name
+        self._tap = tap
         self.axis = axis
         self.speed_deg_s = settings.speed_max_deg_s
         self.acceleration_deg_s2 = settings.acceleration_max_deg_s2
@@ -75,6 +77,12 @@ class Positioner:
         """Where the encoder says it is [deg]."""
         resolution_deg = self._settings.resolution_deg
         return round(self.setpoint(at_s) / resolution_deg) * resolution_deg
+
+    def reading(self, at_s: float) -> float:
+        """What it answers when asked where it is [deg]."""
+        position_deg = self.current(at_s)
+        self._tap.note("position", at_s, position_deg)
+        return position_deg
 
     def velocity(self, at_s: float) -> float:
         """How fast it turns [deg/s]."""

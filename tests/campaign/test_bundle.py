@@ -18,6 +18,7 @@ from rigctl.campaign.bundle_writer import LONG_RUN_VALUES
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
 from rigctl.campaign.sample_file import csv_bytes
 from rigctl.campaign.store import Store
+from rigctl.core.numbers import MAGNITUDE_MAX
 from rigctl.errors import DataError
 
 
@@ -210,7 +211,8 @@ def test_start_in_another_time_zone_is_kept_as_utc(sensing):
 
 names = st.text(min_size=1, max_size=60).filter(lambda s: s.isprintable() and s == s.strip())
 run_ids = names.filter(lambda s: not set(s) & set("/\\") and s not in {".", ".."} and len(s.encode()) < 200)
-finite = st.floats(allow_nan=False, allow_infinity=False)
+finite = st.floats(-MAGNITUDE_MAX, MAGNITUDE_MAX)
+measured = finite | st.just(math.nan)
 texts = st.text(max_size=20).filter(lambda s: s == s.strip() and "\r" not in s and s != "")
 
 
@@ -232,7 +234,7 @@ def recordings(draw):
             "theta_deg": draw(finite),
             "frequency_hz": 0.0,
             "temperature_c": draw(finite | st.just(math.nan)),
-            "own number": draw(st.floats()),
+            "own number": draw(measured),
             **({"own text": "text " + draw(texts)} if note else {}),
         }
         valid = draw(st.booleans())
@@ -242,13 +244,13 @@ def recordings(draw):
             "t_s": np.arange(size) * draw(st.floats(1e-3, 1e3)),
             "stage_x_mm": draw(hnp.arrays(np.float64, size, elements=finite)),
             "accel_v": draw(hnp.arrays(np.float64, size, elements=finite)),
-            **{name: draw(hnp.arrays(np.float64, size, elements=st.floats())) for name in own},
+            **{name: draw(hnp.arrays(np.float64, size, elements=measured)) for name in own},
         }
     header = Header(
         "sensing-axis",
         title=draw(st.text(max_size=30)),
         started=draw(st.sampled_from(["", "2026-11-21T01:00:00Z", "2026-11-21T01:00:00.123456Z"])),
-        constants=draw(st.dictionaries(names, st.floats(allow_nan=False), max_size=3)),
+        constants=draw(st.dictionaries(names, finite, max_size=3)),
         channels=draw(
             st.dictionaries(st.just("accel_v"), st.builds(ChannelInfo, st.just("V"), st.text(max_size=5)), max_size=1)
         ),
@@ -272,7 +274,7 @@ def test_any_recording_survives_bundle_store_and_bundle(tmp_path_factory, record
 @settings(deadline=None)
 @given(
     columns=st.integers(1, 4).flatmap(
-        lambda width: hnp.arrays(np.float64, st.tuples(st.integers(0, 9), st.just(width)), elements=st.floats())
+        lambda width: hnp.arrays(np.float64, st.tuples(st.integers(0, 9), st.just(width)), elements=measured)
     ),
     missing=st.sampled_from(["", "nan", "NaN", " "]),
 )

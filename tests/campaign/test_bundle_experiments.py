@@ -145,6 +145,15 @@ def test_text_among_the_response_is_refused_with_its_line(refusal, readings):
     )
 
 
+@pytest.mark.parametrize(("column", "text"), [("deflection_in", "inf"), ("load_lb", "1e400"), ("empty", "-1e308")])
+def test_a_reading_nobody_can_have_measured_is_refused_with_its_line(refusal, readings, column, text):
+    readings.set("readings.csv", 7, column, text)
+    assert refusal(readings.write()) == (
+        f"cell/readings.csv, line 7: column {column} holds {text}, which nobody can have measured; "
+        "mend it, or leave a missing value empty"
+    )
+
+
 def test_table_without_readings_is_refused(refusal, readings):
     readings.tables["readings.csv"] = readings.tables["readings.csv"][:1]
     assert refusal(readings.write()) == "cell/readings.csv, line 1: no readings; add a row per reading"

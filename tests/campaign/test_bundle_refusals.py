@@ -200,7 +200,14 @@ RAW_FLAWS = [
     (
         "runs/2.csv",
         b"t_s,stage_x_mm,accel_v\n0,1,2\ninf,2,3\n",
-        "runs/2.csv, line 3: t_s is inf; write the time of every sample",
+        "runs/2.csv, line 3: column t_s holds inf, which nobody can have measured; "
+        "mend it, or leave a missing value empty",
+    ),
+    (
+        "runs/2.csv",
+        b"t_s,stage_x_mm,accel_v\n0,1,2\n1,2,1e400\n",
+        "runs/2.csv, line 3: column accel_v holds 1e400, which nobody can have measured; "
+        "mend it, or leave a missing value empty",
     ),
     (
         "runs/2.csv",

@@ -1,9 +1,7 @@
-"""Pause, go on and abort from threads, signals and other processes; who holds what."""
+"""Pause, go on and abort from threads, signals and other processes."""
 
 from __future__ import annotations
 
-import fcntl
-import os
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from rigctl import config
 from rigctl.campaign import locks
 from rigctl.campaign.control import Control, RequestWatcher, forget_requests
 from rigctl.campaign.recording import Header
@@ -173,90 +170,3 @@ def test_a_state_that_was_written_down_stays(store: Store, state: str) -> None:
 
 def test_a_campaign_killed_before_it_could_say_anything_is_interrupted(store: Store) -> None:
     assert status_of(store.path)["state"] == "interrupted"
-
-
-# Locks
-
-
-def in_another_process(action: Callable[[], bool]) -> bool:
-    """What `action` finds in a process of its own."""
-    child = os.fork()
-    if child == 0:
-        code = 2
-        try:
-            code = 0 if action() else 1
-        finally:
-            os._exit(code)
-    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    assert code in {0, 1}
-    return code == 0
-
-
-def can_hold(path: Path) -> bool:
-    try:
-        with locks.held(path, "taken"):
-            return True
-    except RigError:
-        return False
-
-
-def test_a_lock_is_held_by_one_process_and_ends_with_it(tmp_path: Path) -> None:
-    path = tmp_path / "a.lock"
-    assert not locks.is_held(path)
-    with locks.held(path, "taken"):
-        assert in_another_process(lambda: locks.is_held(path))
-        assert not in_another_process(lambda: can_hold(path))
-    assert in_another_process(lambda: can_hold(path))
-
-    def dies_holding_it() -> bool:
-        locks.held(path, "taken").__enter__()
-        os._exit(0)
-
-    assert in_another_process(dies_holding_it)
-    assert not locks.is_held(path)
-
-
-def test_somebody_who_asks_just_then_whether_a_lock_is_held_does_not_refuse_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    flock = fcntl.flock
-    asking = iter([True, True])
-
-    def contended(handle: int, operation: int) -> None:
-        if next(asking, False):
-            raise BlockingIOError
-        flock(handle, operation)
-
-    monkeypatch.setattr(fcntl, "flock", contended)
-    with locks.held(tmp_path / "a.lock", "taken"):
-        assert in_another_process(lambda: locks.is_held(tmp_path / "a.lock"))
-
-
-def test_a_lock_in_no_directory_is_one_error(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"none/a.lock: cannot be made \(No such file"):
-        locks.held(tmp_path / "none" / "a.lock", "taken").__enter__()
-
-
-def rig(*addresses: str) -> config.RigFile:
-    tables = [
-        f'[instruments.i{n}]\ndriver = "newport-xps"\naddress = "{address}"\nrole = "spare"\n'
-        for n, address in enumerate(addresses)
-    ]
-    return config.parse_rig('[rig]\nname = "x"\n' + "".join(tables), Path("rig.toml"))
-
-
-def test_rigs_that_share_one_instrument_exclude_each_other() -> None:
-    ours, theirs = (f"tcp://127.0.0.1:{os.getpid() % 50000 + n}" for n in (1, 2))
-
-    def can_run(file: config.RigFile) -> bool:
-        try:
-            with locks.instruments_held(file, "busy"):
-                return True
-        except RigError as error:
-            return not str(error).startswith("busy (tcp://")
-
-    with locks.instruments_held(rig(ours, "sim:"), "busy"):
-        assert not in_another_process(lambda: can_run(rig(theirs, ours)))
-        assert in_another_process(lambda: can_run(rig(theirs)))
-        assert in_another_process(lambda: can_run(rig("sim:"))), "what lives in a process is nobody else's"
-    assert in_another_process(lambda: can_run(rig(theirs, ours)))

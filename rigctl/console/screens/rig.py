@@ -20,6 +20,7 @@ from rigctl.console.bench import InstrumentView, Limits, Strip, Value
 from rigctl.console.messages import HomeAsked, JogAsked, MoveAsked, Noted, ReconnectAsked
 from rigctl.console.widgets.dialogs import MoveDialog, TextDialog
 from rigctl.console.widgets.plot import Line, Picture, Plot
+from rigctl.core.numbers import decimal
 
 if TYPE_CHECKING:
     from rigctl.campaign.recording import ChannelInfo
@@ -244,7 +245,7 @@ class RigPane(Vertical):
 
         def keep(text: str | None) -> None:
             if text is not None:
-                self.jog_step = float(text)
+                self.jog_step = decimal(text.strip())
 
         self.app.push_screen(TextDialog("Jog step", "deg or mm per step", f"{self.jog_step:g}", _no_step), keep)
 
@@ -255,7 +256,7 @@ class RigPane(Vertical):
 
 def _no_step(text: str) -> str:
     try:
-        return "" if 0.0 < float(text) <= 90.0 else "a step is more than 0 and at most 90"
+        return "" if 0.0 < decimal(text.strip()) <= 90.0 else "a step is more than 0 and at most 90"
     except ValueError:
         return f"'{text}' is not a number"
 

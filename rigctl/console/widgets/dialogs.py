@@ -17,6 +17,7 @@ from textual.widgets.option_list import Option
 
 from rigctl.console.bench import Limits
 from rigctl.console.messages import Launch
+from rigctl.core.numbers import decimal
 
 MISSED_BY_S = 10.0
 """An operator's prompt rings again after so long."""
@@ -82,13 +83,13 @@ class MoveDialog(Dialog[float]):
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Go, unless it is refused."""
         if event.value.strip() and not self._refusal(event.value):
-            self.dismiss(float(event.value))
+            self.dismiss(decimal(event.value.strip()))
 
     def _refusal(self, text: str) -> str:
         if not text.strip():
             return ""
         try:
-            value = float(text)
+            value = decimal(text.strip())
         except ValueError:
             return f"✗ '{text}' is not a number; write {self._limits.unit}, such as {self._limits.high / 2:g}"
         refusal = self._limits.refusal(value)
@@ -274,7 +275,7 @@ class StartDialog(Dialog[Launch]):
             store=Path(text("store")),
             rig=Path(text("rig")) if text("rig") else None,
             unattended=self.query_one("#unattended", Tick).value,
-            seed=int(seed) if seed.lstrip("-").isdigit() else None,
+            seed=int(seed) if seed.isascii() and seed.lstrip("-").isdigit() else None,
         )
 
 

@@ -13,7 +13,9 @@ FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan")
 CONSTANTS = ("pi",)
 MAX_DEPTH, MAX_NESTED = 200, 50
 
-_TOKEN = re.compile(r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|[-+*/()])")
+_TOKEN = re.compile(
+    r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|[-+*/()])"
+)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.clock import SimulationClock
+from simulators.measured import unheard
 from simulators.worlds.satellite.ensemble import Ensemble, command_of
 from simulators.worlds.satellite.forcing import ROOM_K, temperature_k
 from simulators.worlds.satellite.layout import COLUMNS
@@ -25,6 +26,7 @@ class Satellite:
     """One satellite of the ensemble, on a clock."""
 
     def __init__(self, settings: SatelliteSettings, clock: SimulationClock) -> None:
+        self.tap = unheard()
         self._settings, self._clock = settings, clock
         self._run = 0
         self._simulation: Simulation | None = None
@@ -61,6 +63,7 @@ class Satellite:
 
         settings = self._settings
         asked = command_of(settings, command)
+        self.tap.begin()
         self._simulation = Simulation(settings, [settings.draw], self._run, asked)
         orbits = math.ceil((self._clock.now_s() + settings.settle_s) / settings.orbit_period_s)
         self._perigee_s = orbits * settings.orbit_period_s
@@ -77,7 +80,14 @@ class Satellite:
         sent = self._simulation.take(over - first)[:, :, 0]
         time_s = settings.sample_period_s * np.arange(first, first + len(sent), dtype=np.float64)
         warm_k = np.where(np.isnan(sent[:, 0]), np.nan, ROOM_K + temperature_k(settings, time_s))
-        return np.column_stack([time_s, sent, warm_k, warm_k])
+        rows = np.column_stack([time_s, sent, warm_k, warm_k])
+        self._note(rows)
+        return rows
+
+    def _note(self, rows: FloatArray) -> None:
+        if self.tap.heard:
+            for column, values in zip(self.columns, rows.T, strict=True):
+                self.tap.note(column, rows[:, 0], values)
 
     def end(self) -> None:
         """End a session early."""

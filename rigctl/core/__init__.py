@@ -1,0 +1,1 @@
+"""What every part may know: nothing here knows an instrument, an experiment or a store."""

@@ -1,0 +1,137 @@
+"""What the simulated instruments really measured, before any fault of a wire: for trials that hold stores to it.
+
+    kept = rig.simulation.measured.keep()        in this process
+    [world] measured = "FILE"                    the same, one JSON object per line
+    rigctl simulate RIG --measured FILE          on a served rig
+
+It never enters a store, and nothing that analyses one reads it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Some values of one quantity in the unit of its column, NaN where the instrument had none."""
+
+    instrument: str
+    channel: str
+    """The run's column; a quantity that is no column has the instrument's own name for it."""
+    run: int | None
+    """As the operator announced it last; None before the first."""
+    record: int
+    """Counts what the instrument recorded since it was made: one arming, one acquisition."""
+    at_s: FloatArray
+    """Rig time of each value; of telemetry the time it carries."""
+    values: FloatArray
+
+
+Listener = Callable[[Measurement], None]
+
+
+class Measured:
+    """Hands on what the instruments of one rig measure; costs nothing while nobody listens."""
+
+    def __init__(self) -> None:
+        self.run: int | None = None
+        self._listeners: list[Listener] = []
+
+    @property
+    def heard(self) -> bool:
+        """True when somebody listens."""
+        return bool(self._listeners)
+
+    def listen(self, listener: Listener) -> None:
+        """Call `listener` with every measurement from now on, under the clock's lock."""
+        self._listeners.append(listener)
+
+    def keep(self) -> list[Measurement]:
+        """A list that fills from now on."""
+        kept: list[Measurement] = []
+        self.listen(kept.append)
+        return kept
+
+    def tell(self, measurement: Measurement) -> None:
+        """Hand it to all who listen."""
+        for listener in self._listeners:
+            listener(measurement)
+
+    def tap(self, instrument: str, columns: Mapping[str, str] | None = None) -> Tap:
+        """For one instrument; `columns` by its own names for what it measures."""
+        return Tap(self, instrument, columns or {})
+
+
+class Tap:
+    """Where one instrument says what it measured."""
+
+    def __init__(self, measured: Measured, instrument: str, columns: Mapping[str, str]) -> None:
+        self._measured = measured
+        self._instrument = instrument
+        self._columns = columns
+        self._record = 0
+
+    @property
+    def heard(self) -> bool:
+        """True when somebody listens: what is worked out for `note` alone need not be otherwise."""
+        return self._measured.heard
+
+    def begin(self) -> None:
+        """A new record."""
+        self._record += 1
+
+    def note(self, quantity: str, at_s: ArrayLike, values: ArrayLike) -> None:
+        """These values were measured; what is not finite is no value."""
+        if not self.heard:
+            return
+        given = np.atleast_1d(np.asarray(values, dtype=np.float64))
+        self._measured.tell(
+            Measurement(
+                self._instrument,
+                self._columns.get(quantity, quantity),
+                self._measured.run,
+                self._record,
+                np.atleast_1d(np.array(at_s, dtype=np.float64)),
+                np.where(np.isfinite(given), given, np.nan),
+            )
+        )
+
+
+def unheard() -> Tap:
+    """For an instrument of which nobody wants to know."""
+    return Measured().tap("")
+
+
+def into_file(path: Path) -> Listener:
+    """Appends each measurement as a line, so that a killed process leaves all but the last; `OSError`."""
+    path.open("a", encoding="ascii").close()
+
+    def write(measurement: Measurement) -> None:
+        fields = {**vars(measurement), "at_s": measurement.at_s.tolist(), "values": _with_nulls(measurement.values)}
+        with path.open("a", encoding="ascii") as file:
+            file.write(json.dumps(fields) + "\n")
+
+    return write
+
+
+def from_file(path: Path) -> Iterator[Measurement]:
+    """What `into_file` wrote; a line that a kill has cut is left out, as nothing had been read from it."""
+    with path.open(encoding="ascii") as file:
+        for line in file:
+            if line.endswith("\n"):
+                fields = json.loads(line)
+                numbers = {key: np.array(fields[key], dtype=np.float64) for key in ("at_s", "values")}
+                yield Measurement(**{**fields, **numbers})
+
+
+def _with_nulls(values: FloatArray) -> list[float | None]:
+    return [None if value != value else value for value in values.tolist()]
