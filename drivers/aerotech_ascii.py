@@ -6,14 +6,18 @@ EOS"), so a line feed before a status character is passed over and never awaited
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from functools import partial
 from typing import NamedTuple
 
+from drivers.conversation import Conversation
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply, LinkError, LinkLost
+from rigctl.errors import BadReply, LinkError, LinkLost, OutOfStep
 
 SUCCESS, INVALID, FAULT, TIMEOUT = "%", "!", "#", "$"
+LINE_ENDS = b"\r\n"
+VERSION = "VERSION"
 
 
 class Answer(NamedTuple):
@@ -32,24 +36,38 @@ class AsciiLink:
     """
 
     def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
-        self.lock = threading.RLock()
-        self.wanted = False
         self._name = name
-        self._connect = connect
         self._timeout_s = timeout_s
-        self._transport: Transport | None = None
+        self._conversation = Conversation(name, connect, harmless=lambda unread: not unread.strip(LINE_ENDS))
+        self._version = Answer("")
+        self.lock = self._conversation.lock
+
+    @property
+    def sessions(self) -> int:
+        """Counts connections."""
+        return self._conversation.sessions
+
+    @property
+    def is_open(self) -> bool:
+        """True between `open` and `close`."""
+        return self._conversation.wanted
 
     def open(self) -> None:
         """Connect."""
-        with self.lock:
-            self.wanted = True
-            self._connected()
+        self._conversation.open()
 
     def close(self) -> None:
         """Disconnect; may be called twice."""
-        with self.lock:
-            self.wanted = False
-            self._drop()
+        self._conversation.close()
+
+    def urgently(self) -> AbstractContextManager[None]:
+        """Connected even if it is not open, and before all others."""
+        return self._conversation.urgently()
+
+    def version(self) -> Answer:
+        """The firmware's version, `4.01.000`: a value that no other question has."""
+        self._version = self.ask(VERSION)
+        return self._version
 
     def ask(self, line: str) -> Answer:
         """Send a query; asked again on a new connection when the old one turns out to be lost."""
@@ -60,25 +78,25 @@ class AsciiLink:
                 return self._exchange(line, self._timeout_s, query=True)
 
     def ask_each(self, lines: Sequence[str]) -> list[Answer]:
-        """Send queries one after the other, each when the one before is answered; stops after one that fails.
+        """Send queries, each once the one before is answered; stops after one that fails.
 
-        Nothing else comes between them, so whether the controller has hung up is looked at once, not for each.
+        What is answered as the query before it, or with another number of decimals than most, is asked again: a
+        reply that came twice, or not whole, would look like that. `OutOfStep` when the second answer is another.
         """
         with self.lock:
-            answers = [self.ask(lines[0])] if lines else []
-            for line in lines[1:]:
+            answers: list[Answer] = []
+            for line in lines:
+                answers.append(self._exchange(line, self._timeout_s, query=True))
                 if answers[-1].status != SUCCESS:
-                    break
-                try:
-                    answers.append(self._converse(self._connected(), line, self._timeout_s, query=True))
-                except LinkLost:
-                    answers.append(self._exchange(line, self._timeout_s, query=True))
+                    return answers
+            for place in _in_doubt([answer.value for answer in answers]):
+                if self._exchange(lines[place], self._timeout_s, query=True) != answers[place]:
+                    raise OutOfStep(f"{self._name}: {lines[place]!r} was answered in two ways; measure again")
             return answers
 
     def tell(self, line: str, *, timeout_s: float | None = None) -> Answer:
         """Send a command, once."""
-        with self.lock:
-            return self._exchange(line, timeout_s or self._timeout_s, query=False)
+        return self._exchange(line, timeout_s or self._timeout_s, query=False)
 
     def insist(self, line: str) -> Answer:
         """Send a command that does no harm when given twice; repeated once on a new connection."""
@@ -88,48 +106,47 @@ class AsciiLink:
             except LinkError:
                 return self.tell(line)
 
-    def _exchange(self, line: str, timeout_s: float, *, query: bool) -> Answer:
-        return self._converse(self._awake(), line, timeout_s, query=query)
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` when the version is not the answer to its question, or something else is unread."""
+        with self.lock:
+            if not self._version.value:
+                self.version()
+            read = partial(self._read, VERSION, self._timeout_s, True)
+            self._conversation.confirm(_bytes(VERSION), lambda transport: read(transport) == self._version)
 
-    def _converse(self, transport: Transport, line: str, timeout_s: float, *, query: bool) -> Answer:
-        try:
-            transport.write(line.encode("ascii") + b"\n")
-            status = transport.read_exactly(1, timeout_s)
-            while status in b"\r\n":
-                status = transport.read_exactly(1, timeout_s)
-            if query and status == b"%":
-                value = transport.read_until(b"\n", timeout_s)
-                return Answer(SUCCESS, value.decode("ascii", errors="replace").strip())
-        except LinkError:
-            self._drop()
-            raise
+    def _exchange(self, line: str, timeout_s: float, *, query: bool) -> Answer:
+        return self._conversation.ask(_bytes(line), partial(self._read, line, timeout_s, query))
+
+    def _read(self, line: str, timeout_s: float, query: bool, transport: Transport) -> Answer:
+        status = self._status(transport, timeout_s)
         if status not in b"%!#$":
-            self._drop()
             raise BadReply(
                 f"{self._name}: answered {line!r} with {status!r} instead of one of % ! # $; "
                 "check that an Aerotech ASCII interface listens there",
                 instrument=self._name,
             )
-        return Answer(status.decode("ascii"))
+        if not (query and status == b"%"):
+            return Answer(status.decode("ascii"))
+        value = transport.read_until(b"\n", timeout_s)
+        return Answer(SUCCESS, value.decode("ascii", errors="replace").strip())
 
-    def _connected(self) -> Transport:
-        if not self.wanted:
-            raise LinkLost(f"{self._name}: not open; open it first")
-        if self._transport is None:
-            self._transport = self._connect()
-        return self._transport
+    def _status(self, transport: Transport, timeout_s: float) -> bytes:
+        status = transport.read_exactly(1, timeout_s)
+        while status in LINE_ENDS:
+            status = transport.read_exactly(1, timeout_s)
+        return status
 
-    def _awake(self) -> Transport:
-        """The connection, opened again when the controller has ended it for idleness: nothing is sent yet."""
-        transport = self._connected()
-        try:
-            transport.discard_input()
-        except LinkLost:
-            self._drop()
-            transport = self._connected()
-        return transport
 
-    def _drop(self) -> None:
-        if self._transport is not None:
-            self._transport.close()
-            self._transport = None
+def _bytes(line: str) -> bytes:
+    return line.encode("ascii") + b"\n"
+
+
+def _in_doubt(values: Sequence[str]) -> list[int]:
+    """Where a value is that of the place before, or of another form than most."""
+    decimals = [len(value.rpartition(".")[2]) for value in values]
+    usual = max(set(decimals), key=decimals.count, default=0)
+    return [
+        place
+        for place, value in enumerate(values)
+        if decimals[place] != usual or (place and value == values[place - 1])
+    ]

@@ -31,6 +31,7 @@ from rigctl.errors import (
     InstrumentError,
     LimitError,
     MotionStopped,
+    OutOfStep,
     WrongInstrument,
 )
 from rigctl.interfaces import Channel, FloatArray, Identity, LinearLimits, Reading
@@ -123,13 +124,17 @@ class AerotechEnsemble:
 
     def identify(self) -> Identity:
         """Model and firmware; the interface tells no serial number."""
-        firmware = self._wire.ask("VERSION")
+        firmware = self._wire.succeed("VERSION", self._link.version())
         return Identity("Ensemble", "", firmware, f"Aerotech Ensemble {firmware}, axis {self._axis}")
+
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` when replies may have been taken for others."""
+        self._link.confirm_in_step()
 
     def stop(self) -> None:
         """Abort whatever moves, end a capture, and return when the axis stands still."""
         self._stops += 1
-        if not self._link.wanted:
+        if not self._link.is_open:
             return
         self._wire.abort()
         if self._armed:
@@ -243,9 +248,14 @@ class AerotechEnsemble:
         if answer.status == FAULT and not self._wire.fault_word():
             raise self._too_few(already, count, samples)
         self._wire.succeed(command, answer)
-        if self._wire.ask_number(f"DGLOBAL({last})") == NOT_WRITTEN:
+        marked, *values = self._wire.ask_numbers(
+            [f"DGLOBAL({register})" for register in (last, *range(first, last + 1))]
+        )
+        if marked == NOT_WRITTEN:
             raise self._too_few(already, count, samples)
-        return self._wire.ask_numbers([f"DGLOBAL({register})" for register in range(first, last + 1)])
+        if marked != values[-1]:
+            raise OutOfStep(f"{self.name}: register {last} was read in two ways; measure again")
+        return values
 
     def _too_few(self, already: int, count: int, samples: int) -> InstrumentError:
         return InstrumentError(
@@ -388,7 +398,7 @@ class AerotechEnsemble:
     def _check_who_answers(self) -> None:
         try:
             nonsense = self._link.tell("NONE").status
-            version = self._wire.ask("VERSION")
+            version = self._wire.succeed("VERSION", self._link.version())
             axis = self._wire.ask(f"GETPARM({self._axis}, {AXIS_NAME})").strip('"')
             units = self._wire.ask(f"GETPARM({self._axis}, {UNITS_NAME})").strip('"')
         except InstrumentError as error:

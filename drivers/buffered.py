@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 
 from drivers.transport import timed_out
 from rigctl.clock import Clock
+from rigctl.errors import LinkLost
 
 WALL_FLOOR_S = 1.0
 """Shortest wall-clock wait: a speeded-up simulation still needs real time to schedule two processes."""
@@ -53,11 +54,15 @@ class BufferedTransport(ABC):
             self._fill(deadline, f"{count} bytes", timeout_s)
         return self._take(count)
 
-    def discard_input(self) -> None:
-        """Forget what has arrived unasked."""
-        while self._receive(0.0):
-            pass
-        self._received.clear()
+    def unread(self) -> bytes:
+        """Take what has arrived and nobody has read; `LinkLost` when there is nothing but an end."""
+        try:
+            while came := self._receive(0.0):
+                self._received += came
+        except LinkLost:
+            if not self._received:
+                raise
+        return self._take(len(self._received))
 
     def _deadline(self, timeout_s: float) -> float:
         return time.monotonic() + max(timeout_s / self._clock.speed, self._floor_s)

@@ -72,10 +72,7 @@ class GroundSegment:
     def open(self) -> None:
         """Look whether a satellite answers."""
         link = cast(Link, self._connect())
-        if link.identity.get("model") != KIND:
-            raise WrongInstrument(
-                f"{self.name}: {link.identity.get('model')} answers, no {KIND}", instrument=self.name
-            )
+        self._expect_satellite(link)
         self._link = link
 
     def close(self) -> None:
@@ -86,6 +83,10 @@ class GroundSegment:
         """Who it is."""
         found = self._there().identity
         return Identity(found["model"], found["serial"], found["firmware"], f"{found['model']} {found['serial']}")
+
+    def confirm_in_step(self) -> None:
+        """The satellite still answers as itself; telemetry has its own time in every row, and no replies."""
+        self._expect_satellite(self._there())
 
     def stop(self) -> None:
         """Inject nothing more."""
@@ -137,6 +138,12 @@ class GroundSegment:
         stem = name.split("_", 1)[0].rstrip("12")
         full_scale = self.settings.range_m_s2 if stem == "m" else None
         return Channel(name, _UNITS[stem], _KINDS.get(stem, stem), full_scale=full_scale)
+
+    def _expect_satellite(self, link: Link) -> None:
+        if link.identity.get("model") != KIND:
+            raise WrongInstrument(
+                f"{self.name}: {link.identity.get('model')} answers, no {KIND}", instrument=self.name
+            )
 
     def _there(self) -> Link:
         if self._link is None:

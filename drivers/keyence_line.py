@@ -7,12 +7,17 @@ only the code is read.
 
 from __future__ import annotations
 
-import threading
+import re
+from contextlib import AbstractContextManager
 
+from drivers.conversation import Conversation
 from drivers.keyence_settings import KeyenceSettings
 from drivers.transport import Connect, Transport
 from rigctl.clock import Clock
 from rigctl.errors import BadReply, InstrumentError, LinkLost, LinkTimeout
+
+PROGRAM, PROGRAM_REPLY = b"PR", re.compile(rb"PR,[0-7]")
+"""Which of the eight programs is in use: nothing else is answered like that."""
 
 _MENDS = {
     "command error": "check `generation` in the rig file",
@@ -29,25 +34,34 @@ class KeyenceLine:
 
     def __init__(self, name: str, settings: KeyenceSettings, connect: Connect, clock: Clock) -> None:
         self.name = name
-        self.lock = threading.RLock()
-        self.opened = False
         self._settings = settings
-        self._connect = connect
         self._clock = clock
-        self._transport: Transport | None = None
-        self._late_reply = False
+        self._conversation = Conversation(name, connect, harmless=_automatic, settle=self._await_silence)
+        self.lock = self._conversation.lock
+
+    @property
+    def is_open(self) -> bool:
+        """True between `open` and `close`."""
+        return self._conversation.wanted
 
     def open(self) -> None:
         """Connect."""
-        with self.lock:
-            self.opened = True
-            self._link()
+        self._conversation.open()
 
     def close(self) -> None:
         """Disconnect; may be called twice."""
-        with self.lock:
-            self.opened = False
-            self._disconnect()
+        self._conversation.close()
+
+    def urgently(self) -> AbstractContextManager[None]:
+        """Connected even if it is not open, and before all others."""
+        return self._conversation.urgently()
+
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` when the program's number is not the answer to its question, or something else is unread."""
+        self._conversation.confirm(
+            PROGRAM + b"\r",
+            lambda transport: bool(PROGRAM_REPLY.fullmatch(self._reply(transport, self._settings.link_timeout_s))),
+        )
 
     def ask(self, command: str, timeout_s: float | None = None) -> bytes:
         """What stands in the reply after the command's name.
@@ -59,6 +73,7 @@ class KeyenceLine:
         if name == b"ER":
             raise self._refused(command, reply)
         if name != main_command(command).encode():
+            self._conversation.doubt()
             raise self.bad(command, reply, f"a reply that begins with {main_command(command)}")
         return rest
 
@@ -71,20 +86,12 @@ class KeyenceLine:
         )
 
     def _exchange(self, command: str, timeout_s: float) -> bytes:
-        with self.lock:
-            transport = self._link()
-            try:
-                if self._late_reply:
-                    self._await_silence(transport)
-                transport.discard_input()
-                transport.write(command.encode() + b"\r")
-                return self._reply(transport, timeout_s)
-            except LinkTimeout as error:
-                self._late_reply = True
-                raise LinkTimeout(f"{self.name}: {command}: {error}") from error
-            except LinkLost as error:
-                self._disconnect()
-                raise LinkLost(f"{self.name}: {command}: {error}") from error
+        try:
+            return self._conversation.ask(
+                command.encode() + b"\r", lambda transport: self._reply(transport, timeout_s)
+            )
+        except (LinkTimeout, LinkLost) as error:
+            raise type(error)(f"{self.name}: {command}: {error}") from error
 
     def _reply(self, transport: Transport, timeout_s: float) -> bytes:
         left_s = timeout_s
@@ -101,25 +108,11 @@ class KeyenceLine:
         """Let a reply that did not come in time pass, or it would be taken for the next one."""
         deadline_s = self._clock.now_s() + self._settings.readout_timeout_s
         while self._clock.now_s() < deadline_s:
-            transport.discard_input()
+            transport.unread()
             try:
                 transport.read_exactly(1, self._settings.link_timeout_s)
             except LinkTimeout:
                 break
-        self._late_reply = False
-
-    def _link(self) -> Transport:
-        if not self.opened:
-            raise LinkLost(f"{self.name}: not open; call open first")
-        if self._transport is None:
-            self._transport = self._connect()
-        return self._transport
-
-    def _disconnect(self) -> None:
-        transport, self._transport = self._transport, None
-        self._late_reply = False
-        if transport is not None:
-            transport.close()
 
     def _refused(self, command: str, reply: bytes) -> InstrumentError:
         code = reply.rpartition(b",")[2].decode("ascii", "replace").strip()
@@ -131,6 +124,11 @@ class KeyenceLine:
             code=code,
             text=text,
         )
+
+
+def _automatic(unread: bytes) -> bool:
+    """Automatic output, perhaps cut at the end."""
+    return all(line.startswith(b"TG,"[: len(line)]) for line in unread.split(b"\r"))
 
 
 def main_command(command: str) -> str:

@@ -57,7 +57,7 @@ class KeyenceLkg:
         Raises `WrongInstrument` when the other generation or something else answers.
         """
         with self._line.lock:
-            if self._line.opened:
+            if self._line.is_open:
                 return
             self._line.open()
             try:
@@ -140,9 +140,13 @@ class KeyenceLkg:
         now_s = self._clock.now_s()
         return tuple(Reading(float(values[output]), "mm", now_s) for output in self.settings.heads.values())
 
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` when replies may have been taken for others."""
+        self._line.confirm_in_step()
+
     def stop(self) -> None:
         """End a storage; measuring goes on. A `collect` that waits for edges then raises."""
-        if not self._line.opened:
+        if not self._line.is_open:
             return
         with self._already_so(self._dialect):
             self._line.ask("AP")

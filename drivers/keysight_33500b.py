@@ -72,6 +72,10 @@ class Keysight33500B:
         """Ask the generator who it is."""
         return self._link.identify(MAKERS, MODELS)
 
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` when replies may have been taken for others."""
+        self._link.confirm_in_step()
+
     def stop(self) -> None:
         """Disconnect both outputs; what they are set to stays set."""
         if self._link.is_open:

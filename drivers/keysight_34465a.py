@@ -86,6 +86,10 @@ class Keysight34465A:
         """Ask the meter who it is."""
         return self._link.identify(MAKERS, MODELS)
 
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` when replies may have been taken for others."""
+        self._link.confirm_in_step()
+
     def stop(self) -> None:
         """End the acquisition; readings taken so far stay in the meter."""
         if self._link.is_open:

@@ -76,6 +76,10 @@ class NewportEsp301:
         model, _, version = text.partition(" ")
         return Identity(model, "", re.sub(r"^\s*[Vv]ersion\s+", "", version), text)
 
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` when replies may have been taken for others."""
+        self._line.confirm_in_step()
+
     def stop(self) -> None:
         """Decelerate and return when the axis stands still."""
         with self._line.lock:

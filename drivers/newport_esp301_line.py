@@ -8,13 +8,15 @@ with a query whose answer cannot be mistaken, so that a late answer is never tak
 from __future__ import annotations
 
 import re
-import threading
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
+from drivers.conversation import Conversation
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply, LinkLost, WrongInstrument
+from rigctl.errors import BadReply, WrongInstrument
 
 END = b"\r\n"
+VERSION = "VE?"
 MODEL = re.compile(r"ESP\s?30\d")
 ANSWERS_BEHIND_MAX = 16
 ERRORS_QUEUED_MAX = 64
@@ -41,56 +43,53 @@ class EspLine:
 
     def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
         self.name = name
-        self.lock = threading.RLock()
-        self.session = 0
-        """Counts connections: what was true of the controller may not be after a new one."""
-        self._connect = connect
         self._timeout_s = timeout_s
-        self._transport: Transport | None = None
-        self._wanted = False
-        self._in_step = False
+        self._conversation = Conversation(name, connect, settle=self._fall_into_step)
+        self._version = ""
+        self.lock = self._conversation.lock
+
+    @property
+    def is_open(self) -> bool:
+        """True between `open` and `close`."""
+        return self._conversation.wanted
+
+    @property
+    def session(self) -> int:
+        """Counts connections: what was true of the controller may not be after a new one."""
+        return self._conversation.sessions
 
     def open(self) -> str:
         """Connect and return the controller's answer to `VE?`; `WrongInstrument` if it is no ESP30x."""
-        self.close()
-        self._wanted = True
         with self.lock:
-            self._connected().discard_input()
-            self._in_step = True
-            version = self.ask("VE?")
-        if not MODEL.search(version):
+            self._conversation.open()
+            self._version = self.ask(VERSION)
+        if not MODEL.search(self._version):
             raise WrongInstrument(
-                f"{self.name}: no ESP301 answers, 'VE?' gave {version[:80]!r}; check address and baud rate",
+                f"{self.name}: no ESP301 answers, 'VE?' gave {self._version[:80]!r}; check address and baud rate",
                 instrument=self.name,
-                text=version,
+                text=self._version,
             )
-        return version
+        return self._version
 
     def close(self) -> None:
         """Disconnect for good; an exchange in another thread ends with `LinkLost`."""
-        self._wanted = False
-        self._drop()
+        self._conversation.close()
+
+    def urgently(self) -> AbstractContextManager[None]:
+        """Connected even if it is not open, and before all others."""
+        return self._conversation.urgently()
+
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` when the version is not the answer to its question, or something else is unread."""
+        self._conversation.confirm(_bytes(VERSION), lambda transport: bool(MODEL.search(self._read_line(transport))))
 
     def tell(self, command: str) -> None:
         """Send a command; nothing comes back."""
-        with self.lock:
-            try:
-                self._connected().write(f"{command}\r".encode("ascii"))
-            except LinkLost:
-                self._drop()
-                raise
+        self._conversation.tell(_bytes(command))
 
     def ask(self, query: str) -> str:
         """The answer to a query, without its end; raises `LinkTimeout` or `LinkLost`."""
-        with self.lock:
-            self._connected()
-            if not self._in_step:
-                self._fall_into_step()
-            self._in_step = False
-            self.tell(query)
-            answer = self._read_line()
-            self._in_step = True
-            return answer
+        return self._conversation.ask(_bytes(query), self._read_line)
 
     def ask_number(self, query: str) -> float:
         """The answer to a query as a finite number; `BadReply` otherwise."""
@@ -117,42 +116,28 @@ class EspLine:
             instrument=self.name,
         )
 
-    def _fall_into_step(self) -> None:
-        self._connected().discard_input()
-        self.tell("VE?")
+    def _fall_into_step(self, transport: Transport) -> None:
+        transport.unread()
+        transport.write(_bytes(VERSION))
         for _ in range(ANSWERS_BEHIND_MAX):
-            if MODEL.search(self._read_line()):
+            if MODEL.search(self._read_line(transport)):
                 return
         raise BadReply(
             f"{self.name}: no answer to 'VE?' among {ANSWERS_BEHIND_MAX} lines; check that nobody else uses the line",
             instrument=self.name,
         )
 
-    def _read_line(self) -> str:
-        try:
-            return self._connected().read_until(END, self._timeout_s).decode("latin-1").strip()
-        except LinkLost:
-            self._drop()
-            raise
-
-    def _connected(self) -> Transport:
-        if not self._wanted:
-            raise LinkLost(f"{self.name}: not connected; open it first")
-        if self._transport is None:
-            self._transport = self._connect()
-            self._in_step = False
-            self.session += 1
-        return self._transport
-
-    def _drop(self) -> None:
-        transport, self._transport = self._transport, None
-        if transport is not None:
-            transport.close()
+    def _read_line(self, transport: Transport) -> str:
+        return transport.read_until(END, self._timeout_s).decode("latin-1").strip()
 
     def _bad(self, query: str, answer: str, expected: str) -> BadReply:
-        self._in_step = False
+        self._conversation.doubt()
         return BadReply(
             f"{self.name}: {query!r} gave {answer[:80]!r} instead of {expected}; check cable and baud rate",
             instrument=self.name,
             text=answer,
         )
+
+
+def _bytes(line: str) -> bytes:
+    return line.encode("ascii") + b"\r"

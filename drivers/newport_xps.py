@@ -22,7 +22,7 @@ from collections.abc import Iterator
 
 from pydantic import Field
 
-from drivers.newport_xps_socket import Reply, XpsSocket
+from drivers.newport_xps_socket import FIRMWARE, Reply, XpsSocket
 from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.clock import Clock
@@ -129,7 +129,7 @@ class NewportXps:
 
     def identify(self) -> Identity:
         """Model and firmware as `FirmwareVersionGet` tells them; `WrongInstrument` when it is no XPS."""
-        request = "FirmwareVersionGet(char *)"
+        request = FIRMWARE
         try:
             reply = self._query(request)
         except BadReply as error:
@@ -144,6 +144,11 @@ class NewportXps:
             )
         version = re.search(r"[Vv]\d[\w.]*", reply.text)
         return Identity(model[0], "", version[0] if version else "", reply.text)
+
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` when replies may have been taken for others, on either connection."""
+        for socket in (self._queries, self._motions):
+            socket.confirm_in_step(self._settings.link_timeout_s)
 
     def stop(self) -> None:
         """Abort a move, kill a homing group; returns when the controller has accepted it."""

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import math
 import re
-import threading
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 
+from drivers.conversation import Conversation
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply, LinkError, LinkLost
+from rigctl.errors import BadReply
 
 END = b",EndOfAPI"
 SOCKET_CLOSED = -108
+FIRMWARE = "FirmwareVersionGet(char *)"
+"""Answered by a text that no other function answers."""
 _REPLY = re.compile(r"(-?\d{1,4})(?:,(.*))?", re.DOTALL)
 
 
@@ -45,89 +47,52 @@ def parse_reply(data: bytes) -> Reply:
 
 
 class XpsSocket:
-    """A connection that is replaced when it fails."""
+    """One socket's functions, one at a time."""
 
     def __init__(self, name: str, connect: Connect) -> None:
         self._name = name
-        self._connect = connect
-        self._lock = threading.RLock()
-        self._busy = False
-        self._transport: Transport | None = None
-        self._wanted = False
+        self._conversation = Conversation(name, connect)
 
     def open(self) -> None:
         """Connect."""
-        self.close()
-        self._wanted = True
-        self._connected()
+        self._conversation.open()
 
     def close(self) -> None:
         """Disconnect for good; an exchange in another thread ends with `LinkLost`."""
-        self._wanted = False
-        self._drop()
+        self._conversation.close()
+
+    def urgently(self) -> AbstractContextManager[None]:
+        """Connected even if it is not open, and before all others."""
+        return self._conversation.urgently()
 
     def exchange(self, request: str, timeout_s: float, start: AbstractContextManager[None] | None = None) -> Reply:
         """Call a function and wait for its end; the request is sent within `start`, which may refuse.
 
-        Raises `LinkTimeout`, `LinkLost`, or `BadReply` for bytes that are no reply; the function may then have
-        been executed or not.
+        Raises `LinkTimeout`, `LinkLost`, `OutOfStep`, or `BadReply` for bytes that are no reply; after all but
+        `OutOfStep` the function may have been executed or not.
         """
-        with self._one_at_a_time():
-            transport = self._cleared()
-            with start or nullcontext(), self._given_up_on_failure():
-                transport.write(request.encode("ascii"))
-            with self._given_up_on_failure():
-                reply = self._parse(request, transport.read_until(END, timeout_s))
-            if reply.code == SOCKET_CLOSED:
-                self._drop()
-            return reply
+        reply = self._conversation.ask(request.encode("ascii"), partial(self._read, request, timeout_s), start)
+        if reply.code == SOCKET_CLOSED:
+            self._conversation.doubt()
+        return reply
 
-    @contextmanager
-    def _one_at_a_time(self) -> Iterator[None]:
-        """A signal handler may come in the middle of its own thread's exchange: it gets a new connection."""
-        with self._lock:
-            if self._busy:
-                self._drop()
-            self._busy = True
+    def confirm_in_step(self, timeout_s: float) -> None:
+        """`OutOfStep` when the firmware is not the answer to its question, or something else is unread.
+
+        What awaits the end of a motion is not in doubt: its reply is still to come.
+        """
+        if self._conversation.lock.acquire(blocking=False):
             try:
-                yield
+                read = partial(self._read, FIRMWARE, timeout_s)
+                self._conversation.confirm(FIRMWARE.encode("ascii"), lambda transport: "XPS" in read(transport).text)
             finally:
-                self._busy = False
+                self._conversation.lock.release()
 
-    def _parse(self, request: str, data: bytes) -> Reply:
+    def _read(self, request: str, timeout_s: float, transport: Transport) -> Reply:
+        data = transport.read_until(END, timeout_s)
         try:
             return parse_reply(data)
         except ValueError as error:
             raise BadReply(
                 f"{self._name}: to {request!r}: {error}; is this port 5001 of an XPS?", instrument=self._name
             ) from error
-
-    @contextmanager
-    def _given_up_on_failure(self) -> Iterator[None]:
-        try:
-            yield
-        except BaseException:
-            self._drop()
-            raise
-
-    def _cleared(self) -> Transport:
-        """A connection with nothing left on it; a new one when the controller has ended the old one."""
-        transport = self._connected()
-        try:
-            transport.discard_input()
-        except LinkError:
-            self._drop()
-            return self._connected()
-        return transport
-
-    def _connected(self) -> Transport:
-        if not self._wanted:
-            raise LinkLost(f"{self._name}: not connected; open it first")
-        if self._transport is None:
-            self._transport = self._connect()
-        return self._transport
-
-    def _drop(self) -> None:
-        transport, self._transport = self._transport, None
-        if transport is not None:
-            transport.close()

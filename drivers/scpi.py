@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
-import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 
+from drivers.conversation import Conversation
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply, InstrumentError, LinkLost, LinkTimeout, WrongInstrument
+from rigctl.errors import BadReply, InstrumentError, LinkError, LinkTimeout, WrongInstrument
 from rigctl.interfaces import Identity
 
 _ERROR = re.compile(r'([+-]?\d+),"(.*)"')
+IDENTITY, ERROR_QUESTION = b"*IDN?\n", "SYST:ERR?"
 _ERRORS_KEPT = 40
 """Read from one queue at most: twice what the deepest holds."""
 
@@ -24,20 +26,19 @@ class ScpiLink:
     def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
         self.name = name
         self.timeout_s = timeout_s
-        self._connect = connect
-        self._transport: Transport | None = None
-        self._lock = threading.RLock()
+        self._conversation = Conversation(name, connect)
+        self._lock = self._conversation.lock
+        self._identity = ""
 
     @property
     def is_open(self) -> bool:
         """True between `open` and `close`."""
-        return self._transport is not None
+        return self._conversation.wanted
 
     def open(self, makers: tuple[str, ...], models: tuple[str, ...]) -> Identity:
         """Connect and make sure who answers, any of these; `WrongInstrument` names what did otherwise."""
         with self._lock:
-            self.close()
-            self._transport = self._connect()
+            self._conversation.open()
             try:
                 return self.identify(makers, models)
             except BaseException:
@@ -46,36 +47,39 @@ class ScpiLink:
 
     def close(self) -> None:
         """Disconnect; may be called twice."""
-        with self._lock:
-            if self._transport is not None:
-                transport, self._transport = self._transport, None
-                transport.close()
+        self._conversation.close()
+
+    def urgently(self) -> AbstractContextManager[None]:
+        """Connected even if it is not open, and before all others."""
+        return self._conversation.urgently()
 
     def identify(self, makers: tuple[str, ...], models: tuple[str, ...]) -> Identity:
         """The four fields of *IDN?."""
         with self._lock:
-            transport = self._opened()
-            transport.discard_input()
-            transport.write(b"*IDN?\n")
-            text = _text(transport.read_until(b"\n", self.timeout_s))
+            text = _text(self._conversation.ask(IDENTITY, self._read_line))
+            address = self._conversation.address
         fields = [field.strip() for field in text.split(",")]
         known = len(fields) == 4 and fields[0].lower().startswith(tuple(maker.lower() for maker in makers))
         if not known or fields[1] not in models:
             expected = f"{' or '.join(makers)} {' or '.join(models)}"
             raise WrongInstrument(
-                f"{self.name} at {transport.address}: expected a {expected}, but {text[:80]!r} answers; "
+                f"{self.name} at {address}: expected a {expected}, but {text[:80]!r} answers; "
                 "check the address in the rig file",
                 instrument=self.name,
                 text=text,
             )
+        self._identity = text
         return Identity(model=fields[1], serial=fields[2], firmware=fields[3], text=text)
+
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` when the identity is not the answer to its question, or something else is unread."""
+        self._conversation.confirm(IDENTITY, lambda transport: _text(self._read_line(transport)) == self._identity)
 
     def send(self, *commands: str) -> None:
         """Send commands and do not look at the error queue."""
         with self._lock:
-            transport = self._opened()
             for command in commands:
-                transport.write(command.encode("ascii") + b"\n")
+                self._conversation.tell(command.encode("ascii") + b"\n")
 
     def configure(self, *commands: str) -> None:
         """Send commands, then raise `InstrumentError` with what the error queue says of them."""
@@ -98,7 +102,7 @@ class ScpiLink:
         errors: list[tuple[str, str]] = []
         with self._lock:
             while len(errors) < _ERRORS_KEPT:
-                code, text = self._error(self.query("SYST:ERR?"))
+                code, text = self._error(self.query(ERROR_QUESTION))
                 if int(code) == 0:
                     break
                 errors.append((code, text))
@@ -130,41 +134,29 @@ class ScpiLink:
             text=reply,
         )
 
-    def _opened(self) -> Transport:
-        if self._transport is None:
-            raise LinkLost(f"{self.name}: not connected; open it first")
-        return self._transport
-
     def _ask(self, query: str, read: Callable[[Transport], bytes]) -> bytes:
         with self._lock:
-            transport = self._opened()
-            transport.discard_input()
-            transport.write(query.encode("ascii") + b"\n")
             try:
-                return read(transport)
+                return self._conversation.ask(query.encode("ascii") + b"\n", read)
             except LinkTimeout as silence:
-                if query == "SYST:ERR?":
+                if query == ERROR_QUESTION:
                     raise
-                raise self._explained(query, transport, silence) from silence
+                raise self._explained(query, silence) from silence
 
-    def _explained(self, query: str, transport: Transport, silence: LinkTimeout) -> LinkTimeout:
+    def _explained(self, query: str, silence: LinkTimeout) -> LinkTimeout:
         """The time-out with the instrument's own error: a query it does not understand gets no reply."""
-        try:
-            transport.discard_input()
-            transport.write(b"SYST:ERR?\n")
-            for _ in range(_ERRORS_KEPT):  # the late reply may come first
-                match = _ERROR.fullmatch(_text(transport.read_until(b"\n", self.timeout_s)))
-                if match:
-                    break
-        except (LinkTimeout, LinkLost):
-            match = None
-        said = f"; the instrument says {match[0]}" if match else ""
+        said = ""
+        with suppress(LinkError, BadReply):
+            said = '; the instrument says {},"{}"'.format(*self._error(self.query(ERROR_QUESTION)))
         return LinkTimeout(f"{self.name}: no reply to {query}{said} ({silence})")
+
+    def _read_line(self, transport: Transport) -> bytes:
+        return transport.read_until(b"\n", self.timeout_s)
 
     def _error(self, reply: str) -> tuple[str, str]:
         match = _ERROR.fullmatch(reply)
         if match is None:
-            raise self.bad_reply("SYST:ERR?", reply, 'a code and a text, like +0,"No error"')
+            raise self.bad_reply(ERROR_QUESTION, reply, 'a code and a text, like +0,"No error"')
         return match[1], match[2]
 
     def _read_block(self, transport: Transport, query: str) -> bytes:

@@ -29,8 +29,8 @@ class Transport(Protocol):
         """Exactly `count` bytes; `LinkTimeout` or `LinkLost`."""
         ...
 
-    def discard_input(self) -> None:
-        """Forget what has arrived unasked; `LinkLost` when the other end has gone meanwhile."""
+    def unread(self) -> bytes:
+        """Take what has arrived and nobody has read; looks, no wait. `LinkLost` when there is nothing but an end."""
         ...
 
     def close(self) -> None:
@@ -96,16 +96,17 @@ class InProcessTransport:
         self._await(lambda: len(self._received) >= count, f"{count} bytes", timeout_s)
         return self._take(count)
 
-    def discard_input(self) -> None:
-        """Forget what has arrived unasked; `LinkLost` when the instrument has ended the connection."""
-        self._received.clear()
-        if self._ended():
+    def unread(self) -> bytes:
+        """Take what has arrived and nobody has read; `LinkLost` when there is nothing but an end."""
+        if not self._received and self._ended():
             raise self._lost()
+        return self._take(len(self._received))
 
     def close(self) -> None:
         """End the connection."""
         if self._open:
             self._open = False
+            self._received.clear()
             self._connection.close()
 
     def _take(self, count: int) -> bytes:

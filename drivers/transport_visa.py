@@ -96,12 +96,9 @@ class VisaTransport(BufferedTransport):
         """End the connection; may be called twice."""
         self._resource.close()
 
-    def discard_input(self) -> None:
-        """Forget what has arrived unasked; stale messages a message-based protocol drops by itself."""
-        if self._message_based():
-            self._received.clear()
-        else:
-            super().discard_input()
+    def unread(self) -> bytes:
+        """Take what has arrived and nobody has read; a message-based protocol drops stale messages by itself."""
+        return self._take(len(self._received)) if self._message_based() else super().unread()
 
     def _receive(self, wait_s: float) -> bytes:
         with self._failures("reading failed"):

@@ -57,8 +57,20 @@ class Instrument(Protocol):
         """Ask the instrument who it is."""
         ...
 
+    def confirm_in_step(self) -> None:
+        """Make sure that no reply is outstanding or surplus on any connection.
+
+        Looks for unread bytes, asks one question whose reply cannot be mistaken, looks again. Raises `OutOfStep`
+        (after resynchronising) or another `LinkError`. Called before a run is called valid.
+        """
+        ...
+
     def stop(self) -> None:
-        """Bring it to rest: motion halted, acquisition ended. Any thread, any time, any number of times."""
+        """Bring it to rest: motion halted, acquisition ended. Any thread, any time, any number of times.
+
+        Connects if it is not connected, and returns only when the instrument has answered that it is at rest;
+        raises `LinkError` or `InstrumentError` otherwise.
+        """
         ...
 
 

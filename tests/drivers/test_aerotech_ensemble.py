@@ -219,6 +219,7 @@ def test_a_capture_is_the_manuals_exchange() -> None:
         ("DATAACQ X READ 50, 1", "%\n"),
         ("DGLOBAL(50)", "%3,75\n"),
         ("DGLOBAL(50)", "%3,75\n"),
+        ("DGLOBAL(50)", "%3,75\n"),
         capture_register_first=50,
         capture_registers=2,
     )
@@ -713,19 +714,46 @@ def test_a_connection_the_controller_has_closed_is_opened_again() -> None:
         assert bench.tap.connections == before + 1
 
 
-def test_a_read_out_goes_on_where_the_controller_hung_up() -> None:
-    bench = Bench().homed()
+def recorded(samples: int, **configured: Any) -> Bench:
+    """A bench whose stage has been recorded while it oscillated."""
+    bench = Bench(**configured).homed()
     bench.stage.oscillate(0.0, 5.0, 0.5, 20.0)
-    bench.stage.arm(20, 0.05)
-    first_s = bench.clock.now_s() + 0.3
-    bench.line.begin(first_s, 0.05, 20)
+    bench.stage.arm(samples, 0.05)
+    bench.line.begin(bench.clock.now_s() + 0.3, 0.05, samples)
     bench.clock.sleep_s(1.5)
-    connections = bench.tap.connections
-    bench.tap.on_line = lambda line: line != "DGLOBAL(15)" or bench.tap.connections > connections
-    rows = bench.stage.collect()
-    np.testing.assert_allclose(rows[:, 0], bench.axis.sample(first_s + 0.05 * np.arange(20))[0], atol=2.6e-6)
-    assert bench.tap.connections == connections + 1
-    assert bench.tap.lines.count("DGLOBAL(15)") == 2
+    return bench
+
+
+def test_a_read_out_that_was_cut_off_is_no_record() -> None:
+    bench = recorded(20)
+    bench.tap.on_line = lambda line: line != "DGLOBAL(15)"
+    with pytest.raises(LinkLost):
+        bench.stage.collect()
+
+
+@pytest.mark.parametrize("register", [10, 11, 19, 29])
+@pytest.mark.parametrize("fault", ["doubled", "previous", "dropped", "half"])
+def test_a_fault_between_registers_gives_no_record(register: int, fault: str) -> None:
+    bench = recorded(20)
+    line = f"DGLOBAL({register})"
+    replies: list[bytes] = []
+
+    def spoil(reply: bytes) -> bytes:
+        if bench.tap.lines.count(line) == 1 and bench.tap.lines[-1] == line:
+            spoilt = {"doubled": reply * 2, "previous": replies[-1], "dropped": reply[:3] + reply[4:]}
+            return spoilt.get(fault, reply[: len(reply) // 2])
+        replies.append(reply)
+        return reply
+
+    bench.tap.on_reply = spoil
+
+    def record() -> None:
+        bench.stage.collect()
+        bench.stage.confirm_in_step()
+
+    with pytest.raises(RigError):
+        record()
+    bench.stage.confirm_in_step()
 
 
 def test_a_motion_command_is_never_sent_twice() -> None:

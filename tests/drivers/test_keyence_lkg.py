@@ -459,12 +459,12 @@ class Parrot:
 
 
 @both_generations
-@pytest.mark.parametrize("reply", [b"-113\r", b"\xff\x00\r", b"\r", b"ER\r", b"ER,R0,77\r", b"R0,1\rM1\r"])
+@pytest.mark.parametrize("reply", [b"-113\r", b"\xff\x00\r", b"\r", b"ER\r", b"ER,R0,77\r"])
 def test_something_else_is_not_taken_for_a_controller(generation: str, reply: bytes) -> None:
     lasers = driver(Parrot(reply), VirtualClock(), settings(generation))
     with pytest.raises(WrongInstrument, match="address"):
         lasers.open()
-    with pytest.raises(LinkLost, match="not open"):
+    with pytest.raises(LinkLost, match="not connected"):
         lasers.displacements()
 
 
@@ -567,8 +567,6 @@ def test_a_lost_connection_is_made_anew_for_the_next_question(generation: str) -
     bench = Bench(generation)
     bench.lasers.open()
     bench.tap.hung_up = True
-    with pytest.raises(LinkLost, match="lasers: M"):
-        bench.lasers.displacements()
     assert bench.lasers.displacements()[1].value == -2.0
 
 

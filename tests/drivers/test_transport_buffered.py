@@ -70,7 +70,7 @@ def test_what_is_there_already_needs_no_look_at_the_wire() -> None:
 def test_discarding_forgets_what_was_read_and_what_waits_on_the_wire() -> None:
     wire = Pieces([b"one\ntwo", b"thr", b"ee\n"])
     wire.read_until(b"\n", 0.0)
-    wire.discard_input()
+    wire.unread()
     wire.pieces.append(b"four\n")
     assert wire.read_until(b"\n", 0.0) == b"four\n"
 

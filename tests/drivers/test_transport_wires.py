@@ -212,7 +212,7 @@ def test_discarded_input_is_gone(kind: str) -> None:
         wire.write(b"one\ntwo\n")
         assert wire.read_until(b"\n", 1.0) == b"one\n"
         wire.read_exactly(3, 1.0)
-        wire.discard_input()
+        wire.unread()
         wire.write(b"three\n")
         assert wire.read_until(b"three\n", 1.0)[-6:] == b"three\n"
         assert b.parrot.said == [b"one", b"two", b"three"]

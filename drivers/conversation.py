@@ -1,0 +1,194 @@
+"""Questions and replies over one connection: every question gets its own reply, or nothing read is believed.
+
+Nothing may be unread when a question is sent. After whatever leaves open which reply comes next (a time-out, a
+reply that cannot be, bytes that nobody asked for) the connection is brought in step before the next question: by a
+new one, or, where bytes under way outlive a connection, by what the instrument's line says (`settle`).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import NoReturn, TypeVar
+
+from drivers.transport import Connect, Transport
+from rigctl.errors import LinkLost, OutOfStep
+
+T = TypeVar("T")
+
+OVERTAKEN_AFTER_S = 0.05
+"""How long [s of wall-clock time] somebody urgent waits for an exchange to end by itself; most take a millisecond."""
+
+
+class Conversation:
+    """The one connection to an instrument, made anew when it is lost; usable from any thread, one exchange at a time.
+
+    `lock` may be held around exchanges that belong together. `harmless` says of unread bytes that they are part of no
+    reply. `settle` brings a connection back in step; without it a new connection does. Every exchange raises
+    `LinkTimeout`, `LinkLost` or `OutOfStep`; after the first two the instrument may have got the question or not.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        connect: Connect,
+        *,
+        harmless: Callable[[bytes], bool] = lambda _: False,
+        settle: Callable[[Transport], None] | None = None,
+    ) -> None:
+        self.lock = threading.RLock()
+        self.wanted = False
+        """True between `open` and `close`."""
+        self.sessions = 0
+        """Counts connections: what was true of the instrument may not be after a new one."""
+        self._name = name
+        self._connect = connect
+        self._harmless = harmless
+        self._anew = settle is None
+        self._settle = settle or (lambda _: None)
+        self._transport: Transport | None = None
+        self._busy = False
+        self._doubtful = False
+        self._unread = b""
+        self._urgent = 0
+        self._waiting_urgently = 0
+
+    def open(self) -> None:
+        """Connect; what is unread on a new connection belongs to nobody."""
+        self.close()
+        self.wanted = True
+        with self.lock:
+            self._unread = b""
+            self._connected().unread()
+
+    def close(self) -> None:
+        """Disconnect for good; an exchange in another thread ends with `LinkLost`. May be called twice."""
+        self.wanted = False
+        self._drop()
+
+    @property
+    def address(self) -> str:
+        """Where the connection goes to; empty when there is none."""
+        return self._transport.address if self._transport else ""
+
+    def ask(
+        self, question: bytes, read: Callable[[Transport], T], sending: AbstractContextManager[None] | None = None
+    ) -> T:
+        """Send a question and read its reply; it is sent within `sending`, which may refuse.
+
+        Whatever `read` raises leaves the connection in doubt.
+        """
+        with self._one_at_a_time():
+            transport = self._clear(question)
+            with sending or nullcontext(), self._doubted_on_failure():
+                transport.write(question)
+            with self._doubted_on_failure():
+                return read(transport)
+
+    def tell(self, command: bytes) -> None:
+        """Send what has no reply, hence at once, even where the next reply is in doubt."""
+        with self._one_at_a_time(), self._doubted_on_failure():
+            self._alive().write(command)
+
+    def confirm(self, question: bytes, read: Callable[[Transport], bool]) -> None:
+        """Ask what no other question's reply can answer; `OutOfStep` unless `read` says it did, or if more came."""
+        with self.lock:
+            if not self.ask(question, read):
+                self._raise_out_of_step(f"{question!r} was not answered by its own reply")
+            self._clear(question)
+
+    @contextmanager
+    def urgently(self) -> Iterator[None]:
+        """Connected even if it is not open, and before all others: who awaits a reply for long gets `LinkLost`."""
+        wanted, self.wanted = self.wanted, True
+        self._take_turn()
+        self._urgent += 1
+        try:
+            yield
+        finally:
+            self._urgent -= 1
+            self.lock.release()
+            if not wanted:
+                self.close()
+
+    def _take_turn(self) -> None:
+        self._waiting_urgently += 1
+        try:
+            while not self.lock.acquire(timeout=OVERTAKEN_AFTER_S):
+                if (transport := self._transport) is not None:
+                    self._doubtful = True
+                    transport.close()
+        finally:
+            self._waiting_urgently -= 1
+
+    @contextmanager
+    def _one_at_a_time(self) -> Iterator[None]:
+        """A signal handler may come in the middle of its own thread's exchange: it gets a new connection."""
+        with self.lock:
+            if self._waiting_urgently and not self._urgent:
+                raise LinkLost(f"{self._name}: the connection was taken by a stop; ask again")
+            if self._busy:
+                self._drop()
+                self._doubtful = True
+            self._busy = True
+            try:
+                yield
+            finally:
+                self._busy = False
+
+    def _clear(self, question: bytes) -> Transport:
+        """The connection, in step and with nothing unread."""
+        transport = self._alive()
+        if self._doubtful:
+            with self._doubted_on_failure():
+                self._settle(transport)
+        elif self._unread and not self._harmless(self._unread):
+            self._raise_out_of_step(f"{self._unread[:60]!r} was unread at {question[:60]!r}")
+        self._doubtful, self._unread = False, b""
+        return transport
+
+    def _alive(self) -> Transport:
+        """The connection, looked at; a new one when the instrument has ended it: nothing is sent yet."""
+        transport = self._connected()
+        try:
+            self._unread += transport.unread()
+        except LinkLost:
+            self._drop()
+            return self._connected()
+        return transport
+
+    def _raise_out_of_step(self, why: str) -> NoReturn:
+        self.doubt()
+        self._clear(b"")
+        raise OutOfStep(f"{self._name}: {why}; replies may have been taken for others: measure again")
+
+    @contextmanager
+    def _doubted_on_failure(self) -> Iterator[None]:
+        try:
+            yield
+        except LinkLost:
+            self._drop()
+            raise
+        except BaseException:
+            self.doubt()
+            raise
+
+    def doubt(self) -> None:
+        """Bring the connection in step before the next question: what came was no reply to the last one."""
+        self._doubtful = True
+        if self._anew:
+            self._drop()
+
+    def _connected(self) -> Transport:
+        if not self.wanted:
+            raise LinkLost(f"{self._name}: not connected; open it first")
+        if self._transport is None:
+            self._transport = self._connect()
+            self.sessions += 1
+        return self._transport
+
+    def _drop(self) -> None:
+        transport, self._transport = self._transport, None
+        if transport is not None:
+            transport.close()
