@@ -17,6 +17,11 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError
 
+from rigctl.core.bounds import TOML_BYTES, amount
+from rigctl.core.messages import one_line
+from rigctl.core.numbers import MAGNITUDE_MAX
+from rigctl.core.reading import TooLarge, read_regular
+from rigctl.core.toml import TomlFlaw, parsed
 from rigctl.errors import ConfigError
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package, Table
 
@@ -185,7 +190,7 @@ def validated(model: type[Model], data: Mapping[str, Any], path: Path, prefix: s
     try:
         return model.model_validate(_with_tuples(data), strict=True)
     except ValidationError as error:
-        raise ConfigError(f"{path}: {explain(model, error, prefix)}") from None
+        raise ConfigError(one_line(f"{path}: {explain(model, error, prefix)}")) from None
 
 
 def explain(model: type[BaseModel], error: ValidationError, prefix: str = "") -> str:
@@ -254,15 +259,15 @@ def _require_separable_world(text: str, path: Path) -> None:
         raise ConfigError(f"{path}: world: write it as tables of its own, [world] and [world.NAME]")
 
 
-def _require_finite(value: Any, path: Path, key: str = "") -> None:
+def _require_measurable(value: Any, path: Path, key: str = "") -> None:
     if isinstance(value, Mapping):
         for name, each in value.items():
-            _require_finite(each, path, f"{key}.{name}" if key else name)
+            _require_measurable(each, path, f"{key}.{name}" if key else name)
     elif isinstance(value, list):
         for index, each in enumerate(value):
-            _require_finite(each, path, f"{key}.{index}")
-    elif isinstance(value, float) and not math.isfinite(value):
-        raise ConfigError(f"{path}: {key}: {value} is no quantity; write a number")
+            _require_measurable(each, path, f"{key}.{index}")
+    elif isinstance(value, int | float) and not abs(value) <= MAGNITUDE_MAX:
+        raise ConfigError(one_line(f"{path}: {key}: {value} is no quantity; write a number"))
 
 
 def _with_tuples(value: Any) -> Any:
@@ -288,21 +293,24 @@ _OURS = {"path", "text"}
 
 def _read(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_regular(path, TOML_BYTES).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; check the name") from None
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8") from None
+    except TooLarge:
+        raise ConfigError(
+            f"{path}: larger than {amount(TOML_BYTES)}, which no such file is; check the name"
+        ) from None
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def _parse(text: str, path: Path) -> dict[str, Any]:
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from None
-    except RecursionError:
-        raise ConfigError(f"{path}: not TOML that anybody wrote: nested too deeply") from None
-    _require_finite(data, path)
+        data = parsed(text)
+    except TomlFlaw as flaw:
+        line = "" if flaw.line is None else f"line {flaw.line}: "
+        raise ConfigError(f"{path}: {line}{flaw}") from None
+    _require_measurable(data, path)
     return data

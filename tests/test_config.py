@@ -164,7 +164,7 @@ def test_files_that_cannot_be_read_say_why(tmp_path: Path) -> None:
         complaint(error, "none.toml: no such file")
         with pytest.raises(ConfigError) as error:
             read(tmp_path)
-        complaint(error, "cannot be read: Is a directory")
+        complaint(error, "cannot be read: a directory; name a file")
         latin = tmp_path / "latin.toml"
         latin.write_bytes(b'title = "\xb5m"')
         with pytest.raises(ConfigError) as error:

@@ -1,77 +1,152 @@
-"""The files of a bundle, in a directory or a .zip of one; nothing is ever unpacked to disk."""
+"""The files of a bundle, in a directory or a .zip of one; nothing is ever unpacked to disk, no link followed."""
 
 from __future__ import annotations
 
+import io
+import os
+import stat
+import unicodedata
 import zipfile
-import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import BinaryIO
 
+from rigctl.campaign.place import Place
+from rigctl.campaign.unpacking import UNREADABLE, open_zip, read_member
+from rigctl.core.bounds import FILES, amount
+from rigctl.core.reading import NoFile, open_regular
 from rigctl.errors import DataError
 
 HEADER_FILE = "recording.toml"
+_FOLDER = "runs"
+_PACK = "pack the directory again"
 
 
 @dataclass(frozen=True)
-class Place:
-    """A file of a bundle as messages name it."""
-
-    file: str
-
-    def error(self, message: str, line: int | None = None) -> DataError:
-        """A `DataError` that says where; `message` says what and the mend."""
-        return DataError(f"{self.file}{'' if line is None else f', line {line}'}: {message}")
-
-
 class BundleFiles:
-    """The bundle at `path`; `names` are relative to it, with forward slashes."""
+    """The bundle at `path`; `sizes` are of its files in bytes, by names relative to it, with forward slashes."""
 
-    def __init__(self, path: Path, names: frozenset[str], read: Callable[[str], bytes]) -> None:
-        self.path = path
-        self.names = names
-        self._read = read
+    path: Path
+    sizes: dict[str, int]
+    open_file: Callable[[str], BinaryIO]
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Every file."""
+        return frozenset(self.sizes)
 
     def place(self, name: str) -> Place:
         """The file `name` for messages."""
         return Place(str(self.path / name))
 
-    def read(self, name: str, mend: str = "add it") -> bytes:
-        """The content of one file; `DataError`, ending in `mend`, when it is missing or cannot be read."""
-        if name not in self.names:
+    def read(self, name: str, limit: int, mend: str = "add it", shorten: str = "split the recording") -> bytes:
+        """The content of one file; `DataError` when it is missing, cannot be read or is larger than `limit` bytes.
+
+        The message ends in `mend` for a missing file, in `shorten` for one too large.
+        """
+        with self.open(name, limit, mend, shorten) as file:
+            try:
+                return file.read()
+            except (MemoryError, *UNREADABLE) as error:
+                raise self._unreadable(name, error) from error
+
+    def open(self, name: str, limit: int, mend: str = "add it", shorten: str = "split the recording") -> BinaryIO:
+        """The same, to read piece by piece."""
+        if name not in self.sizes:
             raise self.place(name).error(f"missing; {mend}")
+        if self.sizes[name] > limit:
+            raise self.place(name).error(
+                f"{amount(self.sizes[name])}, but at most {amount(limit)} are read; {shorten}"
+            )
         try:
-            return self._read(name)
-        except (OSError, zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError) as error:
-            raise self.place(name).error(f"cannot be read ({error}); copy or pack it again") from error
+            return self.open_file(name)
+        except NoFile as error:
+            raise self.place(name).error(str(error)) from error
+        except (MemoryError, *UNREADABLE) as error:
+            raise self._unreadable(name, error) from error
+
+    def _unreadable(self, name: str, error: BaseException) -> DataError:
+        return self.place(name).error(f"cannot be read ({error or 'out of memory'}); copy or pack it again")
 
 
 @contextmanager
 def open_bundle(path: Path) -> Iterator[BundleFiles]:
     """The files of the directory or .zip at `path`; `DataError` when it is neither."""
     if path.is_dir():
-        names = frozenset(p.relative_to(path).as_posix() for p in path.rglob("*") if p.is_file())
-        yield BundleFiles(path, names, lambda name: (path / name).read_bytes())
+        with _directory(path) as files:
+            yield files
         return
-    if not path.is_file():
-        raise DataError(f"{path}: no such bundle; name a directory with {HEADER_FILE}, or a .zip of one")
     try:
-        archive = zipfile.ZipFile(path)
-    except (zipfile.BadZipFile, OSError) as error:
-        raise DataError(f"{path}: not a readable zip ({error}); pack the directory again") from error
-    with archive:
+        file = open_regular(path)
+    except FileNotFoundError:
+        raise Place(str(path)).error(
+            f"no such bundle; name a directory with {HEADER_FILE}, or a .zip of one"
+        ) from None
+    except OSError as error:
+        raise Place(str(path)).error(f"not a readable zip ({error.strerror or error}); {_PACK}") from error
+    with file, open_zip(Place(str(path)), file, FILES, _PACK) as archive:
         yield _zip_files(path, archive)
 
 
+@contextmanager
+def _directory(path: Path) -> Iterator[BundleFiles]:
+    """By descriptors, so that no part of a name can be exchanged for a link between a look and the opening."""
+    place = Place(str(path))
+    folders: dict[str, int] = {}
+    try:
+        folders[""] = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        sizes = _listed(place, folders[""], "")
+        with suppress(FileNotFoundError, NotADirectoryError):
+            folders[_FOLDER] = os.open(_FOLDER, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=folders[""])
+            sizes |= _listed(place, folders[_FOLDER], f"{_FOLDER}/")
+        _require_different(place, sizes)
+
+        def opened(name: str) -> BinaryIO:
+            folder, _, file = name.rpartition("/")
+            return open_regular(file, within=folders[folder])
+
+        yield BundleFiles(path, sizes, opened)
+    except OSError as error:
+        raise place.error(f"cannot be read ({error.strerror or error}); check the directory") from error
+    finally:
+        for folder in folders.values():
+            os.close(folder)
+
+
+def _listed(place: Place, folder: int, prefix: str) -> dict[str, int]:
+    sizes: dict[str, int] = {}
+    with os.scandir(folder) as entries:
+        for count, entry in enumerate(entries, 1):
+            if count > FILES:
+                raise place.error(f"more than {FILES} files in {prefix or 'it'}; split the recording")
+            found = entry.stat(follow_symlinks=False)
+            if stat.S_ISLNK(found.st_mode):
+                raise Place(f"{place.file}/{prefix}{entry.name}").error("a link; put the file itself there")
+            if not stat.S_ISDIR(found.st_mode):
+                sizes[prefix + entry.name] = found.st_size
+    return sizes
+
+
+def _require_different(place: Place, names: Iterable[str]) -> None:
+    """`DataError` for two names that a person, or another file system, takes for one."""
+    seen: dict[str, str] = {}
+    for name in names:
+        same = seen.setdefault(unicodedata.normalize("NFKC", name).casefold(), name)
+        if same != name:
+            raise place.error(f"{same!r} and {name!r} are one name to other systems; rename or remove one")
+
+
 def _zip_files(path: Path, archive: zipfile.ZipFile) -> BundleFiles:
-    members = [name for name in archive.namelist() if not name.endswith("/")]
+    members = {member.filename: member.file_size for member in archive.infolist() if not member.is_dir()}
     for name in members:
         if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\\" in name:
-            raise DataError(f"{path}: member {name!r} points outside the bundle; pack the directory again")
-    root = _root(members)
-    names = frozenset(name.removeprefix(root) for name in members if name.startswith(root))
-    return BundleFiles(path, names, lambda name: archive.read(root + name))
+            raise Place(str(path)).error(f"member {name!r} points outside the bundle; {_PACK}")
+    root = _root(list(members))
+    sizes = {name.removeprefix(root): size for name, size in members.items() if name.startswith(root)}
+    _require_different(Place(str(path)), sizes)
+    return BundleFiles(path, sizes, lambda name: io.BytesIO(read_member(archive, root + name)))
 
 
 def _root(members: list[str]) -> str:

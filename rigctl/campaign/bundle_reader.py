@@ -17,6 +17,7 @@ from rigctl.campaign.csv_table import CsvTable, numbers_or_text, read_table
 from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id
 from rigctl.campaign.recording_toml import read_header
 from rigctl.campaign.sample_file import SUFFIXES, SampleFile, read_sample_file
+from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
 from rigctl.core.numbers import decimal_or_missing, is_missing
 from rigctl.interfaces import FloatArray
 
@@ -35,10 +36,12 @@ class BundleReader:
         self._invalid: list[tuple[str, str]] = []
         self._count = 0
         self.header = read_header(
-            files.place(HEADER_FILE), files.read(HEADER_FILE, "a bundle says there what it holds")
+            files.place(HEADER_FILE), files.read(HEADER_FILE, TOML_BYTES, "a bundle says there what it holds")
         )
         if self.header.experiment == "rotating-platform" and "patterns.csv" in files.names:
-            patterns = _read_patterns(read_table(files.place("patterns.csv"), files.read("patterns.csv")))
+            patterns = _read_patterns(
+                read_table(files.place("patterns.csv"), files.read("patterns.csv", TABLE_BYTES), TABLE_ROWS)
+            )
             self.header = replace(self.header, extra={**self.header.extra, "patterns": patterns})
 
     @property
@@ -57,7 +60,8 @@ class BundleReader:
 
     def _measured(self) -> Iterator[RunWithSamples]:
         layout = LAYOUTS[self.header.experiment]
-        table = read_table(self._files.place("runs.csv"), self._files.read("runs.csv", "add it, one row per run"))
+        data = self._files.read("runs.csv", TABLE_BYTES, "add it, one row per run")
+        table = read_table(self._files.place("runs.csv"), data, RUNS)
         rows = _run_rows(table, layout, self._warnings)
         self._warn_of_the_header(layout)
         seen: set[str] = set()
@@ -82,7 +86,9 @@ class BundleReader:
 
     def _readings(self) -> Iterator[RunWithSamples]:
         place = self._files.place("readings.csv")
-        table = read_table(place, self._files.read("readings.csv", "add it, one row per reading"))
+        table = read_table(
+            place, self._files.read("readings.csv", TABLE_BYTES, "add it, one row per reading"), TABLE_ROWS
+        )
         if not table.rows:
             raise place.error("no readings; add a row per reading", 1)
         samples: dict[str, FloatArray] = {}

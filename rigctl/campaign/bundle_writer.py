@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from rigctl.campaign.bundle_files import HEADER_FILE
+from rigctl.campaign.npz_file import npz_bytes
 from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.campaign.recording_toml import header_to_toml
-from rigctl.campaign.sample_file import csv_bytes, npz_bytes
+from rigctl.campaign.sample_file import csv_bytes
 from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray
 

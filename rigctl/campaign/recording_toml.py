@@ -7,8 +7,8 @@ from dataclasses import asdict
 from datetime import UTC, date, datetime, time
 from typing import Any
 
-from rigctl.campaign.bundle_files import Place
 from rigctl.campaign.bundle_layout import FACES
+from rigctl.campaign.place import Place
 from rigctl.campaign.recording import EXPERIMENTS, ChannelInfo, Header, LaserInfo, TableSpec
 from rigctl.campaign.toml_document import TomlDocument, parse_toml, to_toml
 from rigctl.campaign.units import same_unit, unit_of_column

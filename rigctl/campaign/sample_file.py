@@ -1,26 +1,27 @@
-"""The samples of one run as a file: .csv, .csv.gz or .npz in, .csv or .npz out; 64-bit floats bit for bit."""
+"""The samples of one run as a file: .csv, .csv.gz or .npz in, .csv out; 64-bit floats bit for bit."""
 
 from __future__ import annotations
 
 import csv
-import gzip
 import io
-import zipfile
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.campaign.bundle_files import BundleFiles, Place
+from rigctl.campaign.bundle_files import BundleFiles
 from rigctl.campaign.csv_table import check_header, check_width, decode, rows_with_lines
-from rigctl.campaign.recording import flaw_of_column
-from rigctl.core.numbers import MAGNITUDE_MAX, NotMeasurable, decimal_or_missing, measurable
+from rigctl.campaign.npz_file import read_npz
+from rigctl.campaign.place import Place
+from rigctl.campaign.unpacking import gunzipped
+from rigctl.core.bounds import NPZ_BYTES, RUN_TEXT_BYTES, RUN_VALUES, SAMPLES
+from rigctl.core.numbers import NotMeasurable, decimal_or_missing, measurable
 from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray
 
 SUFFIXES = (".csv", ".csv.gz", ".npz")
-_ZIP_TIME = (1980, 1, 1, 0, 0, 0)
+_PIECE = 1 << 22
+_SHORTEN = "write it as .npz, or split the run"
 
 
 @dataclass(frozen=True)
@@ -62,20 +63,16 @@ def read_sample_file(files: BundleFiles, run_id: str, row: int) -> SampleFile:
     if len(found) > 1:
         raise runs.error(f"run {run_id} has both {' and '.join(found)}; remove all but one", row)
     (name,) = found
-    place, data = files.place(name), files.read(name)
+    place = files.place(name)
     if name.endswith(".npz"):
-        return SampleFile(place, _read_npz(place, data), None)
+        with files.open(name, NPZ_BYTES, shorten="split the run") as file:
+            return SampleFile(place, read_npz(place, file), None)
+    data = files.read(name, RUN_TEXT_BYTES, shorten=_SHORTEN)
     if name.endswith(".gz"):
-        data = _unzipped(place, data)
+        data = gunzipped(place, data, RUN_TEXT_BYTES, _SHORTEN)
     text = decode(place, data)
+    del data
     return SampleFile(place, _read_csv(place, text), text)
-
-
-def _unzipped(place: Place, data: bytes) -> bytes:
-    try:
-        return gzip.decompress(data)
-    except (OSError, EOFError, zlib.error) as error:
-        raise place.error(f"not a readable gzip file ({error}); compress it again") from error
 
 
 def _read_csv(place: Place, text: str) -> dict[str, FloatArray]:
@@ -83,29 +80,46 @@ def _read_csv(place: Place, text: str) -> dict[str, FloatArray]:
     if header is None:
         raise place.error("empty; write the column names in the first line", line)
     check_header(place, line, header)
-    values = _fast(text, line, len(header))
-    if values is None:
-        values = _careful(place, text, header)
-    return {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(header)}
+    pieces = [np.empty((0, len(header)))]
+    for before, piece in _pieces(text, line):
+        values = _fast(piece, len(header))
+        pieces.append(_careful(place, piece, before, header) if values is None else values)
+    samples = sum(len(piece) for piece in pieces)
+    if samples > SAMPLES or samples * len(header) > RUN_VALUES:
+        raise place.error(f"{samples} samples of {len(header)} columns are too many; split the run")
+    return {name: np.concatenate([piece[:, i] for piece in pieces]) for i, name in enumerate(header)}
 
 
-def _fast(text: str, header_line: int, width: int) -> FloatArray | None:
+def _pieces(text: str, header_line: int) -> Iterator[tuple[int, str]]:
+    """What follows the header, cut between lines, each piece with the number of lines before it.
+
+    Piece by piece, because numbers take less room than their text; at once where a quoted field may hold a line end.
+    """
+    before, at = header_line, 0
+    for _ in range(header_line):
+        at = text.find("\n", at) + 1 or len(text)
+    longest = len(text) if text.find('"', at) >= 0 else _PIECE
+    while at < len(text):
+        end = text.find("\n", at + longest) + 1 or len(text)
+        piece = text[at:end]
+        yield before, piece
+        before, at = before + piece.count("\n"), end
+
+
+def _fast(text: str, width: int) -> FloatArray | None:
     """All numbers at once; None where a field is missing or wrong, which `_careful` sorts out."""
-    body = "".join(text.split("\n", header_line)[header_line:])
-    if not body.strip():
+    if not text.strip():
         return np.empty((0, width))
     try:
-        values = np.loadtxt(io.StringIO(body), dtype=np.float64, delimiter=",", comments=None, ndmin=2)
+        values = np.loadtxt(io.StringIO(text), dtype=np.float64, delimiter=",", comments=None, ndmin=2)
     except ValueError:
         return None
     return values if values.shape[1] == width and measurable(values) else None
 
 
-def _careful(place: Place, text: str, header: list[str]) -> FloatArray:
-    rows = rows_with_lines(place, text)
-    next(rows)
+def _careful(place: Place, text: str, before: int, header: list[str]) -> FloatArray:
     values: list[list[float]] = []
-    for line, fields in rows:
+    for line, fields in rows_with_lines(place, text, before):
         check_width(place, line, fields, header)
         try:
             values.append([decimal_or_missing(field) for field in fields])
@@ -120,7 +134,8 @@ def _text_among_numbers(place: Place, line: int, fields: list[str], header: list
             decimal_or_missing(field)
         except NotMeasurable:
             return place.error(
-                f"column {name} holds {field}, which nobody can have measured; mend it, or leave a missing value empty",
+                f"column {name} holds {field}, which nobody can have measured;"
+                " mend it, or leave a missing value empty",
                 line,
             )
         except ValueError:
@@ -130,34 +145,6 @@ def _text_among_numbers(place: Place, line: int, fields: list[str], header: list
     raise AssertionError(fields)
 
 
-def _read_npz(place: Place, data: bytes) -> dict[str, FloatArray]:
-    mend = "write it with numpy.savez, one array per column"
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-        raise place.error(f"not readable arrays of numbers ({error}); {mend}") from error
-    if not arrays:
-        raise place.error(f"no arrays in it; {mend}")
-    for name, array in arrays.items():
-        if flaw := flaw_of_column(name):
-            raise place.error(f"the name of column {name!r} {flaw}; {mend}")
-        if array.ndim != 1 or array.dtype.kind not in "fiub":
-            raise place.error(f"column {name} is {array.ndim}-dimensional {array.dtype}; {mend}")
-    for name, array in arrays.items():
-        if not measurable(array):
-            at = int(np.argmax(~(np.abs(array) <= MAGNITUDE_MAX) & ~np.isnan(array)))
-            raise place.error(
-                f"sample {at + 1} of column {name} is {array[at]:g}, which nobody can have measured;"
-                " mend it, or write nan for a missing value"
-            )
-    lengths = {name: len(array) for name, array in arrays.items()}
-    if len(set(lengths.values())) > 1:
-        listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise place.error(f"columns differ in length ({listed}); {mend}")
-    return {name: array.astype(np.float64) for name, array in arrays.items()}
-
-
 def csv_bytes(columns: Mapping[str, FloatArray]) -> bytes:
     """The columns, of equal length, as CSV whose numbers read back bit for bit; NaN is `nan`."""
     header = io.StringIO()
@@ -165,14 +152,3 @@ def csv_bytes(columns: Mapping[str, FloatArray]) -> bytes:
     fields = [map(float.__repr__, column.tolist()) for column in columns.values()]
     lines = [header.getvalue(), *map(",".join, zip(*fields, strict=True)), ""]
     return "\n".join(lines).encode()
-
-
-def npz_bytes(columns: Mapping[str, FloatArray]) -> bytes:
-    """The columns as numpy.savez writes them, whatever they are called; the same columns give the same bytes."""
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w") as archive:
-        for name, column in columns.items():
-            array = io.BytesIO()
-            np.lib.format.write_array(array, column, allow_pickle=False)
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy", _ZIP_TIME), array.getvalue())
-    return data.getvalue()

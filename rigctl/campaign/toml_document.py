@@ -5,21 +5,20 @@ from __future__ import annotations
 import json
 import math
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date, datetime, time
 from typing import Any
 
-from rigctl.campaign.bundle_files import Place
 from rigctl.campaign.csv_table import decode
+from rigctl.campaign.place import Place
+from rigctl.core.toml import TomlFlaw, parsed
 from rigctl.errors import DataError
 
 _KEY = r"""(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|'[^']*')"""
 _KEY_PATH = rf"{_KEY}(?:\s*\.\s*{_KEY})*"
 _SECTION = re.compile(rf"\s*\[\[?\s*({_KEY_PATH})\s*\]")
 _PAIR = re.compile(rf"\s*({_KEY_PATH})\s*=")
-_SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)")
 
 
 @dataclass(frozen=True)
@@ -54,15 +53,12 @@ def _names(path: str) -> tuple[str, ...]:
 
 
 def parse_toml(place: Place, data: bytes) -> TomlDocument:
-    """Parse a TOML file; `DataError` with the line of what is not TOML."""
+    """Parse a TOML file; `DataError` with the line of what is not TOML, or is nested as nobody nests."""
     text = decode(place, data)
     try:
-        return TomlDocument(place, text, tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        match = _SYNTAX.fullmatch(str(error))
-        what = match[1] if match else str(error)
-        line = int(match[2]) if match and match[2] else text.count("\n") + 1
-        raise place.error(f"not TOML ({what}); mend the line", line) from error
+        return TomlDocument(place, text, parsed(text))
+    except TomlFlaw as flaw:
+        raise place.error(str(flaw), flaw.line) from flaw
 
 
 def to_toml(tables: Mapping[str, Any]) -> str:

@@ -4,6 +4,7 @@ import gzip
 import io
 import math
 import time
+import unicodedata
 import zipfile
 from pathlib import Path
 
@@ -220,7 +221,11 @@ texts = st.text(max_size=20).filter(lambda s: s == s.strip() and "\r" not in s a
 def recordings(draw):
     """A sensing-axis recording as a campaign or a laboratory may have made it."""
     count = draw(st.integers(1, 3))
-    ids = draw(st.lists(run_ids, min_size=count, max_size=count, unique_by=lambda s: s.casefold()))
+    ids = draw(
+        st.lists(
+            run_ids, min_size=count, max_size=count, unique_by=lambda s: unicodedata.normalize("NFKC", s).casefold()
+        )
+    )
     reserved = {"t_s", "stage_x_mm", "accel_v", "run_id", "valid", "reason"}
     own = draw(st.lists(names.filter(lambda s: s not in reserved), max_size=2, unique=True))
     note = draw(st.booleans())
@@ -409,7 +414,7 @@ def test_recording_names_an_unknown_run(sensing):
 
 
 def test_npz_can_be_read_by_numpy(tmp_path):
-    from rigctl.campaign.sample_file import npz_bytes
+    from rigctl.campaign.npz_file import npz_bytes
 
     columns = {"t_s": np.arange(3.0), "file": np.array([1.5, np.nan, -0.0])}
     with np.load(io.BytesIO(npz_bytes(columns)), allow_pickle=False) as archive:
