@@ -1,0 +1,70 @@
+"""A rig served by `rigctl simulate`, and a rig file for programs that reach it over recorded wires."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tests.reliability.commands import Process, until
+from tests.reliability.wires import RecordedWires
+
+START_S = 60.0
+
+
+@dataclass(frozen=True)
+class Served:
+    """`rig` is the file for programs; `wires` know what they send.
+
+    `motion` is name, kind and port of each motion controller that has one, not recorded.
+    """
+
+    rig: Path
+    wires: RecordedWires
+    motion: tuple[tuple[str, str, int], ...]
+
+
+@contextmanager
+def served(work: Path, rig_text: str) -> Iterator[Served]:
+    """Serve `rig_text`; programs take `Served.rig`."""
+    (work / "served.toml").write_text(rig_text, encoding="utf-8")
+    server = Process(work, "simulate", "served.toml", "--json", "--write-rig", "clients.toml")
+    try:
+        if not until(lambda: server.out.exists() and "\n" in server.out.read_text(), START_S):
+            raise RuntimeError(f"rigctl simulate: {server.ended(0.0).err}")
+        with RecordedWires() as wires:
+            instruments = json.loads(server.out.read_text())["instruments"]
+            yield Served(_rewired(work, instruments, wires), wires, _motion(instruments))
+    finally:
+        server.signal(signal.SIGTERM)
+        server.ended(START_S)
+
+
+def _motion(instruments: list[dict[str, Any]]) -> tuple[tuple[str, str, int], ...]:
+    return tuple(
+        (entry["name"], entry["kind"], entry["port"])
+        for entry in instruments
+        if entry["kind"] in {"newport-xps", "aerotech-ensemble"}
+    )
+
+
+def _rewired(work: Path, instruments: list[dict[str, Any]], wires: RecordedWires) -> Path:
+    """The clients' rig file with the addresses of recorded wires."""
+    text = (work / "clients.toml").read_text(encoding="utf-8")
+    for instrument in instruments:
+        if instrument["kind"] == "operator":
+            continue
+        if instrument["transport"] == "serial":
+            device = str(instrument["device"])
+            text = re.sub(rf"{device}\b", wires.serial(str(instrument["name"]), device), text)
+        else:
+            port = int(instrument["port"])
+            text = re.sub(rf"\b{port}\b", str(wires.tcp(str(instrument["name"]), port)), text)
+    path = work / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -1,0 +1,245 @@
+"""Whatever ends a command while something moves, a stop is the next thing on the wire; so it is after a kill -9.
+
+Each command that can move anything, with INT, TERM, HUP, KILL, and the console's terminal lost, over `rigctl simulate`
+on the wall clock; wires that keep a record tell what was sent when.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.reliability.campaigns import SHIPPED
+from tests.reliability.commands import Outcome, Process, until
+from tests.reliability.served import Served, served
+from tests.reliability.stops import Order, at_rest, orders
+from tests.reliability.terminal import Terminal
+
+PROMISE = (
+    "Whatever ends a command while something moves, the next motion byte on that wire is a stop, and the command ends; "
+    "after kill -9 it is the first that any next command sends"
+)
+DEADLINE_S = 150.0
+
+COMMANDS = ("move-rotation", "move-stage", "home", "run", "resume", "investigate")
+CONSOLE = ("console-move", "console-home", "console-jog")
+CASES = (
+    *product(COMMANDS, ("SIGINT", "SIGTERM", "SIGHUP", "SIGKILL")),
+    *product(CONSOLE, ("SIGINT", "SIGTERM", "SIGHUP", "SIGKILL", "lost")),
+)
+RIGS = ("isa-rig.toml", "one-axis.rig.toml")
+
+COMES_S = 5.0
+ENDS_S = 20.0
+MOVES_S = 40.0
+
+CAMPAIGN = """\
+experiment = "sensing-axis"
+rig = "rig.toml"
+on_terminal_lost = "stop"
+
+[procedure]
+name = "scan"
+axes = ["{axis}"]
+configurations = ["flag"]
+angles_deg = [-30.0, -10.0, -1.6, -0.8, 0.8, 1.6, 10.0, 30.0]
+frequencies_hz = [0.4, 0.6]
+approaches = [1, -1]
+amplitude_mm = 5.0
+dwell_s = 5.0
+
+[model]
+effects = ["roll-gravity", "resonance"]
+"""
+
+QUICK = {
+    "isa-rig.toml": "\n[instruments.rotation.simulator]\ninitialisation_s = 0.3\nhome_search_s = 1.0\n",
+    "one-axis.rig.toml": "\n[instruments.rotation.simulator]\nhome_search_s = 1.0\n",
+}
+
+
+@dataclass
+class Bench:
+    """A served rig, and what is started on it."""
+
+    work: Path
+    rig: Served
+    axis: str
+
+    def begin(self, command: str) -> Process | Terminal:
+        """Start a command that will move something."""
+        match command:
+            case "move-rotation":
+                return Process(self.work, "move", "rig.toml", "rotation", "60")
+            case "move-stage":
+                return Process(self.work, "move", "rig.toml", "stage", "20")
+            case "home":
+                return Process(self.work, "home", "rig.toml")
+            case "run":
+                return Process(self.work, "run", "campaign.toml", "--store", "x.rig.sqlite", "--yes")
+            case "resume":
+                return Process(self.work, "resume", "x.rig.sqlite", "--yes")
+            case "investigate":
+                return Process(self.work, "investigate", "campaign.toml", "--store", "y.rig.sqlite", "--yes")
+            case _:
+                return self._console(command)
+
+    def orders(self, since: int) -> list[Order]:
+        """What was ordered after the first `since` pieces."""
+        return orders(self.rig.wires.sent[since:])
+
+    def moved(self, since: int, count: int) -> Callable[[], bool]:
+        """Whether `count` motions have been ordered since."""
+        return lambda: sum(order.what == "motion" for order in self.orders(since)) >= count
+
+    def _console(self, command: str) -> Terminal:
+        since = len(self.rig.wires.sent)
+        terminal = Terminal(self.work, "console", "rig.toml")
+        until(lambda: self._polled(since) > 5, MOVES_S)
+        keys = {"console-move": ["m", "60\r"], "console-home": ["h"], "console-jog": ["j", "\x1540\r", "]"]}
+        for pressed in keys[command]:
+            terminal.press(pressed)
+            until(lambda: False, 0.3)
+        return terminal
+
+    def _polled(self, since: int) -> int:
+        return sum(piece.instrument == "rotation" for piece in self.rig.wires.sent[since:])
+
+
+def trial(seed: int, work: Path) -> dict[str, Any]:
+    """One command, one way to end it, at a random moment of its motions."""
+    random = np.random.default_rng(seed)
+    command, ending = CASES[seed % len(CASES)]
+    rig = RIGS[int(random.random() < 0.25)]
+    text = (SHIPPED / rig).read_text(encoding="utf-8") + QUICK[rig]
+    with served(work, text) as reached:
+        bench = Bench(work, reached, "X" if rig == "isa-rig.toml" else "Y")
+        (work / "campaign.toml").write_text(CAMPAIGN.format(axis=bench.axis), encoding="utf-8")
+        told = {"command": command, "ending": ending, "rig": rig}
+        try:
+            return {**told, **_tried(bench, command, ending, random)}
+        finally:
+            _write_down(bench)
+
+
+def _tried(bench: Bench, command: str, ending: str, random: np.random.Generator) -> dict[str, Any]:
+    if command == "resume":
+        _interrupted(bench)
+    since = len(bench.rig.wires.sent)
+    begun = bench.begin(command)
+    process = begun.process if isinstance(begun, Terminal) else begun
+    most = {"move-rotation": 3, "move-stage": 3, "home": 3}.get(command, 4)
+    if not until(bench.moved(since, int(random.integers(1, most + 1))), MOVES_S) and not bench.moved(since, 1)():
+        return {"failed": f"nothing moved: {process.ended(0.0).message}"}
+    until(lambda: False, float(random.uniform(0.0, 0.5)))
+    moving = {order.instrument for order in bench.orders(since) if order.what == "motion"}
+    before = len(bench.rig.wires.sent)
+    at_s = begun.lose() if ending == "lost" else process.signal(signal.Signals[ending])  # type: ignore[union-attr]
+    try:
+        if ending == "SIGKILL":
+            process.ended(ENDS_S)
+            return _after_a_kill(bench, moving, command, random)
+        return _after_a_signal(bench, moving, before, at_s, process, ending)
+    finally:
+        if isinstance(begun, Terminal):
+            begun.close()
+
+
+def _interrupted(bench: Bench) -> None:
+    """A campaign that can be resumed."""
+    process = bench.begin("run")
+    assert isinstance(process, Process)
+    until(bench.moved(0, 4), MOVES_S)
+    process.signal(signal.SIGTERM)
+    process.ended(ENDS_S)
+
+
+def _after_a_signal(
+    bench: Bench, moving: set[str], before: int, at_s: float, process: Process, ending: str
+) -> dict[str, Any]:
+    def stopped() -> bool:
+        return moving <= {order.instrument for order in bench.orders(before) if order.what == "stop"}
+
+    until(stopped, COMES_S)
+    first = _first_of_each(bench.orders(before))
+    outcome = process.ended(ENDS_S)
+    latency_s = max((first[name].at_s - at_s for name in moving if name in first), default=0.0)
+    return {
+        "latency_s": round(latency_s, 4),
+        "status": outcome.status,
+        "message": outcome.message,
+        "failed": _not_stopped(first, moving) or _badly_ended(outcome, ending) or _still_moves(bench),
+    }
+
+
+def _after_a_kill(bench: Bench, moving: set[str], command: str, random: np.random.Generator) -> dict[str, Any]:
+    """The next command, whichever it is, stops what may still move before it moves anything."""
+    can_be = ["move-rotation", "move-stage", "home", "console-move", *(["resume"] if command == "run" else ["run"])]
+    following = can_be[int(random.integers(len(can_be)))]
+    before = len(bench.rig.wires.sent)
+    if following == "run":
+        (bench.work / "x.rig.sqlite").unlink(missing_ok=True)
+    begun = bench.begin(following)
+    until(bench.moved(before, 1), MOVES_S)
+    sent = bench.orders(before)
+    first = _first_of_each(sent)
+    process = begun.process if isinstance(begun, Terminal) else begun
+    process.signal(signal.SIGTERM)
+    outcome = process.ended(ENDS_S)
+    if isinstance(begun, Terminal):
+        begun.close()
+    return {
+        "next": following,
+        "status": outcome.status,
+        "message": outcome.message,
+        "failed": _not_first(sent, following) or _not_stopped(first, moving),
+    }
+
+
+def _not_first(sent: list[Order], following: str) -> str:
+    if not sent:
+        return f"{following} sent neither stop nor motion"
+    return (
+        "" if sent[0].what == "stop" else f"{following} sent {sent[0].text} to {sent[0].instrument} before any stop"
+    )
+
+
+def _first_of_each(ordered: list[Order]) -> dict[str, Order]:
+    first: dict[str, Order] = {}
+    for order in ordered:
+        first.setdefault(order.instrument, order)
+    return first
+
+
+def _not_stopped(first: dict[str, Order], moving: set[str]) -> str:
+    for name in sorted(moving):
+        if name not in first:
+            return f"{name} moved and was sent no stop within {COMES_S:g} s"
+        if first[name].what != "stop":
+            return f"{name} was sent {first[name].text} before a stop"
+    return ""
+
+
+def _badly_ended(outcome: Outcome, ending: str) -> str:
+    if outcome.status == 0 and ending in {"SIGINT", "SIGTERM"} and not outcome.out:
+        return ""
+    return outcome.broken()
+
+
+def _still_moves(bench: Bench) -> str:
+    """Ask the controllers themselves."""
+    for name, kind, port in bench.rig.motion:
+        if not at_rest(kind, port, 3.0):
+            return f"{name} still moves after the command has ended"
+    return ""
+
+
+def _write_down(bench: Bench) -> None:
+    lines = [f"{piece.at_s:.4f} {piece.instrument} {piece.data!r}" for piece in bench.rig.wires.sent]
+    (bench.work / "wire.txt").write_text("\n".join(lines), encoding="utf-8")
