@@ -35,6 +35,8 @@ SAMPLES, PERIOD_S = 10, 0.01
 
 Action = Callable[[], Any]
 Answers = dict[bytes, list[bytes]]
+Build = Callable[[Any, Any], Any]
+"""A driver, given an instrument and a clock."""
 
 ODD = (b"", b"\0", b"\r\n", b"nan", b"inf", b"-inf", b"1e400", b"1_0", b"0x10", b"\xd9\xa3", b"9" * 400, b"\xff" * 30)
 ODD += (
@@ -188,9 +190,7 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
     }
 
 
-def _act(
-    name: str, build: Callable[[Any, Any], Any], scripted: Scripted, draw: random.Random, failures: list[str]
-) -> int:
+def _act(name: str, build: Build, scripted: Scripted, draw: random.Random, failures: list[str]) -> int:
     """Let a driver do what it can until it has had its replies; returns how often it raised a typed error."""
     driver = build(scripted, VirtualClock())
     typed, each = 0, REPLIES // len(_recorded())
@@ -210,28 +210,29 @@ def _act(
 def _actions(driver: Any, draw: random.Random) -> Sequence[Action]:
     """What the interfaces this driver has let a procedure ask."""
     can: list[Action] = [driver.open, driver.identify, driver.close, driver.stop]
-    if hasattr(driver, "confirm_in_step"):
-        can.append(driver.confirm_in_step)
-    if isinstance(driver, interfaces.RotationStage):
-        can += [driver.home, driver.is_homed, driver.angle, lambda: driver.move_to(draw.uniform(-90.0, 90.0))] * 3
-    if isinstance(driver, interfaces.LinearStage):
-        can += [driver.home, driver.is_homed, driver.position, driver.rest] * 2
-        can += [lambda: driver.move_to(draw.uniform(-20.0, 20.0)), lambda: driver.oscillate(0.0, 5.0, 0.5, 4.0)] * 2
-    if isinstance(driver, interfaces.DisplacementMeter):
-        can += [driver.displacements] * 6
-    if isinstance(driver, interfaces.PacedRecorder):
-        can += [lambda: driver.arm(SAMPLES, PERIOD_S), driver.collect] * 4
-    if isinstance(driver, interfaces.StreamedRecorder):
-        can += [lambda: driver.follow(SAMPLES, PERIOD_S), driver.fetch] * 4
-    if isinstance(driver, interfaces.PacingRecorder):
-        can += [lambda: driver.start(SAMPLES, PERIOD_S), driver.fetch, driver.fetch] * 4
-    if isinstance(driver, interfaces.Voltmeter):
-        can += [driver.voltage] * 6
-    if isinstance(driver, interfaces.Thermometer):
-        can += [driver.temperature] * 6
+    for name in ("home", "is_homed", "angle", "position", "rest", "confirm_in_step"):
+        if hasattr(driver, name):
+            can += [getattr(driver, name)] * 2
+    for name in ("displacements", "collect", "fetch", "voltage", "temperature"):
+        if hasattr(driver, name):
+            can += [getattr(driver, name)] * 6
+    return can + _set_points(driver, draw) * 4
+
+
+def _set_points(driver: Any, draw: random.Random) -> list[Action]:
     if isinstance(driver, interfaces.VoltageSource) and not hasattr(driver, "fetch"):  # a pacing meter starts too
-        can += [lambda: driver.start(_waveforms(driver, draw))] * 6
-    return can
+        return [lambda: driver.start(_waveforms(driver, draw))]
+    actions: dict[type, list[Action]] = {
+        interfaces.RotationStage: [lambda: driver.move_to(draw.uniform(-90.0, 90.0))],
+        interfaces.LinearStage: [
+            lambda: driver.move_to(draw.uniform(-20.0, 20.0)),
+            lambda: driver.oscillate(0.0, 5.0, 0.5, 4.0),
+        ],
+        interfaces.PacedRecorder: [lambda: driver.arm(SAMPLES, PERIOD_S)],
+        interfaces.StreamedRecorder: [lambda: driver.follow(SAMPLES, PERIOD_S)],
+        interfaces.PacingRecorder: [lambda: driver.start(SAMPLES, PERIOD_S)],
+    }
+    return [action for interface, those in actions.items() if isinstance(driver, interface) for action in those]
 
 
 def _waveforms(driver: Any, draw: random.Random) -> dict[str, interfaces.Waveform]:
@@ -244,9 +245,9 @@ def _waveforms(driver: Any, draw: random.Random) -> dict[str, interfaces.Wavefor
 
 
 @functools.cache
-def _recorded() -> dict[str, tuple[Callable[[Any, Any], Any], Answers]]:
+def _recorded() -> dict[str, tuple[Build, Answers]]:
     """Every kind of driver in every role, and what its simulator answers to its questions."""
-    found: dict[str, tuple[Callable[[Any, Any], Any], Answers]] = {}
+    found: dict[str, tuple[Build, Answers]] = {}
     for rig in RIGS:
         file = config.read_rig(SHIPPED / rig)
         simulation = build_simulation(file, VirtualClock(), seed=1)

@@ -1,7 +1,7 @@
 """Whatever ends a command while something moves, a stop is the next thing on the wire; so it is after a kill -9.
 
-Each command that can move anything, with INT, TERM, HUP, KILL, and the console's terminal lost, over `rigctl simulate`
-on the wall clock; wires that keep a record tell what was sent when.
+Each command that can move anything, with INT, TERM, HUP, KILL, and the console's terminal lost, over
+`rigctl simulate` on the wall clock; wires that keep a record tell what was sent when.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tests.reliability.stops import Order, at_rest, orders
 from tests.reliability.terminal import Terminal
 
 PROMISE = (
-    "Whatever ends a command while something moves, the next motion byte on that wire is a stop, and the command ends; "
+    "Whatever ends a command while something moves, the next motion byte on that wire is a stop; "
     "after kill -9 it is the first that any next command sends"
 )
 DEADLINE_S = 150.0
