@@ -3,6 +3,7 @@
     RigError
     ├── ConfigError            a file an operator wrote: names file, key and mend
     ├── DataError              a recording or a store: names file, line and mend
+    ├── DamagedStore           what is stored is not what was written: names the part and the mend
     ├── LinkError              the wire
     │   ├── LinkTimeout        nothing (or not all) came back in time
     │   ├── LinkLost           the connection is gone
@@ -34,6 +35,13 @@ class ConfigError(RigError):
 
 class DataError(RigError):
     """A recording or a store is wrong; the message names file, line and mend."""
+
+
+class DamagedStore(RigError):
+    """What a store holds is not what was written; the message names the run or the part, and the mend.
+
+    No `DataError`: who leaves out a run whose data do not do must not leave out one that was damaged.
+    """
 
 
 class LinkError(RigError):

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from rigctl.campaign import synced
 from rigctl.campaign.bundle_files import open_bundle
 from rigctl.campaign.bundle_reader import BundleReader
 from rigctl.campaign.bundle_writer import RunWithSamples, padded, whole_directory, write_readings, write_runs
-from rigctl.campaign.recording import ImportReport, Recording, RunRecord, RunSource
+from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord, RunSource
+from rigctl.campaign.salvage import HEADER_LOST, Salvage
 from rigctl.campaign.store import Store
 from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray
 
 _PIECE = 1 << 20
 
-__all__ = ["import_bundle", "import_report", "read_bundle", "write_bundle"]
+__all__ = ["import_bundle", "import_report", "read_bundle", "salvage_bundle", "write_bundle"]
 
 
 def read_bundle(path: Path) -> Recording:
@@ -48,7 +50,7 @@ def import_bundle(path: Path, store_path: Path) -> Store:
             _fill(partial, BundleReader(files))
         partial.rename(store_path)
     except BaseException:
-        for suffix in ("", "-wal", "-shm"):
+        for suffix in ("", "-wal", "-shm", synced.SUFFIX):
             partial.with_name(partial.name + suffix).unlink(missing_ok=True)
         raise
     return Store.open(store_path)
@@ -81,38 +83,51 @@ def import_report(store: Store) -> ImportReport | None:
     return ImportReport(data["runs"], invalid, tuple(data["warnings"]))
 
 
-def write_bundle(source: RunSource, directory: Path, *, salvage: bool = False) -> tuple[str, ...]:
+def write_bundle(source: RunSource, directory: Path) -> None:
     """Write the recording or store as a bundle to `directory`, which does not exist or is empty.
 
-    With `salvage` also what there is of runs that were cut off (marked invalid), and of a damaged store what
-    can be read; what could not be is returned, a line each. `DataError` otherwise; then nothing is left.
+    `DataError`, and `DamagedStore` for a run that is not as it was written; then nothing is left.
     """
-    lost: list[str] = []
-    runs = _salvaged(source, lost) if salvage else _finished(source)
+    _write(source, ((record, source.samples(record.run_id)) for record in source.runs()), directory)
+
+
+@dataclass(frozen=True)
+class Salvaged:
+    """What became of the runs of a store: the run_id of each that was saved, a line for each that was not."""
+
+    saved: tuple[str, ...]
+    lost: tuple[str, ...]
+
+
+def salvage_bundle(store: Path, directory: Path) -> Salvaged:
+    """Write every run of a store that is as it was written, whatever became of the rest of the file, as a bundle.
+
+    What there is of runs that were cut off comes too, marked invalid. `DataError` when there is nothing to save;
+    then nothing is left.
+    """
+    salvage = Salvage(store)
+    header = salvage.header or Header(salvage.guessed, extra={"salvaged": HEADER_LOST})
+    saved: list[str] = []
+    _write(Recording(header, (), {}, ImportReport(0)), _saved(salvage, header, saved), directory)
+    return Salvaged(tuple(saved), (*(() if salvage.header else (HEADER_LOST,)), *salvage.lost))
+
+
+def _saved(salvage: Salvage, header: Header, saved: list[str]) -> Iterator[RunWithSamples]:
+    for record, samples in salvage.runs():
+        if record.state == "finished":
+            saved.append(record.run_id)
+            yield record, samples
+        elif "t_s" in samples:
+            saved.append(record.run_id)
+            yield _cut_off(record), padded(samples, header.channels)
+        else:
+            salvage.lost.append(f"run {record.run_id}: {record.state}, without samples")
+
+
+def _write(source: RunSource, runs: Iterator[RunWithSamples], directory: Path) -> None:
     with whole_directory(directory) as partial:
         write = write_readings if source.header.experiment == "table" else write_runs
         write(source, runs, partial)
-    return tuple(lost)
-
-
-def _finished(source: RunSource) -> Iterator[RunWithSamples]:
-    for record in source.runs():
-        yield record, source.samples(record.run_id)
-
-
-def _salvaged(source: RunSource, lost: list[str]) -> Iterator[RunWithSamples]:
-    for record in source.salvageable_runs(lost) if isinstance(source, Store) else source.runs():
-        try:
-            samples = source.samples(record.run_id)
-        except DataError as error:
-            lost.append(f"run {record.run_id}: {error}")
-            continue
-        if record.state == "finished":
-            yield record, samples
-        elif "t_s" in samples:
-            yield _cut_off(record), padded(samples, source.header.channels)
-        else:
-            lost.append(f"run {record.run_id}: {record.state}, without samples")
 
 
 def _cut_off(record: RunRecord) -> RunRecord:

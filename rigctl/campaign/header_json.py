@@ -13,13 +13,16 @@ from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
 
 def dumps(value: Any) -> str:
     """JSON text; numpy scalars and arrays become numbers and lists."""
-    return json.dumps(value, separators=(",", ":"), default=_plain)
+    return _encode(value)
 
 
 def _plain(value: object) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be kept as JSON")
+
+
+_encode = json.JSONEncoder(separators=(",", ":"), default=_plain).encode
 
 
 def header_to_json(header: Header) -> str:

@@ -47,10 +47,9 @@ class Questions:
 
 def open_question(store: Store) -> Question | None:
     """What the campaign of a store waits for; only a campaign that runs waits."""
-    asked = store.events(ASKED)
-    if not asked or _answer_to(store, asked[-1].id) is not None:
+    last = store.last_event(ASKED)
+    if last is None or _answer_to(store, last.id) is not None:
         return None
-    last = asked[-1]
     return Question(last.id, str(last.data["text"]), last.time)
 
 
@@ -65,4 +64,4 @@ def answer(store: Store, number: int, text: str) -> None:
 
 
 def _answer_to(store: Store, number: int) -> str | None:
-    return next((str(e.data["answer"]) for e in store.events(ANSWERED) if e.data["question"] == number), None)
+    return next((str(e.data["answer"]) for e in store.events(ANSWERED, after=number) if e.data["question"] == number), None)

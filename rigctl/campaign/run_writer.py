@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import json
-import sqlite3
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
+from rigctl.campaign.checked_rows import CheckedRows
+from rigctl.campaign.checksums import ColumnSums
 from rigctl.campaign.header_json import dumps
 from rigctl.campaign.recording import RunRecord, flaw_of_column
-from rigctl.campaign.schema import database_errors, first_chunk_id, transaction
+from rigctl.campaign.schema import first_chunk_id
 from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray
 
 _INSERT = "INSERT INTO samples (id, name, data) VALUES (?, ?, ?)"
-_FINISH = "UPDATE runs SET conditions = ?, state = 'finished', valid = ?, reason = ? WHERE number = ?"
-_INTERRUPT = "UPDATE runs SET state = 'interrupted', valid = 0, reason = ? WHERE number = ?"
 
 COMMIT_EVERY_S = 1.0
 """Of real time: what a stream of samples loses at most when its process is killed."""
@@ -30,14 +28,14 @@ COMMIT_EVERY_S = 1.0
 class RunWriter:
     """Made by `Store.begin_run`; use it in `with`: leaving without `finish` marks the run interrupted."""
 
-    def __init__(self, connection: sqlite3.Connection, path: Path, number: int, record: RunRecord) -> None:
-        self._connection = connection
-        self._path = path
+    def __init__(self, rows: CheckedRows, number: int, record: RunRecord) -> None:
+        self._rows = rows
         self._number = number
         self._record = record
         self._lengths: dict[str, int] = {}
         self._next_chunk_id = first_chunk_id(number)
         self._pending: dict[str, list[bytes]] = {}
+        self._sums = ColumnSums()
         self._committed_s = time.monotonic()
         self._open = True
 
@@ -65,10 +63,11 @@ class RunWriter:
         chunks = {name: self._bytes(name, column) for name, column in columns.items()}
         for name, data in chunks.items():
             self._lengths[name] = self._lengths.get(name, 0) + len(data) // 8
+            self._sums.add(name, data)
             self._pending.setdefault(name, []).append(data)
 
     def _commit(self) -> None:
-        with database_errors(self._path), transaction(self._connection):
+        with self._rows.writing():
             self._insert_pending()
         self._committed_s = time.monotonic()
 
@@ -79,7 +78,7 @@ class RunWriter:
         ]
         self._next_chunk_id += len(rows)
         self._pending = {}
-        self._connection.executemany(_INSERT, rows)
+        self._rows.connection.executemany(_INSERT, rows)
 
     def finish(
         self, conditions: Mapping[str, Any] | None = None, *, valid: bool = True, reason: str = ""
@@ -91,9 +90,9 @@ class RunWriter:
         self._require_open()
         self._require_equal_lengths()
         kept = dumps({**self._record.conditions, **(conditions or {})})
-        with database_errors(self._path), transaction(self._connection, durable=True):
+        with self._rows.writing(durable=True):
             self._insert_pending()
-            self._connection.execute(_FINISH, (kept, int(valid), reason, self._number))
+            self._end(kept, valid, reason, "finished")
         self._open = False
         return replace(self._record, conditions=json.loads(kept), valid=valid, reason=reason, state="finished")
 
@@ -125,9 +124,15 @@ class RunWriter:
         self._open = False
         reason = "left unfinished" if kind is None else f"{kind.__name__}: {error}"
         try:
-            with database_errors(self._path), transaction(self._connection):
+            with self._rows.writing():
                 self._insert_pending()
-                self._connection.execute(_INTERRUPT, (reason, self._number))
+                self._end(dumps(self._record.conditions), False, reason, "interrupted")
         except DataError:
             if kind is None:
                 raise
+
+    def _end(self, conditions: str, valid: bool, reason: str, state: str) -> None:
+        record, sums = self._record, self._sums.to_text()
+        self._rows.end_run(
+            self._number, record.run_id, record.key, record.step, conditions, int(valid), reason, state, sums
+        )

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from functools import cache
 from pathlib import Path
 
-from rigctl.errors import DataError
+from rigctl.campaign import ledger
+from rigctl.errors import DamagedStore, DataError
 
 APPLICATION_ID = 0x72696763
 BUSY_TIMEOUT_S = 10.0
@@ -64,17 +66,37 @@ MIGRATIONS: tuple[Migration, ...] = (
             UNIQUE (recipe, name)
         )""",
     ),
+    (
+        # A checksum in every row that is read again, and the ledger of all of them.
+        *(
+            f"ALTER TABLE {table} ADD COLUMN sum INTEGER"
+            for table in ("header", "events", "status", "identities", "documents", "reductions")
+        ),
+        "ALTER TABLE runs ADD COLUMN samples_sum TEXT",
+        "ALTER TABLE runs ADD COLUMN sum INTEGER",
+        ledger.TABLE,
+        # A run's end changes no index: beside its row the ledger is all that is written.
+        "DROP INDEX finished_runs",
+        "DROP INDEX acquiring_runs",
+        "CREATE INDEX runs_by_key ON runs (key)",
+    ),
 )
 """Step i takes a file of schema i to schema i + 1; schema 0 is an empty file."""
 
+_WITH_CHECKSUMS = 3
+
 READABLE_FROM = 1
 """Of this schema on, a file can be read without being brought up: later steps only add tables for what can be
-worked out again."""
+worked out again, and checksums."""
 
 
 def first_chunk_id(number: int) -> int:
     """Where the chunks of run `number` begin in `samples`; those of the next run begin 2**32 later."""
     return number << 32
+
+
+_SIGNS_OF_DAMAGE = ("no such column", "no such table", "already exists", "duplicate column", "UTF-8", "file format")
+"""What SQLite says of statements that are right when the file they are about is not."""
 
 
 @contextmanager
@@ -83,19 +105,26 @@ def database_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.OperationalError as error:
+        if any(sign in str(error) for sign in _SIGNS_OF_DAMAGE):
+            raise _damaged(path, str(error)) from error
         raise DataError(_operational(path, str(error))) from error
     except sqlite3.IntegrityError as error:
         raise DataError(f"{path}: two programs write the same run ({error}); stop one of them") from error
     except sqlite3.DatabaseError as error:
         if error.sqlite_errorcode == sqlite3.SQLITE_NOTADB:
             raise DataError(_no_store(path)) from error
-        raise DataError(
-            f"{path}: the store is damaged ({error}); save what can be read with `rigctl export --salvage`"
-        ) from error
+        raise _damaged(path, str(error)) from error
+
+
+def _damaged(path: Path, what: str) -> DamagedStore:
+    return DamagedStore(f"{path}: the store is damaged ({what}); save all that verifies with `rigctl export --salvage`")
 
 
 def _no_store(path: Path) -> str:
-    return f"{path}: not a campaign store; name a file made by `rigctl run` or `rigctl import`"
+    return (
+        f"{path}: not a campaign store; name a file made by `rigctl run` or `rigctl import`, or, if this is one whose "
+        "beginning is damaged, save all that verifies with `rigctl export --salvage`"
+    )
 
 
 def _operational(path: Path, text: str) -> str:
@@ -132,13 +161,49 @@ def schema_version(connection: sqlite3.Connection) -> int:
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
 
 
-def bring_up(connection: sqlite3.Connection, path: Path, *, readonly: bool) -> None:
-    """Migrate an older file in one transaction; `DataError` when it is newer, or too old to be read as it is."""
-    if not readonly:
-        prepare_for_writing(connection)
+def require_readable(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise `DataError` for a file of a newer program."""
     version, newest = schema_version(connection), len(MIGRATIONS)
     if version > newest:
         raise DataError(f"{path}: store schema {version} is newer than this program reads ({newest}); update rigctl")
+
+
+def has_checksums(connection: sqlite3.Connection) -> bool:
+    """Whether rows have checksums: a file made before, and not yet opened for writing, has none."""
+    return schema_version(connection) >= _WITH_CHECKSUMS
+
+
+def require_tables(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise `DamagedStore` unless tables and indexes are declared as this program declares them."""
+    there = set(connection.execute("SELECT name, sql FROM sqlite_schema"))
+    if has_checksums(connection):
+        if missing := {name for name, _ in _declared() - there}:
+            raise _damaged(path, f"the declaration of {', '.join(sorted(missing))}")
+    elif "ledger" in {name for name, _ in there}:
+        raise _damaged(path, "its schema version")
+
+
+@cache
+def _declared() -> frozenset[tuple[str, str]]:
+    with closing(sqlite3.connect(":memory:", isolation_level=None)) as connection:
+        migrate(connection, MIGRATIONS)
+        return frozenset(connection.execute("SELECT name, sql FROM sqlite_schema"))
+
+
+def require_index(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise `DamagedStore` unless every run is found by its key: what is not found is measured again."""
+    (found,) = connection.execute("PRAGMA integrity_check(runs)").fetchone()
+    if found != "ok":
+        raise _damaged(path, found)
+
+
+def bring_up(
+    connection: sqlite3.Connection, path: Path, *, readonly: bool, seal: Callable[[sqlite3.Connection], None]
+) -> None:
+    """Migrate an older file and `seal` it in one transaction; `DataError` when it is too old to be read."""
+    if not readonly:
+        prepare_for_writing(connection)
+    version, newest = schema_version(connection), len(MIGRATIONS)
     if version == newest:
         return
     if readonly:
@@ -149,6 +214,8 @@ def bring_up(connection: sqlite3.Connection, path: Path, *, readonly: bool) -> N
         )
     with transaction(connection, durable=True):
         migrate(connection, MIGRATIONS)
+        require_index(connection, path)
+        seal(connection)
 
 
 def migrate(connection: sqlite3.Connection, migrations: Sequence[Migration]) -> None:
@@ -157,6 +224,19 @@ def migrate(connection: sqlite3.Connection, migrations: Sequence[Migration]) -> 
         for statement in migrations[version]:
             connection.execute(statement)
         connection.execute(f"PRAGMA user_version = {version + 1}")
+
+
+@contextmanager
+def snapshot(connection: sqlite3.Connection) -> Iterator[None]:
+    """Everything read inside is of one instant."""
+    if connection.in_transaction:
+        yield
+        return
+    connection.execute("BEGIN")
+    try:
+        yield
+    finally:
+        connection.execute("ROLLBACK")
 
 
 @contextmanager

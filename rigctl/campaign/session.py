@@ -125,7 +125,7 @@ class Session:
             return result
 
         result = self.guarded(key, apparatus, done)
-        self.store.add_event("once", {"key": key, "result": result}, self.clock.now_s())
+        self.store.add_event("once", {"key": key, "result": result}, self.clock.now_s(), durable=True)
         self._answers[key] = result
         return result
 

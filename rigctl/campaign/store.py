@@ -10,8 +10,8 @@ import difflib
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,17 +19,16 @@ from typing import Any, Self
 
 import numpy as np
 
-from rigctl.campaign import schema
+from rigctl.campaign import ledger, schema, synced
+from rigctl.campaign.checked_rows import FINISHED_KEY, CheckedRows, Row, chunk_ids, seal
 from rigctl.campaign.header_json import dumps, header_from_json, header_to_json
+from rigctl.campaign.ledger import Mark
 from rigctl.campaign.recording import Header, RunRecord, flaw_of_run_id
 from rigctl.campaign.run_writer import RunWriter
-from rigctl.errors import DataError
+from rigctl.errors import DamagedStore, DataError
 from rigctl.interfaces import FloatArray, Identity
 
-_RUN = "SELECT run_id, key, step, conditions, valid, reason, state FROM runs"
-_CUT_OFF = "UPDATE runs SET state = 'interrupted', reason = 'cut off' WHERE key = ? AND state = 'acquiring'"
 _WITH_REDUCTIONS = 2
-_ENDS = {"ASC": "first on", "DESC": "last back"}
 
 
 @dataclass(frozen=True)
@@ -56,10 +55,11 @@ class Document:
 class Store:
     """An open campaign file; `close` it, or use it in `with`."""
 
-    def __init__(self, path: Path, connection: sqlite3.Connection, header: Header) -> None:
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self.path = path
-        self.header = header
         self._connection = connection
+        self._rows = CheckedRows(connection, path)
+        self.header = _header(self._rows)
 
     @classmethod
     def create(cls, path: Path, header: Header) -> Store:
@@ -72,7 +72,8 @@ class Store:
                 with schema.transaction(connection, durable=True):
                     connection.execute(f"PRAGMA application_id = {schema.APPLICATION_ID}")
                     schema.migrate(connection, schema.MIGRATIONS)
-                    connection.execute("INSERT INTO header VALUES (1, ?)", (header_to_json(header),))
+                    connection.execute("INSERT INTO header (data) VALUES (?)", (header_to_json(header),))
+                    seal(connection)
             _publish(partial, path)
         except FileExistsError as error:
             raise DataError(f"{path}: exists already; name another store, or `rigctl resume` this one") from error
@@ -83,32 +84,35 @@ class Store:
         return cls.open(path)
 
     @classmethod
-    def open(cls, path: Path, *, readonly: bool = False, salvage: bool = False) -> Store:
+    def open(cls, path: Path, *, readonly: bool = False) -> Store:
         """An existing campaign file, brought to the current schema unless `readonly`.
 
-        `salvage` reads on in a file that was cut short. `DataError` when it is missing, not a store, or of a
-        newer schema.
+        `DataError` when it is missing, not a store, or of a newer schema; `DamagedStore` when it is not what was
+        written.
         """
         if not path.is_file():
             raise DataError(f"{path}: no such store; check the name, or make one with `rigctl run` or `import`")
+        noted = synced.read(path)
+        if noted is not None and not readonly:
+            # Whoever opens it for writing and closes it again takes away a log of which not all was read.
+            with closing(schema.connect(path, readonly=True)) as connection:
+                _require_whole(connection, path, noted)
         connection = schema.connect(path, readonly=readonly)
         try:
             with schema.database_errors(path):
                 connection.execute(f"PRAGMA query_only = {int(readonly)}")
-                if salvage:
-                    # Lets SQLite read a file that is shorter than its first page says.
-                    connection.execute("PRAGMA writable_schema = ON")
-                schema.require_store(connection, path)
-                schema.bring_up(connection, path, readonly=readonly)
-                header = connection.execute("SELECT data FROM header").fetchone()
-            return cls(path, connection, header_from_json(header[0]))
+                _require_whole(connection, path, noted)
+                schema.bring_up(connection, path, readonly=readonly, seal=seal)
+                if not readonly:
+                    schema.require_index(connection, path)
+            return cls(path, connection)
         except BaseException:
             connection.close()
             raise
 
     def close(self) -> None:
         """Close the file; may be called twice."""
-        self._connection.close()
+        self._rows.close()
 
     def __enter__(self) -> Self:
         return self
@@ -126,17 +130,15 @@ class Store:
         """
         if run_id is not None and (flaw := flaw_of_run_id(run_id)):
             raise DataError(f"run_id {run_id!r} {flaw}; give it another")
-        with self._writing():
-            if self._connection.execute("SELECT 1 FROM runs WHERE key = ? AND state = 'finished'", (key,)).fetchone():
+        with self._rows.writing():
+            if self._connection.execute(FINISHED_KEY, (key,)).fetchone():
                 raise DataError(f"{self.path}: {key} is recorded already; give the run another key")
-            self._connection.execute(_CUT_OFF, (key,))
+            for run in self._rows.rows("runs", "WHERE key = ? AND state = 'acquiring'", (key,)):
+                self._rows.end_run(*run[:6], "cut off", "interrupted", None)
             number, name = self._next_run(run_id)
             record = RunRecord(name, key, step, dict(conditions), state="acquiring")
-            self._connection.execute(
-                "INSERT INTO runs (number, run_id, key, step, conditions) VALUES (?, ?, ?, ?, ?)",
-                (number, name, key, step, dumps(record.conditions)),
-            )
-        return RunWriter(self._connection, self.path, number, record)
+            self._rows.begin_run(number, name, key, step, dumps(record.conditions), 1, "", record.state, None)
+        return RunWriter(self._rows, number, record)
 
     def _next_run(self, run_id: str | None) -> tuple[int, str]:
         (number,) = self._connection.execute("SELECT COALESCE(MAX(number), 0) + 1 FROM runs").fetchone()
@@ -151,48 +153,38 @@ class Store:
 
     def run_by_key(self, key: str) -> RunRecord | None:
         """The finished run the procedure calls `key`; None when there is none."""
-        found = self._records("WHERE key = ? AND state = 'finished'", (key,))
-        return found[0] if found else None
+        found = self._rows.rows("runs", "WHERE key = ? AND state = 'finished'", (key,))
+        return _record(found[0]) if found else None
 
     def runs(self, *, valid_only: bool = False, skip: int = 0) -> list[RunRecord]:
-        """The finished runs in the order they were begun, without the first `skip`."""
-        wanted = f"WHERE state = 'finished'{' AND valid' if valid_only else ''} ORDER BY number LIMIT -1 OFFSET ?"
-        return self._records(wanted, (skip,))
+        """The finished runs in the order they were begun; those after the first `skip`, if any are skipped.
+
+        `DamagedStore` when one is not as it was written, or, of all runs, when one is missing.
+        """
+        if skip:
+            found = self._rows.rows("runs", "WHERE state = 'finished' ORDER BY number LIMIT -1 OFFSET ?", (skip,))
+        else:
+            found = self._rows.whole("runs", "ORDER BY number")
+        records = (_record(row) for row in found)
+        return [run for run in records if run.state == "finished" and (run.valid or not valid_only)]
 
     def run_counts(self) -> tuple[int, int]:
         """How many runs are finished, and how many of them are declared invalid; cheap."""
-        found = self._read("SELECT COUNT(*), COALESCE(SUM(NOT valid), 0) FROM runs WHERE state = 'finished'")
+        found = self._rows.read("SELECT COUNT(*), COALESCE(SUM(NOT valid), 0) FROM runs WHERE state = 'finished'")
         return int(found[0][0]), int(found[0][1])
 
     def interrupted_runs(self) -> list[RunRecord]:
         """Runs begun and never finished: cut off or, while a campaign is at it, still `acquiring`."""
-        return self._records("WHERE state <> 'finished' ORDER BY number")
-
-    def salvageable_runs(self, lost: list[str]) -> Iterator[RunRecord]:
-        """Every run a damaged store still knows, finished or not, from both ends; `lost` gains what it does not."""
-        seen: set[str] = set()
-        for direction in ("ASC", "DESC"):
-            try:
-                for row in self._connection.execute(f"{_RUN} ORDER BY number {direction}"):
-                    if row[0] in seen:
-                        return
-                    record = _record(row)
-                    seen.add(record.run_id)
-                    yield record
-            except (sqlite3.DatabaseError, ValueError) as error:
-                lost.append(f"{self.path}: no more runs from the {_ENDS[direction]} ({error})")
-            else:
-                return
+        return [_record(row) for row in self._rows.rows("runs", "WHERE state <> 'finished' ORDER BY number")]
 
     def samples(self, run_id: str) -> dict[str, FloatArray]:
         """The columns of a run, each of shape (samples,), in the order they first came.
 
-        An interrupted run's columns may differ in length. `DataError` for an unknown run.
+        An interrupted run's columns may differ in length. `DataError` for an unknown run, `DamagedStore` when a
+        finished run's are not as they were written.
         """
-        number = self._number(run_id)
         chunks: dict[str, list[bytes]] = {}
-        query = "SELECT name, data FROM samples WHERE id >= ? AND id < ? ORDER BY id"
-        for name, data in self._read(query, (schema.first_chunk_id(number), schema.first_chunk_id(number + 1))):
+        for name, data in self._rows.samples(self._run(run_id)):
             chunks.setdefault(name, []).append(data)
         return {
             name: np.frombuffer(bytearray(b"".join(parts)), dtype="<f8").astype(np.float64, copy=False)
@@ -202,39 +194,27 @@ class Store:
     def sample_chunks(self, run_id: str) -> Iterator[dict[str, FloatArray]]:
         """The columns of a run piece by piece, as they were written, each piece of one length in all columns.
 
-        What the columns of an interrupted run do not share is left out. `DataError` for an unknown run.
+        What the columns of an interrupted run do not share is left out. `DataError` for an unknown run; after the
+        last piece `DamagedStore`, as `samples`.
         """
-        number = self._number(run_id)
-        bounds = (schema.first_chunk_id(number), schema.first_chunk_id(number + 1))
-        names = [
-            name
-            for (name,) in self._read(
-                "SELECT name FROM samples WHERE id >= ? AND id < ? GROUP BY name ORDER BY MIN(id)", bounds
-            )
-        ]
-        waiting: dict[str, list[FloatArray]] = {name: [] for name in names}
-        with schema.database_errors(self.path):
-            rows = self._connection.execute(
-                "SELECT name, data FROM samples WHERE id >= ? AND id < ? ORDER BY id", bounds
-            )
-            for name, data in rows:
-                waiting[name].append(np.frombuffer(data, dtype="<f8").astype(np.float64))
-                if all(waiting.values()):
-                    columns = {each: np.concatenate(parts) for each, parts in waiting.items()}
-                    count = min(column.size for column in columns.values())
-                    yield {each: column[:count] for each, column in columns.items()}
-                    waiting = {
-                        each: [column[count:]] if column.size > count else [] for each, column in columns.items()
-                    }
+        run = self._run(run_id)
+        query = "SELECT name FROM samples WHERE id >= ? AND id < ? GROUP BY name ORDER BY MIN(id)"
+        waiting: dict[str, list[FloatArray]] = {name: [] for (name,) in self._rows.read(query, chunk_ids(run[0]))}
+        for name, data in self._rows.samples(run):
+            waiting[name].append(np.frombuffer(data, dtype="<f8").astype(np.float64))
+            if all(waiting.values()):
+                columns = {each: np.concatenate(parts) for each, parts in waiting.items()}
+                count = min(column.size for column in columns.values())
+                yield {each: column[:count] for each, column in columns.items()}
+                waiting = {each: [column[count:]] if column.size > count else [] for each, column in columns.items()}
 
     def last_samples(self, run_id: str, count: int) -> dict[str, FloatArray]:
-        """At most the last `count` of every column, as `samples`, without reading the whole of a long run."""
-        number = self._number(run_id)
+        """At most the last `count` of every column, not verified, without reading the whole of a long run."""
         query = "SELECT name, data FROM samples WHERE id >= ? AND id < ? ORDER BY id DESC"
         chunks: dict[str, list[bytes]] = {}
         lengths: dict[str, int] = {}
         with schema.database_errors(self.path):
-            rows = self._connection.execute(query, (schema.first_chunk_id(number), schema.first_chunk_id(number + 1)))
+            rows = self._connection.execute(query, chunk_ids(self._run(run_id)[0]))
             for name, data in rows:
                 if name in chunks and min(lengths.values()) >= count:
                     break
@@ -251,64 +231,64 @@ class Store:
 
         `DataError` for an interrupted run and for an unknown one, naming the nearest.
         """
-        number = self._number(run_id, finished=True)
-        with self._writing(durable=True):
-            self._connection.execute(
-                "UPDATE runs SET valid = ?, reason = ? WHERE number = ?", (int(valid), reason, number)
-            )
-            self._insert_event("mark", {"run_id": run_id, "valid": valid, "reason": reason}, None)
+        run = self._run(run_id)
+        if run[7] != "finished":
+            raise DataError(f"{self.path}: run {run_id} is {run[7]}, it is never used; name a finished run")
+        with self._rows.writing(durable=True):
+            self._rows.mark_run(*run[:5], int(valid), reason, *run[7:9])
+            self._rows.append("events", _now(), None, "mark", dumps({"run_id": run_id, "valid": valid, "reason": reason}))
 
-    def _number(self, run_id: str, *, finished: bool = False) -> int:
-        found = self._read("SELECT number, state FROM runs WHERE run_id = ?", (run_id,))
+    def _run(self, run_id: str) -> Row:
+        found = self._rows.rows("runs", "WHERE run_id = ?", (run_id,))
         if not found:
             raise DataError(f"{self.path}: no run {run_id}; {self._nearest(run_id)}")
-        number, state = found[0]
-        if finished and state != "finished":
-            raise DataError(f"{self.path}: run {run_id} is {state}, it is never used; name a finished run")
-        return int(number)
+        return found[0]
 
     def _nearest(self, run_id: str) -> str:
-        known = [name for (name,) in self._read("SELECT run_id FROM runs ORDER BY number")]
+        known = [name for (name,) in self._rows.read("SELECT run_id FROM runs ORDER BY number")]
         if not known:
             return "it has no runs yet"
         return f"the nearest are {', '.join(difflib.get_close_matches(run_id, known, n=3, cutoff=0.0))}"
 
-    def _records(self, clause: str, values: Sequence[object] = ()) -> list[RunRecord]:
-        return [_record(row) for row in self._read(f"{_RUN} {clause}", values)]
-
     # Events, requests, status
 
-    def add_event(self, kind: str, data: Mapping[str, Any], rig_time_s: float | None = None) -> int:
-        """Keep that something happened, now; returns its number."""
-        with self._writing():
-            return self._insert_event(kind, data, rig_time_s)
+    def add_event(
+        self, kind: str, data: Mapping[str, Any], rig_time_s: float | None = None, *, durable: bool = False
+    ) -> int:
+        """Keep that something happened, now; returns its number. `durable`: on stable storage when it does."""
+        rig_time = None if rig_time_s is None else float(rig_time_s)
+        with self._rows.writing(durable=durable):
+            return self._rows.append("events", _now(), rig_time, kind, dumps(data))
 
     def events(self, kind: str | None = None, *, after: int = 0) -> list[Event]:
-        """All events in order, or those of one kind, or those after event number `after`."""
-        wanted = "id > ? AND (? IS NULL OR kind = ?)"
-        query = f"SELECT id, time, rig_time_s, kind, data FROM events WHERE {wanted} ORDER BY id"  # noqa: S608
-        return [
-            Event(number, time, rig_time_s, name, json.loads(data))
-            for number, time, rig_time_s, name, data in self._read(query, (after, kind, kind))
-        ]
+        """All events in order, or those of one kind, or those after event number `after`.
 
-    def _insert_event(self, kind: str, data: Mapping[str, Any], rig_time_s: float | None) -> int:
-        return self._insert(
-            "INSERT INTO events (time, rig_time_s, kind, data) VALUES (?, ?, ?, ?)",
-            (_now(), rig_time_s, kind, dumps(data)),
-        )
+        `DamagedStore` when one is not as it was written, or, without `after`, when one is missing.
+        """
+        if after:
+            found = self._rows.rows("events", "WHERE id > ? ORDER BY id", (after,))
+        else:
+            found = self._rows.whole("events", "ORDER BY id")
+        return [_event(row) for row in found if kind in (None, row[3])]
+
+    def last_event(self, kind: str) -> Event | None:
+        """The latest event of a kind."""
+        found = self._rows.rows("events", "WHERE kind = ? ORDER BY id DESC LIMIT 1", (kind,))
+        return _event(found[0]) if found else None
 
     def add_request(self, kind: str) -> int:
         """Ask the campaign, from any process, for something: `pause`, `abort`, `resume`."""
-        with self._writing():
-            return self._insert("INSERT INTO requests (kind) VALUES (?)", (kind,))
+        with self._rows.writing():
+            number = self._connection.execute("INSERT INTO requests (kind) VALUES (?)", (kind,)).lastrowid
+            assert number is not None
+            return number
 
     def take_request(self) -> str | None:
         """The oldest request, so that nobody else gets it; None, at the cost of one look-up, without one."""
         open_request = "SELECT id FROM requests WHERE taken = 0 ORDER BY id LIMIT 1"
-        if not self._read(open_request):
+        if not self._rows.read(open_request):
             return None
-        with self._writing():
+        with self._rows.writing():
             found = self._connection.execute(
                 f"UPDATE requests SET taken = 1 WHERE id = ({open_request}) RETURNING kind"  # noqa: S608
             ).fetchone()
@@ -316,81 +296,87 @@ class Store:
 
     def set_status(self, status: Mapping[str, Any]) -> None:
         """Replace what `status` returns."""
-        with self._writing():
-            self._connection.execute("INSERT OR REPLACE INTO status VALUES (1, ?)", (dumps(status),))
+        with self._rows.writing():
+            self._rows.put("status", 1, dumps(status))
 
     def status(self) -> dict[str, Any]:
         """What the campaign last said of itself; empty when it has not."""
-        found = self._read("SELECT data FROM status")
-        return dict(json.loads(found[0][0])) if found else {}
+        found = self._rows.rows("status")
+        return dict(json.loads(found[0][1])) if found else {}
 
     def set_identity(self, name: str, identity: Identity | Mapping[str, Any]) -> None:
         """Keep who answered as instrument `name`."""
         data = asdict(identity) if isinstance(identity, Identity) else dict(identity)
-        with self._writing():
-            self._connection.execute("INSERT OR REPLACE INTO identities VALUES (?, ?)", (name, dumps(data)))
+        with self._rows.writing():
+            self._rows.replace("identities", name, dumps(data))
 
     def identities(self) -> dict[str, dict[str, Any]]:
         """Who answered, by instrument name."""
-        found = self._read("SELECT name, data FROM identities ORDER BY name")
-        return {name: json.loads(data) for name, data in found}
+        return {row[0]: json.loads(row[1]) for row in sorted(self._rows.whole("identities", "NOT INDEXED"))}
 
     # Documents
 
     def add_document(self, kind: str, data: Mapping[str, Any]) -> int:
         """Keep something worked out from the runs; returns its number, durable."""
-        with self._writing(durable=True):
-            return self._insert(
-                "INSERT INTO documents (time, kind, data) VALUES (?, ?, ?)", (_now(), kind, dumps(data))
-            )
+        with self._rows.writing(durable=True):
+            return self._rows.append("documents", _now(), kind, dumps(data))
 
     def documents(self, kind: str | None = None) -> list[Document]:
-        """The documents of one kind, or all, oldest first."""
-        query = "SELECT id, time, kind, data FROM documents WHERE ? IS NULL OR kind = ? ORDER BY id"
+        """The documents of one kind, or all, oldest first; `DamagedStore` as `events`."""
         return [
             Document(number, time, name, json.loads(data))
-            for number, time, name, data in self._read(query, (kind, kind))
+            for number, time, name, data, _ in self._rows.whole("documents", "ORDER BY id")
+            if kind in (None, name)
         ]
 
     # Reductions
 
     def keep_reductions(self, recipe: str, blobs: Mapping[str, bytes]) -> None:
         """Keep what was worked out from samples by `recipe`, by run_id or another name; replaces what was there."""
-        with self._writing():
-            self._connection.executemany(
-                "INSERT OR REPLACE INTO reductions (recipe, name, data) VALUES (?, ?, ?)",
-                [(recipe, name, data) for name, data in blobs.items()],
-            )
+        with self._rows.writing():
+            for name, data in blobs.items():
+                self._rows.put("reductions", recipe, name, data)
 
     def reduction(self, recipe: str, name: str) -> bytes | None:
-        """What is kept by `recipe` under one name; None for nothing."""
-        found = self._read("SELECT data FROM reductions WHERE recipe = ? AND name = ?", (recipe, name))
-        return bytes(found[0][0]) if found else None
+        """What is kept by `recipe` under one name; None for nothing, or for what is not as it was written."""
+        try:
+            found = self._rows.rows("reductions", "WHERE recipe = ? AND name = ?", (recipe, name))
+        except DamagedStore:
+            return None
+        return bytes(found[0][2]) if found else None
 
     def reduced_names(self, recipe: str) -> set[str]:
         """The names of everything kept by `recipe`; none in a file from before there were any."""
         if schema.schema_version(self._connection) < _WITH_REDUCTIONS:
             return set()
-        return {name for (name,) in self._read("SELECT name FROM reductions WHERE recipe = ?", (recipe,))}
+        return {name for (name,) in self._rows.read("SELECT name FROM reductions WHERE recipe = ?", (recipe,))}
 
     @property
     def readonly(self) -> bool:
         """Whether the file was opened for reading only."""
-        return bool(self._read("PRAGMA query_only")[0][0])
+        return bool(self._rows.read("PRAGMA query_only")[0][0])
 
-    def _read(self, query: str, values: Sequence[object] = ()) -> list[Any]:
-        with schema.database_errors(self.path):
-            return self._connection.execute(query, values).fetchall()
+    @property
+    def has_checksums(self) -> bool:
+        """False for a file made before there were any, until it is opened for writing."""
+        return self._rows.summed
 
-    @contextmanager
-    def _writing(self, *, durable: bool = False) -> Iterator[None]:
-        with schema.database_errors(self.path), schema.transaction(self._connection, durable=durable):
-            yield
 
-    def _insert(self, statement: str, values: Sequence[object]) -> int:
-        number = self._connection.execute(statement, values).lastrowid
-        assert number is not None
-        return number
+def _require_whole(connection: sqlite3.Connection, path: Path, noted: Mark | None) -> None:
+    """Raise unless this is a store, its tables are declared as they should be and its last changes are there."""
+    with schema.database_errors(path):
+        schema.require_store(connection, path)
+        schema.require_readable(connection, path)
+        schema.require_tables(connection, path)
+        if noted is not None and schema.has_checksums(connection):
+            synced.require_all(path, noted, ledger.mark(connection))
+
+
+def _header(rows: CheckedRows) -> Header:
+    found = rows.rows("header")
+    if not found:
+        raise rows.damaged("the header is missing")
+    return header_from_json(found[0][1])
 
 
 def _publish(partial: Path, path: Path) -> None:
@@ -405,9 +391,14 @@ def _publish(partial: Path, path: Path) -> None:
         partial.rename(path)
 
 
-def _record(row: tuple[Any, ...]) -> RunRecord:
-    run_id, key, step, conditions, valid, reason, state = row
+def _record(row: Row) -> RunRecord:
+    _, run_id, key, step, conditions, valid, reason, state, *_ = row
     return RunRecord(run_id, key, step, json.loads(conditions), bool(valid), reason, state)
+
+
+def _event(row: Row) -> Event:
+    number, time, rig_time_s, kind, data, *_ = row
+    return Event(number, time, rig_time_s, kind, json.loads(data))
 
 
 def _now() -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -86,17 +85,22 @@ def export(
     store: StoreFile,
     directory: Annotated[Path, typer.Argument(metavar="DIR")],
     format_: Annotated[str, typer.Option("--format", help="bundle or hdf5")] = "bundle",
-    salvage: Annotated[bool, typer.Option("--salvage", help="Include runs that were cut off.")] = False,
+    salvage: Annotated[
+        bool, typer.Option("--salvage", help="Save what verifies of a damaged store, and runs that were cut off.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Write a store as a bundle of plain files, or as one HDF5 file in DIR."""
+    from rigctl.campaign.bundle import write_bundle
     from rigctl.campaign.store import Store
 
     if format_ not in {"bundle", "hdf5"}:
         raise ConfigError(f"--format {format_} is unknown; bundle or hdf5")
+    if salvage:
+        _salvage(store, directory, format_, as_json=as_json)
+        return
     written = directory
-    lost: tuple[str, ...] = ()
-    with Store.open(store, readonly=True, salvage=salvage) as opened:
+    with Store.open(store, readonly=True) as opened:
         if format_ == "hdf5":
             from rigctl.campaign.hdf5 import write_hdf5
 
@@ -104,12 +108,25 @@ def export(
             written = directory / f"{store.stem}.h5"
             write_hdf5(opened, written)
         else:
-            from rigctl.campaign.bundle import write_bundle
-
-            lost = write_bundle(opened, directory, salvage=salvage)
-    for line in lost:
-        print(line, file=sys.stderr)  # noqa: T201
+            write_bundle(opened, directory)
     if as_json:
-        print_json({"written": str(written), "lost": list(lost)})
+        print_json({"written": str(written), "lost": []})
     else:
         say(f"written: {written}")
+
+
+def _salvage(store: Path, directory: Path, format_: str, *, as_json: bool) -> None:
+    from rigctl.campaign.bundle import salvage_bundle
+
+    if format_ != "bundle":
+        raise ConfigError("--salvage writes a bundle; leave out --format")
+    if not store.is_file():
+        raise ConfigError(f"{store}: no such store; check the name")
+    found = salvage_bundle(store, directory)
+    for line in found.lost:
+        tell(line)
+    if as_json:
+        print_json({"written": str(directory), "saved": list(found.saved), "lost": list(found.lost)})
+    else:
+        say(f"saved: {', '.join(found.saved) or 'no run'}")
+        say(f"written: {directory}")

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rigctl.campaign import schema
+from rigctl.campaign.header_json import header_to_json
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
 from rigctl.campaign.store import Store
-from rigctl.errors import DataError
+from rigctl.errors import DamagedStore, DataError
 from rigctl.interfaces import Identity
 
 HEADER = Header(
@@ -350,7 +351,7 @@ def test_reader_cannot_write(store, path):
 
 def test_newer_schema_is_refused_in_one_line(store, path):
     store._connection.execute("PRAGMA user_version = 99")
-    with pytest.raises(DataError, match=r"store schema 99 is newer than this program reads \(2\)") as caught:
+    with pytest.raises(DataError, match=r"store schema 99 is newer than this program reads \(3\)") as caught:
         Store.open(path)
     assert "\n" not in str(caught.value)
 
@@ -382,18 +383,24 @@ def older(path, monkeypatch):
     connection.execute("PRAGMA user_version = 1")
     connection.commit()
     connection.close()
-    monkeypatch.setattr(schema, "MIGRATIONS", (OLDER, TO_CURRENT))
+    monkeypatch.setattr(schema, "MIGRATIONS", (OLDER, TO_CURRENT, *schema.MIGRATIONS[1:]))
     monkeypatch.setattr(schema, "READABLE_FROM", 2)
     return path
 
 
 @pytest.fixture
-def without_reductions(path, store):
-    """A store as the program before reductions made it."""
-    record(store, "k")
-    store._connection.execute("DROP TABLE reductions")
-    store._connection.execute("PRAGMA user_version = 1")
-    store.close()
+def without_reductions(path):
+    """A store as the program before reductions and checksums made it, with one run."""
+    connection = sqlite3.connect(path, isolation_level=None)
+    connection.execute(f"PRAGMA application_id = {schema.APPLICATION_ID}")
+    schema.migrate(connection, schema.MIGRATIONS[:1])
+    connection.execute("INSERT INTO header VALUES (1, ?)", (header_to_json(HEADER),))
+    run = "INSERT INTO runs VALUES (1, '1', 'k', 'phase 1', '{}', 'finished', 1, '')"
+    connection.execute(run)
+    connection.execute(
+        "INSERT INTO samples VALUES (?, 't_s', ?)", (schema.first_chunk_id(1), np.arange(3.0).tobytes())
+    )
+    connection.close()
     return path
 
 
@@ -418,13 +425,13 @@ def test_older_store_is_brought_up_with_what_it_holds(older):
 
 
 def test_older_store_opened_for_reading_says_what_to_do(older):
-    with pytest.raises(DataError, match="older than 2; open it once for writing"):
+    with pytest.raises(DataError, match="older than 4; open it once for writing"):
         Store.open(older, readonly=True)
 
 
 def test_failing_migration_leaves_the_older_store_as_it_was(older, monkeypatch):
     monkeypatch.setattr(schema, "MIGRATIONS", (OLDER, (*TO_CURRENT, "INSERT INTO nowhere VALUES (1)")))
-    with pytest.raises(DataError, match="nowhere"):
+    with pytest.raises(DamagedStore, match="nowhere"):
         Store.open(older)
     connection = sqlite3.connect(older)
     assert connection.execute("PRAGMA user_version").fetchone() == (1,)
@@ -440,7 +447,7 @@ def test_damaged_store_is_named_with_its_mend(store, path):
     with path.open("r+b") as file:
         file.seek(8192)
         file.write(b"\xa5" * (size - 8192))
-    with pytest.raises(DataError, match=r"night.rig.sqlite: the store is damaged .* --salvage"):
+    with pytest.raises(DamagedStore, match=r"night.rig.sqlite: the store is damaged .* --salvage"):
         Store.open(path).runs()
 
 
