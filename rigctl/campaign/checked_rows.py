@@ -32,7 +32,7 @@ _PUT = {
     for table, names in COLUMNS.items()
 }
 _BEGIN_RUN = _PUT["runs"].replace(" OR REPLACE", "")
-_WRITE_RUN = f"UPDATE runs SET {' = ?, '.join(COLUMNS['runs'][_CONDITIONS:])} = ?, sum = ? WHERE number = ?"
+_WRITE_RUN = f"UPDATE runs SET {' = ?, '.join(COLUMNS['runs'][_CONDITIONS:])} = ?, sum = ? WHERE number = ?"  # noqa: S608
 FINISHED_KEY = "SELECT 1 FROM runs WHERE key = ? AND state = 'finished'"
 
 Row = tuple[Any, ...]
@@ -68,7 +68,9 @@ class CheckedRows:
             kept = ledger.parts(self.connection) if self.summed else {}
         for part, sums in _sums(table, found).items():
             if part in kept and kept[part] != (len(sums), ledger.joined(sums)):
-                raise self.damaged(f"rows of the table {table} are missing, there twice, or not entered in the ledger")
+                raise self.damaged(
+                    f"rows of the table {table} are missing, there twice, or not entered in the ledger"
+                )
         return found
 
     def samples(self, run: Row) -> Iterator[tuple[str, bytes]]:

@@ -16,8 +16,9 @@ from operator import xor
 FINISHED, INVALID, EVENTS, IDENTITIES, DOCUMENTS = "finished", "invalid", "events", "identities", "documents"
 PARTS = (FINISHED, INVALID, EVENTS, IDENTITIES, DOCUMENTS)
 
-TABLE = "CREATE TABLE ledger (id INTEGER PRIMARY KEY CHECK (id = 1), store TEXT NOT NULL, changes INTEGER NOT NULL, " + (
-    ", ".join(f"{part} INTEGER NOT NULL DEFAULT 0, {part}_sum INTEGER NOT NULL DEFAULT 0" for part in PARTS) + ")"
+TABLE = (
+    "CREATE TABLE ledger (id INTEGER PRIMARY KEY CHECK (id = 1), store TEXT NOT NULL, changes INTEGER NOT NULL, "
+    + (", ".join(f"{part} INTEGER NOT NULL DEFAULT 0, {part}_sum INTEGER NOT NULL DEFAULT 0" for part in PARTS) + ")")
 )
 
 

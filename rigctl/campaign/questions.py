@@ -64,4 +64,6 @@ def answer(store: Store, number: int, text: str) -> None:
 
 
 def _answer_to(store: Store, number: int) -> str | None:
-    return next((str(e.data["answer"]) for e in store.events(ANSWERED, after=number) if e.data["question"] == number), None)
+    return next(
+        (str(e.data["answer"]) for e in store.events(ANSWERED, after=number) if e.data["question"] == number), None
+    )

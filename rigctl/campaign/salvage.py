@@ -100,7 +100,9 @@ class Salvage:
         gone = 0 if self._finished is None else self._finished - known
         if gone > 0:
             numbers = sorted({*range(1, max(self._runs, default=0))} - self._runs.keys() - self._chunks.keys())
-            yield f"finished runs of which there is nothing: {gone}" + (f", of the numbers {numbers}" if numbers else "")
+            yield f"finished runs of which there is nothing: {gone}" + (
+                f", of the numbers {numbers}" if numbers else ""
+            )
 
     def _take(self, cell: Cell) -> None:
         if cell.rowid >= _FIRST_CHUNK:

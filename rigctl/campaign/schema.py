@@ -117,12 +117,14 @@ def database_errors(path: Path) -> Iterator[None]:
 
 
 def _damaged(path: Path, what: str) -> DamagedStore:
-    return DamagedStore(f"{path}: the store is damaged ({what}); save all that verifies with `rigctl export --salvage`")
+    return DamagedStore(
+        f"{path}: the store is damaged ({what}); save all that verifies with `rigctl export --salvage`"
+    )
 
 
 def _no_store(path: Path) -> str:
     return (
-        f"{path}: not a campaign store; name a file made by `rigctl run` or `rigctl import`, or, if this is one whose "
+        f"{path}: not a campaign store; name a file made by `rigctl run` or `rigctl import`; if this is one whose "
         "beginning is damaged, save all that verifies with `rigctl export --salvage`"
     )
 

@@ -236,7 +236,9 @@ class Store:
             raise DataError(f"{self.path}: run {run_id} is {run[7]}, it is never used; name a finished run")
         with self._rows.writing(durable=True):
             self._rows.mark_run(*run[:5], int(valid), reason, *run[7:9])
-            self._rows.append("events", _now(), None, "mark", dumps({"run_id": run_id, "valid": valid, "reason": reason}))
+            self._rows.append(
+                "events", _now(), None, "mark", dumps({"run_id": run_id, "valid": valid, "reason": reason})
+            )
 
     def _run(self, run_id: str) -> Row:
         found = self._rows.rows("runs", "WHERE run_id = ?", (run_id,))

@@ -69,8 +69,8 @@ def require_all(store: Path, noted: Mark | None, mark: Mark) -> None:
     if noted is not None and noted.store == mark.store and noted.changes > mark.changes:
         raise DamagedStore(
             f"{store}: its last {noted.changes - mark.changes} changes are missing, the write-ahead log beside it is "
-            f"damaged or gone; save all that verifies with `rigctl export --salvage`, or delete {path_of(store)} to do "
-            "without them"
+            f"damaged or gone; save all that verifies with `rigctl export --salvage`, or do without them: delete "
+            f"{path_of(store)}"
         )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell
+from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell, tell_if_unchecked
 from rigctl.errors import ConfigError, ProcedureError, RigError
 
 if TYPE_CHECKING:
@@ -148,6 +148,7 @@ def status(store: StoreFile, as_json: Json = False) -> None:
     """How far a campaign is."""
     from rigctl.campaign.status import status_of
 
+    tell_if_unchecked(store)
     found = status_of(store)
     if as_json:
         print_json(found)

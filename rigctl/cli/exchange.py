@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.cli.io import Json, StoreFile, print_json, say, tell
+from rigctl.cli.io import Json, StoreFile, print_json, say, tell, tell_if_unchecked
 from rigctl.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -99,6 +99,7 @@ def export(
     if salvage:
         _salvage(store, directory, format_, as_json=as_json)
         return
+    tell_if_unchecked(store)
     written = directory
     with Store.open(store, readonly=True) as opened:
         if format_ == "hdf5":

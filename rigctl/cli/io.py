@@ -54,6 +54,15 @@ def workbench(store: Path, plugins: Sequence[Path] | None) -> Iterator[Workbench
         yield Workbench(opened, plugins or ())
 
 
+def tell_if_unchecked(store: Path) -> None:
+    """A line on stderr when a store has no checksums yet, so that damage in it cannot be seen."""
+    from rigctl.campaign.store import Store
+
+    with Store.open(store, readonly=True) as opened:
+        if not opened.has_checksums:
+            tell(f"{store}: made before checksums were kept; it gets them when it is next opened for writing")
+
+
 def tell(text: str) -> None:
     """Progress, for whoever watches; a terminal that went away is no reason to stop."""
     try:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rigctl.cli.io import Json, Plugins, StoreFile, print_json, say, tell, workbench
+from rigctl.cli.io import Json, Plugins, StoreFile, print_json, say, tell, tell_if_unchecked, workbench
 from rigctl.errors import ConfigError
 
 app = typer.Typer()
@@ -18,6 +18,7 @@ def result(store: StoreFile, plugin: Plugins = None, as_json: Json = False) -> N
     """What a store amounts to: the sensing axes with their uncertainty, or the fit of a table."""
     from rigctl import results
 
+    tell_if_unchecked(store)
     found = results.of(store, plugin or ())
     if as_json:
         print_json(found)

@@ -19,12 +19,8 @@ from rigctl.campaign.bundle_writer import LONG_RUN_VALUES
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
 from rigctl.campaign.sample_file import csv_bytes
 from rigctl.campaign.store import Store
-<<<<<<< HEAD
 from rigctl.core.numbers import MAGNITUDE_MAX
-from rigctl.errors import DataError
-=======
 from rigctl.errors import DamagedStore, DataError
->>>>>>> 4f49994 (Every row a store reads again has its checksum, a run's samples have theirs, and a ledger notices what is missing)
 
 
 def plain(value):
@@ -386,7 +382,7 @@ def test_failed_export_leaves_nothing(died, tmp_path):
         store._connection.execute("UPDATE samples SET name = 'x' WHERE name = 'accel_v'")
         store._connection.execute("DELETE FROM samples WHERE name = 'x' AND id = (SELECT MAX(id) FROM samples)")
         store._connection.execute("UPDATE samples SET data = X'00' WHERE id = (SELECT MIN(id) FROM samples)")
-        with pytest.raises(DamagedStore, match="run 1 .*mark"):
+        with pytest.raises(DamagedStore, match=r"run 1 .*mark"):
             write_bundle(store, tmp_path / "out")
     assert [p.name for p in tmp_path.iterdir()] == ["died.rig.sqlite"]
 
