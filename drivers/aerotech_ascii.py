@@ -42,16 +42,6 @@ class AsciiLink:
         self._version = Answer("")
         self.lock = self._conversation.lock
 
-    @property
-    def sessions(self) -> int:
-        """Counts connections."""
-        return self._conversation.sessions
-
-    @property
-    def is_open(self) -> bool:
-        """True between `open` and `close`."""
-        return self._conversation.wanted
-
     def open(self) -> None:
         """Connect."""
         self._conversation.open()

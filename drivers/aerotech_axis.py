@@ -105,8 +105,14 @@ class AsciiAxis:
         self.succeed(line, self.link.tell(line))
 
     def abort(self) -> None:
-        """Decelerate to rest; sent again on a new connection when the old one fails."""
-        self.insist(f"ABORT {self._axis}")
+        """Decelerate to rest; sent again on a new connection when the old one fails.
+
+        A disabled axis may answer with a fault: whether it moves is to be asked afterwards.
+        """
+        line = f"ABORT {self._axis}"
+        answer = self.link.insist(line)
+        if answer.status != FAULT:
+            self.succeed(line, answer)
 
     def insist(self, line: str) -> None:
         """A command that does no harm when given twice; repeated once on a new connection."""

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Literal, Self
 
 import numpy as np
@@ -30,6 +32,7 @@ from rigctl.clock import Clock
 from rigctl.errors import (
     InstrumentError,
     LimitError,
+    LinkLost,
     MotionStopped,
     OutOfStep,
     WrongInstrument,
@@ -132,28 +135,27 @@ class AerotechEnsemble:
         self._link.confirm_in_step()
 
     def stop(self) -> None:
-        """Abort whatever moves, end a capture, and return when the axis stands still."""
+        """Abort whatever moves, end a capture, and return when the axis says that it stands still."""
         self._stops += 1
-        if not self._link.is_open:
-            return
-        self._wire.abort()
-        if self._armed:
-            self._armed = 0
-            self._wire.insist(f"DATAACQ {self._axis} OFF")
-        self._await_standstill()
+        with self._link.urgently():
+            self._wire.abort()
+            if self._armed:
+                self._armed = 0
+                self._wire.insist(f"DATAACQ {self._axis} OFF")
+            self._await_standstill()
 
     # linear stage
 
     def home(self) -> None:
         """Acknowledge faults, enable, find the reference; only what is still to be done of it."""
-        stops = self._stops
-        if not self._wire.status() & AxisStatus.ENABLED:
-            self._wire.tell("ACKNOWLEDGEALL")
-            self._wire.tell(f"ENABLE {self._axis}")
-            self._wire.tell("WAIT MODE NOWAIT")
-        if not self._wire.status() & AxisStatus.HOMED:
-            self._find_reference(stops)
-        self._check_program_zero()
+        with self._stoppable("homing") as stops:
+            if not self._wire.status() & AxisStatus.ENABLED:
+                self._wire.tell("ACKNOWLEDGEALL")
+                self._wire.tell(f"ENABLE {self._axis}")
+                self._wire.tell("WAIT MODE NOWAIT")
+            if not self._wire.status() & AxisStatus.HOMED:
+                self._find_reference(stops)
+            self._check_program_zero()
 
     def is_homed(self) -> bool:
         """True when enabled and referenced."""
@@ -168,22 +170,22 @@ class AerotechEnsemble:
     def move_to(self, position_mm: float) -> None:
         """Move and return when the axis is in position."""
         self._check_position(position_mm)
-        stops = self._stops
-        self._prepare_motion()
-        self._move(position_mm, stops)
+        with self._stoppable(f"move to {position_mm:g} mm") as stops:
+            self._prepare_motion()
+            self._move(position_mm, stops)
 
     def oscillate(self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float) -> None:
         """Go to the negative end and start whole cycles for at least `duration_s`; returns once they run."""
         self._check_oscillation(centre_mm, amplitude_mm, frequency_hz, duration_s)
-        stops = self._stops
-        self._prepare_motion()
-        self._move(centre_mm - amplitude_mm, stops)
         whole_travel = self._settings.oscillate_distance == "peak-to-peak"
         distance_mm = 2.0 * amplitude_mm if whole_travel else amplitude_mm
         cycles = math.ceil(round(duration_s * frequency_hz, 9))
         command = f"OSCILLATE {self._axis}, {_decimal(distance_mm)}, {_decimal(frequency_hz)}, {cycles}"
-        self._start(command, stops)
-        self._await_oscillation(command, stops, self._clock.now_s() + cycles / frequency_hz)
+        with self._stoppable("oscillation") as stops:
+            self._prepare_motion()
+            self._move(centre_mm - amplitude_mm, stops)
+            self._start(command, stops)
+            self._await_oscillation(command, stops, self._clock.now_s() + cycles / frequency_hz)
 
     def rest(self) -> None:
         """Decelerate at the controller's AbortDecelRate and return when the axis stands still."""
@@ -360,6 +362,16 @@ class AerotechEnsemble:
         with self._link.lock:
             self._raise_if_stopped(stops, command)
             return self._link.tell(command, timeout_s=timeout_s)
+
+    @contextmanager
+    def _stoppable(self, motion: str) -> Iterator[int]:
+        """How often the stage had been stopped; a connection that a stop took over is no lost link."""
+        stops = self._stops
+        try:
+            yield stops
+        except LinkLost:
+            self._raise_if_stopped(stops, motion)
+            raise
 
     def _raise_if_stopped(self, stops: int, motion: str) -> None:
         if self._stops != stops:

@@ -52,7 +52,7 @@ class Conversation:
         self._doubtful = False
         self._unread = b""
         self._urgent = 0
-        self._waiting_urgently = 0
+        self._overtaken = False
 
     def open(self) -> None:
         """Connect; what is unread on a new connection belongs to nobody."""
@@ -99,35 +99,56 @@ class Conversation:
             self._clear(question)
 
     @contextmanager
-    def urgently(self) -> Iterator[None]:
-        """Connected even if it is not open, and before all others: who awaits a reply for long gets `LinkLost`."""
+    def reachable(self) -> Iterator[None]:
+        """Connected even if it is not open; what was closed is closed again."""
         wanted, self.wanted = self.wanted, True
-        self._take_turn()
-        self._urgent += 1
         try:
             yield
         finally:
-            self._urgent -= 1
-            self.lock.release()
             if not wanted:
                 self.close()
 
+    @contextmanager
+    def urgently(self) -> Iterator[None]:
+        """Reachable, and before all others: who awaits a reply for long gets `LinkLost`."""
+        with self.reachable():
+            self._take_turn()
+            self._urgent += 1
+            try:
+                yield
+            finally:
+                self._urgent -= 1
+                self.lock.release()
+
+    def shout(self, command: bytes) -> None:
+        """Send what has no reply, past whoever awaits one."""
+        if self.lock.acquire(timeout=OVERTAKEN_AFTER_S):
+            try:
+                self.tell(command)
+            finally:
+                self.lock.release()
+        elif (transport := self._transport) is not None:
+            transport.write(command)
+        else:
+            raise LinkLost(f"{self._name}: not connected; somebody else is connecting")
+
     def _take_turn(self) -> None:
-        self._waiting_urgently += 1
-        try:
-            while not self.lock.acquire(timeout=OVERTAKEN_AFTER_S):
+        while not self.lock.acquire(timeout=OVERTAKEN_AFTER_S):
+            if not self._urgent:
+                self._overtaken = True
                 if (transport := self._transport) is not None:
-                    self._doubtful = True
                     transport.close()
-        finally:
-            self._waiting_urgently -= 1
+        if self._overtaken:
+            self._overtaken = False
+            self._drop()
+            self._doubtful = True
 
     @contextmanager
     def _one_at_a_time(self) -> Iterator[None]:
         """A signal handler may come in the middle of its own thread's exchange: it gets a new connection."""
         with self.lock:
-            if self._waiting_urgently and not self._urgent:
-                raise LinkLost(f"{self._name}: the connection was taken by a stop; ask again")
+            if self._overtaken:
+                raise LinkLost(f"{self._name}: its connection was taken over to stop it; ask again")
             if self._busy:
                 self._drop()
                 self._doubtful = True

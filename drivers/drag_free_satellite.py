@@ -90,8 +90,7 @@ class GroundSegment:
 
     def stop(self) -> None:
         """Inject nothing more."""
-        if self._link is not None:
-            self._link.end()
+        (self._link or cast(Link, self._connect())).end()
 
     @property
     def sample_period_s(self) -> float:

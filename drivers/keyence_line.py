@@ -16,7 +16,7 @@ from drivers.transport import Connect, Transport
 from rigctl.clock import Clock
 from rigctl.errors import BadReply, InstrumentError, LinkLost, LinkTimeout
 
-PROGRAM, PROGRAM_REPLY = b"PR", re.compile(rb"PR,[0-7]")
+PROGRAM, PROGRAM_REPLY = b"PR", re.compile(rb"PR,[0-7]|ER,PR,\d\d")
 """Which of the eight programs is in use: nothing else is answered like that."""
 
 _MENDS = {
@@ -36,7 +36,7 @@ class KeyenceLine:
         self.name = name
         self._settings = settings
         self._clock = clock
-        self._conversation = Conversation(name, connect, harmless=_automatic, settle=self._await_silence)
+        self._conversation = Conversation(name, connect, harmless=_automatic, settle=self._settle)
         self.lock = self._conversation.lock
 
     @property
@@ -104,15 +104,19 @@ class KeyenceLine:
             left_s = deadline_s - self._clock.now_s()
         raise LinkTimeout(f"only automatic output came in {timeout_s:g} s; end it on the controller's panel")
 
-    def _await_silence(self, transport: Transport) -> None:
-        """Let a reply that did not come in time pass, or it would be taken for the next one."""
+    def _settle(self, transport: Transport) -> None:
+        """Read what is still to come of earlier replies, or it would be taken for the next one."""
         deadline_s = self._clock.now_s() + self._settings.readout_timeout_s
-        while self._clock.now_s() < deadline_s:
-            transport.unread()
+        transport.unread()
+        transport.write(PROGRAM + b"\r")
+        while True:
             try:
-                transport.read_exactly(1, self._settings.link_timeout_s)
+                if PROGRAM_REPLY.fullmatch(self._reply(transport, self._settings.link_timeout_s)):
+                    return
             except LinkTimeout:
-                break
+                # a long reply may still be on its way
+                if not transport.unread() or self._clock.now_s() > deadline_s:
+                    raise
 
     def _refused(self, command: str, reply: bytes) -> InstrumentError:
         code = reply.rpartition(b",")[2].decode("ascii", "replace").strip()

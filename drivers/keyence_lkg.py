@@ -145,11 +145,15 @@ class KeyenceLkg:
         self._line.confirm_in_step()
 
     def stop(self) -> None:
-        """End a storage; measuring goes on. A `collect` that waits for edges then raises."""
-        if not self._line.is_open:
-            return
-        with self._already_so(self._dialect):
-            self._line.ask("AP")
+        """End a storage and return when the controller says so; measuring goes on. A `collect` that waits raises."""
+        with self._line.urgently():
+            with self._already_so(self._dialect):
+                self._line.ask("AP")
+            with self._already_so(self._dialect):  # with its settings open nothing is stored
+                if self._progress().running:
+                    raise InstrumentError(
+                        f"{self.name}: it still stores after AP; stop it on its panel", instrument=self.name
+                    )
 
     # Recording
 

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.scpi import ScpiLink
 from drivers.transport import Connect
 from rigctl.clock import Clock
-from rigctl.errors import LimitError
+from rigctl.errors import InstrumentError, LimitError
 from rigctl.interfaces import Channel, Identity, Started, Waveform
 
 MAKERS, MODELS = ("Keysight", "Agilent"), ("33510B", "33512B", "33520B", "33522B")
@@ -77,9 +77,12 @@ class Keysight33500B:
         self._link.confirm_in_step()
 
     def stop(self) -> None:
-        """Disconnect both outputs; what they are set to stays set."""
-        if self._link.is_open:
+        """Disconnect both outputs and return when the generator says so; what they are set to stays set."""
+        with self._link.urgently():
             self._link.send(*(f"OUTP{number} OFF" for number in OUTPUTS))
+            on = [number for number in OUTPUTS if self._link.query_number(f"OUTP{number}?") != 0]
+        if on:
+            raise InstrumentError(f"{self.name}: output {on[0]} is still on; pull its cable", instrument=self.name)
 
     def channels(self) -> tuple[Channel, ...]:
         """The outputs in the order of the rig file."""

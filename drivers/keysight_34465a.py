@@ -91,9 +91,11 @@ class Keysight34465A:
         self._link.confirm_in_step()
 
     def stop(self) -> None:
-        """End the acquisition; readings taken so far stay in the meter."""
-        if self._link.is_open:
+        """End the acquisition and return when the meter says that it is idle; readings taken so far stay in it."""
+        with self._link.urgently():
             self._link.send("ABOR")
+            if self._link.query_number("*OPC?") != 1:
+                raise InstrumentError(f"{self.name}: not idle after ABOR; look at its panel", instrument=self.name)
 
     def _read_one(self, unit: str, extra_s: float) -> Reading:
         value = self._link.query_number("READ?", extra_s)

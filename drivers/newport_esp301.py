@@ -49,7 +49,6 @@ class NewportEsp301:
         self._axis = settings.axis_number
         self._clock = clock
         self._line = EspLine(name, connect, settings.link_timeout_s)
-        self._open = False
         self._homed_in_session = 0
         self._stops = 0
 
@@ -63,11 +62,9 @@ class NewportEsp301:
         except BaseException:
             self._line.close()
             raise
-        self._open = True
 
     def close(self) -> None:
         """Disconnect; may be called twice. A motion goes on."""
-        self._open = False
         self._line.close()
 
     def identify(self) -> Identity:
@@ -81,17 +78,15 @@ class NewportEsp301:
         self._line.confirm_in_step()
 
     def stop(self) -> None:
-        """Decelerate and return when the axis stands still."""
-        with self._line.lock:
-            self._stops += 1
-        if not self._open:
-            return
-        try:
-            self._line.tell(f"{self._axis}ST")
-        except LinkError:
-            self._line.tell(f"{self._axis}ST")
-        braking_s = self.limits.speed_deg_s / self.limits.acceleration_deg_s2
-        self._await_rest(f"{self._axis}ST", braking_s + self._settings.link_timeout_s)
+        """Decelerate and return when the axis says that it stands still."""
+        self._stops += 1
+        with self._line.reachable():
+            try:
+                self._line.shout(f"{self._axis}ST")
+            except LinkError:
+                self._line.shout(f"{self._axis}ST")
+            braking_s = self.limits.speed_deg_s / self.limits.acceleration_deg_s2
+            self._await_rest(f"{self._axis}ST", braking_s + self._settings.link_timeout_s)
 
     # rotation stage
 

@@ -49,11 +49,6 @@ class EspLine:
         self.lock = self._conversation.lock
 
     @property
-    def is_open(self) -> bool:
-        """True between `open` and `close`."""
-        return self._conversation.wanted
-
-    @property
     def session(self) -> int:
         """Counts connections: what was true of the controller may not be after a new one."""
         return self._conversation.sessions
@@ -75,9 +70,9 @@ class EspLine:
         """Disconnect for good; an exchange in another thread ends with `LinkLost`."""
         self._conversation.close()
 
-    def urgently(self) -> AbstractContextManager[None]:
-        """Connected even if it is not open, and before all others."""
-        return self._conversation.urgently()
+    def reachable(self) -> AbstractContextManager[None]:
+        """Connected even if it is not open."""
+        return self._conversation.reachable()
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` when the version is not the answer to its question, or something else is unread."""
@@ -86,6 +81,10 @@ class EspLine:
     def tell(self, command: str) -> None:
         """Send a command; nothing comes back."""
         self._conversation.tell(_bytes(command))
+
+    def shout(self, command: str) -> None:
+        """Send a command past whoever awaits an answer."""
+        self._conversation.shout(_bytes(command))
 
     def ask(self, query: str) -> str:
         """The answer to a query, without its end; raises `LinkTimeout` or `LinkLost`."""

@@ -43,6 +43,8 @@ NOT_INITIALISED = frozenset({*range(10), 50, 63, 66, 67, 71, 72, 83, 106})
 READY = frozenset({*range(10, 20), 56, 70, 77})
 DISABLED = frozenset(range(20, 39))
 NOT_REFERENCED = 42
+AT_REST = NOT_INITIALISED | READY | DISABLED | {NOT_REFERENCED}
+REST_POLL_S = 0.02
 ONLY_KILL_STOPS = frozenset({41, 43, 49})
 
 SAFETY_STATES = frozenset({1, 2, 8, 40})
@@ -151,15 +153,15 @@ class NewportXps:
             socket.confirm_in_step(self._settings.link_timeout_s)
 
     def stop(self) -> None:
-        """Abort a move, kill a homing group; returns when the controller has accepted it."""
+        """Abort a move, kill a homing group; returns when the controller says that the group stands still."""
         with self._starting:
             self._stops += 1
-        if not self._open:
-            return
-        try:
-            self._halt()
-        except LinkError:
-            self._halt()
+        with self._queries.urgently():
+            try:
+                self._halt()
+            except LinkError:
+                self._halt()
+            self._await_rest()
 
     # rotation stage
 
@@ -290,6 +292,21 @@ class NewportXps:
             self._succeed(f"GroupKill({self._group})")
         elif reply.code != NOT_ALLOWED:
             raise self._refused(request, reply.code)
+
+    def _await_rest(self) -> None:
+        braking_s = self.limits.speed_deg_s / self.limits.acceleration_deg_s2
+        deadline_s = self._clock.now_s() + braking_s + self._settings.link_timeout_s
+        while (status := self._status()) not in AT_REST:
+            if self._clock.now_s() > deadline_s:
+                text = self._status_text(status)
+                raise InstrumentError(
+                    f"{self.name}: {self._group} is not at rest after an abort, it is in state {status} ({text}); "
+                    "press the emergency stop and look at the stage",
+                    instrument=self.name,
+                    code=str(status),
+                    text=text,
+                )
+            self._clock.sleep_s(REST_POLL_S)
 
     def _status(self) -> int:
         return int(self._numbers(f"GroupStatusGet({self._group},int *)", 1)[0])

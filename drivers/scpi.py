@@ -30,11 +30,6 @@ class ScpiLink:
         self._lock = self._conversation.lock
         self._identity = ""
 
-    @property
-    def is_open(self) -> bool:
-        """True between `open` and `close`."""
-        return self._conversation.wanted
-
     def open(self, makers: tuple[str, ...], models: tuple[str, ...]) -> Identity:
         """Connect and make sure who answers, any of these; `WrongInstrument` names what did otherwise."""
         with self._lock:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import select
+import socket
 import termios
 from dataclasses import dataclass
 
@@ -62,6 +63,7 @@ class SerialTransport(BufferedTransport):
         except termios.error as error:
             why = f"{device} does not take {settings} ({error}; a pseudo-terminal knows 8 bits, no parity)"
             raise lost(self.address, why) from error
+        self._woken, self._wake = socket.socketpair()
 
     def write(self, data: bytes) -> None:
         """Send all of `data`; `LinkTimeout` when flow control holds it back, `LinkLost` when unplugged."""
@@ -76,12 +78,16 @@ class SerialTransport(BufferedTransport):
             raise lost(self.address, f"sending failed ({error})") from error
 
     def close(self) -> None:
-        """End the connection; may be called twice."""
+        """End the connection; may be called twice. Who waits for bytes is woken, and told."""
+        self._wake.close()
         self._port.close()
+        self._woken.close()
 
     def _receive(self, wait_s: float) -> bytes:
         try:
-            ready, _, _ = select.select([self._port], [], [], wait_s)
+            ready, _, _ = select.select([self._port, self._woken], [], [], wait_s)
+            if self._woken in ready:
+                raise lost(self.address, "it is closed here")
             return self._port.read(READ_BYTES) if ready else b""
         except OSError as error:
             raise lost(self.address, f"reading failed ({error})") from error

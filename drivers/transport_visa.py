@@ -11,7 +11,7 @@ import select
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pyvisa
 from pyvisa import constants
@@ -67,6 +67,7 @@ class VisaTransport(BufferedTransport):
         floor_s: float = WALL_FLOOR_S,
     ) -> None:
         super().__init__(address or resource_name, clock, floor_s)
+        self._socket: socket.socket | None = None
         self._resource = self._open(resource_name, backend)
         try:
             with self._failures("cannot connect"):
@@ -93,7 +94,10 @@ class VisaTransport(BufferedTransport):
                 raise LinkTimeout(f"{self.address}: could not send {data[:60]!r}; is it switched on?") from error
 
     def close(self) -> None:
-        """End the connection; may be called twice."""
+        """End the connection; may be called twice. Who waits for bytes on a socket is woken, and told."""
+        if self._socket is not None:
+            with suppress(OSError):
+                self._socket.shutdown(socket.SHUT_RDWR)
         self._resource.close()
 
     def unread(self) -> bytes:

@@ -302,12 +302,21 @@ def test_a_scale_of_zero_counts_is_not_opened() -> None:
         stage(conversation, VirtualClock(), capture_unit="counts").open()
 
 
-def test_the_constructor_and_a_stop_before_open_touch_nothing() -> None:
+def test_the_constructor_touches_nothing_and_a_stop_needs_no_open() -> None:
     bench = Bench()
-    bench.stage.stop()
     bench.stage.close()
     bench.stage.close()
     assert bench.tap.connections == 0
+    bench.stage.stop()
+    assert bench.tap.lines == ["ABORT X", "AXISSTATUS(X)", "PLANESTATUS(0)"]
+    with pytest.raises(LinkLost, match="open it first"):
+        bench.stage.position()
+
+
+def test_an_abort_that_a_disabled_axis_refuses_is_a_stop_when_it_does_not_move() -> None:
+    stopping, conversation = talking(("ABORT X", "#\n"), ("AXISSTATUS(X)", "%0\n"), ("PLANESTATUS(0)", "%0\n"))
+    stopping.stop()
+    assert not conversation.expected
 
 
 def test_it_says_who_it_is_and_is_what_it_says() -> None:
@@ -624,7 +633,7 @@ def test_a_blocking_homing_is_stopped_when_the_controller_listens_again() -> Non
         assert seen.wait(PATIENCE_S)
         bench.stage.stop()
     assert [type(error) for error in raised] == [MotionStopped]
-    assert bench.tap.sent("ABORT") == ["ABORT X"]
+    assert bench.tap.sent("ABORT")[0] == "ABORT X"
 
 
 def test_a_stop_may_come_at_any_time_and_any_number_of_times() -> None:

@@ -269,11 +269,12 @@ def test_it_is_a_displacement_meter_that_touches_nothing_until_opened(generation
         ("laser_1_mm", "mm", "displacement", 1e-3, 5.0),
         ("laser_2_mm", "mm", "displacement", 1e-3, 5.0),
     ]
-    bench.lasers.stop()
     bench.lasers.close()
     assert not bench.tap.sent
     with pytest.raises(LinkLost, match="open"):
         bench.lasers.displacements()
+    bench.lasers.stop()
+    assert bench.tap.sent == b"AP\rAN\r"
 
 
 @both_generations

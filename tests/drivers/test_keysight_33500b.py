@@ -137,12 +137,14 @@ def test_a_foreign_state_does_not_stand_in_the_way() -> None:
 
 def test_stop_opens_both_relays_and_may_come_at_any_time() -> None:
     bench = Bench()
+    asked = ["OUTP1 OFF", "OUTP2 OFF", "OUTP1?", "OUTP2?"]
     bench.source.stop()
-    assert bench.lines == []
+    assert bench.lines == asked
+    assert bench.tap.closed
     bench.opened()
     bench.source.stop()
     bench.source.stop()
-    assert bench.lines == ["OUTP1 OFF", "OUTP2 OFF"] * 2
+    assert bench.lines == asked * 2
     bench.source.close()
     bench.source.close()
     assert bench.tap.closed

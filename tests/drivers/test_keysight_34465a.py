@@ -503,11 +503,12 @@ def test_nothing_is_touched_before_open_and_after_close() -> None:
         raise LinkLost("refused")
 
     meter = PacingVoltmeter("readout", VoltmeterSettings(), connect, VirtualClock())
-    meter.stop()
     meter.close()
     with pytest.raises(LinkLost, match="open it first"):
         meter.voltage()
     assert connected == []
+    with pytest.raises(LinkLost, match="refused"):
+        meter.stop()
     bench = Bench()
     bench.pacing.start(10, 0.01)
     bench.pacing.close()

@@ -257,18 +257,36 @@ def test_error_codes_have_a_text_even_when_the_controller_gives_none(answer: byt
 def test_stop_aborts_and_nothing_moving_is_fine() -> None:
     stage, controller = opened({"GroupMoveAbort(Group1)": b"0,,EndOfAPI"})
     stage.stop()
-    assert controller.requests == [(1, "GroupMoveAbort(Group1)")]
+    assert controller.requests == [(1, "GroupMoveAbort(Group1)"), (1, "GroupStatusGet(Group1,int *)")]
     stage, controller = opened()
     stage.stop()
-    assert controller.texts() == ["GroupMoveAbort(Group1)", "GroupStatusGet(Group1,int *)"]
+    assert controller.texts()[:2] == ["GroupMoveAbort(Group1)", "GroupStatusGet(Group1,int *)"]
+
+
+def test_stop_waits_until_the_controller_says_that_the_group_stands_still() -> None:
+    moving, at_rest = b"0,44,EndOfAPI", b"0,10,EndOfAPI"
+    script: Script = {
+        "GroupMoveAbort(Group1)": b"0,,EndOfAPI",
+        "GroupStatusGet(Group1,int *)": [moving, moving, at_rest],
+    }
+    stage, controller = opened(script)
+    stage.stop()
+    assert controller.texts().count("GroupStatusGet(Group1,int *)") == 3
+    text = {"GroupStatusStringGet(44,char *)": b"0,Moving state,EndOfAPI"}
+    stage, _ = opened(script | text | {"GroupStatusGet(Group1,int *)": moving})
+    with pytest.raises(InstrumentError, match="not at rest after an abort, it is in state 44"):
+        stage.stop()
 
 
 def test_stop_kills_a_group_that_is_homing() -> None:
     stage, controller = opened(
-        {"GroupStatusGet(Group1,int *)": b"0,43,EndOfAPI", "GroupKill(Group1)": b"0,,EndOfAPI"}
+        {
+            "GroupStatusGet(Group1,int *)": [b"0,43,EndOfAPI", b"0,7,EndOfAPI"],
+            "GroupKill(Group1)": b"0,,EndOfAPI",
+        }
     )
     stage.stop()
-    assert controller.texts()[-1] == "GroupKill(Group1)"
+    assert controller.texts()[-2:] == ["GroupKill(Group1)", "GroupStatusGet(Group1,int *)"]
 
 
 def test_stop_tries_again_over_a_new_connection() -> None:
@@ -278,6 +296,7 @@ def test_stop_tries_again_over_a_new_connection() -> None:
         (1, "GroupMoveAbort(Group1)"),
         (1, "<closed>"),
         (3, "GroupMoveAbort(Group1)"),
+        (3, "GroupStatusGet(Group1,int *)"),
     ]
 
 
