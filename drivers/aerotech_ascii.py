@@ -118,7 +118,7 @@ class AsciiLink:
         if not (query and status == b"%"):
             return Answer(status.decode("ascii"))
         value = transport.read_until(b"\n", timeout_s)
-        return Answer(SUCCESS, value.decode("ascii", errors="replace").strip())
+        return Answer(SUCCESS, value.decode("ascii", errors="replace").strip("\r\n"))
 
     def _status(self, transport: Transport, timeout_s: float) -> bytes:
         status = transport.read_exactly(1, timeout_s)

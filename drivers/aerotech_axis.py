@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntFlag
+from typing import TypeVar
 
 from drivers.aerotech_ascii import FAULT, INVALID, SUCCESS, Answer, AsciiLink
+from drivers.numbers import decimal, whole
 from rigctl.errors import BadReply, InstrumentError, LinkError, SafetyStop
+
+Number = TypeVar("Number", int, float)
 
 
 class AxisStatus(IntFlag):
@@ -61,13 +64,13 @@ class AsciiAxis:
 
     def status(self) -> int:
         """AXISSTATUS; bits as in `AxisStatus`."""
-        return int(self.ask_number(f"AXISSTATUS({self._axis})"))
+        return self.ask_whole(f"AXISSTATUS({self._axis})")
 
     def moving(self, status: int) -> bool:
         """True when this AXISSTATUS, or the coordinated-motion plane, says that the axis moves."""
         if status & AxisStatus.MOVE_ACTIVE:
             return True
-        return bool(int(self.ask_number(f"PLANESTATUS({self._plane})")) & 1)
+        return bool(self.ask_whole(f"PLANESTATUS({self._plane})") & 1)
 
     def position_mm(self) -> float:
         """The encoder in program coordinates, those of moves."""
@@ -75,26 +78,25 @@ class AsciiAxis:
 
     def ask_number(self, line: str) -> float:
         """The answer to a query as a number; `BadReply` when it is none."""
-        return self._number(line, self.ask(line))
+        return self._number(line, self.ask(line), decimal)
+
+    def ask_whole(self, line: str) -> int:
+        """The answer to a query as a whole number; `BadReply` when it is none."""
+        return self._number(line, self.ask(line), whole)
 
     def ask_numbers(self, lines: Sequence[str]) -> list[float]:
         """The answers to queries that are sent in one go, one by one."""
         return [
-            self._number(line, self.succeed(line, answer))
+            self._number(line, self.succeed(line, answer), decimal)
             for line, answer in zip(lines, self.link.ask_each(lines), strict=False)
         ]
 
-    def _number(self, line: str, text: str) -> float:
+    def _number(self, line: str, text: str, parse: Callable[[str], Number]) -> Number:
         try:
             # some locale settings of the controller give a decimal comma
-            value = float(text.replace(",", "."))
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise BadReply(
-                f"{self._name}: answered {line!r} with {text!r}, which is no number", instrument=self._name
-            )
-        return value
+            return parse(text.replace(",", "."))
+        except ValueError as error:
+            raise BadReply(f"{self._name}: to {line!r}: {error}", instrument=self._name) from error
 
     def ask(self, line: str) -> str:
         """The answer to a query."""
@@ -159,7 +161,7 @@ class AsciiAxis:
         """AXISFAULT as an unsigned number."""
         answer = self.link.ask(f"AXISFAULT({self._axis})")
         try:
-            return int(answer.value) & 0xFFFFFFFF
+            return whole(answer.value) & 0xFFFFFFFF
         except ValueError:
             raise BadReply(
                 f"{self._name}: answered AXISFAULT with {answer.status}{answer.value}", instrument=self._name

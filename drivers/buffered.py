@@ -7,8 +7,10 @@ from abc import ABC, abstractmethod
 
 from drivers.transport import timed_out
 from rigctl.clock import Clock
-from rigctl.errors import LinkLost
+from rigctl.errors import LinkError, LinkLost
 
+REPLY_BYTES_MAX = 1 << 24
+"""Longer than any reply: a laser's 1.2 million stored values are 11 MB."""
 WALL_FLOOR_S = 1.0
 """Shortest wall-clock wait: a speeded-up simulation still needs real time to schedule two processes."""
 
@@ -72,6 +74,10 @@ class BufferedTransport(ABC):
         if not came:
             raise timed_out(self.address, wanted, timeout_s, bytes(self._received))
         self._received += came
+        if len(self._received) > REPLY_BYTES_MAX:
+            raise LinkError(
+                f"{self.address}: {REPLY_BYTES_MAX} bytes came and no {wanted}; is it another instrument?"
+            )
 
     def _take(self, count: int) -> bytes:
         taken = bytes(self._received[:count])

@@ -17,6 +17,7 @@ import numpy as np
 from drivers.keyence_line import KeyenceLine, main_command
 from drivers.keyence_settings import AVERAGES, Generation, KeyenceSettings
 from drivers.keyence_values import parse_values
+from drivers.numbers import whole
 from drivers.transport import Connect
 from rigctl.clock import Clock
 from rigctl.errors import BadReply, InstrumentError, LimitError, LinkTimeout, WrongInstrument
@@ -202,7 +203,7 @@ class KeyenceLkg:
     def _progress(self) -> _Progress:
         reply = self._line.ask("AN")
         try:
-            running, *counts = (int(field) for field in reply.split(b","))
+            running, *counts = (whole(field) for field in reply.decode("latin-1").split(","))
             return _Progress(running == 1, min(counts[output - 1] for output in self.settings.heads.values()))
         except (ValueError, IndexError) as error:
             raise self._line.bad("AN", reply, "a status and a count per output") from error

@@ -80,7 +80,7 @@ class Keysight33500B:
         """Disconnect both outputs and return when the generator says so; what they are set to stays set."""
         with self._link.urgently():
             self._link.send(*(f"OUTP{number} OFF" for number in OUTPUTS))
-            on = [number for number in OUTPUTS if self._link.query_number(f"OUTP{number}?") != 0]
+            on = [number for number in OUTPUTS if self._link.query_whole(f"OUTP{number}?")]
         if on:
             raise InstrumentError(f"{self.name}: output {on[0]} is still on; pull its cable", instrument=self.name)
 

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from drivers.numbers import decimal
 from drivers.scpi import ScpiLink
 from drivers.transport import Connect
 from rigctl.clock import Clock
@@ -25,6 +26,8 @@ PERIOD_MAXIMUM_S = 3600.0
 TIMER_STEP_S = 1e-6
 OVERLOAD = 9.9e37
 """Overloads are +-9.9E37 and not-a-number is 9.91E37."""
+READING_CHARACTERS_MAX = 24
+"""One reading as text, and a comma."""
 CHUNK = 5000
 """Readings per R?: 80 kB as doubles, 0.1 s of the fastest record."""
 TIMING_VIOLATION, MEMORY_OVERFLOW = 1 << 2, 1 << 14
@@ -94,7 +97,7 @@ class Keysight34465A:
         """End the acquisition and return when the meter says that it is idle; readings taken so far stay in it."""
         with self._link.urgently():
             self._link.send("ABOR")
-            if self._link.query_number("*OPC?") != 1:
+            if self._link.query_whole("*OPC?") != 1:
                 raise InstrumentError(f"{self.name}: not idle after ABOR; look at its panel", instrument=self.name)
 
     def _read_one(self, unit: str, extra_s: float) -> Reading:
@@ -196,7 +199,7 @@ class _Voltmeter(Keysight34465A):
     def _take(self, limit: int) -> FloatArray:
         """What is in memory now, at most `limit` readings; they are erased there."""
         query = f"R? {limit}"
-        payload = self._link.query_block(query)
+        payload = self._link.query_block(query, limit * READING_CHARACTERS_MAX)
         decode = _from_ascii if self.settings.transfer == "ascii" else _from_doubles
         try:
             values = decode(payload)
@@ -219,7 +222,7 @@ class _Voltmeter(Keysight34465A):
 
     def _check_record(self) -> None:
         """`InstrumentError` when readings were lost or came late, which the error queue does not tell."""
-        events = int(self._link.query_number("STAT:QUES:EVEN?"))
+        events = self._link.query_whole("STAT:QUES:EVEN?")
         if events & MEMORY_OVERFLOW:
             self._fail("its memory overflowed and the oldest readings are lost; fetch more often")
         if events & TIMING_VIOLATION:
@@ -353,7 +356,7 @@ class PacedVoltmeter(_Voltmeter):
         deadline_s = self._clock.now_s() + self._grace_s
         while True:
             late = not self._recording or self._clock.now_s() > deadline_s
-            came = int(self._link.query_number("DATA:POIN?"))
+            came = self._link.query_whole("DATA:POIN?")
             if came >= samples or late:
                 return came
             self._clock.sleep_s(self._grace_s / 10)
@@ -380,7 +383,7 @@ def _from_ascii(payload: bytes) -> FloatArray:
     if not payload:
         return np.empty(0)
     try:
-        return np.array([float(number) for number in payload.split(b",")])
+        return np.array([decimal(number) for number in payload.decode("latin-1").split(",")])
     except ValueError:
         raise ValueError("numbers with commas between") from None
 
@@ -388,4 +391,7 @@ def _from_ascii(payload: bytes) -> FloatArray:
 def _from_doubles(payload: bytes) -> FloatArray:
     if len(payload) % 8:
         raise ValueError("a whole number of 8-byte doubles")
-    return np.frombuffer(payload, dtype=">f8").astype(np.float64)
+    values = np.frombuffer(payload, dtype=">f8").astype(np.float64)
+    if not np.isfinite(values).all():
+        raise ValueError("finite numbers")
+    return values

@@ -12,6 +12,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from drivers.conversation import Conversation
+from drivers.numbers import decimal, whole
 from drivers.transport import Connect, Transport
 from rigctl.errors import BadReply, WrongInstrument
 
@@ -33,9 +34,9 @@ class QueuedError:
 def parse_error(answer: str) -> QueuedError:
     """Take an answer to `TB?` apart: code, timestamp, text; `ValueError` when it is something else."""
     code, timestamp, text = (field.strip() for field in answer.split(",", 2))
-    if not (code.isdecimal() and timestamp.isdecimal()):
+    if whole(timestamp) < 0 or whole(code) < 0:
         raise ValueError("expected 'code, timestamp, text'")
-    return QueuedError(int(code), text)
+    return QueuedError(whole(code), text)
 
 
 class EspLine:
@@ -93,9 +94,10 @@ class EspLine:
     def ask_number(self, query: str) -> float:
         """The answer to a query as a finite number; `BadReply` otherwise."""
         answer = self.ask(query)
-        if not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,2})?", answer):
-            raise self._bad(query, answer, "a number")
-        return float(answer)
+        try:
+            return decimal(answer)
+        except ValueError:
+            raise self._bad(query, answer, "a number") from None
 
     def next_error(self) -> QueuedError:
         """Take the oldest error off the controller's queue."""
@@ -127,7 +129,7 @@ class EspLine:
         )
 
     def _read_line(self, transport: Transport) -> str:
-        return transport.read_until(END, self._timeout_s).decode("latin-1").strip()
+        return transport.read_until(END, self._timeout_s).decode("latin-1").removesuffix("\r\n")
 
     def _bad(self, query: str, answer: str, expected: str) -> BadReply:
         self._conversation.doubt()

@@ -309,7 +309,11 @@ class NewportXps:
             self._clock.sleep_s(REST_POLL_S)
 
     def _status(self) -> int:
-        return int(self._numbers(f"GroupStatusGet({self._group},int *)", 1)[0])
+        request = f"GroupStatusGet({self._group},int *)"
+        (status,) = self._numbers(request, 1)
+        if not status.is_integer():
+            raise BadReply(f"{self.name}: {request!r} gave {status:g}, which is no state", instrument=self.name)
+        return int(status)
 
     def _numbers(self, request: str, count: int) -> tuple[float, ...]:
         reply = self._query(request)

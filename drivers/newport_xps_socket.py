@@ -6,13 +6,13 @@ comes late is never taken for the next one's; the next exchange makes a new conn
 
 from __future__ import annotations
 
-import math
 import re
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 
 from drivers.conversation import Conversation
+from drivers.numbers import decimal
 from drivers.transport import Connect, Transport
 from rigctl.errors import BadReply
 
@@ -20,7 +20,7 @@ END = b",EndOfAPI"
 SOCKET_CLOSED = -108
 FIRMWARE = "FirmwareVersionGet(char *)"
 """Answered by a text that no other function answers."""
-_REPLY = re.compile(r"(-?\d{1,4})(?:,(.*))?", re.DOTALL)
+_REPLY = re.compile(r"(-?\d{1,4})(?:,(.*))?", re.DOTALL | re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class Reply:
 
     def numbers(self, count: int) -> tuple[float, ...]:
         """Exactly `count` finite numbers; `ValueError` otherwise."""
-        values = tuple(map(float, self.text.split(",")))
-        if len(values) != count or not all(map(math.isfinite, values)):
+        fields = self.text.split(",")
+        if len(fields) != count:
             raise ValueError(f"expected {count} finite numbers")
-        return values
+        return tuple(map(decimal, fields))
 
 
 def parse_reply(data: bytes) -> Reply:

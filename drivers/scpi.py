@@ -7,11 +7,12 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 
 from drivers.conversation import Conversation
+from drivers.numbers import decimal, whole
 from drivers.transport import Connect, Transport
 from rigctl.errors import BadReply, InstrumentError, LinkError, LinkTimeout, WrongInstrument
 from rigctl.interfaces import Identity
 
-_ERROR = re.compile(r'([+-]?\d+),"(.*)"')
+_ERROR = re.compile(r'([+-]?\d{1,5}),"(.*)"', re.ASCII)
 IDENTITY, ERROR_QUESTION = b"*IDN?\n", "SYST:ERR?"
 _ERRORS_KEPT = 40
 """Read from one queue at most: twice what the deepest holds."""
@@ -111,13 +112,21 @@ class ScpiLink:
         """A reply that is one number; `BadReply` when it is not."""
         reply = self.query(query, extra_s)
         try:
-            return float(reply)
+            return decimal(reply)
         except ValueError:
             raise self.bad_reply(query, reply, "a number") from None
 
-    def query_block(self, query: str) -> bytes:
-        """The payload of a reply that is a definite-length block (IEEE 488.2, 8.7.9)."""
-        return self._ask(query, lambda transport: self._read_block(transport, query))
+    def query_whole(self, query: str) -> int:
+        """A reply that is one whole number; `BadReply` when it is not."""
+        reply = self.query(query)
+        try:
+            return whole(reply)
+        except ValueError:
+            raise self.bad_reply(query, reply, "a whole number") from None
+
+    def query_block(self, query: str, longest: int) -> bytes:
+        """The payload, at most `longest` bytes, of a reply that is a definite-length block (IEEE 488.2, 8.7.9)."""
+        return self._ask(query, lambda transport: self._read_block(transport, query, longest))
 
     def bad_reply(self, query: str, reply: str, expected: str) -> BadReply:
         """The one wording for a reply that the manual does not allow."""
@@ -154,13 +163,15 @@ class ScpiLink:
             raise self.bad_reply(ERROR_QUESTION, reply, 'a code and a text, like +0,"No error"')
         return match[1], match[2]
 
-    def _read_block(self, transport: Transport, query: str) -> bytes:
+    def _read_block(self, transport: Transport, query: str, longest: int) -> bytes:
         start = transport.read_exactly(2, self.timeout_s)
         if not re.fullmatch(rb"#[1-9]", start):
             raise self.bad_reply(query, _text(start), "a block that begins with # and a digit")
         digits = transport.read_exactly(int(start[1:]), self.timeout_s)
         if not digits.isdigit():
             raise self.bad_reply(query, _text(start + digits), "the length of the block in digits")
+        if int(digits) > longest:
+            raise self.bad_reply(query, _text(start + digits), f"at most {longest} bytes")
         payload = transport.read_exactly(int(digits) + 1, self.timeout_s)
         if payload[-1:] != b"\n":
             raise self.bad_reply(query, _text(payload[-20:]), "a line feed after the block")
@@ -168,4 +179,4 @@ class ScpiLink:
 
 
 def _text(line: bytes) -> str:
-    return line.decode("ascii", "replace").strip()
+    return line.decode("ascii", "replace").strip("\r\n")

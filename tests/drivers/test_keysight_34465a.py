@@ -450,7 +450,7 @@ def test_silence_is_a_time_out() -> None:
         ({"R? 4": b"#191,2,3,4,5\n"}, "ascii", BadReply, "at most 4"),
         ({"R? 4": b"#15+1.0,\n"}, "real64", BadReply, "8-byte doubles"),
         ({"R? 4": b"#248" + b"+1.0"}, "real64", LinkTimeout, r"no reply to R\? 4; the instrument says \+0"),
-        ({"STAT:QUES:EVEN?": b"what\n"}, "ascii", BadReply, "a number"),
+        ({"STAT:QUES:EVEN?": b"what\n"}, "ascii", BadReply, "a (whole )?number"),
         ({"SYST:ERR?": b"fine\n"}, "ascii", BadReply, "a code and a text"),
     ],
 )
