@@ -85,9 +85,10 @@ class SerialTransport(BufferedTransport):
 
     def _receive(self, wait_s: float) -> bytes:
         try:
-            ready, _, _ = select.select([self._port, self._woken], [], [], wait_s)
-            if self._woken in ready:
+            line, woken = self._port.fileno(), self._woken.fileno()
+            ready, _, _ = select.select([line, woken], [], [], wait_s)
+            if woken in ready:
                 raise lost(self.address, "it is closed here")
             return self._port.read(READ_BYTES) if ready else b""
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: closed by another thread just now
             raise lost(self.address, f"reading failed ({error})") from error
