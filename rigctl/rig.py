@@ -201,8 +201,8 @@ class Rig:
             raise ConfigError(
                 f"{self.file.path}: instruments.{name}.address: no way to a satellite but 'sim:' is known; write that"
             )
-        world = self._simulated(name).world
-        return cast(Connect, lambda: world)
+        satellite = self._simulated(name).ground_segments[name]
+        return cast(Connect, lambda: satellite)
 
     def _simulated(self, name: str) -> SimulatedRig:
         if self.simulation is None:
@@ -238,7 +238,7 @@ def build_simulation(file: config.RigFile, clock: SimulationClock, *, seed: int 
     drivers_of(file)
     world = dict(file.world) if seed is None else {**file.world, "seed": seed}
     specs = {
-        name: Spec(table.driver, table.role, table.settings, table.simulator, table.faults)
+        name: Spec(table.driver, table.role, table.settings, table.simulator, table.faults, table.on_serial_line)
         for name, table in file.instruments.items()
     }
     try:

@@ -18,8 +18,8 @@ from simulators.operator_port import Done
 from simulators.rig import SATELLITE
 from simulators.serve import Address, Server
 
-SERIAL_KINDS: dict[str, int] = {"keyence-lkg3001": 115200, "newport-esp301": 921600}
-"""Served on a pseudo-terminal unless the rig file says otherwise; the baud they are told to have."""
+BAUD = {"newport-esp301": 921600}
+"""What those on a pseudo-terminal are told to have, unless it is 115200 or the rig file says otherwise."""
 
 
 class Served:
@@ -105,9 +105,9 @@ class Served:
 
     def _serve(self, name: str) -> Address:
         table, instrument = self.file.instruments[name], self.simulation.instruments[name]
-        if table.address.startswith("serial:") or (table.simulated and table.driver in SERIAL_KINDS):
+        if table.on_serial_line:
             options = dict(parse_qsl(table.address.partition("?")[2]))
-            baud = int(options.get("baud", SERIAL_KINDS.get(table.driver, 115200)))
+            baud = int(options.get("baud", BAUD.get(table.driver, 115200)))
             return self._server.add_serial(name, instrument, baud)
         if "hislip" in table.address.lower():
             return self._server.add_hislip(name, instrument, _port(table.address))

@@ -86,6 +86,11 @@ class HislipPort:
         self._numbers = itertools.count(1)
         self._sessions: dict[int, Session] = {}
 
+    @property
+    def listening(self) -> bool:
+        """False while an attempt to connect finds nobody."""
+        return bool(getattr(self._instrument, "listening", True))
+
     def connect(self, send: Callable[[bytes], None]) -> Channel:
         """Serve one more TCP connection; its first message says which channel it is."""
         return Channel(self, send)

@@ -10,10 +10,13 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from rigctl.errors import LinkLost
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEnsemble
 from simulators.benches import BENCHES, Bench
 from simulators.clock import SimulationClock
 from simulators.faults import FaultPlan, FaultyInstrument
+from simulators.faults.signals import FaultySignal, LossyTrigger
+from simulators.faults.telemetry import FaultyTelemetry
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings, SimulatedLkg3001, SimulatedLkg5000
 from simulators.keysight_33500b import GeneratorSettings, Simulated33500B
 from simulators.keysight_34465a import MeterSettings, Simulated34465A
@@ -40,6 +43,8 @@ class Spec:
     settings: Mapping[str, Any] = field(default_factory=dict)
     simulator: Mapping[str, Any] = field(default_factory=dict)
     faults: Mapping[str, Any] = field(default_factory=dict)
+    serial: bool = False
+    """At the end of a serial line, or of a network."""
 
 
 class TableError(ValueError):
@@ -62,6 +67,8 @@ class LockedInstrument:
     def connect(self, send: Callable[[bytes], None]) -> LockedConnection:
         """Serve one more client."""
         with self._clock.lock:
+            if not getattr(self._inner, "listening", True):
+                raise LinkLost(f"{self._inner.kind} (simulated): connection refused; check power, cable and address")
             return LockedConnection(self._inner.connect(send), self._clock)
 
 
@@ -88,6 +95,27 @@ class LockedConnection:
             self._inner.close()
 
 
+@dataclass(frozen=True)
+class Site:
+    """Where an instrument stands: what hears it, what may go wrong, and the trigger line as it reaches it."""
+
+    tap: Tap
+    plan: FaultPlan
+    pace: TriggerLine
+
+    @property
+    def trigger(self) -> TriggerLine:
+        """The line with the pulses of the pacing instrument."""
+        missing = self.plan.missing_edges
+        return self.pace if missing is None else LossyTrigger(self.pace, missing, self.plan.seed)
+
+    def signal(self, signal: Signal) -> Signal:
+        """A quantity of the world as its sensor gives it."""
+        plan = self.plan
+        spoilt = plan.stuck or plan.saturation or plan.target_lost
+        return FaultySignal(signal, plan) if spoilt else signal
+
+
 class SimulatedRig:
     """Instruments by name; `TableError` or another `ValueError` for settings that make no sense."""
 
@@ -103,8 +131,7 @@ class SimulatedRig:
         if len(wired) < len(specs) and not isinstance(self.world, Satellite):
             raise ValueError(f'a {SATELLITE} needs a world of its own; write world.kind = "{SATELLITE}"')
         self.instruments = {name: self._build(name, spec) for name, spec in wired.items()}
-        for name in set(specs) - set(wired):
-            self.world.tap = self.measured.tap(name)
+        self.ground_segments = {name: self._ground_segment(name, specs[name]) for name in set(specs) - set(wired)}
 
     @property
     def nature(self) -> Any:
@@ -148,13 +175,14 @@ class SimulatedRig:
             raise ValueError(f"no simulator for {spec.kind}; there are {', '.join(_KINDS)}")
         build, model = _KINDS[spec.kind]
         settings = _checked(model, spec.simulator, f"instruments.{name}.simulator")
-        instrument = build(self, spec, settings, self.measured.tap(name, _columns(spec)))
+        plan = _plan(name, spec)
+        if plan.clock_drift is not None:
+            ppm = getattr(settings, "clock_ppm", 0.0) + plan.clock_drift.ppm
+            settings = settings.model_copy(update={"clock_ppm": ppm})
+        instrument = build(self, spec, settings, Site(self.measured.tap(name, _columns(spec)), plan, self._pace))
         if isinstance(instrument, Simulated34465A):
             self._meters.append(instrument)
-        if spec.faults:
-            plan = _checked(FaultPlan, spec.faults, f"instruments.{name}.faults")
-            return FaultyInstrument(instrument, plan, self.clock)
-        return instrument
+        return FaultyInstrument(instrument, plan, self.clock, serial=spec.serial) if spec.faults else instrument
 
     def _heard_by_file(self, world: Mapping[str, Any]) -> dict[str, Any]:
         """The world without the key that says where to keep what was measured."""
@@ -167,53 +195,61 @@ class SimulatedRig:
                 raise ValueError(f"world.measured: cannot write {file} ({error}); name another file") from None
         return nature
 
+    def _ground_segment(self, name: str, spec: Spec) -> Any:
+        """A satellite as its driver finds it."""
+        plan, tap = _plan(name, spec), self.measured.tap(name)
+        if spec.faults:
+            return FaultyTelemetry(self.world, plan, self.clock, tap)
+        self.world.tap = tap
+        return self.world
+
     def _axis(self, role: str) -> MotionAxis:
         """The world's axis of this role; an instrument that has no part in the experiment moves its own."""
         return self.bench.axes.get(role) or MotionAxis()
 
-    def _xps(self, spec: Spec, settings: XpsSimulatorSettings, tap: Tap) -> SimulatedInstrument:
+    def _xps(self, spec: Spec, settings: XpsSimulatorSettings, site: Site) -> SimulatedInstrument:
         group, positioner = spec.settings.get("group", "Group1"), spec.settings.get("positioner", "Pos")
-        return SimulatedXps(self.clock, {group: {positioner: self._axis(spec.role)}}, settings, tap)
+        return SimulatedXps(self.clock, {group: {positioner: self._axis(spec.role)}}, settings, site.tap)
 
-    def _esp301(self, spec: Spec, settings: Esp301SimulatorSettings, tap: Tap) -> SimulatedInstrument:
-        return SimulatedEsp301(self.clock, [self._axis(spec.role)], settings, tap)
+    def _esp301(self, spec: Spec, settings: Esp301SimulatorSettings, site: Site) -> SimulatedInstrument:
+        return SimulatedEsp301(self.clock, [self._axis(spec.role)], settings, site.tap)
 
-    def _ensemble(self, spec: Spec, settings: EnsembleSimulatorSettings, tap: Tap) -> SimulatedInstrument:
+    def _ensemble(self, spec: Spec, settings: EnsembleSimulatorSettings, site: Site) -> SimulatedInstrument:
         named = settings.model_copy(update={"axis": spec.settings.get("axis", settings.axis)})
-        return SimulatedEnsemble(self.clock, self._axis(spec.role), self._pace, named, tap)
+        return SimulatedEnsemble(self.clock, self._axis(spec.role), site.trigger, named, site.tap)
 
-    def _lkg3001(self, spec: Spec, settings: Lkg3001Settings, tap: Tap) -> SimulatedInstrument:
-        return SimulatedLkg3001(self.clock, self._heads(spec), self._pace, settings, tap)
+    def _lkg3001(self, spec: Spec, settings: Lkg3001Settings, site: Site) -> SimulatedInstrument:
+        return SimulatedLkg3001(self.clock, self._heads(spec, site), site.trigger, settings, site.tap)
 
-    def _lkg5000(self, spec: Spec, settings: Lkg5000Settings, tap: Tap) -> SimulatedInstrument:
-        return SimulatedLkg5000(self.clock, self._heads(spec), self._pace, settings, tap)
+    def _lkg5000(self, spec: Spec, settings: Lkg5000Settings, site: Site) -> SimulatedInstrument:
+        return SimulatedLkg5000(self.clock, self._heads(spec, site), site.trigger, settings, site.tap)
 
-    def _meter(self, spec: Spec, settings: MeterSettings, tap: Tap) -> SimulatedInstrument:
+    def _meter(self, spec: Spec, settings: MeterSettings, site: Site) -> SimulatedInstrument:
         paces, measures = spec.role == "readout", spec.role in ("readout", "voltmeter")
         return Simulated34465A(
             self.clock,
-            self.bench.volts(spec.settings.get("channel", "accel_v")) if measures else _nothing,
-            self.bench.temperature_c,
+            site.signal(self.bench.volts(spec.settings.get("channel", "accel_v")) if measures else _nothing),
+            site.signal(self.bench.temperature_c),
             trigger_out=self._pace if paces else None,
-            trigger_in=None if paces else self._pace,
+            trigger_in=None if paces else site.trigger,
             settings=settings,
-            tap=tap,
+            tap=site.tap,
         )
 
-    def _generator(self, spec: Spec, settings: GeneratorSettings, tap: Tap) -> SimulatedInstrument:
+    def _generator(self, spec: Spec, settings: GeneratorSettings, site: Site) -> SimulatedInstrument:
         outputs = _outputs(spec)
         if unknown := set(outputs) - set(self.bench.inputs):
             there = ", ".join(self.bench.inputs) or "none"
             raise ValueError(f"nothing is driven by '{min(unknown)}' in this world; inputs are: {there}")
         lines = {number: self.bench.inputs[name] for name, number in outputs.items()}
-        return Simulated33500B(self.clock, lines, settings, tap)
+        return Simulated33500B(self.clock, lines, settings, site.tap)
 
-    def _heads(self, spec: Spec) -> list[Signal]:
+    def _heads(self, spec: Spec, site: Site) -> list[Signal]:
         """Signals by output number; an output without a head has no target."""
         heads = {output: name for name, output in _numbered(spec, "heads").items()}
         known = self.bench.heads
         return [
-            self.bench.displacement_mm(heads[output]) if heads.get(output) in known else _nothing
+            site.signal(self.bench.displacement_mm(heads[output]) if heads.get(output) in known else _nothing)
             for output in range(1, max(heads, default=1) + 1)
         ]
 
@@ -240,6 +276,14 @@ def _outputs(spec: Spec) -> dict[str, int]:
     return _numbered(spec, "outputs", GENERATOR_OUTPUTS) if spec.role == "source" else {}
 
 
+def _plan(name: str, spec: Spec) -> FaultPlan:
+    plan = _checked(FaultPlan, spec.faults, f"instruments.{name}.faults")
+    why_not = plan.unsupported(spec.kind, serial=spec.serial)
+    if why_not:
+        raise ValueError(f"instruments.{name}.faults.{why_not}")
+    return plan
+
+
 def _bench(world: Mapping[str, Any], clock: SimulationClock, pace: TriggerLine) -> Bench:
     kind = world.get("kind", "sensing-axis")
     if kind not in BENCHES:
@@ -262,7 +306,7 @@ def _checked(model: type[Settings], data: Mapping[str, Any], table: str) -> Sett
         raise TableError(table, model, error) from None
 
 
-_Build = Callable[[SimulatedRig, Spec, Any, Tap], SimulatedInstrument]
+_Build = Callable[[SimulatedRig, Spec, Any, Site], SimulatedInstrument]
 
 _KINDS: dict[str, tuple[_Build, type[BaseModel]]] = {
     "newport-xps": (SimulatedRig._xps, XpsSimulatorSettings),

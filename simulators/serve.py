@@ -12,16 +12,14 @@ import tty
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import partial
 from typing import Protocol
 
-from rigctl.errors import ConfigError
 from simulators.clock import ScaledClock
 from simulators.hislip import HislipPort
 from simulators.operator_port import Handler, OperatorPort
+from simulators.port import LOOPBACK, Port
 from simulators.wiring import Connection, SimulatedInstrument
 
-LOOPBACK = "127.0.0.1"
 READ_BYTES = 4096
 HIGH_WATER_BYTES = 1 << 20
 """A client that owes this much reading is not listened to until it has read."""
@@ -218,7 +216,7 @@ class Server:
         # epoll waits whole milliseconds, which on a fast clock are rig seconds
         self._selector = selectors.SelectSelector()
         self._clients: set[_Client] = set()
-        self._listeners: list[socket.socket] = []
+        self._ports: list[Port] = []
         self._stopping = False
         self._bell, self._rope = socket.socketpair()
         self._bell.setblocking(False)
@@ -269,27 +267,18 @@ class Server:
         for client in self._clients:
             client.close()
         self._clients.clear()
-        for stream in (*self._listeners, self._bell, self._rope):
+        for port in self._ports:
+            port.close()
+        for stream in (self._bell, self._rope):
             stream.close()
         self._selector.close()
 
     def _listen(self, name: str, instrument: SimulatedInstrument, port: int, transport: str) -> Address:
-        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        try:
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            listener.bind((LOOPBACK, port))
-        except (OSError, OverflowError) as error:
-            listener.close()
-            raise ConfigError(
-                f"{name}: cannot serve on {LOOPBACK} port {port} ({error}); choose another or leave it out"
-            ) from error
-        listener.listen()
-        listener.setblocking(False)
-        self._listeners.append(listener)
-        self._selector.register(listener, selectors.EVENT_READ, partial(self._accept, listener, instrument))
-        return Address(name, instrument.kind, transport, host=LOOPBACK, port=listener.getsockname()[1])
+        opened = Port(name, instrument, port, self._accept, self._selector)
+        self._ports.append(opened)
+        return Address(name, instrument.kind, transport, host=LOOPBACK, port=opened.number)
 
-    def _accept(self, listener: socket.socket, instrument: SimulatedInstrument, _events: int) -> None:
+    def _accept(self, listener: socket.socket, instrument: SimulatedInstrument) -> None:
         try:
             stream, _ = listener.accept()
         except OSError:
@@ -299,6 +288,8 @@ class Server:
         self._clients.add(_Client(stream, instrument, self._clock, self._selector))
 
     def _settle(self) -> None:
+        for port in self._ports:
+            port.look()
         for client in list(self._clients):
             client.look()
             if client.over:

@@ -56,6 +56,7 @@ class AxisController:
         self._axis = axis
         self._parameters = parameters
         self._settings = settings
+        self._lasting = AxisFault(0)
         self.on_fault: Callable[[], None] = lambda: None
         self.restart()
 
@@ -66,7 +67,7 @@ class AxisController:
             self._axis.halt(now_s, self._settings.abort_deceleration_mm_s2)
         self.enabled = False
         self.homed = False
-        self._fault = AxisFault(0)
+        self._fault = self._lasting
         self.zero_mm = self._axis.position(now_s)
         self._activity = Activity.NONE
         self._end_s = -math.inf
@@ -88,9 +89,9 @@ class AxisController:
         self.enabled = False
 
     def acknowledge(self) -> None:
-        """Clear the faults; the axis stays disabled."""
+        """Clear the faults whose cause is gone; the axis stays disabled."""
         self._now()
-        self._fault = AxisFault(0)
+        self._fault = self._lasting
 
     def move(self, target_mm: float, speed_mm_s: float, ramp_mm_s2: float, *, linear: bool = False) -> float:
         """Start a move; returns its end."""
@@ -164,6 +165,21 @@ class AxisController:
     def trip(self, fault: AxisFault) -> None:
         """A fault appears now: the stage brakes and is disabled until the fault is acknowledged."""
         self._trip(self._now(), fault)
+
+    def hit_limit(self) -> None:
+        """A moving axis meets the limit switch ahead of it."""
+        velocity_mm_s = self._axis.velocity(self._now())
+        if velocity_mm_s:
+            self.trip(AxisFault.CW_HARD_LIMIT if velocity_mm_s > 0 else AxisFault.CCW_HARD_LIMIT)
+
+    def suffer(self, fault: AxisFault) -> None:
+        """A fault appears that cannot be acknowledged before `recover`."""
+        self._lasting |= fault
+        self.trip(fault)
+
+    def recover(self, fault: AxisFault) -> None:
+        """The cause of a fault is gone; it is still to be acknowledged."""
+        self._lasting &= ~fault
 
     # what it tells
 
@@ -334,7 +350,8 @@ class AxisController:
     def _limit_levels(self, position_mm: float) -> AxisStatus:
         s = self._settings
         setup = int(self._parameters[Parameter.END_OF_TRAVEL_LIMIT_SETUP])
-        levels = AxisStatus.ESTOP_LEVEL if s.estop_level else AxisStatus(0)
+        pressed = bool(self._lasting & AxisFault.EMERGENCY_STOP)
+        levels = AxisStatus.ESTOP_LEVEL if s.estop_level != pressed else AxisStatus(0)
         if (position_mm >= s.travel_max_mm) == bool(setup & 4):
             levels |= AxisStatus.CW_LIMIT_LEVEL
         if (position_mm <= s.travel_min_mm) == bool(setup & 2):

@@ -9,10 +9,20 @@ from simulators.aerotech_ensemble.grammar import Invalid, parse
 from simulators.aerotech_ensemble.interpreter import Blocked, Interpreter, Restarting
 from simulators.aerotech_ensemble.parameters import Parameter
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.status import AxisFault
 from simulators.clock import SimulationClock
+from simulators.faults.mishaps import AirLost, EmergencyStop, FollowingError, LimitHit, PowerCycle, WrongUnit
+from simulators.faults.when import Event
 from simulators.measured import Tap, unheard
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
+
+MM_PER_INCH = 25.4
+LASTING_FAULTS: dict[type[Event], AxisFault] = {
+    EmergencyStop: AxisFault.EMERGENCY_STOP,
+    AirLost: AxisFault.EXTERNAL,
+}
+"""Reported as long as the cause is there; the pressure switch of an air bearing is the external fault."""
 
 
 class SimulatedEnsemble:
@@ -41,6 +51,32 @@ class SimulatedEnsemble:
     def controller(self) -> AxisController:
         """The axis' state machine, for those who make faults happen."""
         return self._interpreter.axis
+
+    def befall(self, event: Event) -> None:
+        """Something happens to the controller and its stage."""
+        match event:
+            case PowerCycle():
+                self._lose_power()
+            case FollowingError():
+                if self.controller.enabled:
+                    self.controller.trip(AxisFault.POSITION_ERROR)
+            case LimitHit():
+                self.controller.hit_limit()
+            case EmergencyStop() | AirLost():
+                self.controller.suffer(LASTING_FAULTS[type(event)])
+            case WrongUnit():
+                self._interpreter.change_unit("in", MM_PER_INCH)
+
+    def relieve(self, event: Event) -> None:
+        """It is over: as after switching on, or free to be acknowledged."""
+        match event:
+            case PowerCycle():
+                self._interpreter.restart()
+                self._started()
+            case EmergencyStop() | AirLost():
+                self.controller.recover(LASTING_FAULTS[type(event)])
+            case WrongUnit():
+                self._interpreter.change_unit(self._settings.units, 1.0)
 
     def announce_run(self, *key: int) -> None:
         """Name the run whose encoder noise the next capture has."""
@@ -135,11 +171,14 @@ class SimulatedEnsemble:
         if self._clients:
             self.received(self._clients[0])
 
-    def _restart(self) -> None:
-        self._busy = True
+    def _lose_power(self) -> None:
+        self._busy, self._waiting_client = True, None
         for client in tuple(self._clients):
             client.hang_up()
         self._interpreter.restart()
+
+    def _restart(self) -> None:
+        self._lose_power()
         self._clock.call_at(self._clock.now_s() + self._settings.startup_s, self._started)
 
     def _started(self) -> None:

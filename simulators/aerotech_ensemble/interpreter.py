@@ -62,6 +62,7 @@ class Interpreter:
         self.axis = AxisController(clock, axis, self.parameters, settings)
         self.capture = PositionCapture(axis, trigger, settings, tap)
         self._registers = Registers(settings)
+        self._unit_mm = 1.0
         self._set_power_on_modes()
         self._handlers: dict[str, Callable[[tuple[str, ...]], Reply]] = {
             "VERSION": self._version,
@@ -85,14 +86,14 @@ class Interpreter:
             "RAMP": self._ramp,
             "SCURVE": self._s_curve,
             "VELOCITY": self._velocity_profiling,
-            "PFBK": self._query(lambda: f"{self.axis.feedback_mm():.6f}"),
-            "PFBKPROG": self._query(lambda: f"{self._program_mm(self.axis.feedback_mm()):.6f}"),
-            "PCMD": self._query(lambda: f"{self.axis.commanded_mm():.6f}"),
-            "PCMDPROG": self._query(lambda: f"{self._program_mm(self.axis.commanded_mm()):.6f}"),
-            "CMDPOS": self._query(lambda: f"{self._program_mm(self.axis.commanded_mm()):.6f}"),
-            "PERR": self._query(lambda: f"{self.axis.commanded_mm() - self.axis.feedback_mm():.6f}"),
-            "VFBK": self._query(lambda: f"{self.axis.velocity_mm_s():.6f}"),
-            "VCMD": self._query(lambda: f"{self.axis.velocity_mm_s():.6f}"),
+            "PFBK": self._query(lambda: self._length(self.axis.feedback_mm())),
+            "PFBKPROG": self._query(lambda: self._length(self._program_mm(self.axis.feedback_mm()))),
+            "PCMD": self._query(lambda: self._length(self.axis.commanded_mm())),
+            "PCMDPROG": self._query(lambda: self._length(self._program_mm(self.axis.commanded_mm()))),
+            "CMDPOS": self._query(lambda: self._length(self._program_mm(self.axis.commanded_mm()))),
+            "PERR": self._query(lambda: self._length(self.axis.commanded_mm() - self.axis.feedback_mm())),
+            "VFBK": self._query(lambda: self._length(self.axis.velocity_mm_s())),
+            "VCMD": self._query(lambda: self._length(self.axis.velocity_mm_s())),
             "AXISSTATUS": self._query(self._axis_status),
             "AXISFAULT": self._query(lambda: str(signed_32_bit(int(self.axis.fault())))),
             "PLANESTATUS": self._plane_status,
@@ -117,6 +118,11 @@ class Interpreter:
         if handler is None or command.value is not None:
             raise Invalid
         return handler(command.words)
+
+    def change_unit(self, name: str, unit_mm: float) -> None:
+        """Positions and speeds are in another unit from now on."""
+        self.parameters.name_unit(name)
+        self._unit_mm = unit_mm
 
     def restart(self) -> None:
         """As after switching on; parameters not committed are lost."""
@@ -161,6 +167,13 @@ class Interpreter:
         if not words or words[0] not in self._names:
             raise Invalid
         return words[1:]
+
+    def _length(self, length_mm: float) -> str:
+        return f"{length_mm / self._unit_mm:.6f}"
+
+    def _move_words(self, words: tuple[str, ...]) -> tuple[float, float | None]:
+        way, speed = move_words(words, self._names)
+        return way * self._unit_mm, None if speed is None else speed * self._unit_mm
 
     def _program_mm(self, machine_mm: float) -> float:
         return machine_mm - self._program_zero_mm
@@ -237,15 +250,15 @@ class Interpreter:
         return None
 
     def _move_absolute(self, words: tuple[str, ...]) -> Reply:
-        position_mm, speed_mm_s = move_words(words, self._names)
+        position_mm, speed_mm_s = self._move_words(words)
         return self._go(position_mm + self._program_zero_mm, position_mm, speed_mm_s)
 
     def _move_incremental(self, words: tuple[str, ...]) -> Reply:
-        distance_mm, speed_mm_s = move_words(words, self._names)
+        distance_mm, speed_mm_s = self._move_words(words)
         return self._go(self.axis.commanded_mm() + distance_mm, distance_mm, speed_mm_s)
 
     def _linear(self, words: tuple[str, ...]) -> Reply:
-        value_mm, speed_mm_s = move_words(words, self._names)
+        value_mm, speed_mm_s = self._move_words(words)
         origin_mm = self._program_zero_mm if self._positioning == ABSOLUTE else self.axis.commanded_mm()
         return self._go(origin_mm + value_mm, value_mm, speed_mm_s, linear=True)
 
@@ -257,7 +270,7 @@ class Interpreter:
 
     def _free_run(self, words: tuple[str, ...]) -> Reply:
         (velocity,) = exactly(1, self._after_axis(words))
-        velocity_mm_s = number(velocity)
+        velocity_mm_s = number(velocity) * self._unit_mm
         self.axis.jog(velocity_mm_s, self._ramp_mm_s2(abs(velocity_mm_s), 0.0))
         return None
 
@@ -267,7 +280,7 @@ class Interpreter:
             # the number of frequencies, of the older library call: one is all that is offered here
             whole(arguments[3], 1, 1)
         distance, frequency, cycles = exactly(3, arguments[:3])
-        end_s = self.axis.oscillate(number(distance), number(frequency), whole(cycles, 1, CYCLES_MAX))
+        end_s = self.axis.oscillate(number(distance) * self._unit_mm, number(frequency), whole(cycles, 1, CYCLES_MAX))
         return self._moving_until(end_s) if self._settings.oscillate_waits else None
 
     def _moving_until(self, end_s: float) -> Reply:
@@ -290,7 +303,7 @@ class Interpreter:
         if what == "MODE":
             self._ramp_mode = choice(RAMP_WORDS, value)
         elif what == "RATE":
-            self._ramp_rate_mm_s2 = positive(value)
+            self._ramp_rate_mm_s2 = positive(value) * self._unit_mm
         elif what == "TIME":
             self._ramp_time_s = positive(value)
         elif what == "DIST":
@@ -317,7 +330,7 @@ class Interpreter:
         arguments = self._after_axis(tuple(rest))
         if what == "SET":
             (position,) = exactly(1, arguments)
-            self._program_zero_mm = self.axis.feedback_mm() - number(position)
+            self._program_zero_mm = self.axis.feedback_mm() - number(position) * self._unit_mm
         elif what == "CLEAR":
             none(arguments)
             self._program_zero_mm = 0.0
@@ -382,6 +395,10 @@ class Interpreter:
 
     # position capture
 
+    @property
+    def _register_unit(self) -> float:
+        return self._unit_mm if self._settings.capture_unit == "mm" else 1.0
+
     def _data_acquisition(self, words: tuple[str, ...]) -> Reply:
         now_s = self._clock.now_s()
         match self._after_axis(words):
@@ -399,7 +416,7 @@ class Interpreter:
                 start = whole(first, 0, self._settings.double_registers - count)
                 if self._settings.capture_short_read == "refuse" and self.capture.left(now_s) < count:
                     raise Faulted
-                self._registers.store(start, self.capture.take(now_s, count))
+                self._registers.store(start, self.capture.take(now_s, count) / self._register_unit)
             case _:
                 raise Invalid
         return None

@@ -104,6 +104,10 @@ class Parameters:
             raise Invalid
         self._values[parameter] = value
 
+    def name_unit(self, name: str) -> None:
+        """Another UnitsName."""
+        self._texts[Parameter.UNITS_NAME] = name
+
     def commit(self) -> None:
         """Keep the present values over a restart."""
         self._committed = dict(self._values)

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from simulators.clock import SimulationClock
+from simulators.faults.mishaps import PowerCycle
+from simulators.faults.when import Event
 from simulators.keyence_lkg.faults import Fault, Refused
 from simulators.keyence_lkg.heads import CUTOFFS_HZ, Kernel, Output, high_pass, low_pass, moving_average
 from simulators.keyence_lkg.model import LkgSettings, Model
@@ -72,6 +74,21 @@ class Controller:
     def connect(self, send: Callable[[bytes], None]) -> Session:
         """Serve one more client."""
         return Session(self.clock, self.answer, send)
+
+    def befall(self, event: Event) -> None:
+        """It loses its power: settings are kept, zeros and stored values are not."""
+        if isinstance(event, PowerCycle):
+            self._storage.stop()
+            self._storage.clear()
+            self._measuring = True
+            for output in self.outputs:
+                output.unzero()
+                output.reset(self.clock.now_s())
+
+    def relieve(self, event: Event) -> None:
+        """Nothing comes back by itself; it is ready when it measures again."""
+        if isinstance(event, PowerCycle):
+            self._ready_s = self.clock.now_s() + self.settings.mode_settle_s
 
     def measurement_commands(self) -> dict[str, Command]:
         """The commands in which the generations differ."""

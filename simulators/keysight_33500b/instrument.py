@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 
 from simulators.clock import SimulationClock
+from simulators.faults.mishaps import PowerCycle
+from simulators.faults.when import Event
 from simulators.keysight_33500b.commands import Commands
 from simulators.keysight_33500b.output import Output
 from simulators.keysight_33500b.settings import GeneratorSettings
@@ -35,6 +37,7 @@ class Simulated33500B:
         settings, wired = settings or GeneratorSettings(), lines or {}
         tap = tap or unheard()
         outputs = {n: Output(clock, wired.get(n) or VoltageLine(), settings, tap, str(n)) for n in OUTPUTS}
+        self._outputs = outputs
         self._shell = ScpiShell(
             clock,
             Commands(outputs, settings).table(),
@@ -43,6 +46,16 @@ class Simulated33500B:
             questionable=Register(),
             operation=Register(),
         )
+
+    def befall(self, event: Event) -> None:
+        """It loses its power: no output drives anything, before and after."""
+        if isinstance(event, PowerCycle):
+            for output in self._outputs.values():
+                output.reset()
+            self._shell.power_on()
+
+    def relieve(self, event: Event) -> None:
+        """Nothing comes back by itself."""
 
     def connect(self, send: Callable[[bytes], None]) -> Connection:
         """Serve one more client, which is sent bytes through `send`."""

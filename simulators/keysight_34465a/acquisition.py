@@ -58,6 +58,11 @@ class TimedReadings:
         return self.first_s + self.period_s * index + self._lag_s if index < self.count else math.inf
 
     @property
+    def next_s(self) -> float:
+        """The instant of the next."""
+        return self.first_s + self.period_s * self._taken
+
+    @property
     def remaining(self) -> int:
         """How many are still to come."""
         return self.count - self._taken

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from simulators.clock import SimulationClock
+from simulators.faults.mishaps import ClockJump, MemoryOverflow, PowerCycle, WrongUnit
+from simulators.faults.when import Event
 from simulators.keysight_34465a.acquisition_commands import AcquisitionCommands
 from simulators.keysight_34465a.measurement_commands import MeasurementCommands
 from simulators.keysight_34465a.meter import Meter
@@ -52,6 +54,24 @@ class Simulated34465A:
     def connect(self, send: Callable[[bytes], None]) -> Connection:
         """Serve one more client, which is sent bytes through `send`."""
         return self._shell.connect(send)
+
+    def befall(self, event: Event) -> None:
+        """Something happens to the meter."""
+        match event:
+            case PowerCycle():
+                self._meter.reset()
+                self._shell.power_on()
+            case WrongUnit():
+                self._meter.configuration.temperature_unit = "F"
+            case MemoryOverflow():
+                self._meter.lose_readings()
+            case ClockJump(jump_s=jump_s):
+                self._meter.stand_still(jump_s)
+
+    def relieve(self, event: Event) -> None:
+        """It is over; what it has forgotten stays forgotten."""
+        if isinstance(event, WrongUnit):
+            self._meter.configuration.temperature_unit = "C"
 
     def key_noise(self, *key: int) -> None:
         """Draw the meter's noise from here on from (seed, *key): the same for a run that is taken again."""

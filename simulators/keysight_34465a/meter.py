@@ -124,6 +124,23 @@ class Meter:
         self._readings = None
         self._triggers_awaited = 0.0
 
+    def stand_still(self, jump_s: float) -> None:
+        """The sample timer goes on only after `jump_s`."""
+        self.advance()
+        readings = self._readings
+        if isinstance(readings, TimedReadings) and readings.remaining:
+            readings.first_s += jump_s
+            if self._trigger_out is not None:
+                self._trigger_out.end(self._clock.now_s())
+                self._trigger_out.begin(readings.next_s, readings.period_s, min(readings.remaining, LISTENERS_LIMIT))
+
+    def lose_readings(self) -> None:
+        """The memory overflows: the older half of the readings is lost."""
+        self.advance()
+        if len(self.memory):
+            self.memory.take((len(self.memory) + 1) // 2)
+            self.questionable.event |= MEMORY_OVERFLOW
+
     def change(self) -> None:
         """A setting of the measurement changes: it ends, and the memory is cleared."""
         self.abort()
@@ -173,10 +190,11 @@ class Meter:
         """Readings on the own timer, the first complete after one integration; each gives a VM COMP edge."""
         setup = self.configuration
         first_s = self._clock.now_s() + (setup.trigger_delay_s or 0.0) + setup.integration_s
-        readings = TimedReadings(first_s, setup.period_s, count, self._lag_s)
+        period_s = setup.period_s / (1.0 + 1e-6 * self._settings.clock_ppm)
+        readings = TimedReadings(first_s, period_s, count, self._lag_s)
         self._readings = readings
         if self._trigger_out is not None:
-            self._trigger_out.begin(first_s, setup.period_s, min(readings.count, LISTENERS_LIMIT))
+            self._trigger_out.begin(first_s, period_s, min(readings.count, LISTENERS_LIMIT))
 
     def _measure(self, times_s: FloatArray) -> FloatArray:
         values = np.asarray(self._signals[self.configuration.function](times_s), dtype=np.float64)
@@ -205,4 +223,5 @@ class Meter:
         rounded = np.round(celsius / step) * step
         unit = self.configuration.temperature_unit
         scale, offset = {"C": (1.0, 0.0), "F": (1.8, 32.0), "K": (1.0, 273.15)}[unit]
-        return np.where(np.isnan(celsius), NOT_A_NUMBER, rounded * scale + offset)
+        readings = np.where(np.isinf(celsius), np.copysign(OVERLOAD, celsius), rounded * scale + offset)
+        return np.where(np.isnan(celsius), NOT_A_NUMBER, readings)

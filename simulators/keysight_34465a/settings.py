@@ -28,6 +28,8 @@ class MeterSettings(BaseModel):
     """Least step of the ADC; None: what range and integration time give."""
     resolution_c: float = Field(default=1e-3, gt=0.0)
     seed: int = Field(default=0, ge=0)
+    clock_ppm: float = Field(default=0.0, gt=-1e6)
+    """How much faster than rig time its sample timer goes."""
     control_port: int = 0
     """What SYST:COMM:TCP:CONT? answers; 0: no control socket."""
 

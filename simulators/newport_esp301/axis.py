@@ -12,6 +12,9 @@ from simulators.newport_esp301.settings import Esp301SimulatorSettings
 
 Report = Callable[[int], None]
 
+COUNTS = 0
+"""Encoder counts among the units of SN."""
+
 
 class EspAxis:
     """A motor with its stage, in the controller's coordinates, which count from where it woke up until homed.
@@ -41,6 +44,8 @@ class EspAxis:
         self.soft_limits_deg = (settings.travel_min_deg, settings.travel_max_deg)
         self.decimals = settings.decimals
         self.unit = settings.unit
+        self.inhibited = False
+        """The emergency stop is pressed: the motor cannot be switched on."""
         self._clock = clock
         self._settings = settings
         self._report = report
@@ -142,6 +147,18 @@ class EspAxis:
         """Run into an obstacle: following error, motor off."""
         self._report(self.number * 100 + 3)
         self.switch_off()
+
+    def hit_limit(self) -> None:
+        """Run into the limit switch ahead; nothing happens at rest."""
+        velocity_deg_s = self.velocity()
+        if velocity_deg_s:
+            self._report(self.number * 100 + (4 if velocity_deg_s > 0 else 5))
+            self.switch_off()
+
+    @property
+    def units_per_deg(self) -> float:
+        """Of the positions and speeds on the wire; encoder counts when somebody has chosen them."""
+        return 1.0 / self._settings.resolution_deg if self.unit == COUNTS else 1.0
 
     def at_hard_limits(self) -> tuple[bool, bool]:
         """Is the positive, is the negative limit switch on?"""

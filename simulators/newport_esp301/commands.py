@@ -67,9 +67,10 @@ def _axes(controller: Controller, command: Command) -> list[EspAxis]:
 
 
 def _parameter(axis: EspAxis, parameter: Parameter, command: Command) -> str | None:
+    scale = 1.0 if parameter.whole else axis.units_per_deg
     if command.query:
-        return format_number(parameter.get(axis), 0 if parameter.whole else axis.decimals)
-    parameter.put(axis, read_number(command.parameter))
+        return format_number(parameter.get(axis) * scale, 0 if parameter.whole else axis.decimals)
+    parameter.put(axis, read_number(command.parameter) / scale)
     return None
 
 
@@ -83,20 +84,26 @@ def _stored(stored: dict[str, float], axis: EspAxis, command: Command) -> str | 
 # of an axis
 
 
+def _spelled(axis: EspAxis, value_deg: float) -> str:
+    return format_number(value_deg * axis.units_per_deg, axis.decimals)
+
+
 def _absolute(axis: EspAxis, command: Command) -> str | None:
     if command.query:
-        return format_number(axis.target_deg, axis.decimals)
-    axis.move_to(read_number(command.parameter))
+        return _spelled(axis, axis.target_deg)
+    axis.move_to(read_number(command.parameter) / axis.units_per_deg)
     return None
 
 
 def _relative(axis: EspAxis, command: Command) -> None:
-    axis.move_to(axis.target_deg + read_number(command.parameter))
+    axis.move_to(axis.target_deg + read_number(command.parameter) / axis.units_per_deg)
 
 
 def _motor_on(axis: EspAxis, command: Command) -> str | None:
     if command.query:
         return str(int(axis.motor_on))
+    if axis.inhibited:
+        raise Refused(4)
     axis.motor_on = True
     return None
 
@@ -137,15 +144,15 @@ def _done(axis: EspAxis, _: Command) -> str:
 
 
 def _actual_position(axis: EspAxis, _: Command) -> str:
-    return format_number(axis.reading(), axis.decimals)
+    return _spelled(axis, axis.reading())
 
 
 def _commanded_position(axis: EspAxis, _: Command) -> str:
-    return format_number(axis.commanded(), axis.decimals)
+    return _spelled(axis, axis.commanded())
 
 
 def _actual_velocity(axis: EspAxis, _: Command) -> str:
-    return format_number(axis.velocity(), axis.decimals)
+    return _spelled(axis, axis.velocity())
 
 
 AXIS_COMMANDS: dict[str, Callable[[EspAxis, Command], str | None]] = {
@@ -183,7 +190,7 @@ def _wait_for_stop(controller: Controller, command: Command) -> None:
 
 def _wait_for_position(controller: Controller, command: Command) -> None:
     axis = _axis(controller, command)
-    place_deg = read_number(command.parameter)
+    place_deg = read_number(command.parameter) / axis.units_per_deg
     below = axis.commanded() < place_deg
 
     def passed_or_at_rest() -> bool:

@@ -6,9 +6,11 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from simulators.clock import SimulationClock
+from simulators.faults.mishaps import EmergencyStop, FollowingError, LimitHit, PowerCycle, WrongUnit
+from simulators.faults.when import Event
 from simulators.measured import Tap, unheard
 from simulators.motion import MotionAxis
-from simulators.newport_esp301.axis import EspAxis
+from simulators.newport_esp301.axis import COUNTS, EspAxis
 from simulators.newport_esp301.commands import execute
 from simulators.newport_esp301.errors import ErrorQueue, Refused
 from simulators.newport_esp301.grammar import Command, LineReader, parse_line
@@ -58,6 +60,26 @@ class SimulatedEsp301:
         """Put an error into the queue."""
         self.errors.put(code, self.clock.now_s())
 
+    def befall(self, event: Event) -> None:
+        """Something happens to the controller and its stages."""
+        if isinstance(event, PowerCycle):
+            self._queue.clear()
+            self._waiting = False
+        if isinstance(event, EmergencyStop):
+            self.report(4)
+        for axis in self.axes:
+            _suffer(axis, event)
+
+    def relieve(self, event: Event) -> None:
+        """It is over: without reference, as after switching on, or free to be switched on."""
+        if isinstance(event, PowerCycle):
+            self.reset()
+        for axis in self.axes:
+            if isinstance(event, EmergencyStop):
+                axis.inhibited = False
+            if isinstance(event, WrongUnit):
+                axis.unit = self.settings.unit
+
     def fail_following(self, axis_number: int) -> None:
         """Let an axis run into an obstacle."""
         with self.clock.lock:
@@ -100,6 +122,21 @@ class SimulatedEsp301:
             else:
                 if answer is not None:
                     send(f"{answer}\r\n".encode("latin-1"))
+
+
+def _suffer(axis: EspAxis, event: Event) -> None:
+    match event:
+        case PowerCycle():
+            axis.switch_off()
+        case FollowingError() if axis.motor_on:
+            axis.fail_following()
+        case LimitHit():
+            axis.hit_limit()
+        case EmergencyStop():
+            axis.inhibited = True
+            axis.switch_off()
+        case WrongUnit():
+            axis.unit = COUNTS
 
 
 class EspClient:

@@ -21,6 +21,8 @@ class GroupState(IntEnum):
     """The group states this simulator can be in."""
 
     NOT_INITIALISED = 0
+    EMERGENCY_BRAKE = 1
+    EMERGENCY_STOP = 2
     HOMING_FOLLOWING_ERROR = 3
     KILLED = 7
     READY_FROM_ABORT = 10
@@ -167,9 +169,9 @@ ERROR_TEXTS = {
     -118: "Driver is not initialized",
 }
 
-FOLLOWING_ERROR_BIT = 0x2
+INHIBITION_BIT, FOLLOWING_ERROR_BIT = 0x1, 0x2
 POSITIONER_ERROR_TEXTS = {
-    0x1: "General inhibition detected",
+    INHIBITION_BIT: "General inhibition detected",
     FOLLOWING_ERROR_BIT: "Fatal following error detected",
     0x4: "Home search time out",
     0x8: "Motion done time out",

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import TypeVar
 
 from simulators.clock import SimulationClock
+from simulators.faults.mishaps import EmergencyStop, FollowingError, LimitHit, PowerCycle
+from simulators.faults.when import Event
 from simulators.measured import Tap, unheard
 from simulators.motion import MotionAxis
 from simulators.newport_xps.codes import GroupState, Refused
@@ -66,6 +69,31 @@ class SimulatedXps:
         """Let a group run into an obstacle: following error."""
         with self.clock.lock:
             self._groups[group].fail_following()
+
+    def befall(self, event: Event) -> None:
+        """Something happens to the controller and its stages."""
+        if isinstance(event, PowerCycle):
+            for client in list(self._clients):
+                client.hang_up()
+        for group in self._groups.values():
+            match event:
+                case PowerCycle():
+                    group.lose_power()
+                case FollowingError():
+                    with suppress(Refused):  # without a servo loop there is nothing to follow
+                        group.fail_following()
+                case LimitHit():
+                    group.hit_limit()
+                case EmergencyStop():
+                    group.press_emergency_stop()
+
+    def relieve(self, event: Event) -> None:
+        """It is over: without reference, as after switching on, or free to be initialised."""
+        if isinstance(event, PowerCycle):
+            self._power_on()
+        for group in self._groups.values():
+            if isinstance(event, EmergencyStop):
+                group.release_emergency_stop()
 
     def uptime_s(self) -> float:
         """Time since power on."""

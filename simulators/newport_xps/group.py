@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from simulators.clock import SimulationClock
-from simulators.newport_xps.codes import FOLLOWING_ERROR_BIT, GroupState, Refused
+from simulators.newport_xps.codes import FOLLOWING_ERROR_BIT, INHIBITION_BIT, GroupState, Refused
 from simulators.newport_xps.positioner import Positioner
 from simulators.newport_xps.settings import XpsSimulatorSettings
 
@@ -34,6 +34,8 @@ class Group:
     ) -> None:
         self.positioners = positioners
         self.state = GroupState.NOT_INITIALISED
+        self.inhibited = False
+        """The emergency stop is pressed."""
         self._clock = clock
         self._settings = settings
         self._blocked: list[Done] = []
@@ -41,8 +43,12 @@ class Group:
         self._action = 0
 
     def initialise(self, done: Done, *, calibrating: bool = False) -> None:
-        """Switch the motors on."""
+        """Switch the motors on; -26 while the emergency stop is pressed."""
         self._require(self.state.must_initialise)
+        if self.inhibited:
+            raise Refused(-26)
+        for positioner in self.positioners.values():
+            positioner.end_of_run = 0
         state = GroupState.ENCODER_CALIBRATING if calibrating else GroupState.MOTOR_INITIALISATION
         self._begin(state, done)
         ready_s = self._clock.now_s() + self._settings.initialisation_s
@@ -157,6 +163,34 @@ class Group:
         for positioner in self.positioners.values():
             positioner.error_word |= FOLLOWING_ERROR_BIT
         self._end(following, -25)
+        self._brake_hard(lambda: None)
+
+    def hit_limit(self) -> None:
+        """Run into the end-of-run switch ahead: emergency brake, the group is to be initialised anew."""
+        if self._turning():
+            for positioner in self.positioners.values():
+                positioner.reach_end_of_run(self._clock.now_s())
+            self._collapse(GroupState.EMERGENCY_BRAKE, -45)
+
+    def press_emergency_stop(self) -> None:
+        """Brake hard; the group is to be initialised anew, which is refused until the stop is released."""
+        self.inhibited = True
+        for positioner in self.positioners.values():
+            positioner.error_word |= INHIBITION_BIT
+        if not self.state.must_initialise:
+            self._collapse(GroupState.EMERGENCY_STOP, -26)
+
+    def release_emergency_stop(self) -> None:
+        """It may be initialised again."""
+        self.inhibited = False
+
+    def lose_power(self) -> None:
+        """The motors are dead; nobody is told."""
+        self._blocked, self._enders = [], []
+        self._collapse(GroupState.NOT_INITIALISED, 0)
+
+    def _collapse(self, state: GroupState, code: int) -> None:
+        self._end(state, code)
         self._brake_hard(lambda: None)
 
     def _referenced(self) -> None:

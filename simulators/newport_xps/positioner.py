@@ -35,6 +35,8 @@ class Positioner:
         self.motion_done: tuple[float, ...] = (0.001, 0.1, 0.02, 0.01, 1.0)
         self.jog = (0.0, settings.acceleration_max_deg_s2)
         self.error_word = 0
+        self.end_of_run = 0
+        """The switch it has run into; 0 for none."""
         self.maxima = (settings.speed_max_deg_s, settings.acceleration_max_deg_s2)
         self._settings = settings
         self._zero_deg = axis.position(now_s)
@@ -126,13 +128,21 @@ class Positioner:
         self._zero_deg = self.axis.position(at_s) - position_deg
         self.target_deg = position_deg
 
+    def reach_end_of_run(self, at_s: float) -> None:
+        """The switch ahead is met; nothing happens at rest."""
+        velocity_deg_s = self.velocity(at_s)
+        if velocity_deg_s:
+            self.end_of_run = PLUS_END_OF_RUN_BIT if velocity_deg_s > 0 else MINUS_END_OF_RUN_BIT
+            self.error_word |= self.end_of_run
+
     def hardware_status(self, at_s: float) -> int:
         """Bits of the switches: which side of the zero mark, ends of run."""
         angle_deg = self.axis.position(at_s)
         return (
             HIGH_ZERO_MARK_BIT * (angle_deg > 0)
-            + MINUS_END_OF_RUN_BIT * (angle_deg < self._settings.travel_min_deg)
-            + PLUS_END_OF_RUN_BIT * (angle_deg > self._settings.travel_max_deg)
+            | MINUS_END_OF_RUN_BIT * (angle_deg < self._settings.travel_min_deg)
+            | PLUS_END_OF_RUN_BIT * (angle_deg > self._settings.travel_max_deg)
+            | self.end_of_run
         )
 
     def gatherings(self) -> dict[str, Callable[[FloatArray], FloatArray]]:

@@ -22,6 +22,8 @@ from simulators.scpi.grammar import (
 
 QUEUE_LENGTH = 20
 SHORTEST_WAIT_S = 1e-6
+POWER_ON = 1 << 7
+"""The bit of the standard event register."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ class ScpiShell:
         operation: Register,
     ) -> None:
         self.clock = clock
-        self.standard = Register(event=128)
+        self.standard = Register(event=POWER_ON)
         self.questionable = questionable
         self.operation = operation
         self._service_enable = 0
@@ -139,6 +141,11 @@ class ScpiShell:
         """Forget a client."""
         if session in self._sessions:
             self._sessions.remove(session)
+
+    def power_on(self) -> None:
+        """Status and errors as after switching on."""
+        self._clear()
+        self.standard.event = POWER_ON
 
     def error(self, error: ScpiError) -> None:
         """Queue an error; when full the last one becomes -350."""

@@ -15,7 +15,7 @@ PROMISE = "A campaign under faults keeps no wrong number as valid, ends by itsel
 
 FAULTS = {
     "late": ", delay_s = 2.5",
-    "garbled": "",
+    "garbage": "",
     "truncated": ", keep_bytes = 3",
     "silent": "",
     "duplicated": "",

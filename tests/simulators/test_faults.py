@@ -1,5 +1,6 @@
 """Faults: each does what it says, when it says, and again with the same seed."""
 
+import contextlib
 from collections.abc import Callable
 
 import pytest
@@ -11,6 +12,8 @@ from drivers.transport import InProcessTransport
 from rigctl.errors import LinkLost, LinkTimeout
 from simulators.clock import VirtualClock
 from simulators.faults import FaultPlan, FaultyInstrument
+from simulators.faults.when import Event, Occasion, Spell
+from simulators.faults.wire import Exchange
 
 WORDS = [b"alpha\n", b"beta\n", b"gamma\n", b"delta\n"]
 
@@ -22,6 +25,12 @@ class Parrot:
 
     def connect(self, send: Callable[[bytes], None]) -> "ParrotConnection":
         return ParrotConnection(send)
+
+    def befall(self, event: Event) -> None:
+        pass
+
+    def relieve(self, event: Event) -> None:
+        pass
 
 
 class ParrotConnection:
@@ -41,13 +50,21 @@ class ParrotConnection:
 class Line:
     """A client of a faulty parrot on a virtual clock."""
 
-    def __init__(self, **faults: object) -> None:
-        self.clock = VirtualClock()
+    def __init__(self, start_s: float = 0.0, **faults: object) -> None:
+        self.clock = VirtualClock(start_s)
         self.faulty = FaultyInstrument(Parrot(), FaultPlan.model_validate(faults), self.clock)
         self.connect()
 
     def connect(self) -> None:
         self.wire = InProcessTransport("sim:parrot", self.faulty, self.clock)
+
+    def received(self) -> bytes:
+        """What has come so far, and forget it."""
+        came = bytearray()
+        with contextlib.suppress(LinkTimeout, LinkLost):
+            while True:
+                came += self.wire.read_exactly(1, 0.0)
+        return bytes(came)
 
     def ask(self, text: bytes, timeout_s: float = 1.0) -> bytes:
         self.wire.write(text)
@@ -149,30 +166,133 @@ def test_a_client_that_left_gets_no_late_reply() -> None:
     assert sent == []
 
 
-def test_probabilities_are_met_and_the_seed_decides_which_replies() -> None:
-    def struck(seed: int) -> list[int]:
-        plan = FaultPlan.model_validate({"seed": seed, "silent": {"probability": 0.1}})
-        return [n for n in range(1, 2001) if not plan.copies(n, b"x")]
+def struck(seed: int, **tables: object) -> list[int]:
+    plan = FaultPlan.model_validate({"seed": seed, **tables})
+    return [n for n in range(1, 2001) if not plan.copies(Occasion(n), Exchange(b"x"))]
 
-    assert struck(1) == struck(1)
-    assert struck(1) != struck(2)
-    assert 150 < len(struck(1)) < 250
+
+def test_probabilities_are_met_and_the_seed_decides_which_replies() -> None:
+    silent = {"probability": 0.1}
+    assert struck(1, silent=silent) == struck(1, silent=silent)
+    assert struck(1, silent=silent) != struck(2, silent=silent)
+    assert 150 < len(struck(1, silent=silent)) < 250
 
 
 def test_faults_of_one_seed_strike_independently() -> None:
     plan = FaultPlan.model_validate({"silent": {"probability": 0.5}, "late": {"probability": 0.5, "delay_s": 1.0}})
-    both = sum(not plan.copies(n, b"x") and plan.delay_s(n) > 0.0 for n in range(1, 1001))
+    occasions = [Occasion(n) for n in range(1, 1001)]
+    both = sum(not plan.copies(each, Exchange(b"x")) and plan.delay_s(each) > 0.0 for each in occasions)
     assert 200 < both < 300
 
 
+def test_a_time_strikes_the_first_reply_at_or_after_it() -> None:
+    line = Line(silent={"at_s": [2.0, 3.5]})
+    heard = []
+    for at_s in (1.0, 2.0, 2.5, 5.0, 6.0):
+        line.clock.sleep_s(at_s - line.clock.now_s())
+        line.wire.write(b"alpha\n")
+        heard.append(bool(line.received()))
+    assert heard == [True, False, True, False, True]
+
+
+def test_a_time_before_the_instrument_was_there_has_passed() -> None:
+    line = Line(start_s=100.0, silent={"at_s": 50.0})
+    assert line.ask(b"alpha\n") == b"alpha\n"
+
+
+def test_a_stretch_of_time_strikes_all_within_and_confines_the_rest() -> None:
+    line = Line(silent={"between_s": [1.0, 3.0]}, duplicated={"between_s": [4.0, 9.0], "nth": [2, 5]})
+    heard = []
+    for at_s in (0.5, 1.0, 2.9, 3.0, 4.5):
+        line.clock.sleep_s(at_s - line.clock.now_s())
+        line.wire.write(b"alpha\n")
+        heard.append(len(line.received()) // 6)
+    assert heard == [1, 0, 0, 1, 2]
+
+
+SPOILT: list[tuple[str, dict[str, object], bytes, bytes]] = [
+    ("duplicated", {}, b"beta\n", b"beta\nbeta\n"),
+    ("truncated", {}, b"beta\n", b"be"),
+    ("truncated", {"keep_bytes": 1}, b"beta\n", b"b"),
+    ("silent", {}, b"beta\n", b""),
+    ("previous", {}, b"beta\n", b"alpha\nbeta\n"),
+    ("previous", {"instead": True}, b"beta\n", b"alpha\n"),
+    ("echo", {}, b"beta\n", b"beta\nbeta\n"),
+    ("wrong_terminator", {}, b"beta\n", b"beta\r"),
+    ("wrong_terminator", {}, b"beta\r\n", b"beta\n\r"),
+    ("wrong_terminator", {}, b"beta\r", b"beta\n"),
+    ("wrong_terminator", {}, b"0,12,EndOfAPI", b"0,12,EndOfAP"),
+]
+
+
+@pytest.mark.parametrize(("key", "details", "said", "heard"), SPOILT)
+def test_a_reply_is_spoilt_as_its_name_says(key: str, details: dict[str, object], said: bytes, heard: bytes) -> None:
+    line = Line(**{key: {"nth": [2], **details}})
+    assert line.ask(b"alpha\n") == b"alpha\n"
+    line.wire.write(said)
+    assert line.received() == heard
+    line.wire.write(said)
+    assert line.received() == said
+
+
+def test_a_connection_may_end_before_the_reply() -> None:
+    line = Line(disconnect={"nth": [2], "before": True})
+    assert line.ask(b"alpha\n") == b"alpha\n"
+    line.wire.write(b"beta\n")
+    with pytest.raises(LinkLost):
+        line.wire.read_until(b"\n", 1.0)
+    assert line.received() == b""
+
+
+def test_refused_attempts_are_counted_and_hung_up_on() -> None:
+    line = Line(refused={"nth": [2, 3]})
+    assert line.ask(b"alpha\n") == b"alpha\n"
+    for _ in range(2):
+        line.connect()
+        with pytest.raises(LinkLost):
+            line.wire.write(b"alpha\n")
+    line.connect()
+    assert line.ask(b"alpha\n") == b"alpha\n"
+
+
+def test_nobody_listens_for_a_time() -> None:
+    line = Line(refused={"between_s": [1.0, 2.0]})
+    there = []
+    for at_s in (0.9, 1.0, 1.9, 2.0):
+        line.clock.sleep_s(at_s - line.clock.now_s())
+        there.append(line.faulty.listening)
+    assert there == [True, False, False, True]
+
+
+BINARY = b"#216" + bytes(range(16)) + b"\n"
+
+
+@given(reply=st.sampled_from([b"+1.25000000E+00\n", b"0,12.5,EndOfAPI", BINARY]), seed=st.integers(0, 200))
+def test_garbage_and_strays_can_be_told_from_a_reply_and_come_again(reply: bytes, seed: int) -> None:
+    for key in ("garbage", "non_ascii"):
+        plan = FaultPlan.model_validate({"seed": seed, key: {"nth": [1]}})
+        (spoilt,) = plan.copies(Occasion(1), Exchange(reply))
+        assert plan.copies(Occasion(1), Exchange(reply)) == (spoilt,)
+        assert plan.copies(Occasion(2), Exchange(reply)) == (reply,)
+        if key == "garbage":
+            assert len(spoilt) == len(reply)
+            assert not set(spoilt.rstrip(b"\n").removesuffix(b",EndOfAPI")) & set(b"0123456789+-.,#EeinfINFnaNA")
+        elif reply == BINARY:
+            assert spoilt[1:] == reply
+            assert spoilt[0] > 0x7F
+        else:
+            assert len(spoilt) == len(reply) + 1
+            assert not spoilt.isascii()
+
+
 @given(reply=st.binary(min_size=1, max_size=50), flips=st.integers(1, 60), seed=st.integers(0, 5))
-def test_garbling_changes_exactly_so_many_bytes_and_repeats_itself(reply: bytes, flips: int, seed: int) -> None:
-    plan = FaultPlan.model_validate({"seed": seed, "garbled": {"nth": [1], "flipped_bytes": flips}})
-    (garbled,) = plan.copies(1, reply)
-    assert len(garbled) == len(reply)
-    assert sum(a != b for a, b in zip(garbled, reply, strict=True)) == min(flips, len(reply))
-    assert plan.copies(1, reply) == (garbled,)
-    assert plan.copies(2, reply) == (reply,)
+def test_exactly_so_many_bits_are_turned(reply: bytes, flips: int, seed: int) -> None:
+    plan = FaultPlan.model_validate({"seed": seed, "bits": {"nth": [1], "flips": flips}})
+    (flipped,) = plan.copies(Occasion(1), Exchange(reply))
+    assert len(flipped) == len(reply)
+    turned = sum((a ^ b).bit_count() for a, b in zip(flipped, reply, strict=True))
+    assert turned == min(flips, 8 * len(reply))
+    assert plan.copies(Occasion(1), Exchange(reply)) == (flipped,)
 
 
 @pytest.mark.parametrize(
@@ -185,8 +305,64 @@ def test_garbling_changes_exactly_so_many_bytes_and_repeats_itself(reply: bytes,
         ({"silent": {"probability": 1.5}}, "less than or equal to 1"),
         ({"noisy": {"nth": [1]}}, "noisy"),
         ({"silent": {"when": 3}}, "when"),
+        ({"silent": {"between_s": [3.0, 3.0]}}, "begin and the end"),
+        ({"power_cycle": {"lasting_s": 3.0}}, "say when"),
+        ({"power_cycle": {"at_s": -1.0}}, "greater than or equal to 0"),
+        ({"missing_edges": {"at_s": 1.0, "share": 0.0}}, "greater than 0"),
     ],
 )
 def test_a_plan_that_cannot_be_is_refused(faults: dict[str, object], complaint: str) -> None:
     with pytest.raises(ValidationError, match=complaint):
         FaultPlan.model_validate(faults)
+
+
+@given(per_hour=st.floats(0.05, 20.0), seed=st.integers(0, 50), lasting_s=st.floats(0.1, 5000.0))
+def test_random_events_are_the_same_however_they_are_asked_for(per_hour: float, seed: int, lasting_s: float) -> None:
+    spell = Spell(per_hour=per_hour, lasting_s=lasting_s)
+    whole = spell.within(seed, 10_000.0, 30_000.0)
+    parts = [each for from_s in range(10_000, 30_000, 2_500) for each in spell.within(seed, from_s, from_s + 2_500)]
+    assert {each.begin_s for each in whole} == {each.begin_s for each in parts}
+    inside = [each.begin_s for each in whole if each.begin_s > 10_000.0]
+    after_s, found = 10_000.0, []
+    while (coming := spell.next(seed, after_s)) is not None and coming.begin_s <= 30_000.0:
+        found.append(coming.begin_s)
+        after_s = coming.begin_s
+    assert found == inside
+
+
+def test_random_events_come_as_often_as_said() -> None:
+    counted = len(Event(per_hour=2.0).within(3, 0.0, 500 * 3600.0))
+    assert abs(counted - 1000) < 4 * 1000**0.5
+    assert Event(at_s=5.0).next(0, 5.0) is None
+
+
+def test_an_instrument_without_power_is_silent_on_a_line_and_gone_from_a_network() -> None:
+    plan = FaultPlan.model_validate({"power_cycle": {"at_s": [2.0], "lasting_s": 3.0}})
+    for serial in (True, False):
+        clock = VirtualClock()
+        faulty = FaultyInstrument(Parrot(), plan, clock, serial=serial)
+        wire = InProcessTransport("sim:parrot", faulty, clock)
+        clock.sleep_s(2.5)
+        assert faulty.listening is serial
+        if serial:
+            wire.write(b"alpha\n")
+            with pytest.raises(LinkTimeout):
+                wire.read_until(b"\n", 1.0)
+        else:
+            with pytest.raises(LinkLost):
+                wire.write(b"alpha\n")
+        clock.sleep_s(5.0)
+        assert faulty.listening
+        if not serial:
+            wire = InProcessTransport("sim:parrot", faulty, clock)
+        wire.write(b"beta\n")
+        assert wire.read_until(b"\n", 1.0) == b"beta\n"
+
+
+def test_what_lasts_is_still_on_for_an_instrument_made_in_its_midst() -> None:
+    plan = FaultPlan.model_validate({"power_cycle": {"at_s": 2.0, "lasting_s": 30.0}})
+    clock = VirtualClock(10.0)
+    faulty = FaultyInstrument(Parrot(), plan, clock)
+    assert not faulty.listening
+    clock.sleep_s(22.5)
+    assert faulty.listening

@@ -1,0 +1,175 @@
+"""An instrument behind a faulty wire, with a plan of what befalls it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Callable
+from typing import cast
+
+from simulators.clock import SimulationClock
+from simulators.faults.mishaps import Faultable, PowerCycle, schedule
+from simulators.faults.plan import FaultPlan
+from simulators.faults.when import Event, Occasion
+from simulators.faults.wire import Exchange
+from simulators.wiring import Connection, SimulatedInstrument
+
+
+class FaultyInstrument:
+    """An instrument that suffers `plan`, at the end of a serial line or of a network.
+
+    A serial line has no connection that could end: an instrument without power is silent on it.
+    """
+
+    def __init__(
+        self, inner: SimulatedInstrument, plan: FaultPlan, clock: SimulationClock, *, serial: bool = False
+    ) -> None:
+        self.kind = inner.kind
+        self.plan = plan
+        self._inner = inner
+        self._clock = clock
+        self._serial = serial
+        self._powered = True
+        self._connections: set[FaultyConnection] = set()
+        self._replies, self._attempts = (Occasions(clock) for _ in range(2))
+        schedule(plan, clock, self._befall, self._relieve)
+        if plan.refused is not None:
+            for at_s in plan.refused.between_s or ():
+                clock.call_at(at_s, lambda: None)  # so that whoever serves it looks at `listening` then
+
+    @property
+    def listening(self) -> bool:
+        """False while an attempt to connect finds nobody."""
+        return self._serial or (self._powered and self.plan.listens(self._clock.now_s()))
+
+    def connect(self, send: Callable[[bytes], None]) -> FaultyConnection:
+        """Serve one more client; one that is refused is hung up on at once."""
+        refused = self.plan.refuses(self._attempts.next())
+        connection = FaultyConnection(self, send)
+        if refused or not self.listening:
+            connection.cut()
+        elif self._powered:
+            connection.reach(self._inner)
+        self._connections.add(connection)
+        return connection
+
+    def forget(self, connection: FaultyConnection) -> None:
+        """A client has gone."""
+        self._connections.discard(connection)
+
+    def next_reply(self) -> Occasion:
+        """One more reply sets out."""
+        return self._replies.next()
+
+    def call_at(self, at_s: float, callback: Callable[[], None]) -> None:
+        """At a rig time."""
+        self._clock.call_at(at_s, callback)
+
+    def _befall(self, event: Event) -> None:
+        if isinstance(event, PowerCycle):
+            self._powered = False
+            for connection in self._connections:
+                connection.lose_power(ends=not self._serial)
+        cast(Faultable, self._inner).befall(event)
+
+    def _relieve(self, event: Event) -> None:
+        cast(Faultable, self._inner).relieve(event)
+        if isinstance(event, PowerCycle):
+            self._powered = True
+            for connection in self._connections:
+                connection.reach(self._inner)
+
+
+class Occasions:
+    """Numbers what happens on all connections of an instrument."""
+
+    def __init__(self, clock: SimulationClock) -> None:
+        self._clock = clock
+        self._numbers = itertools.count(1)
+        self._last_s = math.nextafter(clock.now_s(), -math.inf)
+
+    def next(self) -> Occasion:
+        """It happens again."""
+        now_s = self._clock.now_s()
+        occasion = Occasion(next(self._numbers), now_s, self._last_s)
+        self._last_s = now_s
+        return occasion
+
+
+class FaultyConnection:
+    """The instrument's end of one bad connection."""
+
+    def __init__(self, instrument: FaultyInstrument, send: Callable[[bytes], None]) -> None:
+        self._instrument = instrument
+        self._plan = instrument.plan
+        self._send = send
+        self._waiting: deque[tuple[Occasion, Exchange]] = deque()
+        self._release_s = 0.0
+        self._cut = False
+        self._command = self._previous = b""
+        self._inner: Connection | None = None
+
+    def reach(self, instrument: SimulatedInstrument) -> None:
+        """The wire leads to a living instrument; nothing happens on a connection that has ended."""
+        if not self._cut and self._inner is None:
+            self._inner = instrument.connect(self._reply)
+
+    @property
+    def hung_up(self) -> bool:
+        """True once the fault or the instrument has ended the connection."""
+        return self._cut or (not self._waiting and bool(getattr(self._inner, "hung_up", False)))
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the client; after the end, or without power, nothing arrives."""
+        if not self._cut and self._inner is not None:
+            self._command = data
+            self._inner.receive(data)
+
+    def close(self) -> None:
+        """The client has gone."""
+        self.cut()
+        self._instrument.forget(self)
+
+    def cut(self) -> None:
+        """End the connection; the instrument takes its client for gone."""
+        self._cut = True
+        self._leave()
+
+    def lose_power(self, *, ends: bool) -> None:
+        """What was on its way is lost, and the connection unless it is a line."""
+        self._waiting.clear()
+        self._leave()
+        self._cut = self._cut or ends
+
+    def _leave(self) -> None:
+        inner, self._inner = self._inner, None
+        if inner is not None:
+            inner.close()
+
+    def _reply(self, data: bytes) -> None:
+        occasion = self._instrument.next_reply()
+        exchange = Exchange(data, self._command, self._previous)
+        self._previous = data
+        delay_s = self._plan.delay_s(occasion)
+        if not delay_s and not self._waiting:
+            self._deliver(occasion, exchange)
+            return
+        self._waiting.append((occasion, exchange))
+        self._release_s = max(self._release_s, occasion.at_s + delay_s)
+        self._instrument.call_at(self._release_s, self._deliver_waiting)
+
+    def _deliver_waiting(self) -> None:
+        if self._waiting:
+            self._deliver(*self._waiting.popleft())
+
+    def _deliver(self, occasion: Occasion, exchange: Exchange) -> None:
+        if self._cut:
+            return
+        if self._plan.ends_before(occasion):
+            self._cut = True
+            return
+        for copy in self._plan.copies(occasion, exchange):
+            self._send(copy)
+        if self._plan.ends_after(occasion):
+            self._cut = True

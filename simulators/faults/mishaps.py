@@ -1,0 +1,181 @@
+"""What befalls an instrument itself. It shows on the wire as the instrument's own states and error codes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Annotated, Protocol, runtime_checkable
+
+from pydantic import Field
+
+from simulators.clock import SimulationClock
+from simulators.faults.when import Event, Spell, Stretch, Table
+
+
+class PowerCycle(Spell):
+    """The power fails: what moves stops, connections end, all that is not kept is forgotten."""
+
+
+class FollowingError(Event):
+    """An axis meets an obstacle."""
+
+
+class LimitHit(Event):
+    """A moving axis runs into the limit switch ahead of it."""
+
+
+class EmergencyStop(Spell):
+    """The emergency stop is pressed, and released."""
+
+
+class AirLost(Spell):
+    """An air bearing has no pressure."""
+
+
+class WrongUnit(Spell):
+    """Somebody sets other units at the front panel: inches, encoder counts, degrees Fahrenheit."""
+
+
+class MemoryOverflow(Event):
+    """Half of the readings that wait in memory are lost, the oldest."""
+
+
+class TargetLost(Spell):
+    """Laser heads see no target."""
+
+
+class Saturation(Spell):
+    """What is measured is out of range."""
+
+
+class Stuck(Spell):
+    """What is measured stays as it was."""
+
+
+class MissingEdges(Spell):
+    """Trigger edges do not arrive: each is lost with the probability `share`."""
+
+    share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+
+
+class ClockJump(Event):
+    """The sample timer stands still for `jump_s`."""
+
+    jump_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = 1.0
+
+
+class ClockDrift(Table):
+    """The instrument's clock is so much faster than rig time."""
+
+    ppm: Annotated[float, Field(gt=-1e6, lt=1e6)]
+
+
+TOLD = (PowerCycle, FollowingError, LimitHit, EmergencyStop, AirLost, WrongUnit, MemoryOverflow, ClockJump)
+"""What an instrument is told of; the rest happens in front of it, or in what it is made with."""
+
+
+class InstrumentFaults(Table):
+    """What befalls an instrument, and when."""
+
+    seed: int = 0
+    power_cycle: PowerCycle | None = None
+    following_error: FollowingError | None = None
+    limit_hit: LimitHit | None = None
+    emergency_stop: EmergencyStop | None = None
+    air_lost: AirLost | None = None
+    wrong_unit: WrongUnit | None = None
+    memory_overflow: MemoryOverflow | None = None
+    target_lost: TargetLost | None = None
+    saturation: Saturation | None = None
+    stuck: Stuck | None = None
+    missing_edges: MissingEdges | None = None
+    clock_jump: ClockJump | None = None
+    clock_drift: ClockDrift | None = None
+
+    def told(self) -> Iterator[Event]:
+        """What the instrument is told of."""
+        for name in INSTRUMENT_FAULTS:
+            event = getattr(self, name)
+            if isinstance(event, TOLD):
+                yield event
+
+
+INSTRUMENT_FAULTS = tuple(name for name in InstrumentFaults.model_fields if name != "seed")
+
+_STAGE = frozenset({"power_cycle", "following_error", "limit_hit", "emergency_stop"})
+_LASERS = frozenset({"power_cycle", "target_lost", "saturation", "stuck", "missing_edges"})
+SUPPORTED: Mapping[str, frozenset[str]] = {
+    "newport-xps": _STAGE,
+    "newport-esp301": _STAGE | {"wrong_unit"},
+    "aerotech-ensemble": _STAGE | {"air_lost", "wrong_unit", "missing_edges", "clock_drift"},
+    "keyence-lkg3001": _LASERS,
+    "keyence-lkg5000": _LASERS,
+    "keysight-34465a": frozenset(
+        {"power_cycle", "saturation", "stuck", "missing_edges", "clock_jump", "clock_drift"}
+        | {"memory_overflow", "wrong_unit"}
+    ),
+    "keysight-33500b": frozenset({"power_cycle", "clock_drift"}),
+    "drag-free-satellite": frozenset({"saturation", "stuck"}),
+}
+"""What can befall which kind of instrument."""
+
+
+@runtime_checkable
+class Faultable(Protocol):
+    """An instrument that can be told what befalls it; called under the clock's lock."""
+
+    def befall(self, event: Event) -> None:
+        """It begins."""
+        ...
+
+    def relieve(self, event: Event) -> None:
+        """It is over; not called for what is over at once."""
+        ...
+
+
+def schedule(
+    plan: InstrumentFaults, clock: SimulationClock, befall: Callable[[Event], None], relieve: Callable[[Event], None]
+) -> None:
+    """Have every mishap of a plan begin and end at its time; what began before now and lasts begins now."""
+    now_s = clock.now_s()
+    for event in plan.told():
+        _Recurring(plan.seed, clock, event, befall, relieve).begin_with(now_s)
+
+
+class _Recurring:
+    """One mishap, time after time."""
+
+    def __init__(
+        self,
+        seed: int,
+        clock: SimulationClock,
+        event: Event,
+        befall: Callable[[Event], None],
+        relieve: Callable[[Event], None],
+    ) -> None:
+        self._seed, self._clock = seed, clock
+        self._event = event
+        self._befall, self._relieve = befall, relieve
+
+    def begin_with(self, now_s: float) -> None:
+        """Whatever is on now, else the next."""
+        running = self._event.within(self._seed, now_s, now_s)
+        if running:
+            self._begin(running[-1])
+        else:
+            self._await(now_s)
+
+    def _await(self, after_s: float) -> None:
+        coming = self._event.next(self._seed, after_s)
+        if coming is not None:
+            self._clock.call_at(coming.begin_s, lambda: self._begin(coming))
+
+    def _begin(self, stretch: Stretch) -> None:
+        self._befall(self._event)
+        if stretch.end_s > stretch.begin_s:
+            self._clock.call_at(stretch.end_s, lambda: self._end(stretch))
+        else:
+            self._await(stretch.begin_s)
+
+    def _end(self, stretch: Stretch) -> None:
+        self._relieve(self._event)
+        self._await(stretch.end_s)

@@ -1,0 +1,33 @@
+"""All that goes wrong with one instrument: `[instruments.NAME.faults]` of a rig file."""
+
+from __future__ import annotations
+
+from simulators.faults.mishaps import SUPPORTED, InstrumentFaults
+from simulators.faults.wire import WireFaults
+
+WIRELESS = "drag-free-satellite"
+ON_THE_GROUND = frozenset({"late", "silent", "duplicated", "disconnect"})
+"""What can happen to telemetry that has no wire."""
+WIRE_FAULTS = tuple(name for name in WireFaults.model_fields if name != "seed")
+
+
+class FaultPlan(InstrumentFaults, WireFaults):
+    """What goes wrong, and when; one plan and one seed always give the same faults."""
+
+    def unsupported(self, kind: str, *, serial: bool) -> str:
+        """Why an instrument of this kind on this wire cannot suffer it, "" when it can."""
+        if self.bits is not None and not serial:
+            return (
+                "bits: TCP has a checksum of its own, bits are turned on serial lines only; use garbage or truncated"
+            )
+        possible = faults_of(kind, serial=serial)
+        for name in FaultPlan.model_fields:
+            if name not in possible and name != "seed" and getattr(self, name) is not None:
+                return f"{name}: this cannot befall a {kind}; it can have {', '.join(possible)}"
+        return ""
+
+
+def faults_of(kind: str, *, serial: bool) -> list[str]:
+    """The faults that an instrument of this kind can have, by their keys in a rig file."""
+    wire = ON_THE_GROUND if kind == WIRELESS else {name for name in WIRE_FAULTS if serial or name != "bits"}
+    return sorted({*wire, *SUPPORTED[kind]})

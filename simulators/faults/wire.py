@@ -1,0 +1,215 @@
+"""What goes wrong on the wire: replies spoilt one by one, connections refused or ended.
+
+What an instrument sends in one call counts as one reply; replies are counted from 1 over all connections,
+so that a driver that reconnects does not meet the same fault again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from simulators.faults.when import Fault, Occasion, Table
+from simulators.worlds.keyed_random import generator
+
+TERMINATORS = {b",EndOfAPI": b",EndOfAP", b"\r\n": b"\n\r", b"\n": b"\r", b"\r": b"\n"}
+"""How replies end, each with an end that is wrong."""
+GIBBERISH = b"?~^|{}@`"
+"""No digit, no letter, no comma: nothing that an instrument could have meant."""
+STRAY = (0x80, 0x100)
+"""Bytes that no ASCII reply contains."""
+
+
+class Late(Fault):
+    """The reply comes `delay_s` of rig time later; those behind it wait."""
+
+    delay_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class Bits(Fault):
+    """Single bits of the reply are turned: a noisy serial line. TCP has a checksum of its own."""
+
+    flips: Annotated[int, Field(ge=1)] = 1
+
+
+class Truncated(Fault):
+    """Only the first bytes of the reply come."""
+
+    keep_bytes: Annotated[int, Field(ge=0)] | None = None
+    """None: half of them."""
+
+
+class Silent(Fault):
+    """The reply does not come."""
+
+
+class Duplicated(Fault):
+    """The reply comes twice."""
+
+
+class Previous(Fault):
+    """The reply before is sent again, ahead of the reply or in its place."""
+
+    instead: bool = False
+
+
+class Garbage(Fault):
+    """Gibberish comes instead, of the same length and with the same end."""
+
+
+class NonAscii(Fault):
+    """Stray bytes above 127 in the reply; ahead of a binary one, which may contain such bytes itself."""
+
+    stray_bytes: Annotated[int, Field(ge=1)] = 1
+
+
+class Echo(Fault):
+    """What was sent last comes back ahead of the reply."""
+
+
+class WrongTerminator(Fault):
+    """The reply ends as those of another instrument do."""
+
+
+class Disconnect(Fault):
+    """The connection ends, after the reply or before it."""
+
+    before: bool = False
+
+
+class Refused(Fault):
+    """Connections are not accepted; counts attempts to connect, not replies.
+
+    With `between_s` alone nobody listens at the port meanwhile; else the connection is ended as soon as it is made.
+    """
+
+    @property
+    def closes_the_port(self) -> bool:
+        """True when nobody listens."""
+        return not self.model_fields_set & {"nth", "after", "probability", "at_s"}
+
+
+class WrongIdentity(Table):
+    """Wherever `text` stands in a reply, `instead` is sent: another model answers."""
+
+    text: Annotated[str, Field(min_length=1)]
+    instead: str
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """A reply with what went before it on the same connection."""
+
+    reply: bytes
+    command: bytes = b""
+    previous: bytes = b""
+
+
+class WireFaults(Table):
+    """What goes wrong on the wire, and when; one table and one seed always give the same faults."""
+
+    seed: int = 0
+    late: Late | None = None
+    bits: Bits | None = None
+    truncated: Truncated | None = None
+    silent: Silent | None = None
+    duplicated: Duplicated | None = None
+    previous: Previous | None = None
+    garbage: Garbage | None = None
+    non_ascii: NonAscii | None = None
+    echo: Echo | None = None
+    wrong_terminator: WrongTerminator | None = None
+    disconnect: Disconnect | None = None
+    refused: Refused | None = None
+    wrong_identity: WrongIdentity | None = None
+
+    def delay_s(self, occasion: Occasion) -> float:
+        """How much later a reply comes [rig s]."""
+        return self.late.delay_s if self.late is not None and self._strikes(self.late, occasion) else 0.0
+
+    def ends_before(self, occasion: Occasion) -> bool:
+        """True when the connection ends before a reply."""
+        return self._disconnects(occasion, before=True)
+
+    def ends_after(self, occasion: Occasion) -> bool:
+        """True when the connection ends after a reply."""
+        return self._disconnects(occasion, before=False)
+
+    def refuses(self, attempt: Occasion) -> bool:
+        """True when an attempt to connect is refused."""
+        return self._strikes(self.refused, attempt)
+
+    def listens(self, now_s: float) -> bool:
+        """False while nobody listens at the port."""
+        closed = self.refused is not None and self.refused.closes_the_port
+        return not (closed and self.refuses(Occasion(0, now_s)))
+
+    def copies(self, occasion: Occasion, exchange: Exchange) -> tuple[bytes, ...]:
+        """What is sent in place of a reply, piece by piece: nothing, itself, or spoilt, with more around it."""
+        if self._strikes(self.silent, occasion):
+            return ()
+        sent = [self._spoilt(occasion, exchange.reply)]
+        if self._strikes(self.duplicated, occasion):
+            sent *= 2
+        if self.previous is not None and exchange.previous and self._strikes(self.previous, occasion):
+            sent = [exchange.previous] if self.previous.instead else [exchange.previous, *sent]
+        if exchange.command and self._strikes(self.echo, occasion):
+            sent = [exchange.command, *sent]
+        return tuple(sent)
+
+    def _strikes(self, fault: Fault | None, occasion: Occasion) -> bool:
+        return fault is not None and fault.strikes(self.seed, occasion)
+
+    def _disconnects(self, occasion: Occasion, *, before: bool) -> bool:
+        return (
+            self.disconnect is not None
+            and self.disconnect.before == before
+            and self._strikes(self.disconnect, occasion)
+        )
+
+    def _spoilt(self, occasion: Occasion, reply: bytes) -> bytes:
+        if self.wrong_identity is not None:
+            reply = reply.replace(self.wrong_identity.text.encode(), self.wrong_identity.instead.encode())
+        if self._strikes(self.garbage, occasion):
+            reply = self._gibberish(occasion, reply)
+        if self.non_ascii is not None and self._strikes(self.non_ascii, occasion):
+            reply = self._with_strays(occasion, reply, self.non_ascii.stray_bytes)
+        if self.bits is not None and self._strikes(self.bits, occasion):
+            reply = self._flipped(occasion, reply, self.bits.flips)
+        if self._strikes(self.wrong_terminator, occasion):
+            body, end = parted(reply)
+            reply = body + TERMINATORS.get(end, b"")
+        if self.truncated is not None and self._strikes(self.truncated, occasion):
+            kept = self.truncated.keep_bytes
+            reply = reply[: len(reply) // 2 if kept is None else kept]
+        return reply
+
+    def _gibberish(self, occasion: Occasion, reply: bytes) -> bytes:
+        body, end = parted(reply)
+        chosen = generator(self.seed, "gibberish", occasion.number).integers(0, len(GIBBERISH), len(body))
+        return bytes(GIBBERISH[each] for each in chosen) + end
+
+    def _with_strays(self, occasion: Occasion, reply: bytes, count: int) -> bytes:
+        random = generator(self.seed, "stray", occasion.number)
+        strays = bytes(int(each) for each in random.integers(*STRAY, count))
+        body, _ = parted(reply)
+        binary = reply.startswith(b"#") or not reply.isascii()
+        place = 0 if binary else int(random.integers(0, len(body) + 1))
+        return reply[:place] + strays + reply[place:]
+
+    def _flipped(self, occasion: Occasion, reply: bytes, count: int) -> bytes:
+        random = generator(self.seed, "flip", occasion.number)
+        flipped = bytearray(reply)
+        for place in random.choice(8 * len(reply), size=min(count, 8 * len(reply)), replace=False):
+            flipped[place // 8] ^= 1 << (place % 8)
+        return bytes(flipped)
+
+
+def parted(reply: bytes) -> tuple[bytes, bytes]:
+    """A reply without its terminator, and that."""
+    for end in TERMINATORS:
+        if reply.endswith(end):
+            return reply[: -len(end)], end
+    return reply, b""
