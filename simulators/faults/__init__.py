@@ -12,9 +12,10 @@ In a rig file, for the instrument NAME:
 
 from simulators.faults.draw import random_plans
 from simulators.faults.line import FaultyConnection, FaultyInstrument
-from simulators.faults.mishaps import SUPPORTED, Faultable
+from simulators.faults.mishaps import SUPPORTED, Faultable, InstrumentFaults
 from simulators.faults.plan import FaultPlan, faults_of
 from simulators.faults.when import Event, Fault, Spell
+from simulators.faults.wire import WireFaults
 
 __all__ = [
     "SUPPORTED",
@@ -24,7 +25,9 @@ __all__ = [
     "Faultable",
     "FaultyConnection",
     "FaultyInstrument",
+    "InstrumentFaults",
     "Spell",
+    "WireFaults",
     "faults_of",
     "random_plans",
 ]

@@ -16,7 +16,9 @@ import serial
 
 from rigctl.errors import ConfigError
 from simulators.clock import ScaledClock
+from simulators.faults import Event, FaultPlan, FaultyInstrument
 from simulators.operator_port import Done
+from simulators.port import LOOPBACK
 from simulators.serve import Server
 
 MEGABYTE = b"0123456789abcdef" * 65536
@@ -470,3 +472,37 @@ def test_an_operator_who_left_is_not_waited_for() -> None:
         assert r.clock.next_event_s() < float("inf")
     with operator() as (client, _):
         assert json.loads(client.ask(b'{"level": true}\n'))["done"] is True
+
+
+def test_a_port_at_which_nobody_listens_refuses_and_opens_again() -> None:
+    clock = ScaledClock()
+    plan = FaultPlan.model_validate({"power_cycle": {"at_s": 0.0, "lasting_s": 1e6}})
+    counter = PoweredCounter(clock)
+    faulty = FaultyInstrument(counter, plan, clock)
+    server = Server(clock)
+    try:
+        address = (LOOPBACK, server.add_tcp("counter", faulty).port)
+        server.serve(stop=lambda: True)
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(address, PATIENCE_S)
+        faulty._relieve(plan.power_cycle)
+        server.serve(stop=lambda: True)
+        with socket.create_connection(address, PATIENCE_S) as client:
+            client.sendall(b"who\n")
+            server.serve(stop=lambda: bool(select.select([client], [], [], 0.0)[0]))
+            assert client.recv(10) == b"1\n"
+            faulty._befall(plan.power_cycle)
+            server.serve(stop=lambda: bool(select.select([client], [], [], 0.0)[0]))
+            assert client.recv(10) == b""
+    finally:
+        server.close()
+
+
+class PoweredCounter(Counter):
+    """One whose power may fail."""
+
+    def befall(self, event: Event) -> None:
+        self.diary.append("off")
+
+    def relieve(self, event: Event) -> None:
+        self.diary.append("on")
