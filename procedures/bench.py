@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
+from procedures.sample_checks import encoder_flaw, laser_flaw, voltage_flaw
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.recovery import Apparatus
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.clock import Clock
-from rigctl.errors import InstrumentError, LimitError, ProcedureError
+from rigctl.errors import ImplausibleSample, InstrumentError, LimitError, ProcedureError
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package
 from rigctl.experiments.sensing_axis.reduction import face_column
 from rigctl.interfaces import (
@@ -41,6 +42,12 @@ OSCILLATION_MARGIN_S = 30.0
 
 ANGLE_RESOLUTION_DEG = 1e-4
 """Set-points are whole steps of the rotation stage (0.36 arcsec)."""
+
+CHANGE_K, ROOM_C = 2.0, (-20.0, 60.0)
+"""What a bench's temperature changes by at most within a run, and what rooms have [degC]."""
+
+ANGLE_TOLERANCE_DEG = 0.01
+"""Largest difference between the angle asked for and the encoder's: what drivers take for arrived."""
 
 AMPLITUDE_TOLERANCE = 0.05
 """Largest relative difference between the amplitude asked for and the encoder's."""
@@ -222,6 +229,9 @@ class Bench:
             recorders += self.lasers
         start_s, columns = self._acquire(session, writer, point, recorders)
         temperature.append(self._temperature_c())
+        self._require_standing(point, [angle.value, self.rotation.angle().value])
+        self._require_steady(temperature)
+        self._require_possible(point, columns)
         found: dict[str, Any] = {
             "theta_deg": angle.value,
             "start_s": start_s,
@@ -268,6 +278,43 @@ class Bench:
         late = {column: values for column, values in columns.items() if column != name}
         writer.stream(late)
         return start_s, columns
+
+    def _require_standing(self, point: SetPoint, angles_deg: Sequence[float]) -> None:
+        """`ImplausibleSample` when the encoder, before and after a run, is not where the stage was sent."""
+        for angle_deg in angles_deg:
+            if abs(angle_deg - point.theta_deg) > ANGLE_TOLERANCE_DEG:
+                raise ImplausibleSample(
+                    f"{self.rotation.name}: {angle_deg:g} deg where {point.theta_deg:g} deg was asked for",
+                    channel="theta_deg",
+                    instrument=self.rotation.name,
+                )
+
+    def _require_steady(self, temperatures_c: Sequence[float]) -> None:
+        """`ImplausibleSample` when no room, and no bench within a run, has these temperatures."""
+        known = [each for each in temperatures_c if math.isfinite(each)]
+        if known and (max(known) - min(known) > CHANGE_K or not ROOM_C[0] <= min(known) <= max(known) <= ROOM_C[1]):
+            raise ImplausibleSample(f"temperatures in a run: {known} degC", channel="temperature_c")
+
+    def _require_possible(self, point: SetPoint, columns: Mapping[str, FloatArray]) -> None:
+        """`ImplausibleSample` when a column holds what its instrument cannot have measured."""
+        times_s = np.arange(point.samples) / point.sample_rate_hz
+        (stage,), (readout,) = self.linear.channels(), self.readout.channels()
+        position_mm = columns[stage.name]
+        limit_mm_s2 = self.linear.limits.acceleration_mm_s2
+        found = [
+            (self.linear, encoder_flaw(stage.name, times_s, position_mm, point.frequency_hz, limit_mm_s2)),
+            (self.readout, voltage_flaw(readout, times_s, columns[readout.name], point.frequency_hz)),
+        ]
+        for laser in self.lasers:
+            for head in laser.channels():
+                if head.name in columns:
+                    late_s = head.latency_s - stage.latency_s
+                    values_mm = columns[head.name]
+                    flaw = laser_flaw(head.name, times_s, values_mm, position_mm, point.frequency_hz, late_s)
+                    found.append((laser, flaw))
+        for instrument, flaw in found:
+            if flaw is not None:
+                raise flaw.of(instrument.name)
 
     def _judge(self, point: SetPoint, columns: Mapping[str, FloatArray]) -> dict[str, Any]:
         """Is the run fit for use? A stage that does what it was not asked to is an error, not a bad run."""

@@ -54,13 +54,7 @@ class Apparatus:
     def confirm_in_step(self) -> None:
         """No reply of any of the instruments is outstanding or surplus; a `LinkError` otherwise."""
         for instrument in () if self.confirms_itself else self.instruments:
-            confirm_in_step(instrument)
-
-
-def confirm_in_step(instrument: Instrument) -> None:
-    """As `Instrument.confirm_in_step`, of drivers that have it by now."""
-    if confirm := getattr(instrument, "confirm_in_step", None):
-        confirm()
+            instrument.confirm_in_step()
 
 
 class Surroundings(Protocol):
@@ -139,7 +133,7 @@ class Recovery:
                 instrument.close()
             instrument.open()
             instrument.stop()
-            confirm_in_step(instrument)
+            instrument.confirm_in_step()
         self._control.raise_if_aborted()
         apparatus.forget()
         for stage in apparatus.stages:
