@@ -31,6 +31,8 @@ HARMONICS = 5
 SMALLEST = 24
 PUREST = 1e-5
 """Part of a sine below which nothing is said: no drive, guide or converter is purer."""
+DECIMALS = 10
+"""More decimals than instruments have."""
 SINE_WITHIN = 0.01
 """Part of its amplitude that the encoder's residual may have: drives follow to a thousandth."""
 LATENCY_S = 5e-3
@@ -41,9 +43,11 @@ OVER_RANGE = 1.25
 SHIFT_WITHIN, SHIFT_EXPLAINS = 0.25, 0.9
 """A shift is one sample but for so much, and explains so much of the variance of what the harmonics leave."""
 
+TRANSIENT = 3.0
+"""Times as far as the samples aside is one by itself."""
+ROUNDED = 1e-12
+"""Of a column's largest value: what arithmetic leaves."""
 MAD_TO_SIGMA = 1.4826
-QUANTUM = 3.0
-"""Times the smallest distance there is: what a column that hardly ever changes its last digit has for noise."""
 NEIGHBOURS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
 """A sample less the cubic through its four neighbours."""
 END = np.array([1.0, -2.0, 1.0])
@@ -66,11 +70,16 @@ class Flaw:
 
 @dataclass(frozen=True)
 class Course:
-    """The sine of a column: amplitude, phase of a cosine at time 0 [rad], and what its harmonics and a drift leave."""
+    """The sine of a column: amplitude, phase of a cosine at time 0 [rad], what its harmonics and a drift leave.
+
+    `purest`: less than this no instrument tells; `resolution`: the last digit of the column.
+    """
 
     amplitude: float
     phase_rad: float
     residual: FloatArray
+    purest: float
+    resolution: float
 
 
 def course(times_s: FloatArray, values: FloatArray, frequency_hz: float) -> Course | None:
@@ -93,7 +102,20 @@ def course(times_s: FloatArray, values: FloatArray, frequency_hz: float) -> Cour
             break
         weights = near.astype(np.float64)
     cosine, sine = (float(each) for each in coefficients[2:4])
-    return Course(math.hypot(cosine, sine), math.atan2(-sine, cosine), residual)
+    amplitude, largest = math.hypot(cosine, sine), float(np.abs(there).max())
+    purest = max(PUREST * amplitude, ROUNDED * largest)
+    return Course(amplitude, math.atan2(-sine, cosine), residual, purest, resolution_of(values, ROUNDED * largest))
+
+
+def resolution_of(values: FloatArray, least: float) -> float:
+    """The last decimal digit of a column, or the smallest difference of two values, `least` at least; 0 for none."""
+    known = values[np.isfinite(values)]
+    for decimals in range(DECIMALS):
+        if (np.abs(known - np.round(known, decimals)) <= least).all():
+            return 10.0**-decimals
+    steps = np.diff(np.unique(known))
+    steps = steps[steps > least]
+    return float(steps.min()) if len(steps) else 0.0
 
 
 def _basis(times_s: FloatArray, frequency_hz: float, orders: int) -> FloatArray:
@@ -113,40 +135,49 @@ def sigmas_allowed(samples: int, false_alarm: float = FALSE_ALARM) -> float:
 
 
 def odd_sample(
-    values: FloatArray, purest: float = 0.0, false_alarm: float = FALSE_ALARM
+    values: FloatArray, purest: float = 0.0, resolution: float = 0.0, false_alarm: float = FALSE_ALARM
 ) -> tuple[int, float, float] | None:
     """The sample that noise cannot have put where it is: its number, its distance and the largest one allowed.
 
     `values` are slow but for their noise, shape (n,); NaN are gaps. `purest`: a scale below which nothing is said.
+    `resolution`: the last digit of the samples, whose rounding adds to any noise. What moves the samples nearby as
+    well is a transient.
     """
     if len(values) < SMALLEST:
         return None
-    inner, bends = (np.abs(np.convolve(values, kernel, mode="valid")) for kernel in (NEIGHBOURS, END))
-    ends = np.full_like(bends, np.nan)
-    ends[[0, -1]] = bends[[0, -1]]
-    for distances, looked_at in ((inner, inner), (bends, ends)):
-        allowed = _allowed(distances, purest, false_alarm)
-        place = int(np.argmax(np.nan_to_num(looked_at)))
-        if distances[place] > allowed:
+    for kernel, looked_at in ((NEIGHBOURS, slice(None)), (END, [0, -1])):
+        distances = np.abs(np.convolve(values, kernel, mode="valid"))
+        rounding = 0.5 * resolution * float(np.abs(kernel).sum())
+        allowed = _allowed(distances, purest, false_alarm) + rounding
+        seen = np.zeros_like(distances)
+        seen[looked_at] = np.nan_to_num(distances[looked_at])
+        place = int(np.argmax(seen))
+        allowed = max(allowed, TRANSIENT * _nearby(distances, place))
+        if seen[place] > allowed:
             near = values[place : place + 5]
-            return place + int(np.nanargmax(np.abs(near - np.nanmedian(near)))), float(distances[place]), allowed
+            return place + int(np.nanargmax(np.abs(near - np.nanmedian(near)))), float(seen[place]), allowed
     return None
+
+
+def _nearby(distances: FloatArray, place: int) -> float:
+    """The largest distance beside those that one sample, or a break, makes."""
+    aside = [*distances[max(place - 8, 0) : max(place - 2, 0)], *distances[place + 3 : place + 9]]
+    return float(np.nanmax(np.nan_to_num(aside), initial=0.0))
 
 
 def _allowed(distances: FloatArray, purest: float, false_alarm: float) -> float:
     """The largest distance that noise makes of these."""
     known = distances[np.isfinite(distances)]
-    if len(known) < SMALLEST // 2 or not known.any():
+    if len(known) < SMALLEST // 2:
         return math.inf
-    step = QUANTUM * float(known[known > 0.0].min())
-    sigma = max(MAD_TO_SIGMA * float(np.median(known)), purest, step)
+    sigma = max(MAD_TO_SIGMA * float(np.median(known)), purest)
     return sigma * sigmas_allowed(len(known), false_alarm)
 
 
 def shifted_from(times_s: FloatArray, values: FloatArray, frequency_hz: float) -> int | None:
-    """The sample from which on all come one too early or too late, where that explains what the harmonics leave.
+    """The sample from which on all come one too early or too late, where that explains what the sine leaves.
 
-    A step of one sample in the sine's time, at each sample in turn, is regressed on the residual beside the harmonics.
+    A step of one sample in the sine's time, at each sample in turn, is regressed on the residual beside the sine.
     """
     known = np.isfinite(values)
     basis, values = _basis(times_s[known], frequency_hz, 1), values[known]
@@ -225,8 +256,9 @@ def laser_flaw(
     w = 2.0 * math.pi * frequency_hz
     late_rad = math.remainder(seen.phase_rad - stage.phase_rad - w * latency_s, math.pi)
     known = seen.residual[np.isfinite(seen.residual)]
-    noise_rad = math.sqrt(2.0 / len(known)) * float(np.std(known)) / seen.amplitude if seen.amplitude else math.inf
-    if abs(late_rad) > w * (0.5 * period_s + LATENCY_S) + 10.0 * noise_rad:
+    noise_mm = 10.0 * math.sqrt(2.0 / len(known)) * float(np.std(known)) + seen.resolution + seen.purest
+    noise_rad = noise_mm / max(seen.amplitude, noise_mm, np.finfo(float).tiny)
+    if abs(late_rad) > w * (0.5 * period_s + LATENCY_S) + 2.0 * noise_rad:
         return Flaw(
             channel, 0, f"moves {1e3 * late_rad / w:+.3g} ms away from the encoder; samples are {period_s:g} s apart"
         )
@@ -246,7 +278,7 @@ def voltage_flaw(channel: Channel, times_s: FloatArray, volts: FloatArray, frequ
 
 
 def _odd(channel: str, seen: Course, unit: str) -> Flaw | None:
-    if (odd := odd_sample(seen.residual, PUREST * seen.amplitude)) is None:
+    if (odd := odd_sample(seen.residual, seen.purest, seen.resolution)) is None:
         return None
     sample, distance, allowed = odd
     return Flaw(

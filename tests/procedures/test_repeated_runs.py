@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers.keyence_lkg import KeyenceLkg
 from procedures.bench import SetPoint
 
 FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -27,17 +28,15 @@ def measured(twin: Any) -> dict[str, dict[str, np.ndarray[Any, Any]]]:
     return {run.key: twin.store.samples(run.run_id) for run in twin.store.runs(valid_only=True)}
 
 
-@pytest.fixture(scope="module")
-def undisturbed() -> dict[str, Any]:
-    return {}
+@pytest.fixture
+def undisturbed(make_twin: Callable[..., Any]) -> dict[str, Any]:
+    return measured(make_twin())
 
 
 @pytest.mark.parametrize(("instrument", "faults"), FAULTS.values(), ids=FAULTS)
 def test_runs_after_a_fault_are_those_without_it(
     make_twin: Callable[..., Any], undisturbed: dict[str, Any], instrument: str, faults: dict[str, Any]
 ) -> None:
-    if not undisturbed:
-        undisturbed.update(measured(make_twin()))
     twin = make_twin(faults={instrument: faults})
     runs = measured(twin)
     assert runs.keys() == undisturbed.keys()
@@ -49,3 +48,45 @@ def test_runs_after_a_fault_are_those_without_it(
     assert not attempt.valid
     assert attempt.reason == f"{fault['error']}: {fault['text']}"
     assert fault["instrument"] == instrument
+
+
+def test_strong_effects_and_noise_are_never_taken_for_faults(make_twin: Callable[..., Any]) -> None:
+    effects = {
+        "quadratic": {"K2": 0.1},
+        "time-skew": {"tau": 0.02},
+        "yaw": {"psi1": 1e-3},
+        "laser-nonlinearity": {"q": 1.0},
+        "laser-crosstalk": {"chi": 1e-2},
+        "mains-pickup": {"amplitude": 5e-3, "frequency": 3.3},
+        "cable-hysteresis": {"h": 1e-4},
+    }
+    ground = {"asd_m_s2_rthz": 1e-5, "bump_asd_m_s2_rthz": 1e-3}
+    twin = make_twin(effects=effects, ground=ground)
+    twin.session.operator.remount("X", "pendulum", 1)
+    twin.session.operator.level(0.0)
+    for theta_deg, frequency_hz in ((0.1, 0.1), (-0.5, 0.6), (3.0, 1.0), (5.0, 2.0)):
+        point = SetPoint("X", "pendulum", 1, theta_deg, frequency_hz, 1.0, 20.0, 20.0)
+        record = twin.bench.run(twin.session, f"run {theta_deg}", point, before=lambda: None)
+        assert record.valid
+    assert twin.store.interrupted_runs() == twin.store.events("fault") == []
+
+
+def test_a_wrong_sample_of_an_instrument_is_named_and_its_run_repeated(
+    make_twin: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, undisturbed: dict[str, Any]
+) -> None:
+    twin = make_twin()
+    collect, spoilt = KeyenceLkg.collect, []
+
+    def one_wrong_digit(meter: KeyenceLkg) -> Any:
+        values = collect(meter)
+        if meter.name == "lasers_a" and not spoilt:
+            spoilt.append(values[77, 0])
+            values[77, 0] += 80.0
+        return values
+
+    monkeypatch.setattr(KeyenceLkg, "collect", one_wrong_digit)
+    runs = measured(twin)
+    (attempt,) = twin.store.interrupted_runs()
+    assert attempt.reason.startswith("ImplausibleSample: lasers_a: laser_1_mm, sample 77:")
+    for key, samples in runs.items():
+        np.testing.assert_array_equal(samples["laser_1_mm"], undisturbed[key]["laser_1_mm"])

@@ -139,7 +139,16 @@ def test_no_course_of_noise_lines_or_transients_is_rejected(seed: int, samples: 
         "ringing": 5.0 * np.exp(-time / 100.0) * np.sin(0.5 * time),
         "steps": np.round(white / 2.0) * 2.0 - white,
     }[kind]
-    assert odd_sample(white + added) is None
+    assert odd_sample(white + added, resolution=2.0 if kind == "steps" else 0.0) is None
+
+
+@pytest.mark.parametrize("frequency_hz", [0.5, 1.0, 2.0, 5.0])
+@pytest.mark.parametrize("amplitude", [0.0, 3e-5, 0.2, 4.0])
+def test_rounding_to_the_last_digit_alone_is_no_flaw(frequency_hz: float, amplitude: float) -> None:
+    """A column without noise, whose roundings repeat with the sine."""
+    column = np.round(0.35 + amplitude * np.cos(2.0 * np.pi * frequency_hz * TIMES_S + 0.7), 4)
+    volts = Channel("accel_v", "V", "voltage")
+    assert voltage_flaw(volts, TIMES_S, column, frequency_hz) is None
 
 
 def test_the_limit_is_where_noise_gets_once_in_a_hundred_million_columns() -> None:
