@@ -167,6 +167,11 @@ class AerotechEnsemble:
         word = self._wire.fault_word() & SAFETY_FAULTS
         return fault_text(word) if word else ""
 
+    def is_moving(self) -> bool:
+        """True while the axis moves or homes."""
+        status = self._wire.status()
+        return self._wire.moving(status) or bool(status & AxisStatus.HOMING)
+
     def move_to(self, position_mm: float) -> None:
         """Move and return when the axis is in position."""
         self._check_position(position_mm)

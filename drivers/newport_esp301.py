@@ -116,6 +116,10 @@ class NewportEsp301:
         errors = itertools.takewhile(lambda error: error.code, queued)
         return ", ".join(error.text for error in errors if _is_safety(error))
 
+    def is_moving(self) -> bool:
+        """True until the controller reports motion done."""
+        return self._line.ask_number(f"{self._axis}MD?") != 1
+
     def move_to(self, angle_deg: float) -> None:
         """Move and return when the controller reports motion done at the target."""
         low_deg, high_deg = self.limits.angle_min_deg, self.limits.angle_max_deg

@@ -46,6 +46,7 @@ NOT_REFERENCED = 42
 AT_REST = NOT_INITIALISED | READY | DISABLED | {NOT_REFERENCED}
 REST_POLL_S = 0.02
 ONLY_KILL_STOPS = frozenset({41, 43, 49})
+IN_MOTION = frozenset({40, 41, *range(43, 50), 51, 64, 68, 69, 73})
 
 SAFETY_STATES = frozenset({1, 2, 8, 40})
 """After an emergency brake, an emergency stop, or an end of run; braking."""
@@ -192,6 +193,10 @@ class NewportXps:
         """The group's state, when an emergency signal or an end of run has brought it there."""
         status = self._status()
         return self._status_text(status) if status in SAFETY_STATES else ""
+
+    def is_moving(self) -> bool:
+        """True while the group moves, brakes, homes or is initialised."""
+        return self._status() in IN_MOTION
 
     def move_to(self, angle_deg: float) -> None:
         """Move and return when the controller reports motion done."""

@@ -106,6 +106,10 @@ class Stage(Instrument, Protocol):
         """True when positions are referenced and the axis is ready to move."""
         ...
 
+    def is_moving(self) -> bool:
+        """True while the axis moves, whoever had it move."""
+        ...
+
     def safety_stop(self) -> str:
         """Which safety device has stopped the axis, such as an emergency stop or a limit switch; "" for none.
 

@@ -6,7 +6,6 @@ The only place that knows drivers and simulators by name.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -20,8 +19,9 @@ from rigctl import config
 from rigctl.campaign.operator import OperatorLink
 from rigctl.campaign.operator_link import TcpOperatorLink
 from rigctl.clock import Clock, RealClock
+from rigctl.core.making_safe import bring_to_rest, let_go, require_rest
 from rigctl.errors import ConfigError, RigError
-from rigctl.interfaces import Identity, Instrument
+from rigctl.interfaces import Identity, Instrument, Stage
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.rig import SATELLITE, LockedInstrument, SimulatedRig, Spec, TableError
 
@@ -101,13 +101,17 @@ class Driver:
 
 
 class Rig:
-    """The instruments of a rig file. Made closed; use it in `with`: leaving brings everything to rest."""
+    """The instruments of a rig file. Made closed; use it in `with`: everything is at rest when that begins and ends.
+
+    `found_moving` are the stages that somebody had left moving.
+    """
 
     def __init__(self, file: config.RigFile, *, seed: int | None = None, start_s: float = 0.0) -> None:
         self.file = file
         drivers = drivers_of(file)
         self.simulation, self.clock = _simulate(file, seed, start_s)
         self.instruments = {name: self._make(name, table, drivers[name]) for name, table in file.instruments.items()}
+        self.found_moving: tuple[str, ...] = ()
         self.operator_link: OperatorLink | None = self.simulation
         if file.operator.address and self.simulation is None:
             self.operator_link = _operator_link(file, self.clock)
@@ -118,7 +122,13 @@ class Rig:
         return cls(config.read_rig(Path(path)), seed=seed)
 
     def __enter__(self) -> Rig:
-        self.open()
+        try:
+            self.open()
+            self.found_moving = self.moving()
+            self.stop()
+        except BaseException as error:
+            self.__exit__(type(error), error, error.__traceback__)
+            raise
         return self
 
     def __exit__(
@@ -129,7 +139,8 @@ class Rig:
         except RigError as unsafe:
             if error is None:
                 raise
-            error.add_note(str(unsafe))
+            if str(unsafe) != str(error):
+                error.add_note(str(unsafe))
         finally:
             self.close()
 
@@ -142,18 +153,19 @@ class Rig:
 
     def close(self) -> None:
         """Disconnect; may be called twice."""
-        self._each(lambda instrument: instrument.close())
+        let_go(self.instruments.values())
 
     def stop(self) -> None:
         """Bring every instrument to rest, all at once: one that hangs or fails keeps no other moving.
 
         Any thread, any number of times; `RigError` names those that did not confirm.
         """
-        instruments = list(self.instruments.values())
-        with ThreadPoolExecutor(max_workers=max(len(instruments), 1), thread_name_prefix="stop") as pool:
-            failures = [failure for failure in pool.map(_failure_to_stop, instruments) if failure]
-        if failures:
-            raise RigError("NOT known to be at rest: " + "; ".join(failures))
+        require_rest(bring_to_rest(self.instruments.values()))
+
+    def moving(self) -> tuple[str, ...]:
+        """The stages that move now; asks them, and touches nothing."""
+        stages = [each for each in self.instruments.values() if isinstance(each, Stage)]
+        return tuple(stage.name for stage in stages if stage.is_moving())
 
     def identities(self) -> dict[str, Identity]:
         """Ask every instrument who it is."""
@@ -278,15 +290,6 @@ def _operator_link(file: config.RigFile, clock: Clock) -> OperatorLink:
         return TcpOperatorLink(file.operator.address, clock)
     except ConfigError as error:
         raise ConfigError(f"{file.path}: {error}") from None
-
-
-def _failure_to_stop(instrument: Instrument) -> str:
-    """Stop it; what went wrong, "" when nothing did."""
-    try:
-        instrument.stop()
-    except Exception as error:  # noqa: BLE001 - whatever fails in one, the others are to be stopped
-        return str(error) or f"{instrument.name}: {type(error).__name__}"
-    return ""
 
 
 def _joined(failures: list[RigError]) -> RigError:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import signal
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from rigctl.campaign.questions import Questions
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
+from rigctl.charge import in_charge
 from rigctl.effects.catalogue import chosen
 from rigctl.effects.plugins import Plugin, load
 from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
@@ -51,7 +51,7 @@ def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: P
     work = _work(plan, rig, campaign)
     if store_path.exists():
         raise DataError(f"{store_path} exists already; `rigctl resume` it, or choose another --store")
-    with _in_charge(rig, work, campaign) as control:
+    with in_charge(rig, campaign.on_terminal_lost, work.rest) as control:
         identities = rig.identities()
         with _store_to_oneself(store_path):
             _write_truth(rig_file, store_path)
@@ -86,10 +86,10 @@ def extend(store_path: Path, campaign: config.CampaignFile, options: Options) ->
 
 
 def resume(store_path: Path, options: Options) -> None:
-    """Go on with an interrupted campaign; what is recorded is not measured again."""
+    """Go on with an interrupted campaign; what is recorded is not measured again. One that is done stays as it is."""
     with Store.open(store_path) as store, _store_to_oneself(store_path):
         if store.status().get("state") == "done":
-            raise DataError(f"{store_path} is done; there is nothing to resume")
+            return
         part = parts_of(store)[-1]
         campaign = config.parse_campaign(part.toml, store_path)
         plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins))
@@ -105,7 +105,7 @@ def _reopened(store: Store, plan: Plan, campaign: config.CampaignFile) -> Iterat
     rig = Rig(rig_file_of(store, with_world=True), seed=store.header.seed, start_s=start_s)
     work = _work(plan, rig, campaign)
     forget_requests(store)
-    with _in_charge(rig, work, campaign) as control:
+    with in_charge(rig, campaign.on_terminal_lost, work.rest) as control:
         yield rig, work, control
 
 
@@ -156,22 +156,6 @@ def _plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Pl
 
 
 @contextmanager
-def _in_charge(rig: Rig, work: Work, campaign: config.CampaignFile) -> Iterator[Control]:
-    """The rig open, nobody else's, and at rest when left, however often somebody presses Ctrl-C meanwhile."""
-    control = Control(rig.stop, work.rest)
-    with rig_of_ones_own(rig.file), _signals(control, campaign.on_terminal_lost), rig:
-        yield control
-
-
-@contextmanager
-def rig_of_ones_own(rig_file: config.RigFile) -> Iterator[None]:
-    """Hold the instruments of a rig file; `RigError` when a campaign of another process does."""
-    refusal = f"{rig_file.path}: another campaign holds these instruments; see `rigctl status` of its store"
-    with locks.instruments_held(rig_file, refusal):
-        yield
-
-
-@contextmanager
 def _store_to_oneself(path: Path) -> Iterator[None]:
     with locks.held(locks.store_lock(path), f"{path} is in use by another campaign; see `rigctl status`"):
         yield
@@ -188,6 +172,8 @@ def _carry_out(store: Store, rig: Rig, work: Work, control: Control, options: Op
     progress = Progress(store, options.display, part.runs_before)
     session = Session(store, rig.clock, _operator(store, rig, control, options), control, progress, part.number)
     progress.state("running")
+    if rig.found_moving:
+        session.event("found-moving", instruments=list(rig.found_moving), done="stopped before anything else")
     try:
         with RequestWatcher(store.path, control):
             work.run(session)
@@ -208,32 +194,9 @@ def _carry_out(store: Store, rig: Rig, work: Work, control: Control, options: Op
 
 def _operator(store: Store, rig: Rig, control: Control, options: Options) -> Operator:
     if options.unattended:
-        return SimulatedOperator(rig.operator_link)
-    board = Questions(store)
-    return TerminalOperator(rig.operator_link, TypedLines(control.raise_if_aborted, board.heard), board)
-
-
-@contextmanager
-def _signals(control: Control, on_terminal_lost: str) -> Iterator[None]:
-    """Ctrl-C and TERM abort; HUP does what the campaign file chose. The handlers only leave a note."""
-
-    def abort(number: int, _: object) -> None:
-        control.ask_to_abort(f"interrupted by {signal.Signals(number).name}")
-
-    def lost(_: int, __: object) -> None:
-        if on_terminal_lost == "stop":
-            control.ask_to_abort("the terminal was lost and the campaign file says stop")
-
-    try:
-        handlers = {signal.SIGINT: abort, signal.SIGTERM: abort, signal.SIGHUP: lost}
-        before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
-    except ValueError:  # not in the main thread: whoever runs us handles signals
-        before = {}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        return SimulatedOperator(rig.operator_link, heed=control.raise_if_aborted)
+    board, heed = Questions(store), control.raise_if_aborted
+    return TerminalOperator(rig.operator_link, TypedLines(heed, board.heard), board, heed=heed)
 
 
 def _write_truth(rig_file: config.RigFile, store_path: Path) -> None:

@@ -265,8 +265,12 @@ def test_a_store_that_exists_is_not_touched(done: Any, wire: Any) -> None:
     assert done.store.read_bytes() == before
 
 
-def test_a_finished_campaign_is_not_resumed_paused_or_aborted(done: Any, wire: Any) -> None:
-    done.rigctl("resume", done.store).refused(2, "is done", "nothing to resume")
+def test_a_finished_campaign_is_neither_paused_nor_aborted_and_resuming_it_tells_its_result(
+    done: Any, wire: Any
+) -> None:
+    again = done.rigctl("resume", done.store, "--json")
+    assert again.status == 0
+    assert again.json["result"] == done.rigctl("result", done.store, "--json").json
     for command in ("pause", "abort"):
         done.rigctl(command, done.store).refused(1, "no campaign is running", "rigctl status")
     assert wire.sent == []

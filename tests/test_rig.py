@@ -75,6 +75,36 @@ def test_leaving_a_rig_stops_every_stage_whatever_happened(file: config.RigFile,
         rig.only("linear").position()
 
 
+def test_what_somebody_left_moving_is_at_rest_before_anything_else_is_asked_of_it(
+    file: config.RigFile, wire: Any
+) -> None:
+    real = file.model_copy(update={"rig": file.rig.model_copy(update={"clock": "real", "clock_speed": 100.0})})
+    rig = Rig(real)
+    rig.open()
+    rig.only("linear").home()
+    rig.only("linear").oscillate(0.0, 5.0, 0.5, 3600.0)
+    rig.close()  # as a crash does
+    wire.sent.clear()
+    with rig:
+        assert rig.found_moving == ("stage",)
+        assert rig.moving() == ()
+        assert wire.motions == []
+    assert any(data.startswith(b"ABORT") for data in wire.sent)
+
+
+def test_half_a_rig_is_brought_to_rest_when_the_other_half_does_not_answer(
+    file: config.RigFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped: list[str] = []
+    rig = Rig(file)
+    for name, instrument in rig.instruments.items():
+        monkeypatch.setattr(instrument, "stop", lambda name=name: stopped.append(name))
+    monkeypatch.setattr(rig.instruments["lasers_a"], "open", failing(LinkLost("lasers_a: no connection")))
+    with pytest.raises(LinkLost, match="lasers_a"):
+        rig.__enter__()
+    assert set(stopped) == set(file.instruments)
+
+
 def failing(error: Exception) -> Any:
     def stop() -> None:
         raise error
@@ -87,41 +117,18 @@ def test_an_instrument_that_will_not_stop_does_not_keep_the_others_from_it(
     file: config.RigFile, error: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stopped: list[str] = []
-    rig = Rig(file)
-    for name, instrument in rig.instruments.items():
-        monkeypatch.setattr(instrument, "stop", lambda name=name: stopped.append(name))
-    monkeypatch.setattr(rig.instruments["rotation"], "stop", failing(error))
-    with pytest.raises(RigError, match=r"^NOT known to be at rest: rotation: "), rig:
-        pass
+    with pytest.raises(RigError, match=r"^NOT known to be at rest: rotation: "), Rig(file) as rig:
+        for name, instrument in rig.instruments.items():
+            monkeypatch.setattr(instrument, "stop", lambda name=name: stopped.append(name))
+        monkeypatch.setattr(rig.instruments["rotation"], "stop", failing(error))
     assert sorted(stopped) == ["accelerometer", "lasers_a", "lasers_b", "stage", "thermometer"]
-
-
-def test_an_instrument_that_hangs_does_not_keep_the_others_from_stopping(
-    file: config.RigFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rig = Rig(file)
-    others = threading.Semaphore(0)
-    answered = threading.Event()
-    for instrument in rig.instruments.values():
-        monkeypatch.setattr(instrument, "stop", others.release)
-    monkeypatch.setattr(rig.instruments["rotation"], "stop", answered.wait)
-    stopping = threading.Thread(target=rig.stop)
-    stopping.start()
-    try:
-        for _ in range(len(rig.instruments) - 1):
-            assert others.acquire(timeout=10.0)
-        assert stopping.is_alive(), "what is not confirmed is not taken for done"
-    finally:
-        answered.set()
-        stopping.join()
 
 
 def test_what_could_not_be_stopped_is_told_beside_the_error_that_ended_it(
     file: config.RigFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = Rig(file)
-    monkeypatch.setattr(rig.instruments["rotation"], "stop", failing(LinkLost("rotation: no connection")))
-    with pytest.raises(LinkTimeout) as ended, rig:
+    with pytest.raises(LinkTimeout) as ended, Rig(file) as rig:
+        monkeypatch.setattr(rig.instruments["rotation"], "stop", failing(LinkLost("rotation: no connection")))
         raise LinkTimeout("lasers_a: nothing came")
     assert str(ended.value) == "lasers_a: nothing came"
     assert ended.value.__notes__ == ["NOT known to be at rest: rotation: no connection"]
@@ -137,7 +144,7 @@ def test_one_failure_keeps_its_class_and_several_are_joined(
     monkeypatch.setattr(rig.instruments["stage"], "open", failing(WrongInstrument("stage: answers as another")))
     with pytest.raises(WrongInstrument, match=r"^stage: answers as another$"):
         rig.open()
-    assert closed == list(file.instruments), "nothing stays connected to half a rig"
+    assert set(closed) == set(file.instruments), "nothing stays connected to half a rig"
     monkeypatch.setattr(rig.instruments["lasers_b"], "open", failing(LinkTimeout("lasers_b: nothing came")))
     with pytest.raises(RigError, match=r"^stage: answers as another; lasers_b: nothing came$"):
         rig.open()

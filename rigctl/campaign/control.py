@@ -10,22 +10,27 @@ from pathlib import Path
 from rigctl.campaign.store import Store
 from rigctl.errors import Aborted, RigError
 
-HEED_S = 0.02
-"""How often requests of this process are looked for (wall-clock)."""
-
-STORE_EVERY = 2
-"""Those in the store are looked for every so many times: twenty-five times a second."""
+HEED_S = 0.04
+"""How often requests in the store are looked for (wall-clock)."""
 
 
 class Control:
-    """The state of the requests; any thread may ask and set it."""
+    """The state of the requests; any thread may ask and set it.
 
-    def __init__(self, make_safe: Callable[[], None], at_pause: Callable[[], None] = lambda: None) -> None:
+    After an abort has made safe, `disconnect` takes the instruments away from whoever would still move them.
+    """
+
+    def __init__(
+        self,
+        make_safe: Callable[[], None],
+        at_pause: Callable[[], None] = lambda: None,
+        disconnect: Callable[[], None] = lambda: None,
+    ) -> None:
         self._make_safe = make_safe
         self._at_pause = at_pause
+        self._disconnect = disconnect
         self._paused = threading.Event()
         self._aborted = threading.Event()
-        self._asked = ""
         self.reason = ""
 
     @property
@@ -35,8 +40,8 @@ class Control:
 
     @property
     def aborted(self) -> bool:
-        """True once an abort has been carried out or asked for."""
-        return self._aborted.is_set() or bool(self._asked)
+        """True once somebody aborts."""
+        return self._aborted.is_set()
 
     def pause(self) -> None:
         """Hold at the next checkpoint."""
@@ -46,27 +51,20 @@ class Control:
         """End a pause."""
         self._paused.clear()
 
-    def ask_to_abort(self, reason: str) -> None:
-        """Have the watcher abort: safe in a signal handler, which may have interrupted anything."""
-        self._asked = self._asked or reason
-        self.reason = self.reason or reason
-
     def abort(self, reason: str) -> None:
         """Halt all motion now and end the campaign; what is recorded stays."""
         self.reason = self.reason or reason
         self._aborted.set()
         self._paused.clear()
-        self._make_safe()
+        try:
+            self._make_safe()
+        finally:
+            self._disconnect()
 
     def bring_to_rest(self) -> None:
         """Halt all motion, as far as instruments can be reached; the campaign goes on."""
         with suppress(RigError):
             self._make_safe()
-
-    def heed(self) -> None:
-        """Carry out an abort that was asked for."""
-        if self._asked and not self._aborted.is_set():
-            self.abort(self._asked)
 
     def raise_if_aborted(self) -> None:
         """`Aborted` once somebody asked for it."""
@@ -82,7 +80,7 @@ class Control:
 
 
 class RequestWatcher:
-    """Carries out requests in a thread: those of this process at once, those in the store several times a second.
+    """Carries out requests in the store in a thread, twenty-five times a second.
 
     What goes wrong here ends no campaign: an instrument that would not stop is tried again, and reported, when
     the campaign leaves its rig; a store that is busy is looked into again.
@@ -104,13 +102,9 @@ class RequestWatcher:
 
     def _watch(self) -> None:
         with Store.open(self._path) as store:
-            looks = 0
             while not self._ended.wait(HEED_S):
-                looks += 1
                 with suppress(RigError):
-                    self._control.heed()
-                    if looks % STORE_EVERY == 0:
-                        self._obey(store.take_request())
+                    self._obey(store.take_request())
 
     def _obey(self, request: str | None) -> None:
         if request == "pause":

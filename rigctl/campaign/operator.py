@@ -6,8 +6,11 @@ import math
 import os
 import select
 import sys
+import threading
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, Protocol
 
 from rigctl.errors import Aborted, ProcedureError
@@ -91,6 +94,8 @@ class SimulatedOperator:
 
     link: OperatorLink | None
     name: str = "simulated operator"
+    heed: Callable[[], None] = lambda: None
+    """Called several times a second while the hands are at work: what it raises ends the waiting."""
 
     def remount(self, axis: str, configuration: str, mounting: int) -> None:
         """Seat the package."""
@@ -127,7 +132,7 @@ class SimulatedOperator:
 
     def _act(self, action: dict[str, Any]) -> None:
         if self.link is not None:
-            answer = self.link.request(action)
+            answer = _awaited(partial(self.link.request, action), self.heed)
             if "error" in answer:
                 raise ProcedureError(f"the simulated operator could not do {action}: {answer['error']}")
 
@@ -174,6 +179,7 @@ class TerminalOperator:
     ask: Callable[[], str]
     board: Board | None = None
     name: str = "operator"
+    heed: Callable[[], None] = lambda: None
 
     def remount(self, axis: str, configuration: str, mounting: int) -> None:
         """Ask for a remounting and wait for the confirmation."""
@@ -216,7 +222,7 @@ class TerminalOperator:
 
     @property
     def _hands(self) -> SimulatedOperator:
-        return SimulatedOperator(self.link)
+        return SimulatedOperator(self.link, heed=self.heed)
 
     def _confirm(self, request: str) -> None:
         while True:
@@ -239,3 +245,19 @@ class TerminalOperator:
         if self.board is not None:
             self.board.close(answer)
         return answer
+
+
+def _awaited(act: Callable[[], dict[str, Any]], heed: Callable[[], None]) -> dict[str, Any]:
+    """What `act` returns; it goes on behind, and nobody hears of it, when `heed` raises first."""
+    outcome: Future[dict[str, Any]] = Future()
+
+    def carry_out() -> None:
+        try:
+            outcome.set_result(act())
+        except BaseException as error:  # noqa: BLE001 - raised where it is awaited
+            outcome.set_exception(error)
+
+    threading.Thread(target=carry_out, name="operator's hands", daemon=True).start()
+    while not wait([outcome], HEED_S).done:
+        heed()
+    return outcome.result()

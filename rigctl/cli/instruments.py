@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from rigctl.cli.io import Json, RigToml, number, print_json, say
+from rigctl.cli.io import Json, RigToml, number, print_json, say, tell
 from rigctl.errors import ConfigError
 
 app = typer.Typer()
@@ -57,31 +59,37 @@ def check(rig: RigToml, as_json: Json = False) -> None:
     opened.open()
     try:
         identities = {name: asdict(identity) for name, identity in opened.identities().items()}
+        moving = opened.moving()
     finally:
         opened.close()
     if as_json:
-        print_json({"instruments": identities})
+        print_json({"instruments": identities, "moving": list(moving)})
     else:
         for name, identity in identities.items():
-            say(f"{name}: {identity['model']}, serial {identity['serial'] or '?'}, {identity['text']}")
+            moves = ", MOVES now" if name in moving else ""
+            say(f"{name}: {identity['model']}, serial {identity['serial'] or '?'}, {identity['text']}{moves}")
 
 
 @app.command()
 def stop(rig: RigToml, as_json: Json = False) -> None:
     """Bring every instrument of a rig to rest, whoever is using it."""
     from rigctl import config
+    from rigctl.core.making_safe import Reached, bring_to_rest, let_go
     from rigctl.rig import Rig
 
-    opened = Rig(config.read_rig(rig))
-    opened.open()
-    try:
-        opened.stop()
-    finally:
-        opened.close()
+    instruments = Rig(config.read_rig(rig)).instruments.values()
+    rests = bring_to_rest(map(Reached, instruments))
+    let_go(instruments)
+    unsafe = [rest for rest in rests if not rest.confirmed]
     if as_json:
-        print_json({"stopped": sorted(opened.instruments)})
+        stopped = sorted(rest.instrument for rest in rests if rest.confirmed)
+        lost = [{"name": rest.instrument, "why": rest.why} for rest in unsafe]
+        print_json({"stopped": stopped, "not_confirmed": lost})
     else:
-        say(f"at rest: {', '.join(opened.instruments)}")
+        for rest in rests:
+            say(str(rest))
+    if unsafe:
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -123,20 +131,18 @@ def move(
         say(f"{name}: {reading.value:g} {reading.unit}")
 
 
-def _stages(rig: Path) -> Any:
-    from contextlib import contextmanager
-
+@contextmanager
+def _stages(path: Path) -> Iterator[dict[str, Any]]:
+    """The stages of a rig, in our hands; what ends the command stops them."""
     from rigctl import config
+    from rigctl.charge import in_charge
     from rigctl.rig import Rig
-    from rigctl.runner import rig_of_ones_own
 
-    @contextmanager
-    def opened() -> Any:
-        file = config.read_rig(rig)
-        with rig_of_ones_own(file), Rig(file) as live:
-            yield {s.name: s for s in (*live.by_role("rotation"), *live.by_role("linear"))}
-
-    return opened()
+    rig = Rig(config.read_rig(path))
+    with in_charge(rig):
+        if rig.found_moving:
+            tell(f"{', '.join(rig.found_moving)}: moved already, was stopped first")
+        yield {stage.name: stage for stage in (*rig.by_role("rotation"), *rig.by_role("linear"))}
 
 
 def _stage(stages: dict[str, Any], name: str, rig: Path) -> Any:

@@ -6,7 +6,7 @@ import asyncio
 import signal
 import tomllib
 from collections.abc import Callable, Coroutine, Sequence
-from contextlib import suppress
+from contextlib import ExitStack
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Concatenate, ParamSpec
@@ -35,6 +35,7 @@ from rigctl.console.screens.workbench import WorkbenchPane
 from rigctl.console.themes import DARK, LIGHT
 from rigctl.console.widgets.bars import SCREENS, Banner, Standing, TabBar, TopBar
 from rigctl.console.widgets.dialogs import ConfirmDialog, HelpDialog, OpenDialog, QuestionDialog
+from rigctl.core.making_safe import TERMINAL_LOST, Rest, ended_by_signals
 
 if TYPE_CHECKING:
     from rigctl.console.bench import LiveBench
@@ -93,8 +94,11 @@ class Console(App[None]):
         self._panes = Panes(
             RigPane(self.kept.jog_step), CampaignPane(), ResultsPane(), WorkbenchPane(self.kept.covariate), LogPane()
         )
+        self._signals = ExitStack()
+        self.interrupted = ""
+        self.unsafe: list[Rest] = []
         self._alarms = 0
-        self._asked = 0
+        self._asked: tuple[Path, int] | None = None
         self._analyses = Analyses(self._panes, plugins, self._beside, self._note)
         self._shown_view: StoreView | None = None
         self.register_theme(DARK)
@@ -118,8 +122,7 @@ class Console(App[None]):
         self._feed.start()
         self.set_interval(DRAW_S, self._draw)
         self.action_screen(self.kept.screen)
-        with suppress(ValueError, RuntimeError):  # not in the main thread: whoever runs us handles signals
-            asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, self._terminal_lost)
+        self._signals.enter_context(ended_by_signals(self._signalled))
         self.set_timer(FIRST_S, self._open_first)
 
     def _open_first(self) -> None:
@@ -139,8 +142,27 @@ class Console(App[None]):
         """Leave everything in order: instruments at rest, state kept."""
         self._feed.close()
         self._analyses.close()
-        self._holding.close()
+        self.make_safe()
         self._keep_state()
+        self._signals.close()
+
+    def make_safe(self) -> None:
+        """Bring what is held to rest and give it free; who has not confirmed is in `unsafe`. May be called twice."""
+        self.unsafe += [rest for rest in self._holding.close() if not rest.confirmed]
+
+    def _signalled(self, reason: str) -> None:
+        """On the thread that signals wake: at rest first, then told to the screen."""
+        self._holding.bring_to_rest()
+        self.post_message(say.Signalled(reason))
+
+    @_while_running
+    def on_signalled(self, message: say.Signalled) -> None:
+        """Somebody ends this console from outside."""
+        if message.reason == TERMINAL_LOST:
+            self._terminal_lost()
+        else:
+            self.interrupted = message.reason
+        self.exit()
 
     def _keep_state(self) -> None:
         self.kept.theme = self.theme
@@ -151,7 +173,7 @@ class Console(App[None]):
     def _terminal_lost(self) -> None:
         """The terminal is gone: the campaign does what its file chose, a rig of ours comes to rest."""
         told = "The terminal was lost"
-        if self._holding.stop():
+        if self._holding.bench is not None:
             told += "; the rig was brought to rest"
         view = self._view
         if view is not None and view.alive and self._campaigns.signal(view.path, signal.SIGHUP):
@@ -162,7 +184,6 @@ class Console(App[None]):
         self.kept.notice = f"{told}, {state.now()}"
         self._act(told)
         self._keep_state()
-        self.exit()
 
     # Opening
 
@@ -259,8 +280,9 @@ class Console(App[None]):
         if question is None:
             banner.say("")
             self._close_question()
-        elif question.number != self._asked:
-            self._asked = question.number
+        elif (message.view.path, question.number) != self._asked:
+            self._asked = (message.view.path, question.number)
+            self._close_question()
             banner.say(f"! OPERATOR: {question.text.partition(' Type ')[0]}  (F9 answers)")
             self.action_ring()
             self.action_answer()
@@ -287,10 +309,10 @@ class Console(App[None]):
     @_while_running
     def on_stopped(self, message: say.Stopped) -> None:
         """What came of a STOP."""
-        if message.failures:
-            self._note(f"NOT known to be at rest: {'; '.join(message.failures)}", "error")
-        else:
-            self._note(f"all instruments at rest after {1e3 * message.took_s:.0f} ms", "warning")
+        unsafe = [rest for rest in message.rests if not rest.confirmed]
+        told = [f"STOP: {len(unsafe)} NOT CONFIRMED"] if unsafe else ["STOP: all instruments confirmed"]
+        told += [str(rest) for rest in sorted(message.rests, key=lambda rest: rest.confirmed)]
+        self._note("\n".join(told), "error" if unsafe else "warning")
 
     @_while_running
     def on_noted(self, message: say.Noted) -> None:

@@ -20,14 +20,16 @@ if TYPE_CHECKING:
     from textual.message import Message
 
     from rigctl.config import RigFile
+    from rigctl.core.making_safe import Rest
     from rigctl.interfaces import Instrument, Reading
     from rigctl.rig import Rig
 
 POLL_S = 0.1
 AGAIN_S = 2.0
 STRIP_LENGTH = 600
-STOP_WAIT_S = 3.0
-"""How long an instrument has to confirm that it stopped, until it is said that it has not."""
+SETTLE_S = 0.2
+"""A motion ends that soon after its instrument has stopped; one that does not was begun behind the stop."""
+THREADS_END_S = 3.0
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,19 @@ class _Station:
     busy_since_s: float = 0.0
     values: dict[str, Value] = field(default_factory=dict)
     limits: Limits | None = None
+    stops: int = 0
     wake: threading.Event = field(default_factory=threading.Event)
+    settled: threading.Event = field(default_factory=threading.Event)
+
+    def __post_init__(self) -> None:
+        self.settled.set()
+
+    def raise_if_stopped(self, stops: int) -> None:
+        """`MotionStopped` when it was stopped since `stops` was read: between two motions no instrument knows."""
+        from rigctl.errors import MotionStopped
+
+        if self.stops != stops:
+            raise MotionStopped(f"{self.name}: stopped before it had set out", instrument=self.name)
 
 
 class LiveBench:
@@ -166,10 +180,13 @@ class LiveBench:
 
     def move(self, name: str, value: float) -> None:
         """`rigctl move`: home the stage if needed and move it, on a thread of its own."""
-        stage: Any = self._stations[name].instrument
+        station = self._stations[name]
+        stage: Any = station.instrument
+        stops = station.stops
 
         def act() -> None:
             stage.home()
+            station.raise_if_stopped(stops)
             stage.move_to(value)
 
         self._set_out(name, "moving", act)
@@ -180,12 +197,14 @@ class LiveBench:
 
         station = self._stations[name]
         stage: Any = station.instrument
+        stops = station.stops
 
         def act() -> None:
             stage.home()
             (_, at), *_ = _readings(stage)
             if station.limits is not None and (refusal := station.limits.refusal(at.value + step)):
                 raise LimitError(f"{name}: {refusal}")
+            station.raise_if_stopped(stops)
             stage.move_to(at.value + step)
 
         self._set_out(name, "moving", act)
@@ -202,43 +221,35 @@ class LiveBench:
 
     def stop(self) -> None:
         """Bring every instrument to rest, all at once; returns at once, what came of it is posted."""
-        began_s = time.monotonic()
-        failures: dict[str, str] = dict.fromkeys(self._stations, "does not answer")
+        threading.Thread(target=self._stop, name="stop", daemon=True).start()
 
-        def halt(station: _Station) -> None:
-            try:
-                station.instrument.stop()
-            except Exception as error:  # noqa: BLE001 - said to the operator, whatever it is
-                failures[station.name] = str(error)
-            else:
-                del failures[station.name]
+    def bring_to_rest(self) -> tuple[Rest, ...]:
+        """Stop every instrument, and once more where a motion was begun behind the stop."""
+        from rigctl.core.making_safe import bring_to_rest
 
-        threads = [threading.Thread(target=halt, args=(s,), daemon=True) for s in self._stations.values()]
-        for thread in threads:
-            thread.start()
-        threading.Thread(target=self._tell_stopped, args=(threads, began_s, failures), daemon=True).start()
+        stations = list(self._stations.values())
+        for station in stations:
+            station.stops += 1
+        first = bring_to_rest(station.instrument for station in stations)
+        late = [station.instrument for station in stations if not station.settled.wait(SETTLE_S)]
+        again = {rest.instrument: rest for rest in bring_to_rest(late)}
+        return tuple(again.get(rest.instrument, rest) for rest in first)
 
-    def close(self) -> None:
+    def close(self) -> tuple[Rest, ...]:
         """Bring everything to rest, disconnect, and give the instruments free for others; may be called twice."""
+        from rigctl.core.making_safe import let_go
+
         self._closing.set()
         self.reconnect()
-        halts = [threading.Thread(target=_quietly, args=(s.instrument.stop,)) for s in self._stations.values()]
-        for thread in halts:
-            thread.daemon = True
-            thread.start()
-        for thread in (*halts, *self._threads):
-            thread.join(STOP_WAIT_S)
-        closing = threading.Thread(target=self._rig.close, daemon=True)
-        closing.start()
-        closing.join(STOP_WAIT_S)
+        rests = self.bring_to_rest()
+        for thread in self._threads:
+            thread.join(THREADS_END_S)
+        let_go([s.instrument for s in self._stations.values()])
         self._held.close()
+        return rests
 
-    def _tell_stopped(self, threads: list[threading.Thread], began_s: float, failures: dict[str, str]) -> None:
-        deadline_s = began_s + STOP_WAIT_S
-        for thread in threads:
-            thread.join(max(deadline_s - time.monotonic(), 0.0))
-        told = tuple(f"{name}: {why}" for name, why in sorted(failures.items()))
-        self._post(Stopped(time.monotonic() - began_s, told))
+    def _stop(self) -> None:
+        self._post(Stopped(self.bring_to_rest()))
 
     def _set_out(self, name: str, state: str, act: Callable[[], None]) -> None:
         from rigctl.errors import LimitError, RigError
@@ -251,6 +262,7 @@ class LiveBench:
             self._post(Noted(f"{name}: {station.state}; it cannot be moved now", "warning"))
             return
         before, station.state = station.state, state
+        station.settled.clear()
 
         def carry_out() -> None:
             try:
@@ -263,6 +275,8 @@ class LiveBench:
                 self._post(Noted(str(error), "warning"))
             else:
                 station.state, station.error = "ready", ""
+            finally:
+                station.settled.set()
 
         threading.Thread(target=carry_out, name=f"{state} {name}", daemon=True).start()
 
@@ -289,9 +303,19 @@ class LiveBench:
     def _connect(self, station: _Station) -> None:
         station.state = "connecting"
         station.instrument.open()
+        self._bring_to_rest_first(station)
         identity = station.instrument.identify()
         station.identity = " ".join(part for part in (identity.model, identity.serial, identity.firmware) if part)
         station.state, station.error = "ready", ""
+
+    def _bring_to_rest_first(self, station: _Station) -> None:
+        """Whatever had it move, a crash or a lost connection among them: it moves when somebody here says so."""
+        from rigctl.interfaces import Stage
+
+        moved = isinstance(station.instrument, Stage) and station.instrument.is_moving()
+        station.instrument.stop()
+        if moved:
+            self._post(Noted(f"{station.name}: moved already, was stopped", "warning"))
 
     def _lose(self, station: _Station, why: str) -> None:
         if self._closing.is_set():
@@ -310,10 +334,13 @@ class LiveBench:
 
 
 def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
-    """Hold a rig and connect to all of it; `ConfigError`, or `RigError` when a campaign holds it. Moves nothing."""
+    """Hold a rig and connect to all of it; `ConfigError`, or `RigError` when a campaign holds it.
+
+    Moves nothing, and stops what moves.
+    """
     from rigctl import config
+    from rigctl.charge import rig_of_ones_own
     from rigctl.rig import Rig
-    from rigctl.runner import rig_of_ones_own
 
     file = config.read_rig(path)
     held = ExitStack()
@@ -328,33 +355,15 @@ def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
 def stop_from_outside(rig_toml: str, store: Path, post: Callable[[Message], object]) -> None:
     """`rigctl stop` of the rig of a campaign's store: second connections, every instrument on its own thread."""
     from rigctl import config
+    from rigctl.core.making_safe import Reached, bring_to_rest, let_go
     from rigctl.rig import Rig
 
-    began_s = time.monotonic()
     file = config.parse_rig(rig_toml, store)
     if all(table.simulated for table in file.instruments.values()):
         return  # they live in the campaign's process, which is asked to abort
-    rig = Rig(file)
-    failures: dict[str, str] = dict.fromkeys(rig.instruments, "does not answer")
-
-    def halt(name: str, instrument: Instrument) -> None:
-        try:
-            instrument.open()
-            instrument.stop()
-        except Exception as error:  # noqa: BLE001 - said to the operator, whatever it is
-            failures[name] = str(error)
-        else:
-            del failures[name]
-        finally:
-            _quietly(instrument.close)
-
-    threads = [threading.Thread(target=halt, args=each, daemon=True) for each in rig.instruments.items()]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(max(began_s + STOP_WAIT_S - time.monotonic(), 0.0))
-    told = tuple(f"{name}: {why}" for name, why in sorted(failures.items()))
-    post(Stopped(time.monotonic() - began_s, told))
+    instruments = Rig(file).instruments.values()
+    post(Stopped(bring_to_rest(map(Reached, instruments))))
+    let_go(instruments)
 
 
 def _limits(instrument: Instrument) -> Limits | None:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from rigctl.console.bench import LiveBench
     from rigctl.console.feed import StoreView
+    from rigctl.core.making_safe import Rest
 
 
 class Holding:
@@ -47,15 +48,19 @@ class Holding:
         """Second connections to what a campaign holds, as `rigctl stop` makes them."""
         self._begin(self._stop_from_outside, view)
 
-    def close(self) -> None:
+    def bring_to_rest(self) -> tuple[Rest, ...]:
+        """Bring everything that is held to rest; waits until that is done."""
+        bench = self.bench
+        return () if bench is None else bench.bring_to_rest()
+
+    def close(self) -> tuple[Rest, ...]:
         """Bring everything to rest and let go; waits until that is done."""
         with self._one_at_a_time:
-            self._let_go()
+            return self._let_go()
 
-    def _let_go(self) -> None:
+    def _let_go(self) -> tuple[Rest, ...]:
         bench, self.bench = self.bench, None
-        if bench is not None:
-            bench.close()
+        return () if bench is None else bench.close()
 
     def _begin(self, act: Callable[..., None], *arguments: Any) -> None:
         def safely() -> None:

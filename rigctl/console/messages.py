@@ -12,6 +12,7 @@ from textual.message import Message
 if TYPE_CHECKING:
     from rigctl.console.feed import StoreView
     from rigctl.console.log_lines import LogLine, Search
+    from rigctl.core.making_safe import Rest
 
 Severity = Literal["information", "warning", "error"]
 Request = Literal["pause", "resume", "abort"]
@@ -149,9 +150,16 @@ class CampaignEnded(Message):
 
 
 class Stopped(Message):
-    """What came of a STOP: after `took_s`, `failures` are instruments not known to be at rest."""
+    """What came of a STOP, instrument by instrument."""
 
-    def __init__(self, took_s: float, failures: tuple[str, ...]) -> None:
+    def __init__(self, rests: tuple[Rest, ...]) -> None:
         super().__init__()
-        self.took_s = took_s
-        self.failures = failures
+        self.rests = rests
+
+
+class Signalled(Message):
+    """A signal ends this console; everything it holds has been stopped."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__()
+        self.reason = reason

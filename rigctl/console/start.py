@@ -7,12 +7,24 @@ from pathlib import Path
 
 
 def start(place: Path | None, plugins: Sequence[Path]) -> None:
-    """Run the console on this terminal until the operator quits; `ConfigError`, `DataError` before it is drawn."""
+    """Run the console on this terminal until the operator quits; `ConfigError`, `DataError` before it is drawn.
+
+    `Aborted` when a signal ended it, `RigError` when an instrument has not confirmed that it is at rest.
+    """
     if place is not None:
         check(place)
     from rigctl.console.app import Console
+    from rigctl.core.making_safe import require_rest
+    from rigctl.errors import Aborted
 
-    Console(place, plugins).run()
+    console = Console(place, plugins)
+    try:
+        console.run()
+    finally:
+        console.make_safe()
+    require_rest(console.unsafe)
+    if console.interrupted:
+        raise Aborted(console.interrupted)
 
 
 def check(place: Path) -> None:

@@ -51,20 +51,17 @@ def test_an_abort_makes_safe_at_once_and_keeps_the_first_reason() -> None:
         control.raise_if_aborted()
 
 
-def test_an_abort_asked_for_in_a_signal_handler_is_carried_out_by_the_watcher_once() -> None:
-    safe = Safe()
-    control = Control(safe)
-    control.heed()
-    control.raise_if_aborted()
-    control.ask_to_abort("interrupted by SIGINT")
-    control.ask_to_abort("interrupted by SIGTERM")
-    assert safe.calls == 0, "a handler may have interrupted anything: it only leaves a note"
-    assert control.aborted
-    control.heed()
-    control.heed()
-    assert safe.calls == 1
-    with pytest.raises(Aborted, match="SIGINT"):
-        control.raise_if_aborted()
+def test_after_an_abort_nobody_has_the_instruments_even_if_they_would_not_stop() -> None:
+    happened: list[str] = []
+
+    def make_safe() -> None:
+        happened.append("stopped")
+        raise LinkLost("stage: no connection")
+
+    control = Control(make_safe, disconnect=lambda: happened.append("disconnected"))
+    with pytest.raises(LinkLost):
+        control.abort("fire")
+    assert happened == ["stopped", "disconnected"]
 
 
 def test_a_pause_is_left_by_going_on_or_by_an_abort() -> None:
@@ -103,14 +100,6 @@ def test_requests_in_the_store_are_obeyed_in_order(store: Store) -> None:
     assert store.take_request() is None
 
 
-def test_a_signals_abort_is_heeded_without_the_store(store: Store) -> None:
-    safe = Safe()
-    control = Control(safe)
-    with RequestWatcher(store.path, control):
-        control.ask_to_abort("interrupted by SIGTERM")
-        assert safe.called.wait(PATIENCE_S)
-
-
 def test_an_instrument_that_will_not_stop_does_not_end_the_watch(
     store: Store, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -129,19 +118,20 @@ def test_an_instrument_that_will_not_stop_does_not_end_the_watch(
 def test_a_store_that_cannot_be_read_for_a_while_does_not_end_the_watch(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tried = threading.Event()
+    take_request = Store.take_request
+    troubles = iter([True, True])
 
-    def busy(_: Store) -> None:
-        tried.set()
-        raise DataError("another program has been writing for 10 s")
+    def busy(opened: Store) -> str | None:
+        if next(troubles, False):
+            raise DataError("another program has been writing for 10 s")
+        return take_request(opened)
 
     safe = Safe()
-    control = Control(safe)
     monkeypatch.setattr(Store, "take_request", busy)
-    with RequestWatcher(store.path, control):
-        assert tried.wait(PATIENCE_S)
-        control.ask_to_abort("interrupted by SIGINT")
+    with RequestWatcher(store.path, Control(safe)):
+        store.add_request("abort")
         assert safe.called.wait(PATIENCE_S)
+    assert next(troubles, None) is None
 
 
 def test_what_was_asked_of_a_campaign_that_had_ended_is_forgotten(store: Store) -> None:

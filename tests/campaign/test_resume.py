@@ -163,7 +163,8 @@ def test_a_signal_stops_motion_and_leaves_a_campaign_that_can_be_resumed(
     stop = Rig.stop
 
     def impatient(rig: Rig) -> None:
-        os.kill(os.getpid(), number)
+        if desk.runs():  # not when it begins at rest
+            os.kill(os.getpid(), number)
         stop(rig)
 
     desk.patch.setattr(Rig, "stop", impatient)
@@ -216,7 +217,7 @@ def test_a_lost_terminal_stops_a_campaign_whose_file_says_so(desk: Any) -> None:
     found = desk.run()
     thread.join()
     assert found.status == 130
-    assert "aborted: the terminal was lost and the campaign file says stop" in found.err
+    assert "aborted: the terminal was lost" in found.err
     assert status_of(desk.store)["state"] == "aborted"
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from rigctl.console import messages as say
+from rigctl.core.making_safe import Rest
 
 WITHIN_S = 0.1
 HANGS = (
@@ -128,7 +129,7 @@ def test_what_threads_say_while_the_console_closes_is_not_shown(desk: Any, at_co
     at_console(sitting, desk.directory / "rig.toml")
     (app,) = apps
     before = list(app._panes.log._lines)
-    app.on_stopped(say.Stopped(0.05, ()))
+    app.on_stopped(say.Stopped((Rest("stage", True, 0.05),)))
     app.on_noted(say.Noted("the thermometer does not answer", "error"))
     app.on_campaign_ended(say.CampaignEnded(desk.directory / "s.rig.sqlite", 1, "it failed"))
     assert list(app._panes.log._lines) == before
