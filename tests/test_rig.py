@@ -117,19 +117,28 @@ def test_an_instrument_that_will_not_stop_does_not_keep_the_others_from_it(
     file: config.RigFile, error: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stopped: list[str] = []
-    with pytest.raises(RigError, match=r"^NOT known to be at rest: rotation: "), Rig(file) as rig:
-        for name, instrument in rig.instruments.items():
-            monkeypatch.setattr(instrument, "stop", lambda name=name: stopped.append(name))
-        monkeypatch.setattr(rig.instruments["rotation"], "stop", failing(error))
+
+    def work() -> None:
+        with Rig(file) as rig:
+            for name, instrument in rig.instruments.items():
+                monkeypatch.setattr(instrument, "stop", lambda name=name: stopped.append(name))
+            monkeypatch.setattr(rig.instruments["rotation"], "stop", failing(error))
+
+    with pytest.raises(RigError, match=r"^NOT known to be at rest: rotation: "):
+        work()
     assert sorted(stopped) == ["accelerometer", "lasers_a", "lasers_b", "stage", "thermometer"]
 
 
 def test_what_could_not_be_stopped_is_told_beside_the_error_that_ended_it(
     file: config.RigFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(LinkTimeout) as ended, Rig(file) as rig:
-        monkeypatch.setattr(rig.instruments["rotation"], "stop", failing(LinkLost("rotation: no connection")))
-        raise LinkTimeout("lasers_a: nothing came")
+    def work() -> None:
+        with Rig(file) as rig:
+            monkeypatch.setattr(rig.instruments["rotation"], "stop", failing(LinkLost("rotation: no connection")))
+            raise LinkTimeout("lasers_a: nothing came")
+
+    with pytest.raises(LinkTimeout) as ended:
+        work()
     assert str(ended.value) == "lasers_a: nothing came"
     assert ended.value.__notes__ == ["NOT known to be at rest: rotation: no connection"]
 

@@ -37,7 +37,7 @@ def test_stop_is_clicked_while_a_stage_moves(serve: Any, at_console: Any) -> Non
         await seat.type("150")
         await seat.sees("▶ moving")
         await seat.pilot.click("#stop")
-        await seat.until(lambda: told(seat, "all instruments at rest"))
+        await seat.until(lambda: told(seat, "rotation: confirmed at rest ("))
         view = seat.app._holding.bench.views()[0]
         assert view.values[0].value < 149.0, "it arrived: nothing was stopped"
 
