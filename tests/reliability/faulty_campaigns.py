@@ -2,52 +2,55 @@
 
 from __future__ import annotations
 
+import functools
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rigctl import config
+from rigctl.campaign.store import Store
 from tests.reliability.campaigns import SMALL_CAMPAIGNS
 from tests.reliability.commands import here
+from tests.reliability.random_faults import as_toml, kinds_of, random_faults
+from tests.reliability.truth import wrong_number
 
 PROMISE = "A campaign under faults keeps no wrong number as valid, ends by itself, and says why in a typed message"
 
-FAULTS = {
-    "late": ", delay_s = 2.5",
-    "garbage": "",
-    "truncated": ", keep_bytes = 3",
-    "silent": "",
-    "duplicated": "",
-    "disconnect": "",
-}
-WIRELESS = "drag-free-satellite"
+WIRED = [small for small in SMALL_CAMPAIGNS.values() if small.rig != "microscope-rig.toml"]
+FAULTS = (1, 2, 3)
 
 
 def trial(seed: int, work: Path) -> dict[str, Any]:
-    """One campaign with one or two kinds of fault on one or two instruments."""
+    """One campaign with one to three faults."""
     random = np.random.default_rng(seed)
-    small = list(SMALL_CAMPAIGNS.values())[seed % 7]
-    faults = _faults(random, small.write(work).with_name("rig.toml"))
-    (work / "rig.toml").write_text(small.rig_text + faults, encoding="utf-8")
+    small = WIRED[seed % len(WIRED)]
+    rig = small.write(work).with_name("rig.toml")
+    count = int(random.choice(FAULTS))
+    faults = random_faults(seed, rig, length_s=_length_s(small.name), replies=_replies(random), faults=count)
+    heard = small.rig_text.replace("[world]\n", '[world]\nmeasured = "measured.jsonl"\n', 1)
+    rig.write_text(heard + as_toml(faults), encoding="utf-8")
     outcome = here(work, "run", "campaign.toml", "--store", "x.rig.sqlite", "--yes", "--json", "--seed", seed)
     return {
         "campaign": small.name,
-        "faults": faults,
+        "faults": kinds_of(faults),
         "status": outcome.status,
         "message": outcome.message,
-        "failed": outcome.broken(),
+        "failed": outcome.broken() or wrong_number(work / "x.rig.sqlite", work / "measured.jsonl"),
     }
 
 
-def _faults(random: np.random.Generator, rig: Path) -> str:
-    """Tables of the rig file with one or two faults."""
-    wired = [name for name, table in config.read_rig(rig).instruments.items() if table.driver != WIRELESS]
-    tables = []
-    for name in random.choice(wired, size=int(random.integers(1, 3)), replace=False):
-        kind = str(random.choice(list(FAULTS)))
-        strike = f"nth = [{random.integers(5, 400)}]" if random.random() < 0.7 else "probability = 0.003"
-        tables.append(
-            f"\n[instruments.{name}.faults]\nseed = {random.integers(1000)}\n{kind} = {{ {strike}{FAULTS[kind]} }}\n"
-        )
-    return "".join(tables)
+def _replies(random: np.random.Generator) -> int:
+    """Within how many replies a fault strikes: instruments differ much in how often they are asked."""
+    return int(10 ** random.uniform(1.0, 3.3))
+
+
+@functools.cache
+def _length_s(name: str) -> float:
+    """Rig time of the campaign without a fault."""
+    with tempfile.TemporaryDirectory() as directory:
+        work = Path(directory)
+        SMALL_CAMPAIGNS[name].write(work)
+        here(work, "run", "campaign.toml", "--store", "x.rig.sqlite", "--yes", "--seed", 1)
+        with Store.open(work / "x.rig.sqlite", readonly=True) as store:
+            return max(event.rig_time_s or 0.0 for event in store.events())

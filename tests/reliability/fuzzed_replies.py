@@ -27,9 +27,9 @@ from tests.reliability.campaigns import SHIPPED
 PROMISE = "Whatever a driver is answered, it raises nothing but typed errors, ends, and does not grow"
 
 RIGS = ("all-instruments.rig.toml", "bias-rejection-rig.toml", "one-axis.rig.toml")
-REPLIES = 20_000
+REPLIES = 60_000
 RECORDED_ACTIONS = 150
-SPOILT = 0.3
+SPOILT = (0.02, 0.1, 0.3, 1.0)
 GROWTH_MB = 64.0
 REOPENED_EVERY = 100
 SAMPLES, PERIOD_S = 10, 0.01
@@ -62,6 +62,7 @@ class Scripted:
 
     answers: Answers
     draw: random.Random
+    spoilt: float = 0.0
     sent: int = 0
     actions: int = 0
     last: list[tuple[bytes, bytes]] = field(default_factory=list)
@@ -79,7 +80,7 @@ class Scripted:
         self.sent += 1
         known = self.answers.get(request)
         reply = self.draw.choice(known or self.everything)
-        if self.draw.random() < SPOILT:
+        if self.draw.random() < self.spoilt:
             reply = self.spoil(reply)
         self.last = [*self.last[-5:], (request[:80], reply[:80])]
         return reply
@@ -170,13 +171,12 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
     drivers = _recorded()
     before_mb = _resident_mb()
     failures: list[str] = []
+    refused: dict[str, float] = {}
     told = 0
     for name, (build, answers) in drivers.items():
-        scripted = Scripted(answers, draw)
-        typed = _act(name, build, scripted, draw, failures)
+        scripted = Scripted(answers, draw, draw.choice(SPOILT))
+        refused[name] = _act(name, build, scripted, draw, failures) / scripted.actions
         told += scripted.sent
-        if not typed:
-            failures.append(f"{name}: nothing that was answered was refused")
     gc.collect()
     grown_mb = _resident_mb() - before_mb
     if grown_mb > GROWTH_MB:
@@ -186,6 +186,7 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
     return {
         "tried": told,
         "grown_mb": round(grown_mb, 1),
+        "refused": {name: round(share, 3) for name, share in refused.items()},
         "failures": len(failures),
         "failed": failures[0].splitlines()[0] if failures else "",
     }

@@ -1,0 +1,177 @@
+"""Days of rig time with faults as rare as in a laboratory: nothing grows, and every run is accounted for."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.reliability.campaigns import SHIPPED
+from tests.reliability.commands import here
+from tests.reliability.random_faults import as_toml, kinds_of, random_faults
+from tests.reliability.truth import wrong_number
+
+PROMISE = (
+    "Over a day of rig time with rare faults memory, open files and the time a run takes stay, and no run is lost"
+)
+DEADLINE_S = 600.0
+
+DAY_S = 86_400.0
+FAULTS_A_DAY = 8
+RESUMED_AT_MOST = 10
+LOOK_EVERY_S = 0.2
+GROWTH_MB = 40.0
+MORE_FILES = 4
+SLOWER = 2.0
+
+PLATFORM = """\
+experiment = "rotating-platform"
+rig = "rig.toml"
+
+[procedure]
+name = "bias-rejection"
+
+[[procedure.runs]]
+pattern = "c"
+modulation_period_s = 300.0
+periods = 12
+v_z_v = [{levels}]
+"""
+
+SCAN = """\
+experiment = "sensing-axis"
+rig = "rig.toml"
+
+[procedure]
+name = "scan"
+axes = ["X"]
+configurations = ["flag"]
+angles_deg = [-30.0, -10.0, -1.6, -0.8, 0.8, 1.6, 10.0, 30.0]
+frequencies_hz = [0.3, 0.5, 0.6]
+approaches = [1, -1]
+amplitude_mm = 5.0
+dwell_s = 60.0
+sample_rate_hz = 50.0
+repeats = 20
+
+[model]
+effects = ["roll-gravity", "resonance"]
+"""
+
+DAYS = (
+    ("bias-rejection-rig.toml", PLATFORM.format(levels=", ".join(f"{0.05 * level:.2f}" for level in range(23)))),
+    ("hidden-effect-rig.toml", SCAN),
+)
+
+
+@dataclass
+class Watch:
+    """What this process holds, and how many runs the store has, a few times a second."""
+
+    store: Path
+    seen: list[tuple[float, float, int, int]] = field(default_factory=list)
+    """Wall time [s], resident memory [MB], open files, finished runs."""
+
+    def grown(self) -> str:
+        """What grew from the second fifth to the last; "" when nothing did."""
+        rows = np.array(self.seen)
+        if len(rows) < 10:
+            return ""
+        runs = rows[:, 3]
+        early = rows[(runs >= 0.2 * runs[-1]) & (runs <= 0.4 * runs[-1])]
+        late = rows[runs >= 0.8 * runs[-1]]
+        if (growth_mb := np.median(late[:, 1]) - np.median(early[:, 1])) > GROWTH_MB:
+            return f"memory grew by {growth_mb:.0f} MB"
+        if (more := late[:, 2].max() - early[:, 2].max()) > MORE_FILES:
+            return f"{more:.0f} more files were open"
+        if (slower := _seconds_per_run(late) / _seconds_per_run(early)) > SLOWER:
+            return f"a run took {slower:.1f} times as long"
+        return ""
+
+    def look(self) -> None:
+        """One more row."""
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        resident_mb = pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+        self.seen.append((time.monotonic(), resident_mb, _open_files(), _finished(self.store)))
+
+
+def trial(seed: int, work: Path) -> dict[str, Any]:
+    """One day of one experiment, resumed by its operator whenever it ends before its time."""
+    rig, campaign = DAYS[seed % len(DAYS)]
+    (work / "campaign.toml").write_text(campaign, encoding="utf-8")
+    text = (SHIPPED / rig).read_text(encoding="utf-8")
+    (work / "rig.toml").write_text(text, encoding="utf-8")
+    faults = random_faults(seed, work / "rig.toml", length_s=DAY_S, replies=40_000, faults=FAULTS_A_DAY)
+    heard = text.replace("[world]\n", '[world]\nmeasured = "measured.jsonl"\n', 1)
+    (work / "rig.toml").write_text(heard + as_toml(faults), encoding="utf-8")
+    store = work / "x.rig.sqlite"
+    with _watched(store) as watch:
+        outcomes = [here(work, "run", "campaign.toml", "--store", store, "--yes", "--seed", seed)]
+        while outcomes[-1].status and store.exists() and len(outcomes) <= RESUMED_AT_MOST:
+            outcomes.append(here(work, "resume", store, "--yes"))
+    broken = next((broken for outcome in outcomes if (broken := outcome.broken())), "")
+    told = {
+        "rig": rig,
+        "faults": kinds_of(faults),
+        "resumed": len(outcomes) - 1,
+        "messages": [outcome.message for outcome in outcomes if outcome.status],
+        "runs": _finished(store),
+        "resident_mb": round(max((row[1] for row in watch.seen), default=0.0), 1),
+    }
+    failed = broken or watch.grown() or _unaccounted(work, store) or wrong_number(store, work / "measured.jsonl")
+    return {**told, "failed": failed}
+
+
+@contextmanager
+def _watched(store: Path) -> Iterator[Watch]:
+    watch, over = Watch(store), threading.Event()
+
+    def look() -> None:
+        while not over.wait(LOOK_EVERY_S):
+            watch.look()
+
+    thread = threading.Thread(target=look, name="watch")
+    thread.start()
+    try:
+        yield watch
+    finally:
+        over.set()
+        thread.join()
+
+
+def _open_files() -> int:
+    return sum(1 for _ in Path("/proc/self/fd").iterdir())
+
+
+def _seconds_per_run(rows: Any) -> float:
+    return float((rows[-1, 0] - rows[0, 0]) / max(rows[-1, 3] - rows[0, 3], 1.0))
+
+
+def _finished(store: Path) -> int:
+    try:
+        with closing(sqlite3.connect(f"file:{store}?mode=ro", uri=True, timeout=5.0)) as reading:
+            return int(reading.execute("SELECT count(*) FROM runs WHERE state = 'finished'").fetchone()[0])
+    except sqlite3.Error:
+        return 0
+
+
+def _unaccounted(work: Path, store: Path) -> str:
+    """Runs that were planned and are neither there nor said to be missing."""
+    status = here(work, "status", store, "--json")
+    if status.status:
+        return f"status: {status.message}"
+    told = json.loads(status.out)
+    if told["state"] != "done":
+        return f"the day ended {told['state']} after it was resumed {RESUMED_AT_MOST} times"
+    if told["runs_done"] < told["runs_planned"]:
+        return f"{told['runs_done']} of {told['runs_planned']} runs are there"
+    return ""

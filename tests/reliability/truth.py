@@ -1,0 +1,115 @@
+"""Holds a store to what the simulated instruments really measured: a stored sample is that number, or it is wrong.
+
+NaN in its place is no wrong number: the sample is missing, which an event has to tell.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.campaign.store import Store
+from simulators.measured import from_file
+
+FloatArray = NDArray[np.float64]
+
+AROUND_S = 120.0
+"""A set-point of a run is read so long before or after it at most."""
+
+ROUNDED = 1e-9
+"""Relative: what became of a number on its way through text, and of a mean of equal ones."""
+
+TELL_OF_MISSING = ("record-lost",)
+"""Events that say that samples of a run are missing."""
+
+READ_ONCE = ("theta_deg", "temperature_c")
+DERIVED = {"t_s", "moving", "theta_deg", "temperature_c", "dm1_y_v", "dm1_z_v"}
+"""Columns that are worked out from readings and set-points, not recorded."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """One channel's measurements in the order of time."""
+
+    at_s: FloatArray
+    values: FloatArray
+
+    def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The measurement next to each time, and how far from it it was made [s]."""
+        after = np.clip(np.searchsorted(self.at_s, times_s), 1, len(self.at_s) - 1)
+        before = after - 1
+        nearest = np.where(times_s - self.at_s[before] <= self.at_s[after] - times_s, before, after)
+        return self.values[nearest], np.abs(self.at_s[nearest] - times_s)
+
+    def between(self, from_s: float, until_s: float) -> FloatArray:
+        """What was measured then."""
+        return self.values[(self.at_s >= from_s) & (self.at_s <= until_s)]
+
+
+def wrong_number(store_path: Path, measured_path: Path) -> str:
+    """The first number in a valid run that no instrument measured; "" when there is none."""
+    if not store_path.exists():
+        return ""
+    truths = _truths(measured_path)
+    with Store.open(store_path, readonly=True) as store:
+        told = any(event.kind in TELL_OF_MISSING for event in store.events())
+        for run in store.runs(valid_only=True):
+            samples = store.samples(run.run_id)
+            start_s = float(run.conditions["start_s"])
+            wrong = _wrong_sample(samples, start_s, truths, told) or _wrong_reading(
+                run.conditions, samples, start_s, truths
+            )
+            if wrong:
+                return f"run {run.run_id} is valid and {wrong}"
+    return ""
+
+
+def _wrong_sample(samples: dict[str, FloatArray], start_s: float, truths: dict[str, Truth], told: bool) -> str:
+    t_s = samples["t_s"]
+    period_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 1.0
+    for name, values in samples.items():
+        if name in DERIVED:
+            continue
+        if name not in truths:
+            return f"{name} was measured by no instrument"
+        measured, apart_s = truths[name].at(start_s + t_s)
+        bad = ~np.isclose(values, measured, rtol=ROUNDED, atol=0.0, equal_nan=True) | (apart_s > 0.6 * period_s)
+        if told:
+            bad &= ~np.isnan(values)
+        if bad.any():
+            first = int(np.flatnonzero(bad)[0])
+            return (
+                f"{int(bad.sum())} of {len(values)} samples of {name} are wrong: sample {first} is {values[first]}, "
+                f"measured was {measured[first]} {apart_s[first]:.4f} s from there"
+            )
+    return ""
+
+
+def _wrong_reading(
+    conditions: dict[str, object], samples: dict[str, FloatArray], start_s: float, truths: dict[str, Truth]
+) -> str:
+    end_s = start_s + float(samples["t_s"][-1])
+    for name in READ_ONCE:
+        if name not in conditions or name not in truths:
+            continue
+        told = float(str(conditions[name]))
+        measured = truths[name].between(start_s - AROUND_S, end_s + AROUND_S)
+        if not len(measured) or not np.nanmin(measured) - 1e-6 <= told <= np.nanmax(measured) + 1e-6:
+            return f"its {name} is {told!r}, which was not measured"
+    return ""
+
+
+def _truths(path: Path) -> dict[str, Truth]:
+    pieces: dict[str, list[tuple[FloatArray, FloatArray]]] = defaultdict(list)
+    for measurement in from_file(path):
+        pieces[measurement.channel].append((measurement.at_s, measurement.values))
+    truths = {}
+    for channel, those in pieces.items():
+        at_s, values = (np.concatenate(parts) for parts in zip(*those, strict=True))
+        order = np.argsort(at_s, kind="stable")
+        truths[channel] = Truth(np.append(at_s[order], np.inf), np.append(values[order], np.nan))
+    return truths
