@@ -20,7 +20,7 @@ def random_plans(
     seed: int,
     kinds: Mapping[str, str],
     *,
-    length_s: float,
+    length_s: float = 600.0,
     replies: int = 400,
     faults: int = 3,
     serial: Collection[str] = (),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from typing import Any
+
 from simulators.faults.mishaps import SUPPORTED, InstrumentFaults
 from simulators.faults.wire import WireFaults
 
@@ -14,6 +17,12 @@ WIRE_FAULTS = tuple(name for name in WireFaults.model_fields if name != "seed")
 class FaultPlan(InstrumentFaults, WireFaults):
     """What goes wrong, and when; one plan and one seed always give the same faults."""
 
+    def as_toml(self, name: str) -> str:
+        """The table of a rig file, for the instrument NAME."""
+        entries = self.model_dump(exclude_none=True, exclude_defaults=True)
+        lines = [f"{key} = {_inline(value)}\n" for key, value in entries.items()]
+        return "".join([f"[instruments.{name}.faults]\n", *lines])
+
     def unsupported(self, kind: str, *, serial: bool) -> str:
         """Why an instrument of this kind on this wire cannot suffer it, "" when it can."""
         if self.bits is not None and not serial:
@@ -25,6 +34,12 @@ class FaultPlan(InstrumentFaults, WireFaults):
             if name not in possible and name != "seed" and getattr(self, name) is not None:
                 return f"{name}: this cannot befall a {kind}; it can have {', '.join(possible)}"
         return ""
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_inline(each)}" for key, each in value.items()) + " }"
+    return json.dumps(value)
 
 
 def faults_of(kind: str, *, serial: bool) -> list[str]:
