@@ -10,8 +10,8 @@ It never enters a store, and nothing that analyses one reads it.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,10 @@ class Measurement:
 
     instrument: str
     channel: str
-    """The run's column; a quantity that is no column has the instrument's own name for it."""
+    """The run's column; a quantity that is no column has the instrument's own name for it.
+
+    `fault KEY` tells that a fault of the instrument's plan strikes: when, and the number of the reply, if it was one.
+    """
     run: int | None
     """As the operator announced it last; None before the first."""
     record: int
@@ -131,6 +134,19 @@ def from_file(path: Path) -> Iterator[Measurement]:
                 fields = json.loads(line)
                 numbers = {key: np.array(fields[key], dtype=np.float64) for key in ("at_s", "values")}
                 yield Measurement(**{**fields, **numbers})
+
+
+def joined(measurements: Iterable[Measurement]) -> list[Measurement]:
+    """The pieces of each record put together in order of time; what was read twice counts once."""
+    pieces: dict[tuple[str, str, int | None, int], list[Measurement]] = {}
+    for each in measurements:
+        pieces.setdefault((each.instrument, each.channel, each.run, each.record), []).append(each)
+    return [_whole(of_one) for of_one in pieces.values()]
+
+
+def _whole(pieces: list[Measurement]) -> Measurement:
+    at_s, first = np.unique(np.concatenate([each.at_s for each in pieces]), return_index=True)
+    return replace(pieces[0], at_s=at_s, values=np.concatenate([each.values for each in pieces])[first])
 
 
 def _with_nulls(values: FloatArray) -> list[float | None]:

@@ -15,7 +15,7 @@ from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEns
 from simulators.benches import BENCHES, Bench
 from simulators.clock import SimulationClock
 from simulators.faults import FaultPlan, FaultyInstrument
-from simulators.faults.signals import FaultySignal, LossyTrigger
+from simulators.faults.signals import FaultySensor, LossyTrigger
 from simulators.faults.telemetry import FaultyTelemetry
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings, SimulatedLkg3001, SimulatedLkg5000
 from simulators.keysight_33500b import GeneratorSettings, Simulated33500B
@@ -107,13 +107,13 @@ class Site:
     def trigger(self) -> TriggerLine:
         """The line with the pulses of the pacing instrument."""
         missing = self.plan.missing_edges
-        return self.pace if missing is None else LossyTrigger(self.pace, missing, self.plan.seed)
+        return self.pace if missing is None else LossyTrigger(self.pace, missing, self.plan.seed, self.tap)
 
     def signal(self, signal: Signal) -> Signal:
         """A quantity of the world as its sensor gives it."""
         plan = self.plan
         spoilt = plan.stuck or plan.saturation or plan.target_lost
-        return FaultySignal(signal, plan) if spoilt else signal
+        return FaultySensor(plan, self.tap).of(signal) if spoilt else signal
 
 
 class SimulatedRig:
@@ -179,10 +179,13 @@ class SimulatedRig:
         if plan.clock_drift is not None:
             ppm = getattr(settings, "clock_ppm", 0.0) + plan.clock_drift.ppm
             settings = settings.model_copy(update={"clock_ppm": ppm})
-        instrument = build(self, spec, settings, Site(self.measured.tap(name, _columns(spec)), plan, self._pace))
+        tap = self.measured.tap(name, _columns(spec))
+        instrument = build(self, spec, settings, Site(tap, plan, self._pace))
         if isinstance(instrument, Simulated34465A):
             self._meters.append(instrument)
-        return FaultyInstrument(instrument, plan, self.clock, serial=spec.serial) if spec.faults else instrument
+        if not spec.faults:
+            return instrument
+        return FaultyInstrument(instrument, plan, self.clock, serial=spec.serial, tap=tap)
 
     def _heard_by_file(self, world: Mapping[str, Any]) -> dict[str, Any]:
         """The world without the key that says where to keep what was measured."""

@@ -12,22 +12,24 @@ from simulators.worlds.keyed_random import generator
 
 NEVER_DRAWN = frozenset({"wrong_identity"})
 """Not something that comes and goes."""
-AT_A_TIME = 0.5
-"""How many faults come at a rig time; the others by the number of the reply."""
+AT_A_TIME = 0.7
+"""How many faults of a wire come at a rig time; the others by the number of the reply."""
 
 
 def random_plans(
     seed: int,
     kinds: Mapping[str, str],
     *,
+    begin_s: float = 0.0,
     length_s: float = 600.0,
-    replies: int = 400,
+    replies: int = 2000,
     faults: int = 3,
     serial: Collection[str] = (),
 ) -> dict[str, FaultPlan]:
     """Plans for some of a rig's instruments (`kinds` by name), `faults` faults in all.
 
-    They strike within `length_s` of rig time or within the first `replies` replies. `serial` names the instruments on
+    They strike within `length_s` of rig time from `begin_s` on, or within the first `replies` replies, where few
+    are as likely as many. `serial` names the instruments on
     serial lines. The same arguments give the same plans. Over seeds every kind of fault befalls every instrument
     that can have it.
     """
@@ -37,12 +39,12 @@ def random_plans(
         name = str(random.choice(sorted(kinds)))
         table = tables.setdefault(name, {"seed": int(random.integers(1 << 31))})
         fault = str(random.choice(sorted(set(faults_of(kinds[name], serial=name in serial)) - NEVER_DRAWN)))
-        table[fault] = _drawn(fault, random, length_s, replies)
+        table[fault] = _drawn(fault, random, (begin_s, begin_s + length_s), replies)
     return {name: FaultPlan.model_validate(table) for name, table in tables.items()}
 
 
-def _drawn(fault: str, random: np.random.Generator, length_s: float, replies: int) -> dict[str, Any]:
-    at_s = round(float(random.uniform(0.0, length_s)), 3)
+def _drawn(fault: str, random: np.random.Generator, between_s: tuple[float, float], replies: int) -> dict[str, Any]:
+    at_s = round(float(random.uniform(*between_s)), 3)
     lasting_s = round(float(np.exp(random.uniform(np.log(1.0), np.log(60.0)))), 3)
     match fault:
         case "clock_drift":
@@ -57,7 +59,7 @@ def _drawn(fault: str, random: np.random.Generator, length_s: float, replies: in
             return {"between_s": [at_s, at_s + lasting_s]} if random.random() < AT_A_TIME else {"nth": [2, 3]}
         case _ if fault in WIRE_FAULTS:
             by_time = random.random() < AT_A_TIME
-            when = {"at_s": at_s} if by_time else {"nth": [int(random.integers(1, replies + 1))]}
+            when = {"at_s": at_s} if by_time else {"nth": [int(replies ** random.random())]}
             return {**when, **_wire_details(fault, random)}
         case _:
             return {"at_s": at_s, "lasting_s": lasting_s}

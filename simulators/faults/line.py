@@ -13,6 +13,7 @@ from simulators.faults.mishaps import Faultable, PowerCycle, schedule
 from simulators.faults.plan import FaultPlan
 from simulators.faults.when import Event, Occasion
 from simulators.faults.wire import Exchange
+from simulators.measured import Tap, unheard
 from simulators.wiring import Connection, SimulatedInstrument
 
 
@@ -23,13 +24,20 @@ class FaultyInstrument:
     """
 
     def __init__(
-        self, inner: SimulatedInstrument, plan: FaultPlan, clock: SimulationClock, *, serial: bool = False
+        self,
+        inner: SimulatedInstrument,
+        plan: FaultPlan,
+        clock: SimulationClock,
+        *,
+        serial: bool = False,
+        tap: Tap | None = None,
     ) -> None:
         self.kind = inner.kind
         self.plan = plan
         self._inner = inner
         self._clock = clock
         self._serial = serial
+        self._tap = tap or unheard()
         self._powered = True
         self._connections: set[FaultyConnection] = set()
         self._replies, self._attempts = (Occasions(clock) for _ in range(2))
@@ -45,7 +53,10 @@ class FaultyInstrument:
 
     def connect(self, send: Callable[[bytes], None]) -> FaultyConnection:
         """Serve one more client; one that is refused is hung up on at once."""
-        refused = self.plan.refuses(self._attempts.next())
+        attempt = self._attempts.next()
+        refused = self.plan.refuses(attempt)
+        if refused:
+            self.tell("refused", attempt)
         connection = FaultyConnection(self, send)
         if refused or not self.listening:
             connection.cut()
@@ -62,6 +73,10 @@ class FaultyInstrument:
         """One more reply sets out."""
         return self._replies.next()
 
+    def tell(self, fault: str, occasion: Occasion) -> None:
+        """Let those who listen know that a fault strikes: its rig time, and the number of the reply."""
+        self._tap.note(f"fault {fault}", occasion.at_s, occasion.number)
+
     def call_at(self, at_s: float, callback: Callable[[], None]) -> None:
         """At a rig time."""
         self._clock.call_at(at_s, callback)
@@ -72,6 +87,7 @@ class FaultyInstrument:
             for connection in self._connections:
                 connection.lose_power(ends=not self._serial)
         cast(Faultable, self._inner).befall(event)
+        self.tell(self.plan.name_of(event), Occasion(0, self._clock.now_s()))
 
     def _relieve(self, event: Event) -> None:
         cast(Faultable, self._inner).relieve(event)
@@ -104,7 +120,7 @@ class FaultyConnection:
         self._instrument = instrument
         self._plan = instrument.plan
         self._send = send
-        self._waiting: deque[tuple[Occasion, Exchange]] = deque()
+        self._waiting: deque[tuple[frozenset[str], Exchange]] = deque()
         self._release_s = 0.0
         self._cut = False
         self._command = self._previous = b""
@@ -149,13 +165,16 @@ class FaultyConnection:
 
     def _reply(self, data: bytes) -> None:
         occasion = self._instrument.next_reply()
-        exchange = Exchange(data, self._command, self._previous)
+        struck = self._plan.struck(occasion)
+        for fault in sorted(struck):
+            self._instrument.tell(fault, occasion)
+        exchange = Exchange(occasion.number, data, self._command, self._previous)
         self._previous = data
-        delay_s = self._plan.delay_s(occasion)
+        delay_s = self._plan.delay_s(struck)
         if not delay_s and not self._waiting:
-            self._deliver(occasion, exchange)
+            self._deliver(struck, exchange)
             return
-        self._waiting.append((occasion, exchange))
+        self._waiting.append((struck, exchange))
         self._release_s = max(self._release_s, occasion.at_s + delay_s)
         self._instrument.call_at(self._release_s, self._deliver_waiting)
 
@@ -163,13 +182,13 @@ class FaultyConnection:
         if self._waiting:
             self._deliver(*self._waiting.popleft())
 
-    def _deliver(self, occasion: Occasion, exchange: Exchange) -> None:
+    def _deliver(self, struck: frozenset[str], exchange: Exchange) -> None:
         if self._cut:
             return
-        if self._plan.ends_before(occasion):
+        if self._plan.ends_before(struck):
             self._cut = True
             return
-        for copy in self._plan.copies(occasion, exchange):
+        for copy in self._plan.copies(struck, exchange):
             self._send(copy)
-        if self._plan.ends_after(occasion):
+        if self._plan.ends_after(struck):
             self._cut = True

@@ -91,6 +91,10 @@ class InstrumentFaults(Table):
     clock_jump: ClockJump | None = None
     clock_drift: ClockDrift | None = None
 
+    def name_of(self, event: Event) -> str:
+        """The key of an event of this plan."""
+        return next(name for name in INSTRUMENT_FAULTS if getattr(self, name) is event)
+
     def told(self) -> Iterator[Event]:
         """What the instrument is told of."""
         for name in INSTRUMENT_FAULTS:

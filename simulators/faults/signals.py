@@ -2,51 +2,64 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from simulators.faults.mishaps import InstrumentFaults, MissingEdges
+from simulators.measured import Tap
 from simulators.wiring import FloatArray, Signal, TriggerLine
 from simulators.worlds.keyed_random import generator, uniform_of_integers
 
 
-class FaultySignal:
-    """A signal as a sensor gives it that suffers `plan`: NaN without a target, infinite when saturated."""
+class FaultySensor:
+    """A sensor that suffers `plan`: it gives NaN without a target, `saturated` with its sign beyond its range."""
 
-    def __init__(self, signal: Signal, plan: InstrumentFaults) -> None:
-        self._signal = signal
+    def __init__(self, plan: InstrumentFaults, tap: Tap, saturated: float = math.inf) -> None:
         self._plan = plan
+        self._tap = tap
+        self._saturated = saturated
         self._stuck_at: dict[float, float] = {}
+        self._told: set[tuple[str, float]] = set()
 
-    def __call__(self, times_s: FloatArray) -> FloatArray:
-        """The values at rig times, same shape."""
-        plan = self._plan
-        values = np.asarray(self._signal(times_s), dtype=np.float64)
-        if plan.stuck is not None:
-            values = self._held(plan.stuck.strikes_at(plan.seed, times_s), values)
-        if plan.saturation is not None:
-            struck = ~np.isnan(plan.saturation.strikes_at(plan.seed, times_s)) & ~np.isnan(values)
-            values = np.where(struck, np.copysign(np.inf, values), values)
-        if plan.target_lost is not None:
-            values = np.where(np.isnan(plan.target_lost.strikes_at(plan.seed, times_s)), values, np.nan)
+    def gives(self, times_s: FloatArray, values: FloatArray) -> FloatArray:
+        """What it makes of true values at rig times, same shape."""
+        values = values.copy()
+        for begin_s, struck in self._stretches("stuck", times_s):
+            values[struck] = self._stuck_at.setdefault(begin_s, float(values[struck].flat[0]))
+        for _, struck in self._stretches("saturation", times_s):
+            values[struck] = np.copysign(self._saturated, values[struck]) + 0.0 * values[struck]
+        for _, struck in self._stretches("target_lost", times_s):
+            values[struck] = np.nan
         return values
 
-    def _held(self, since_s: FloatArray, values: FloatArray) -> FloatArray:
-        """In each stretch the value it showed first."""
-        held = values.copy()
-        for begin_s in np.unique(since_s[~np.isnan(since_s)]):
-            struck = since_s == begin_s
-            held[struck] = self._stuck_at.setdefault(float(begin_s), float(values[struck][0]))
-        return held
+    def of(self, signal: Signal) -> Signal:
+        """A signal as it gives it."""
+        return lambda times_s: self.gives(times_s, np.asarray(signal(times_s), dtype=np.float64))
+
+    def _stretches(self, fault: str, times_s: FloatArray) -> list[tuple[float, np.ndarray]]:
+        event = getattr(self._plan, fault)
+        if event is None:
+            return []
+        begins_s = event.strikes_at(self._plan.seed, times_s)
+        found = [(float(each), begins_s == each) for each in np.unique(begins_s[~np.isnan(begins_s)])]
+        for begin_s, struck in found:
+            if (fault, begin_s) not in self._told:
+                self._told.add((fault, begin_s))
+                self._tap.note(f"fault {fault}", float(times_s[struck].min()), 0.0)
+        return found
 
 
 class LossyTrigger(TriggerLine):
     """A trigger line of which not every edge arrives."""
 
-    def __init__(self, line: TriggerLine, missing: MissingEdges, seed: int) -> None:
+    def __init__(self, line: TriggerLine, missing: MissingEdges, seed: int, tap: Tap) -> None:
         super().__init__()
         self._line = line
         self._missing = missing
         self._seed = seed
+        self._tap = tap
+        self._told_until_s = -math.inf
         self._salt = int(generator(seed, "missing edges").integers(1 << 62))
 
     def edges(self, after_s: float, until_s: float) -> FloatArray:
@@ -54,4 +67,12 @@ class LossyTrigger(TriggerLine):
         edges = self._line.edges(after_s, until_s)
         spell = ~np.isnan(self._missing.strikes_at(self._seed, edges))
         drawn = 0.5 + 0.5 * uniform_of_integers(self._salt, np.round(1e6 * edges).astype(np.int64))
-        return edges[~(spell & (drawn < self._missing.share))]
+        lost = spell & (drawn < self._missing.share)
+        self._tell(edges[lost])
+        return edges[~lost]
+
+    def _tell(self, lost_s: FloatArray) -> None:
+        new_s = lost_s[lost_s > self._told_until_s]
+        if new_s.size:
+            self._told_until_s = float(new_s[-1])
+            self._tap.note("fault missing_edges", new_s, np.zeros_like(new_s))

@@ -12,6 +12,7 @@ from rigctl.errors import LinkLost
 from simulators.clock import SimulationClock
 from simulators.faults.line import Occasions
 from simulators.faults.plan import FaultPlan
+from simulators.faults.signals import FaultySensor
 from simulators.faults.when import Occasion
 from simulators.measured import Tap
 from simulators.wiring import FloatArray
@@ -56,7 +57,11 @@ class FaultyTelemetry:
         self._packets = Occasions(clock)
         self._under_way: deque[tuple[float, FloatArray]] = deque()
         self._began_s = 0.0
-        self._stuck_at: dict[float, FloatArray] = {}
+        self._sensors = {
+            place: FaultySensor(plan, tap, FULL_SCALE_M_S2)
+            for place, name in enumerate(self.columns)
+            if name.startswith("m")
+        }
 
     @property
     def sample_period_s(self) -> float:
@@ -86,29 +91,22 @@ class FaultyTelemetry:
         return np.concatenate(come)
 
     def _send(self, rows: FloatArray, occasion: Occasion) -> None:
-        plan = self._plan
-        if plan.ends_before(occasion) or plan.ends_after(occasion):
+        plan, struck = self._plan, self._plan.struck(occasion)
+        for fault in sorted(struck):
+            self._tap.note(f"fault {fault}", occasion.at_s, occasion.number)
+        if "disconnect" in struck:
             raise LinkLost("ground segment (simulated): no connection to the satellite; wait for the next contact")
-        if plan.silent is not None and plan.silent.strikes(plan.seed, occasion):
+        if "silent" in struck:
             return
-        twice = plan.duplicated is not None and plan.duplicated.strikes(plan.seed, occasion)
         before_s = self._under_way[-1][0] if self._under_way else 0.0
-        come_s = max(occasion.at_s + plan.delay_s(occasion), before_s)
-        self._under_way.extend([(come_s, rows)] * (1 + twice))
+        come_s = max(occasion.at_s + plan.delay_s(struck), before_s)
+        self._under_way.extend([(come_s, rows)] * (2 if "duplicated" in struck else 1))
 
     def _sensed(self, rows: FloatArray) -> FloatArray:
         """The rows with what sensors suffer."""
-        plan, times_s = self._plan, self._began_s + rows[:, 0]
-        sensors = np.flatnonzero([name.startswith("m") for name in self.columns])
-        if plan.stuck is not None:
-            since_s = plan.stuck.strikes_at(plan.seed, times_s)
-            for begin_s in np.unique(since_s[~np.isnan(since_s)]):
-                struck = since_s == begin_s
-                first = self._stuck_at.setdefault(float(begin_s), rows[struck][0, sensors])
-                rows[np.ix_(np.flatnonzero(struck), sensors)] = first
-        if plan.saturation is not None:
-            struck = np.flatnonzero(~np.isnan(plan.saturation.strikes_at(plan.seed, times_s)))
-            rows[np.ix_(struck, sensors)] = np.copysign(FULL_SCALE_M_S2, rows[np.ix_(struck, sensors)])
+        times_s = self._began_s + rows[:, 0]
+        for place, sensor in self._sensors.items():
+            rows[:, place] = sensor.gives(times_s, rows[:, place])
         for column, values in zip(self.columns, rows.T, strict=True):
             self._tap.note(column, rows[:, 0], values)
         return rows

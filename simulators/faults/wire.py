@@ -6,6 +6,7 @@ so that a driver that reconnects does not meet the same fault again.
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -102,6 +103,7 @@ class WrongIdentity(Table):
 class Exchange:
     """A reply with what went before it on the same connection."""
 
+    number: int
     reply: bytes
     command: bytes = b""
     previous: bytes = b""
@@ -125,17 +127,9 @@ class WireFaults(Table):
     refused: Refused | None = None
     wrong_identity: WrongIdentity | None = None
 
-    def delay_s(self, occasion: Occasion) -> float:
-        """How much later a reply comes [rig s]."""
-        return self.late.delay_s if self.late is not None and self._strikes(self.late, occasion) else 0.0
-
-    def ends_before(self, occasion: Occasion) -> bool:
-        """True when the connection ends before a reply."""
-        return self._disconnects(occasion, before=True)
-
-    def ends_after(self, occasion: Occasion) -> bool:
-        """True when the connection ends after a reply."""
-        return self._disconnects(occasion, before=False)
+    def struck(self, occasion: Occasion) -> frozenset[str]:
+        """Which faults strike a reply."""
+        return frozenset(name for name in REPLY_FAULTS if self._strikes(getattr(self, name), occasion))
 
     def refuses(self, attempt: Occasion) -> bool:
         """True when an attempt to connect is refused."""
@@ -146,65 +140,74 @@ class WireFaults(Table):
         closed = self.refused is not None and self.refused.closes_the_port
         return not (closed and self.refuses(Occasion(0, now_s)))
 
-    def copies(self, occasion: Occasion, exchange: Exchange) -> tuple[bytes, ...]:
+    def delay_s(self, struck: Container[str]) -> float:
+        """How much later a reply comes [rig s]."""
+        return self.late.delay_s if self.late is not None and "late" in struck else 0.0
+
+    def ends_before(self, struck: Container[str]) -> bool:
+        """True when the connection ends before a reply."""
+        return "disconnect" in struck and self.disconnect is not None and self.disconnect.before
+
+    def ends_after(self, struck: Container[str]) -> bool:
+        """True when the connection ends after a reply."""
+        return "disconnect" in struck and not self.ends_before(struck)
+
+    def copies(self, struck: Container[str], exchange: Exchange) -> tuple[bytes, ...]:
         """What is sent in place of a reply, piece by piece: nothing, itself, or spoilt, with more around it."""
-        if self._strikes(self.silent, occasion):
+        if "silent" in struck:
             return ()
-        sent = [self._spoilt(occasion, exchange.reply)]
-        if self._strikes(self.duplicated, occasion):
+        sent = [self._spoilt(struck, exchange.number, exchange.reply)]
+        if "duplicated" in struck:
             sent *= 2
-        if self.previous is not None and exchange.previous and self._strikes(self.previous, occasion):
+        if "previous" in struck and self.previous is not None and exchange.previous:
             sent = [exchange.previous] if self.previous.instead else [exchange.previous, *sent]
-        if exchange.command and self._strikes(self.echo, occasion):
+        if "echo" in struck and exchange.command:
             sent = [exchange.command, *sent]
         return tuple(sent)
 
     def _strikes(self, fault: Fault | None, occasion: Occasion) -> bool:
         return fault is not None and fault.strikes(self.seed, occasion)
 
-    def _disconnects(self, occasion: Occasion, *, before: bool) -> bool:
-        return (
-            self.disconnect is not None
-            and self.disconnect.before == before
-            and self._strikes(self.disconnect, occasion)
-        )
-
-    def _spoilt(self, occasion: Occasion, reply: bytes) -> bytes:
+    def _spoilt(self, struck: Container[str], number: int, reply: bytes) -> bytes:
         if self.wrong_identity is not None:
             reply = reply.replace(self.wrong_identity.text.encode(), self.wrong_identity.instead.encode())
-        if self._strikes(self.garbage, occasion):
-            reply = self._gibberish(occasion, reply)
-        if self.non_ascii is not None and self._strikes(self.non_ascii, occasion):
-            reply = self._with_strays(occasion, reply, self.non_ascii.stray_bytes)
-        if self.bits is not None and self._strikes(self.bits, occasion):
-            reply = self._flipped(occasion, reply, self.bits.flips)
-        if self._strikes(self.wrong_terminator, occasion):
+        if "garbage" in struck:
+            reply = self._gibberish(number, reply)
+        if "non_ascii" in struck and self.non_ascii is not None:
+            reply = self._with_strays(number, reply, self.non_ascii.stray_bytes)
+        if "bits" in struck and self.bits is not None:
+            reply = self._flipped(number, reply, self.bits.flips)
+        if "wrong_terminator" in struck:
             body, end = parted(reply)
             reply = body + TERMINATORS.get(end, b"")
-        if self.truncated is not None and self._strikes(self.truncated, occasion):
+        if "truncated" in struck and self.truncated is not None:
             kept = self.truncated.keep_bytes
             reply = reply[: len(reply) // 2 if kept is None else kept]
         return reply
 
-    def _gibberish(self, occasion: Occasion, reply: bytes) -> bytes:
+    def _gibberish(self, number: int, reply: bytes) -> bytes:
         body, end = parted(reply)
-        chosen = generator(self.seed, "gibberish", occasion.number).integers(0, len(GIBBERISH), len(body))
+        chosen = generator(self.seed, "gibberish", number).integers(0, len(GIBBERISH), len(body))
         return bytes(GIBBERISH[each] for each in chosen) + end
 
-    def _with_strays(self, occasion: Occasion, reply: bytes, count: int) -> bytes:
-        random = generator(self.seed, "stray", occasion.number)
+    def _with_strays(self, number: int, reply: bytes, count: int) -> bytes:
+        random = generator(self.seed, "stray", number)
         strays = bytes(int(each) for each in random.integers(*STRAY, count))
         body, _ = parted(reply)
         binary = reply.startswith(b"#") or not reply.isascii()
         place = 0 if binary else int(random.integers(0, len(body) + 1))
         return reply[:place] + strays + reply[place:]
 
-    def _flipped(self, occasion: Occasion, reply: bytes, count: int) -> bytes:
-        random = generator(self.seed, "flip", occasion.number)
+    def _flipped(self, number: int, reply: bytes, count: int) -> bytes:
+        random = generator(self.seed, "flip", number)
         flipped = bytearray(reply)
         for place in random.choice(8 * len(reply), size=min(count, 8 * len(reply)), replace=False):
             flipped[place // 8] ^= 1 << (place % 8)
         return bytes(flipped)
+
+
+REPLY_FAULTS = tuple(name for name in WireFaults.model_fields if name not in ("seed", "refused", "wrong_identity"))
+"""What strikes some replies and not others."""
 
 
 def parted(reply: bytes) -> tuple[bytes, bytes]:

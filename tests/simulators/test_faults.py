@@ -14,6 +14,7 @@ from simulators.clock import VirtualClock
 from simulators.faults import FaultPlan, FaultyInstrument
 from simulators.faults.when import Event, Occasion, Spell
 from simulators.faults.wire import Exchange
+from simulators.measured import Measured
 
 WORDS = [b"alpha\n", b"beta\n", b"gamma\n", b"delta\n"]
 
@@ -168,7 +169,7 @@ def test_a_client_that_left_gets_no_late_reply() -> None:
 
 def struck(seed: int, **tables: object) -> list[int]:
     plan = FaultPlan.model_validate({"seed": seed, **tables})
-    return [n for n in range(1, 2001) if not plan.copies(Occasion(n), Exchange(b"x"))]
+    return [n for n in range(1, 2001) if "silent" in plan.struck(Occasion(n))]
 
 
 def test_probabilities_are_met_and_the_seed_decides_which_replies() -> None:
@@ -181,7 +182,7 @@ def test_probabilities_are_met_and_the_seed_decides_which_replies() -> None:
 def test_faults_of_one_seed_strike_independently() -> None:
     plan = FaultPlan.model_validate({"silent": {"probability": 0.5}, "late": {"probability": 0.5, "delay_s": 1.0}})
     occasions = [Occasion(n) for n in range(1, 1001)]
-    both = sum(not plan.copies(each, Exchange(b"x")) and plan.delay_s(each) > 0.0 for each in occasions)
+    both = sum(plan.struck(each) == {"silent", "late"} for each in occasions)
     assert 200 < both < 300
 
 
@@ -264,6 +265,10 @@ def test_nobody_listens_for_a_time() -> None:
     assert there == [True, False, False, True]
 
 
+def sent(plan: FaultPlan, number: int, reply: bytes) -> tuple[bytes, ...]:
+    return plan.copies(plan.struck(Occasion(number)), Exchange(number, reply))
+
+
 BINARY = b"#216" + bytes(range(16)) + b"\n"
 
 
@@ -271,9 +276,9 @@ BINARY = b"#216" + bytes(range(16)) + b"\n"
 def test_garbage_and_strays_can_be_told_from_a_reply_and_come_again(reply: bytes, seed: int) -> None:
     for key in ("garbage", "non_ascii"):
         plan = FaultPlan.model_validate({"seed": seed, key: {"nth": [1]}})
-        (spoilt,) = plan.copies(Occasion(1), Exchange(reply))
-        assert plan.copies(Occasion(1), Exchange(reply)) == (spoilt,)
-        assert plan.copies(Occasion(2), Exchange(reply)) == (reply,)
+        (spoilt,) = sent(plan, 1, reply)
+        assert sent(plan, 1, reply) == (spoilt,)
+        assert sent(plan, 2, reply) == (reply,)
         if key == "garbage":
             assert len(spoilt) == len(reply)
             assert not set(spoilt.rstrip(b"\n").removesuffix(b",EndOfAPI")) & set(b"0123456789+-.,#EeinfINFnaNA")
@@ -288,11 +293,11 @@ def test_garbage_and_strays_can_be_told_from_a_reply_and_come_again(reply: bytes
 @given(reply=st.binary(min_size=1, max_size=50), flips=st.integers(1, 60), seed=st.integers(0, 5))
 def test_exactly_so_many_bits_are_turned(reply: bytes, flips: int, seed: int) -> None:
     plan = FaultPlan.model_validate({"seed": seed, "bits": {"nth": [1], "flips": flips}})
-    (flipped,) = plan.copies(Occasion(1), Exchange(reply))
+    (flipped,) = sent(plan, 1, reply)
     assert len(flipped) == len(reply)
     turned = sum((a ^ b).bit_count() for a, b in zip(flipped, reply, strict=True))
     assert turned == min(flips, 8 * len(reply))
-    assert plan.copies(Occasion(1), Exchange(reply)) == (flipped,)
+    assert sent(plan, 1, reply) == (flipped,)
 
 
 @pytest.mark.parametrize(
@@ -366,3 +371,30 @@ def test_what_lasts_is_still_on_for_an_instrument_made_in_its_midst() -> None:
     assert not faulty.listening
     clock.sleep_s(22.5)
     assert faulty.listening
+
+
+def test_who_listens_hears_which_faults_struck() -> None:
+    clock = VirtualClock()
+    measured = Measured()
+    kept = measured.keep()
+    plan = FaultPlan.model_validate(
+        {
+            "late": {"nth": [2], "delay_s": 0.5},
+            "silent": {"at_s": 4.0},
+            "refused": {"nth": [2]},
+            "limit_hit": {"at_s": 6.0},
+        }
+    )
+    faulty = FaultyInstrument(Parrot(), plan, clock, tap=measured.tap("parrot"))
+    connection = faulty.connect(lambda _: None)
+    for at_s in (1.0, 2.0, 3.0, 5.0, 7.0):
+        clock.sleep_s(at_s - clock.now_s())
+        connection.receive(b"alpha\n")
+    faulty.connect(lambda _: None)
+    told = [(each.channel, each.at_s[0], each.values[0]) for each in kept]
+    assert told == [
+        ("fault late", 2.0, 2),
+        ("fault silent", 5.0, 4),
+        ("fault limit_hit", 6.0, 0),
+        ("fault refused", 7.0, 2),
+    ]

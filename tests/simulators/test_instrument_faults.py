@@ -574,6 +574,7 @@ def test_sensors_in_orbit_saturate_and_get_stuck() -> None:
     came, truth = telemetry(saturation={"at_s": 12.0, "lasting_s": 3.0})
     assert came[1] == pytest.approx([1e-8, 1.1e-8, 1e-6, 1e-6, 1e-6, *(1e-9 * t for t in range(15, 20))])
     assert joined(came) == truth
+    assert telemetry(saturation={"at_s": 500.0})[0] == telemetry()[0]
     came, truth = telemetry(stuck={"at_s": 18.0, "lasting_s": 5.0})
     assert joined(came)[17:24] == pytest.approx([1.7e-8, *[1.8e-8] * 5, 2.3e-8])
     assert joined(came) == truth

@@ -12,7 +12,7 @@ from rigctl import config
 from rigctl.errors import ConfigError
 from rigctl.rig import Rig
 from rigctl.serving import Served
-from simulators.measured import Measured, Measurement, from_file, into_file
+from simulators.measured import Measured, Measurement, from_file, into_file, joined
 
 RIG = Path(__file__).parent.parent.parent / "campaigns" / "all-instruments.rig.toml"
 SAMPLES, PERIOD_S = 150, 0.004
@@ -133,6 +133,20 @@ def test_a_file_holds_the_same(tmp_path: Path) -> None:
         np.testing.assert_array_equal(written.values, told.values)
     assert kept[0].channel == "laser_1_mm"
     assert np.isnan(kept[0].values[1:]).all()
+
+
+def test_pieces_of_a_record_are_put_together() -> None:
+    measured = Measured()
+    kept = measured.keep()
+    tap = measured.tap("stage")
+    for first_s in (3.0, 1.0, 3.0):
+        tap.note("x", [first_s, first_s + 1.0], [10.0 * first_s, 10.0 * first_s + 10.0])
+    tap.begin()
+    tap.note("x", 9.0, 90.0)
+    one, other = joined(kept)
+    assert one.at_s.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert one.values.tolist() == [10.0, 20.0, 30.0, 40.0]
+    assert (other.record, other.values.tolist()) == (1, [90.0])
 
 
 @pytest.mark.parametrize("how", ["world", "served"])
