@@ -20,6 +20,7 @@ from pydantic import BaseModel, Field, ValidationError
 from rigctl.core.bounds import TOML_BYTES, amount
 from rigctl.core.messages import one_line
 from rigctl.core.numbers import MAGNITUDE_MAX
+from rigctl.core.plausible import flaw_of_constant
 from rigctl.core.reading import TooLarge, read_regular
 from rigctl.core.toml import TomlFlaw, parsed
 from rigctl.errors import ConfigError
@@ -179,7 +180,11 @@ def parse_rig(text: str, path: Path) -> RigFile:
     """Check a rig file's text as kept in a store; `ConfigError`."""
     data = _parse(text, path)
     _require_separable_world(text, path)
-    return _file(RigFile, text, data, path)
+    file = _file(RigFile, text, data, path)
+    for name, constant in file.constants.items():
+        if flaw := flaw_of_constant(name, constant.value):
+            raise ConfigError(one_line(f"{path}: constants.{name}.value {flaw}"))
+    return file
 
 
 def read_campaign(path: Path) -> CampaignFile:

@@ -13,6 +13,8 @@ import numpy as np
 from rigctl.campaign.bundle_layout import Layout
 from rigctl.campaign.recording import ChannelInfo
 from rigctl.campaign.sample_file import SampleFile
+from rigctl.campaign.units import unit_of_column
+from rigctl.core.plausible import possible_range
 from rigctl.interfaces import FloatArray
 
 JITTER = 0.05
@@ -25,6 +27,9 @@ GAP = 1.5
 """A step of time longer than this many median steps is a gap."""
 
 RATE_TOLERANCE = 0.01
+
+STEP_MIN_S, STEP_MAX_S = 1e-9, 1e6
+"""What a recorder of motion takes between two samples: a nanosecond to twelve days."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +45,15 @@ def check_samples(
     conditions: Mapping[str, Any],
     file: SampleFile,
     channels: Mapping[str, ChannelInfo],
+    constants: Mapping[str, float],
     *,
     declared_valid: bool,
 ) -> Findings:
     """What is wrong with the samples of a run.
 
     `DataError` for what cannot be a recording: columns missing, a time base that is none, a run shorter than
-    its period. A run its recorder had given up already may be short or empty.
+    its period, a column in another unit than its name says.
+    A run its recorder had given up already may be short or empty.
     """
     _require_columns(file, layout.samples_of(conditions))
     t_s = file.columns["t_s"]
@@ -61,10 +68,16 @@ def check_samples(
         *_time_base(t_s, step_s),
         *_missing(file, [name for name in layout.samples_of(conditions) if name not in {"t_s", "moving"}]),
         *_saturated(file, channels, _moving(file)),
+        *_impossible(file),
     ]
     (remarks if layout.handles_missing else invalid).extend(masked)
     invalid.extend(_wholly_missing(file, layout.samples_of(conditions)) if layout.handles_missing else ())
     remarks.extend(_rate(conditions, step_s))
+    if declared_valid and not invalid:
+        units = layout.units_of(conditions, file.columns, constants)
+        if units.slip:
+            raise file.place.error(units.slip, 1 if file.text is not None else None)
+        remarks.extend(units.remarks)
     return Findings(tuple(invalid), tuple(remarks))
 
 
@@ -89,7 +102,10 @@ def _require_time(file: SampleFile, t_s: FloatArray) -> float:
         raise file.error(
             f"time does not go on: t_s {t_s[at]:.9g} follows {t_s[at - 1]:.9g}; sort or repair the samples", at
         )
-    return float(np.median(steps)) if steps.size else 0.0
+    step_s = float(np.median(steps)) if steps.size else 0.0
+    if steps.size and not STEP_MIN_S <= step_s <= STEP_MAX_S:
+        raise file.error(f"samples are {step_s:.4g} s apart, as no recorder takes them; write t_s in seconds", 0)
+    return step_s
 
 
 def _too_short(t_s: FloatArray, step_s: float, period_s: float) -> str | None:
@@ -160,6 +176,19 @@ def _saturated(file: SampleFile, channels: Mapping[str, ChannelInfo], moving: Fl
                 f"{name}: {int(past.sum())} of {past.size} samples saturated "
                 f"(full scale {channel.full_scale:g} {channel.unit}), first in {first}"
             )
+    return found
+
+
+def _impossible(file: SampleFile) -> list[str]:
+    """Readings that their unit cannot have, such as a temperature below absolute zero."""
+    found = []
+    for name, values in file.columns.items():
+        unit = unit_of_column(name)
+        low, high = possible_range(unit)
+        wrong = (values < low) | (values > high)
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            found.append(f"{name}: {values[at]:g} in {file.where(at)} can be no reading in {unit}")
     return found
 
 

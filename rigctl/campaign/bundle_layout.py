@@ -7,7 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from rigctl.campaign import unit_checks
 from rigctl.core.numbers import NotMeasurable, decimal_or_missing
+from rigctl.core.plausible import ABSOLUTE_ZERO_C, ANGLE_MAX_DEG, HOTTEST_C
+
+_COUNT_MAX = 10**9
 
 FACES = ("x", "y", "z", "-x", "-y", "-z")
 
@@ -27,13 +31,16 @@ class Layout:
 
     `samples` are the columns every run file has; `samples_of` those of one run with its conditions.
     `flaw_of_run` says why a row of runs.csv contradicts itself, None when it does not. `period_of` is the
-    time [s] a run must at least last. `handles_missing`: the analysis masks gaps and missing samples itself.
+    time [s] a run must at least last.
+    `units_of` compares what was asked for with what the samples show. `handles_missing`: the analysis masks gaps
+    and missing samples itself.
     """
 
     fields: Mapping[str, Field]
     samples_of: Callable[[Mapping[str, Any]], tuple[str, ...]]
     flaw_of_run: Callable[[Mapping[str, Any]], str | None]
     period_of: Callable[[Mapping[str, Any]], float]
+    units_of: Callable[[Mapping[str, Any], unit_checks.Columns, Mapping[str, float]], unit_checks.UnitFindings]
     constants: tuple[str, ...] = ()
     handles_missing: bool = False
 
@@ -57,10 +64,34 @@ def not_negative(text: str) -> float:
     return value
 
 
+def positive(text: str) -> float:
+    """A number above 0."""
+    value = number(text)
+    if value <= 0:
+        raise ValueError("a number above 0")
+    return value
+
+
+def angle_deg(text: str) -> float:
+    """What a stage can turn to."""
+    value = number(text)
+    if abs(value) > ANGLE_MAX_DEG:
+        raise ValueError(f"an angle in degrees, at most {ANGLE_MAX_DEG:g}")
+    return value
+
+
+def temperature_c(text: str) -> float:
+    """Not below absolute zero."""
+    value = number(text)
+    if not ABSOLUTE_ZERO_C <= value <= HOTTEST_C:
+        raise ValueError(f"a temperature in degrees Celsius, {ABSOLUTE_ZERO_C:g} to {HOTTEST_C:g}")
+    return value
+
+
 def whole_number(text: str) -> int:
     """An integer, perhaps written by a spreadsheet as 1.0."""
     value = number(text)
-    if not value.is_integer():
+    if not value.is_integer() or abs(value) > _COUNT_MAX:
         raise ValueError("a whole number")
     return int(value)
 
@@ -92,7 +123,7 @@ def one_of(*choices: str) -> Callable[[str], str]:
 
 face = one_of(*FACES)
 _NUMBER = Field(number)
-_COMMON = {"temperature_c": _NUMBER, "start_s": _NUMBER, "valid": Field(flag)}
+_COMMON = {"temperature_c": Field(temperature_c), "start_s": _NUMBER, "valid": Field(flag)}
 
 
 def _no_flaw(_: Mapping[str, Any]) -> str | None:
@@ -100,8 +131,7 @@ def _no_flaw(_: Mapping[str, Any]) -> str | None:
 
 
 def _drive_period(run: Mapping[str, Any]) -> float:
-    frequency = run["frequency_hz"]
-    return 1 / frequency if frequency > 0 else 0.0
+    return 1 / float(run["frequency_hz"])
 
 
 SENSING_AXIS = Layout(
@@ -109,14 +139,15 @@ SENSING_AXIS = Layout(
         "axis": Field(one_of("X", "Y", "Z"), required=True),
         "configuration": Field(one_of("pendulum", "flag"), required=True),
         "mounting": Field(whole_number, required=True),
-        "theta_deg": Field(number, required=True),
+        "theta_deg": Field(angle_deg, required=True),
         "approach": Field(sign),
-        "frequency_hz": Field(not_negative, required=True),
+        "frequency_hz": Field(positive, required=True),
         "amplitude_mm": Field(not_negative),
         **_COMMON,
     },
     samples_of=lambda _: ("t_s", "stage_x_mm", "accel_v"),
     flaw_of_run=_no_flaw,
+    units_of=unit_checks.sensing_axis,
     period_of=_drive_period,
 )
 
@@ -148,7 +179,7 @@ ROTATING_PLATFORM = Layout(
     fields={
         "pattern": Field(one_of(*MODULATED, "flip", "scan", "noise"), required=True),
         "modulation_period_s": Field(not_negative),
-        "sample_rate_hz": Field(not_negative),
+        "sample_rate_hz": Field(positive),
         "external": Field(one_of("constant", "sine", "triangle"), missing=""),
         "v_z_v": _NUMBER,
         "external_period_s": Field(not_negative),
@@ -157,6 +188,7 @@ ROTATING_PLATFORM = Layout(
     },
     samples_of=_platform_samples,
     flaw_of_run=_platform_flaw,
+    units_of=unit_checks.rotating_platform,
     period_of=_modulation_period,
     constants=(
         "g_m_s2",
@@ -197,7 +229,7 @@ INFLIGHT = Layout(
     fields={
         "session": Field(one_of(*_UNINJECTED, *_AMPLITUDE_UNITS), required=True),
         "orbits": Field(not_negative),
-        "sample_period_s": Field(not_negative),
+        "sample_period_s": Field(positive),
         "calibration_frequency_hz": Field(not_negative),
         "amplitude": _NUMBER,
         "amplitude_unit": Field(one_of("m/s2", "rad", "m"), missing=""),
@@ -211,6 +243,7 @@ INFLIGHT = Layout(
         *(f"{name}_{axis}" for name in ("dw", "att", "command") for axis in "xyz"),
     ),
     flaw_of_run=_session_flaw,
+    units_of=unit_checks.inflight,
     period_of=_injected_period,
     constants=("orbit_period_s", "eccentricity"),
     handles_missing=True,

@@ -19,6 +19,7 @@ from rigctl.campaign.recording_toml import read_header
 from rigctl.campaign.sample_file import SUFFIXES, SampleFile, read_sample_file
 from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
 from rigctl.core.numbers import decimal_or_missing, is_missing
+from rigctl.core.plausible import doubt_of_constant
 from rigctl.interfaces import FloatArray
 
 RunWithSamples = tuple[RunRecord, Mapping[str, FloatArray]]
@@ -76,7 +77,9 @@ class BundleReader:
     def _checked(self, layout: Layout, run_id: str, row: Mapping[str, Any], file: SampleFile) -> RunRecord:
         conditions = {name: value for name, value in row.items() if name not in {"valid", "reason"}}
         declared = row.get("valid", True) is not False
-        findings = check_samples(layout, conditions, file, self.header.channels, declared_valid=declared)
+        findings = check_samples(
+            layout, conditions, file, self.header.channels, self.header.constants, declared_valid=declared
+        )
         said = str(row.get("reason", ""))
         reasons = [said] if said else [] if declared else ["marked invalid in runs.csv"]
         reasons += [found for found in (*findings.invalid, *findings.remarks) if found not in said]
@@ -143,6 +146,9 @@ class BundleReader:
 
     def _warn_of_the_header(self, layout: Layout) -> None:
         place = self._files.place(HEADER_FILE)
+        for name, value in self.header.constants.items():
+            if doubt := doubt_of_constant(name, value):
+                self._warnings.append(str(place.error(f"[constants] {name} {doubt}")))
         for name in layout.constants:
             if name not in self.header.constants:
                 self._warnings.append(str(place.error(f"[constants] has no {name}; add it before you fit")))

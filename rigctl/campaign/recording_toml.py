@@ -12,8 +12,11 @@ from rigctl.campaign.place import Place
 from rigctl.campaign.recording import EXPERIMENTS, ChannelInfo, Header, LaserInfo, TableSpec
 from rigctl.campaign.toml_document import TomlDocument, parse_toml, to_toml
 from rigctl.campaign.units import same_unit, unit_of_column
+from rigctl.core.numbers import MAGNITUDE_MAX
+from rigctl.core.plausible import flaw_of_constant
 
 FORMAT = 1
+TILT_MAX_DEG = 90.0
 _NAMED = {"format", "experiment", "title", "started", "constants", "channels", "lasers"}
 _ELSEWHERE = {"patterns"}
 
@@ -34,8 +37,7 @@ def read_header(place: Place, data: bytes) -> Header:
         title=_text(document, ("title",), document.data.get("title", "")),
         started=_started(document),
         constants={
-            name: _number(document, ("constants", name), value)
-            for name, value in _section(document, ("constants",)).items()
+            name: _constant(document, name, value) for name, value in _section(document, ("constants",)).items()
         },
         channels={name: _channel(document, name) for name in _section(document, ("channels",))},
         lasers={name: _laser(document, name) for name in _section(document, ("lasers",))},
@@ -81,11 +83,18 @@ def _started(document: TomlDocument) -> str:
         return ""
     try:
         when = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
-    except ValueError:
+        if when.tzinfo is None:
+            raise document.error(("started",), f"{value} has no time zone; write UTC with a Z at its end")
+        return when.astimezone(UTC).isoformat().replace("+00:00", "Z")
+    except (ValueError, OverflowError):
         raise document.error(("started",), f"{value!r} is no time; write e.g. 2026-11-21T01:00:00Z") from None
-    if when.tzinfo is None:
-        raise document.error(("started",), f"{value} has no time zone; write UTC with a Z at its end")
-    return when.astimezone(UTC).isoformat().replace("+00:00", "Z")
+
+
+def _constant(document: TomlDocument, name: str, value: object) -> float:
+    number = _number(document, ("constants", name), value)
+    if flaw := flaw_of_constant(name, number):
+        raise document.error(("constants", name), flaw)
+    return number
 
 
 def _channel(document: TomlDocument, name: str) -> ChannelInfo:
@@ -118,6 +127,10 @@ def _laser(document: TomlDocument, name: str) -> LaserInfo:
         raise document.error((*keys, "face"), f"{face!r} is no face; write {', '.join(FACES[:-1])} or {FACES[-1]}")
     tilt = values.pop("tilt_deg", None)
     tilt_deg = None if tilt is None else _number(document, (*keys, "tilt_deg"), tilt)
+    if tilt_deg is not None and abs(tilt_deg) >= TILT_MAX_DEG:
+        raise document.error(
+            (*keys, "tilt_deg"), f"is {tilt_deg:g}, with which the beam misses its face; write less than 90"
+        )
     return LaserInfo(face, tilt_deg, _json(values))
 
 
@@ -153,6 +166,8 @@ def _text(document: TomlDocument, keys: tuple[str, ...], value: object) -> str:
 def _number(document: TomlDocument, keys: tuple[str, ...], value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise document.error(keys, f"is {value!r}, not a number; write it without quotes or unit")
+    if not abs(value) <= MAGNITUDE_MAX:
+        raise document.error(keys, "is no quantity; write a number, or leave it out")
     return float(value)
 
 

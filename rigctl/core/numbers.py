@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 CHARACTERS_MAX = 400
 """The longest number: more than any 64-bit float needs when it is written without an exponent."""
 
-MAGNITUDE_MAX = 1e75
-"""Larger than any measured value in any unit, and its fourth power is still a number: sums and products are safe."""
+MAGNITUDE_MAX = 1e40
+"""Larger than any value measured on a bench, and its sixth power, the square of a cube, is still a number."""
 
 
 class NotMeasurable(ValueError):

@@ -149,7 +149,7 @@ def sensing(tmp_path):
         bundle.columns(
             f"runs/{run_id}.csv",
             t_s=t_s,
-            stage_x_mm=5 * np.sin(2 * np.pi * 0.5 * t_s),
+            stage_x_mm=5 * np.sin(2 * np.pi * {"1": 0.5, "2": 0.3, "3": 0.6}[run_id] * t_s),
             accel_v=rng.normal(size=t_s.size),
             laser_1_mm=np.where(t_s < 3, rng.normal(size=t_s.size), np.nan),
             laser_2_mm=rng.normal(size=t_s.size),
@@ -214,6 +214,7 @@ def inflight(tmp_path):
     t_s = np.arange(400) * 5.0
     for run_id in "abc":
         columns = {name: 1e-9 * rng.normal(size=t_s.size) for name in INFLIGHT_COLUMNS}
+        columns["temperature_1_k"] += 285.0
         bundle.columns(f"runs/{run_id}.csv", **{**columns, "t_s": t_s})
     return bundle
 

@@ -110,7 +110,7 @@ RUN_TABLE_FLAWS = [
     (2, "theta_deg", "left", "line 2: theta_deg is 'left'; write a number"),
     (2, "theta_deg", "nan", "line 2: theta_deg is missing; write it"),
     (3, "approach", "0", "line 3: approach is '0'; write +1 or -1"),
-    (2, "frequency_hz", "-0.5", "line 2: frequency_hz is '-0.5'; write a number that is not negative"),
+    (2, "frequency_hz", "-0.5", "line 2: frequency_hz is '-0.5'; write a number above 0"),
     (4, "valid", "yes", "line 4: valid is 'yes'; write 1 or 0"),
     (3, "laser_2_face", "up", "line 3: laser_2_face is 'up'; write x, y, z, -x, -y or -z"),
     (4, "temperature_c", "warm", "line 4: temperature_c is 'warm'; write a number"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
@@ -323,3 +324,21 @@ def test_a_question_that_cannot_be_asked_is_refused_in_one_line(
         TableStudy(_recording(columns, baseline, **spec))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "baseline", "message"),
+    [
+        (1.0, 1e308, "b0 + b1 * x", "readings.csv, row 2: column y holds 1e+308, which nobody can have measured; "),
+        (np.inf, 1.0, "b0 + b1 * x", "readings.csv, row 2: column x holds inf, which nobody can have measured; "),
+        (1.0, 0.0, "b0 + b1 * x", "readings.csv: column y is the same in every row; "),
+        (1e39, 1.0, "b0 + b1 * x**5", "the baseline's terms are too large to be fitted to this response"),
+        (1.0, 1.0, "b0 + b1 * x" + " + x" * 4000, "character 10001: longer than 10000 characters"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_numbers_that_overflow_are_refused_in_one_line(x: float, y: float, baseline: str, message: str) -> None:
+    steps = np.arange(1.0, 21.0)
+    columns = {"x": np.where(steps == 2, x, steps), "y": np.where(steps == 2, y, np.sqrt(steps) if y else 0.0)}
+    with pytest.raises(DataError, match=re.escape(message)):
+        _study(columns.pop("y"), baseline, **columns).model(())

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rigctl.campaign.recording import READINGS, Header, RunSource, TableSpec
 from rigctl.campaign.units import unit_of_column
+from rigctl.core.numbers import MAGNITUDE_MAX, measurable
 from rigctl.errors import DataError
 from rigctl.experiments.table.expression import Expression
 from rigctl.experiments.table.syntax import CONSTANTS, flaw
@@ -149,6 +150,7 @@ def read(source: RunSource) -> Readings:
     texts = next(record for record in source.runs() if record.run_id == READINGS).conditions
     if spec.response not in samples:
         raise DataError(f"readings.csv has no column {spec.response} of numbers, which [table] response names")
+    _require_measurable(samples)
     expression = _expression(spec, set(samples), set(texts))
     kept = _usable(samples, expression, spec)
     rows = np.flatnonzero(kept)
@@ -158,6 +160,11 @@ def read(source: RunSource) -> Readings:
         name: Column(name, values[rows].astype(np.float64), _unit(header, name)) for name, values in samples.items()
     }
     response = columns.pop(spec.response)
+    if rows.size > 1 and not response.spread > np.finfo(float).tiny:
+        raise DataError(
+            f"readings.csv: column {spec.response} is the same in every row; name a response that changes, or write"
+            " it with more digits or in a smaller unit"
+        )
     categories = {name: Category(name, np.array(text, dtype=np.str_)[rows]) for name, text in texts.items()}
     return Readings(
         spec,
@@ -169,6 +176,17 @@ def read(source: RunSource) -> Readings:
         np.full(rows.size, _weight(header, response)),
         _blocks(spec, columns, categories, rows.size),
     )
+
+
+def _require_measurable(samples: dict[str, FloatArray]) -> None:
+    """`DataError` for a number that is infinite, or whose powers are: a fit would drop it, or break on it."""
+    for name, values in samples.items():
+        if not measurable(values):
+            row = int(np.argmax(np.abs(np.nan_to_num(values, nan=0.0)) > MAGNITUDE_MAX))
+            raise DataError(
+                f"readings.csv, row {row + 1}: column {name} holds {values[row]:g}, which nobody can have measured;"
+                " mend it, or leave a missing value empty"
+            )
 
 
 def _expression(spec: TableSpec, numeric: set[str], texts: set[str]) -> Expression:

@@ -24,9 +24,19 @@ _RANK = 1e-13
 _HUGE = 1e100
 
 
+class TooLarge(DataError, np.linalg.LinAlgError):
+    """Terms so large against the noise that their squares are no numbers: a search goes on elsewhere."""
+
+
 def solve(design: FloatArray, target: FloatArray) -> FloatArray:
-    """Least squares with columns brought to one size and one step of refinement; shape (m,)."""
-    norms = np.linalg.norm(design, axis=0)
+    """Least squares with columns brought to one size and one step of refinement; shape (m,). Raises `TooLarge`."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        norms = np.linalg.norm(design, axis=0)
+    if not (np.isfinite(norms).all() and np.isfinite(target).all()):
+        raise TooLarge(
+            "the baseline's terms are too large to be fitted to this response:"
+            " write the columns in other units, or mend the expression"
+        )
     scale = np.where(norms > 0.0, norms, 1.0)
     scaled = design / scale
     first = np.linalg.lstsq(scaled, target, rcond=_RANK)[0]

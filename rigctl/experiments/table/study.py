@@ -183,7 +183,8 @@ class TableStudy:
         columns = [piece for piece in pieces if isinstance(piece, ColumnPiece)]
         bases = [piece.form.basis(piece.choice) for piece in columns]
         signal, slopes = self._baseline()
-        design = np.concatenate([slopes[:, linear], *bases], axis=1) / self.readings.sigma[:, None]
+        with np.errstate(over="ignore"):
+            design = np.concatenate([slopes[:, linear], *bases], axis=1) / self.readings.sigma[:, None]
         change = solve(design, (self.observations.value - signal) / self.readings.sigma) if design.shape[1] else None
         own = self._start.copy()
         if change is None:

@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from rigctl.core.bounds import EXPRESSION_CHARACTERS
+from rigctl.core.messages import one_line
 from rigctl.errors import DataError
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan")
@@ -105,11 +107,13 @@ def leaves(node: Node) -> Iterator[Name]:
 
 def flaw(at: int, what: str) -> DataError:
     """An error at a character of the expression, counted from 1."""
-    return DataError(f"recording.toml, [table] baseline, character {at + 1}: {what}")
+    return DataError(f"recording.toml, [table] baseline, character {at + 1}: {one_line(what)}")
 
 
 class _Parser:
     def __init__(self, text: str) -> None:
+        if len(text) > EXPRESSION_CHARACTERS:
+            raise flaw(EXPRESSION_CHARACTERS, f"longer than {EXPRESSION_CHARACTERS} characters; write it shorter")
         self._tokens = list(_tokens(text))
         self._next = 0
         self._nested = 0
