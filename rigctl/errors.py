@@ -17,6 +17,7 @@
     ├── LimitError             refused before a byte was sent
     ├── ProcedureError         the measurement cannot go on: says why
     │   └── NotRecovered       an instrument was not brought back, or a run failed too often
+    ├── PluginError            a file of effects does what none may: ends the program, never returns
     └── Aborted                the operator asked for it
 
 A message is one line: what, where, and the next thing to try.
@@ -111,6 +112,10 @@ class ProcedureError(RigError):
 
 class NotRecovered(ProcedureError):
     """After a fault an instrument was not brought back, or a run failed too often."""
+
+
+class PluginError(RigError):
+    """A user's file of effects would end the program, keep it waiting or change it."""
 
 
 class Aborted(RigError):

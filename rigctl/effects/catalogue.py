@@ -6,6 +6,7 @@ import difflib
 import importlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from inspect import unwrap
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -91,7 +92,7 @@ class Effect:
     @property
     def file(self) -> str:
         """Where its function stands; "" when that is not known."""
-        return str(getattr(getattr(self.function, "__code__", None), "co_filename", ""))
+        return str(getattr(getattr(unwrap(self.function), "__code__", None), "co_filename", ""))
 
 
 def effect(

@@ -32,6 +32,12 @@ def magnetic(run, b):
 Write = Callable[[str], Path]
 
 
+@pytest.fixture(autouse=True)
+def _without_rehearsal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other process, which takes a tenth of a second of processor, has tests of its own."""
+    monkeypatch.setattr("rigctl.effects.plugins.rehearse", lambda path, source: None)
+
+
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
     def written(text: str) -> Path:
