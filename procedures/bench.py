@@ -103,6 +103,7 @@ class Bench:
     approach_overshoot_deg: float = 0.05
     _oscillating: bool = field(default=False, init=False)
     _approached: int = field(default=0, init=False)
+    _left: SetPoint | None = field(default=None, init=False)
 
     def prepare(self) -> None:
         """Home what is not homed."""
@@ -123,6 +124,12 @@ class Bench:
     def _forget(self) -> None:
         """Nothing oscillates any more, and nobody knows from which side the angle was reached."""
         self._oscillating, self._approached = False, 0
+
+    def restore(self) -> None:
+        """After a restart: the stages as the last recorded run has left them."""
+        self.linear.move_to(0.0)
+        if self._left is not None:
+            self._turn_to(self._left.theta_deg, self._left.approach)
 
     def rest(self) -> None:
         """End an oscillation."""
@@ -211,13 +218,16 @@ class Bench:
         }
 
         def measure(writer: RunWriter) -> dict[str, Any]:
-            before()
             return self._measure(session, writer, point, lasers)
 
+        if session.recorded(key):
+            self._left = point
+        else:
+            session.checkpoint()
+            before()
         return session.acquire(key, asked, measure, self.apparatus(lasers=lasers))
 
     def _measure(self, session: Session, writer: RunWriter, point: SetPoint, lasers: bool) -> dict[str, Any]:
-        # Every run sets out from rest: what it records depends on nothing before it, a restart included.
         self.rest()
         self._turn_to(point.theta_deg, point.approach)
         self._oscillate(point)
@@ -232,6 +242,9 @@ class Bench:
         self._require_standing(point, [angle.value, self.rotation.angle().value])
         self._require_steady(temperature)
         self._require_possible(point, columns)
+        # Every run ends at rest in the middle: the next sets out from there at the same time, a restart included.
+        self.rest()
+        self.linear.move_to(0.0)
         found: dict[str, Any] = {
             "theta_deg": angle.value,
             "start_s": start_s,

@@ -162,6 +162,7 @@ def run(session: Session, bench: PlatformBench, plan: Plan) -> None:
     session.plan(len(plan.recordings), [recording.wanted.table.duration_s for recording in plan.recordings])
     with session.step("prepare"):
         session.guarded("prepare", bench.apparatus(), bench.prepare)
+        session.when_taken_up(bench.restore)
         session.once("patterns", lambda: {label: list(found.says) for label, found in plan.separations.items()})
     for recording, after in zip_longest(plan.recordings, plan.recordings[1:]):
         with session.step(recording.key):
@@ -177,6 +178,8 @@ def _record(session: Session, bench: PlatformBench, recording: Recording, estima
             session.operator.flip(recording.g_sign)
         return bench.measure(session, writer, recording.wanted, _watch(session, bench, recording, estimator))
 
+    if session.recorded(recording.key):
+        bench.replayed(recording.wanted.table)
     session.acquire(recording.key, recording.conditions, measure, bench.apparatus())
 
 

@@ -72,6 +72,7 @@ class Fixture:
         if not self.session.done(seated):
             self.session.checkpoint()
             self.session.guarded("rest", self.bench.apparatus(), self.bench.rest)
+            self.session.take_up()
             self.session.operator.remount(mounting.axis, mounting.configuration, mounting.number)
             self._mounted = mounting
         self.session.once(seated, lambda: True)
@@ -92,7 +93,13 @@ class Fixture:
 
     def _levelled(self, mounting: Mounting) -> Levelled | None:
         """When this mounting was levelled last, perhaps by an earlier campaign of the store."""
-        found = [each for each in self.session.store.events(LEVELLED) if each.data["mounting"] == mounting.key]
+        store = self.session.store
+        over = {event.data["key"] for event in store.events("once")}
+        found = [
+            each
+            for each in store.events(LEVELLED)
+            if each.data["mounting"] == mounting.key and each.data.get("key") in {None, *over}
+        ]
         if not found or found[-1].rig_time_s is None:
             return None
         return Levelled(found[-1].rig_time_s, found[-1].data["angle_deg"])
@@ -104,11 +111,12 @@ class Fixture:
             key = f"{mounting.key} level {attempt}"
             if not self.session.done(key):
                 self.confirm(mounting)
+                self.session.take_up()
                 self.session.operator.level(reading_v)
                 angle_deg = self.session.guarded(
                     key, self.bench.apparatus(), lambda: self.bench.rotation.angle().value
                 )
-                self.session.event(LEVELLED, mounting=mounting.key, angle_deg=angle_deg)
+                self.session.event(LEVELLED, mounting=mounting.key, angle_deg=angle_deg, key=self.session.key(key))
             reading_v = self.session.once(key, lambda: self._static_output_v(mounting), self.bench.apparatus())
             if abs(reading_v) < limit_v:
                 return

@@ -12,6 +12,9 @@ from rigctl.campaign.session import Session
 from rigctl.errors import ProcedureError
 from rigctl.interfaces import FloatArray
 
+NOISE_CHECK = "noise check"
+"""The key of its densities."""
+
 
 @dataclass(frozen=True)
 class NoiseCheck:
@@ -49,7 +52,7 @@ def check_noise(
         volts = _record(session, bench, duration_s, sample_rate_hz)
         return [amplitude_density(volts, sample_rate_hz, f) / gain_v_per_m_s2 for f in frequencies_hz]
 
-    densities = session.once("noise check", measure, bench.apparatus(lasers=False))
+    densities = session.once(NOISE_CHECK, measure, bench.apparatus(lasers=False))
     check = NoiseCheck(tuple(frequencies_hz), tuple(densities), limit_m_s2_rthz)
     if not check.quiet:
         finding = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import zip_longest
 from typing import Any, Protocol
 
@@ -82,6 +82,7 @@ class PlatformBench:
     """Of the readout's chain and of the voltmeter's, as far as they are known beforehand."""
     settle_s: float = 10.0
     temperature_every_s: float = 60.0
+    _left: TimeTable | None = field(default=None, init=False)
 
     def prepare(self) -> None:
         """Home what is not homed."""
@@ -94,6 +95,16 @@ class PlatformBench:
         if self.thermometer is not None:
             instruments.append(self.thermometer)
         return Apparatus((self.platform,), tuple(instruments), confirms_itself=True)
+
+    def replayed(self, table: TimeTable) -> None:
+        """A run after this table is recorded: the platform has been left at its end."""
+        self._left = table
+
+    def restore(self) -> None:
+        """After a restart: the platform as the last recorded run has left it, turned in the same direction."""
+        if self._left is not None:
+            for angle_deg in self._left.angles_deg[-2:]:
+                self.platform.move_to(angle_deg)
 
     def rest(self) -> None:
         """Between runs nothing moves."""

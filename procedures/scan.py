@@ -7,6 +7,7 @@ changes with the angle. Where the lasers' spots would leave the cube they are no
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +18,11 @@ from procedures.bench import Bench, SetPoint
 from procedures.mounting import Fixture, Mounting, MountingLostError, Seated
 from procedures.tables import ListedRun, Procedure
 from rigctl.campaign.session import Session
+from rigctl.campaign.store import Event
 from rigctl.errors import ConfigError
+
+ROOM = "room"
+"""The kind of event that keeps for which run the room was brought to a temperature, and when that began."""
 
 IN_PLACE = 0
 """The number, in a list of runs, of the mounting that is there already."""
@@ -113,6 +118,11 @@ class Scan:
     fixture: Fixture
     spare: int
     _room_c: float | None = field(default=None, init=False)
+    _rooms: Sequence[Event] = field(init=False)
+
+    def __post_init__(self) -> None:
+        virtual = math.isinf(self.session.clock.speed)
+        self._rooms = self.session.of_recorded_runs(ROOM) if virtual else ()
 
     def measure(self, stretch: Stretch, *, in_place: bool) -> None:
         """All runs of a stretch; those that are left when the mounting is disturbed are measured in another one."""
@@ -138,19 +148,29 @@ class Scan:
         return Stretch(mounting, tuple(left))
 
     def _run(self, mounting: Mounting, wanted: Wanted) -> None:
+        key, point = _key(mounting, wanted), wanted.point
+
         def before() -> None:
             self.fixture.confirm(mounting)
-            self._condition(wanted.temperature_c)
+            self._restore_room()
+            self._condition(wanted.temperature_c, key)
 
-        point = wanted.point
-        self.bench.run(
-            self.session, _key(mounting, wanted), point, before=before, lasers=self.bench.spots_stay(point)
-        )
+        self.bench.run(self.session, key, point, before=before, lasers=self.bench.spots_stay(point))
 
-    def _condition(self, temperature_c: float | None) -> None:
+    def _restore_room(self) -> None:
+        """After a restart a world on a virtual clock has to be told what its room has been through."""
+        rooms, self._rooms = self._rooms, ()
+        for room in rooms:
+            self._room_c = room.data["temperature_c"]
+            self.session.operator.restore_room(self._room_c, room.data["at_s"])
+
+    def _condition(self, temperature_c: float | None, key: str) -> None:
         if temperature_c is not None and temperature_c != self._room_c:
             self.bench.rest()
+            self.session.take_up()
+            at_s = self.session.clock.now_s()
             self.session.operator.bring_room_to(temperature_c)
+            self.session.event(ROOM, temperature_c=temperature_c, at_s=at_s, key=self.session.key(key))
             self._room_c = temperature_c
 
 

@@ -15,7 +15,7 @@ from procedures import scan
 from procedures.angle_scan import AngleScan
 from procedures.bench import Bench, SetPoint
 from procedures.mounting import Fixture, Mounting, MountingLostError, Seated
-from procedures.noise_check import check_noise
+from procedures.noise_check import NOISE_CHECK, check_noise
 from procedures.null_search import ROLL, NullSearch, NullSearchSettings, expected_durations_s
 from procedures.quick_check import DWELL_S, quick_check, reversal_points
 from procedures.tables import Procedure, Targets
@@ -173,6 +173,7 @@ def run(session: Session, bench: Bench, plan: Plan) -> None:
     session.plan(plan.runs)
     with session.step("prepare"):
         session.guarded("prepare", bench.apparatus(), bench.prepare)
+    session.when_taken_up(bench.restore)
     _PROCEDURES[plan.procedure.name](session, bench, plan)
     session.guarded("rest", bench.apparatus(), bench.rest)
 
@@ -189,7 +190,7 @@ def _six_mountings(session: Session, bench: Bench, plan: Plan) -> None:
             try:
                 fixture.mount(mounting)
                 if noise_m_s2_rthz is None:
-                    noise_m_s2_rthz = _check_noise(session, bench, plan, mounting)
+                    noise_m_s2_rthz = _check_noise(session, bench, fixture, plan, mounting)
                 NullSearch(session, bench, fixture, mounting, plan.search(noise_m_s2_rthz), plan.effects).find()
             except MountingLostError as lost:
                 session.event("mounting-lost", mounting=mounting.key, reason=str(lost))
@@ -231,11 +232,13 @@ def _quick_check(session: Session, bench: Bench, plan: Plan) -> None:
         quick_check(session, bench, fixture, plan.point(mounting, plan.procedure.start_deg, high_hz))
 
 
-def _check_noise(session: Session, bench: Bench, plan: Plan, mounting: Mounting) -> float:
+def _check_noise(session: Session, bench: Bench, fixture: Fixture, plan: Plan, mounting: Mounting) -> float:
     """The room's noise at the drive's frequencies [m/s2/rtHz]: measured, or what the targets allow."""
     if plan.procedure.noise_check_s == 0:
         return plan.targets.noise_m_s2_rthz
     with session.step("noise check"):
+        if not session.done(NOISE_CHECK):
+            fixture.confirm(mounting)
         sensor = bench.package.axes[mounting.axis].sensor[mounting.configuration]
         return check_noise(
             session,

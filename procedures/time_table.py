@@ -36,6 +36,11 @@ class TimeTable:
     motions: tuple[Motion, ...]
     duration_s: float
 
+    @property
+    def angles_deg(self) -> tuple[float, ...]:
+        """Where the platform rests, in turn."""
+        return (self.begin_deg, *(motion.to_deg for motion in self.motions))
+
     def check(self, name: str, limits: RotationLimits) -> None:
         """`LimitError` when the stage called `name` cannot follow: angle, speed or acceleration."""
         at_deg = self.begin_deg

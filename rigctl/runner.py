@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import importlib.metadata
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rigctl import config
-from rigctl.campaign import locks
+from rigctl.campaign import locks, rig_time
 from rigctl.campaign.control import Control, RequestWatcher, forget_requests
 from rigctl.campaign.operator import Operator, SimulatedOperator, TerminalOperator, TypedLines
 from rigctl.campaign.parts import PLUGINS, Part, Plugins, begin_part, next_part, parts_of
@@ -80,7 +81,7 @@ def extend(store_path: Path, campaign: config.CampaignFile, options: Options) ->
         plugins = _loaded_for(store, options.plugins, {})
         part = next_part(store, campaign.path, campaign.text, made, _brought(campaign, plugins))
         plan = _plan(campaign, part, plugins)
-        with _reopened(store, plan, campaign) as (rig, work, control):
+        with _reopened(store, plan, campaign, rig_time.latest_s) as (rig, work, control):
             begin_part(store, part, rig.clock.now_s())
             _carry_out(store, rig, work, control, options, part)
 
@@ -93,16 +94,19 @@ def resume(store_path: Path, options: Options) -> None:
         part = parts_of(store)[-1]
         campaign = config.parse_campaign(part.toml, store_path)
         plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins))
-        with _reopened(store, plan, campaign) as (rig, work, control):
-            store.add_event("resumed", {"after": store.status().get("state", "")}, rig.clock.now_s())
+        start_s = partial(rig_time.start_s, part=part.number)
+        with _reopened(store, plan, campaign, start_s) as (rig, work, control):
+            store.add_event("resumed", {"after": store.status().get("state", "")}, rig_time.latest_s(store))
             _carry_out(store, rig, work, control, options, part)
 
 
 @contextmanager
-def _reopened(store: Store, plan: Plan, campaign: config.CampaignFile) -> Iterator[tuple[Rig, Work, Control]]:
-    """The rig a store was made with, where its clock was; a plan it cannot carry out is refused before that."""
-    start_s = max((event.rig_time_s or 0.0 for event in store.events()), default=0.0)
-    rig = Rig(rig_file_of(store, with_world=True), seed=store.header.seed, start_s=start_s)
+def _reopened(
+    store: Store, plan: Plan, campaign: config.CampaignFile, start_s: Callable[..., float]
+) -> Iterator[tuple[Rig, Work, Control]]:
+    """The rig a store was made with; a plan it cannot carry out is refused before anything is connected."""
+    file = rig_file_of(store, with_world=True)
+    rig = Rig(file, seed=store.header.seed, start_s=start_s(store, virtual=file.rig.clock == "virtual"))
     work = _work(plan, rig, campaign)
     forget_requests(store)
     with in_charge(rig, campaign.on_terminal_lost, work.rest) as control:

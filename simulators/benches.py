@@ -90,6 +90,8 @@ class SensingAxisBench:
                 return self.world.level()
             case {"level": {"at_s": int() | float() as at_s, "angle_deg": int() | float() as angle_deg}}:
                 return self.world.level_as(at_s, angle_deg)
+            case {"room": {"temperature_c": int() | float() as temperature_c, "at_s": int() | float() as at_s}}:
+                return self.world.bring_room_to(temperature_c, at_s)
             case {"room": {"temperature_c": int() | float() as temperature_c}}:
                 return self.world.bring_room_to(temperature_c)
             case _:

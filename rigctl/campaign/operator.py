@@ -75,6 +75,10 @@ class Operator(Protocol):
         """Have the room, and all in it, at a temperature [degC]."""
         ...
 
+    def restore_room(self, temperature_c: float, at_s: float) -> None:
+        """After a restart: the room set out for this temperature at rig time `at_s`."""
+        ...
+
     def flip(self, g_sign: int) -> None:
         """Turn the sensors so that +g or -g acts along them, amplifiers bypassed; 0: back as they were."""
         ...
@@ -117,6 +121,10 @@ class SimulatedOperator:
     def bring_room_to(self, temperature_c: float) -> None:
         """Set the air conditioning and wait until all has followed."""
         self._act({"room": {"temperature_c": temperature_c}})
+
+    def restore_room(self, temperature_c: float, at_s: float) -> None:
+        """A world that starts anew has never been at another temperature: tell it."""
+        self._act({"room": {"temperature_c": temperature_c, "at_s": at_s}})
 
     def flip(self, g_sign: int) -> None:
         """Turn the sensors over, or put them back."""
@@ -201,6 +209,10 @@ class TerminalOperator:
         """Ask for another room temperature and wait for the confirmation."""
         self._confirm(f"Bring the room to {temperature_c:g} degC and wait until the bench has followed")
         self._hands.bring_room_to(temperature_c)
+
+    def restore_room(self, temperature_c: float, at_s: float) -> None:
+        """Passed on to a simulated world; a person's room is as it is."""
+        self._hands.restore_room(temperature_c, at_s)
 
     def flip(self, g_sign: int) -> None:
         """Ask for the sensors to be turned over, or put back, and wait for the confirmation."""

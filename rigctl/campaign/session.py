@@ -17,8 +17,9 @@ from rigctl.campaign.operator import Operator
 from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.recovery import REPEATED, Apparatus, Faults, Recovery
+from rigctl.campaign.rig_time import RUN_ENDED, Resumption
 from rigctl.campaign.run_writer import RunWriter
-from rigctl.campaign.store import Store
+from rigctl.campaign.store import Event, Store
 from rigctl.clock import Clock
 from rigctl.errors import DataError
 
@@ -46,6 +47,7 @@ class Session:
         self._progress = progress
         self._recovery = Recovery(self, control, progress)
         self._answers = {event.data["key"]: event.data["result"] for event in store.events("once")}
+        self._resumption = Resumption(store, clock)
         self._steps: list[str] = []
         self._serial = (part - 1) * SERIALS
         self._prefix = f"part {part}: " if part > 1 else ""
@@ -90,17 +92,20 @@ class Session:
         recorded = self.store.run_by_key(key)
         if recorded is not None:
             self._must_match(key, recorded, conditions)
+            self._resumption.replayed(key)
             self._progress.replayed(valid=recorded.valid)
             return recorded
 
         def measured() -> RunRecord:
             self.checkpoint()
+            self.take_up()
             self.operator.announce_run(number)
             with self.store.begin_run(key, " / ".join(self._steps), conditions) as writer:
                 found = dict(measure(writer))
                 if apparatus is not None:
                     apparatus.confirm_in_step()
                 valid, reason = bool(found.pop("valid", True)), str(found.pop("reason", ""))
+                self.store.add_event(RUN_ENDED, {"key": key}, self.clock.now_s())
                 return writer.finish(found, valid=valid, reason=reason)
 
         record = self.guarded(key, apparatus, measured)
@@ -114,10 +119,12 @@ class Session:
         """
         number, key = self._next(), self._prefix + key
         if key in self._answers:
+            self._resumption.replayed(key)
             return self._answers[key]
 
         def done() -> Any:
             self.checkpoint()
+            self.take_up()
             self.operator.announce_run(number)
             result = action()
             if apparatus is not None:
@@ -145,6 +152,10 @@ class Session:
                 self._recovery.after(fault, what, attempt, apparatus)
                 self.event(REPEATED, key=what, attempt=attempt, error=type(fault).__name__, reason=str(fault))
 
+    def key(self, key: str) -> str:
+        """The name in the store of a key of this campaign."""
+        return self._prefix + key
+
     def done(self, key: str) -> bool:
         """True when `once(key)` has been done, now or before a restart."""
         return self._prefix + key in self._answers
@@ -152,6 +163,15 @@ class Session:
     def recorded(self, key: str) -> bool:
         """True when the store holds the run `key`."""
         return self.store.run_by_key(self._prefix + key) is not None
+
+    def of_recorded_runs(self, kind: str) -> list[Event]:
+        """Events of a kind that name a run of this campaign by its `key`, where that run is recorded."""
+        runs = {run.key for run in self.store.runs()}
+        return [
+            event
+            for event in self.store.events(kind)
+            if event.data["key"] in runs and event.data["key"].startswith(self._prefix)
+        ]
 
     def event(self, kind: str, **data: Any) -> None:
         """Note something that happened."""
@@ -172,6 +192,17 @@ class Session:
             self._progress.state("paused")
             self._control.while_paused(lambda: time.sleep(0.05))
             self._progress.state("running")
+
+    def when_taken_up(self, restore: Callable[[], None]) -> None:
+        """Have `restore` called once after a restart, before the first step that is not recorded."""
+        self._resumption.restore = restore
+
+    def take_up(self) -> None:
+        """Before the first thing done anew after a restart: all as it was left, and on a virtual clock when it was.
+
+        `acquire` and `once` do it by themselves; what an operator does between them comes after it.
+        """
+        self._resumption.take_up()
 
     def _next(self) -> int:
         self._serial += 1

@@ -23,6 +23,7 @@ class Controller(Protocol):
     settings: Esp301SimulatorSettings
     errors: ErrorQueue
     axes: list[EspAxis]
+    powered_s: float
     stored: list[dict[str, float]]
 
     def reset(self) -> None:
@@ -205,7 +206,8 @@ def _wait_for_time(controller: Controller, command: Command) -> None:
 
 def _take_error(controller: Controller, _: Command) -> str:
     code, at_s = controller.errors.take(controller.clock.now_s())
-    return f"{code}, {int(at_s / controller.settings.timestamp_tick_s)}, {error_text(code)}"
+    since_s = at_s - controller.powered_s
+    return f"{code}, {int(since_s / controller.settings.timestamp_tick_s)}, {error_text(code)}"
 
 
 def _take_error_code(controller: Controller, _: Command) -> str:

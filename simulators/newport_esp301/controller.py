@@ -53,6 +53,7 @@ class SimulatedEsp301:
             EspAxis(number, motion, self.clock, self.settings, self.report, self._tap)
             for number, motion in enumerate(self._motions, start=1)
         ]
+        self.powered_s = self.clock.now_s()
         self.stored = [stored_defaults(self.settings) for _ in self.axes]
         self.errors.clear()
 

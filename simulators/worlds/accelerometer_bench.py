@@ -27,6 +27,8 @@ from simulators.worlds.temperature import Room
 FloatArray = NDArray[np.float64]
 
 _SINGLE_PERIOD_S = 0.01
+LEVELLING_DIGITS = 4
+"""Of the angle in degrees at which somebody levels: what he came to follows from what the stage said to him."""
 
 
 class AccelerometerBench:
@@ -53,6 +55,7 @@ class AccelerometerBench:
         self._mounting: Mounting | None = None
         self._mounted: dict[tuple[str, str, int], Mounting] = {}
         self._run = 0
+        self._since_s = -math.inf
         self._trains_of_run = 0
         self._noted: Train | None = None
         self._trains: deque[BenchTrain] = deque(maxlen=4)
@@ -78,7 +81,7 @@ class AccelerometerBench:
         if self._mounting is None:
             raise ValueError("nothing to level: mount the package first")
         done_s = self._clock.now_s() + self._settings.level_s
-        self._level(self._mounting, done_s, float(self._stages.angle_rad(np.array([done_s]))[0]))
+        self._level(self._mounting, done_s, self._stages.angle_deg(done_s))
         return done_s
 
     def level_as(self, at_s: float, angle_deg: float) -> float:
@@ -88,21 +91,23 @@ class AccelerometerBench:
         """
         if self._mounting is None:
             raise ValueError("nothing to level: mount the package first")
-        self._level(self._mounting, at_s, math.radians(angle_deg))
+        self._level(self._mounting, at_s, angle_deg)
         return self._clock.now_s() + self._settings.level_s
 
-    def _level(self, mounting: Mounting, at_s: float, angle_rad: float) -> None:
+    def _level(self, mounting: Mounting, at_s: float, angle_deg: float) -> None:
+        angle_rad = math.radians(round(angle_deg, LEVELLING_DIGITS))
         wanted_m_s2 = Electronics(self._settings, mounting, self._room).felt_m_s2(mounting.level_v, at_s)
         vertical_table = about_z(-angle_rad) @ vertical_lab(self._settings)
         self._put(mountings.levelled(mounting, vertical_table, wanted_m_s2 / self._settings.g_m_s2))
 
-    def bring_room_to(self, temperature_c: float) -> float:
-        """Set the air conditioning [degC]; returns when room and bench have followed."""
-        return self._room.bring_to(temperature_c, self._clock.now_s())
+    def bring_room_to(self, temperature_c: float, at_s: float | None = None) -> float:
+        """Set the air conditioning [degC], now or at `at_s`; returns when room and bench have followed."""
+        return self._room.bring_to(temperature_c, self._clock.now_s() if at_s is None else at_s)
 
     def announce_run(self, number: int) -> None:
-        """The next trains belong to this run."""
+        """The next trains belong to this run; what nature did before is forgotten."""
         self._note_train()
+        self._since_s = self._clock.now_s()
         self._run = number
         self._trains_of_run = 0
 
@@ -161,7 +166,7 @@ class AccelerometerBench:
             key = self._key(self._mounting, "single", round(1e6 * at_s))
             single = Train(float(at_s), _SINGLE_PERIOD_S, 1)
             yield (
-                BenchTrain(self._settings, self._stages, self._room, self._mounting, single, key),
+                BenchTrain(self._settings, self._stages, self._room, self._mounting, single, key, self._since_s),
                 left & (times_s == at_s),
             )
 
@@ -172,7 +177,9 @@ class AccelerometerBench:
         self._noted = train
         if self._mounting is not None:
             key = self._key(self._mounting, "train", self._trains_of_run)
-            self._trains.append(BenchTrain(self._settings, self._stages, self._room, self._mounting, train, key))
+            self._trains.append(
+                BenchTrain(self._settings, self._stages, self._room, self._mounting, train, key, self._since_s)
+            )
         self._trains_of_run += 1
 
     def _key(self, mounting: Mounting, kind: str, number: int) -> tuple[int | str, ...]:

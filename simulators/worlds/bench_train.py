@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 
 import numpy as np
@@ -32,7 +33,9 @@ class BenchTrain:
         mounting: Mounting,
         train: Train,
         key: tuple[int | str, ...],
+        since_s: float = -math.inf,
     ) -> None:
+        self._since_s = since_s
         self._settings = settings
         self._stages = stages
         self._room = room
@@ -53,6 +56,7 @@ class BenchTrain:
             self._train.first_s,
             self._train.period_s,
             self._key,
+            self._since_s,
         )
 
     def covers(self, times_s: FloatArray) -> NDArray[np.bool_]:

@@ -29,7 +29,10 @@ class Attitude:
 
 
 class Turntable:
-    """The platform, seen `delay_s` late and ever later by `drift`, from the first stop of a record on."""
+    """The platform, seen `delay_s` late and ever later by `drift`, from the first stop of a record on.
+
+    Turns that were over before `since_s` are forgotten but for their direction.
+    """
 
     def __init__(
         self,
@@ -38,8 +41,10 @@ class Turntable:
         channel: str,
         first_s: float,
         key: tuple[int | str, ...],
+        since_s: float = -np.inf,
     ) -> None:
         self._axis = axis
+        self._since_s = since_s
         self._key = key
         self._first_s = first_s
         self._delay_s = settings.size("clock-skew", "delay", channel)
@@ -63,7 +68,7 @@ class Turntable:
         for number, chosen in stretches(index):
             stop = stops[number]
             offset[chosen] = self._offset_rad(stop)
-            ended_s[chosen] = stop.start_s
+            ended_s[chosen] = stop.start_s if stop.start_s > self._since_s else -np.inf
             direction[chosen] = stop.direction
         moving = speed_deg_s != 0.0
         nominal = np.deg2rad(angle_deg)
@@ -78,7 +83,7 @@ class Turntable:
     def motions(self, own_s: FloatArray, tail_s: float) -> list[Stop]:
         """The turns under way at these times, or ended at most `tail_s` before."""
         stops, _ = self._axis.stops(own_s)
-        first, last = float(own_s.min()) - tail_s, float(own_s.max())
+        first, last = max(float(own_s.min()) - tail_s, self._since_s), float(own_s.max())
         return [stop for stop in stops if stop.number and stop.start_s > first and stop.began_s < last]
 
     def motion(self, stop: Stop, nodes: int) -> tuple[FloatArray, FloatArray, FloatArray]:

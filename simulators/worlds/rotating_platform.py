@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -65,13 +66,15 @@ class RotatingPlatform:
         self._room = Room(settings.temperature)
         self._flipped = 0
         self._run = 0
+        self._since_s = -math.inf
         self._records_of_run = 0
         self._noted: Train | None = None
         self._records: list[Record] = []
 
     def announce_run(self, number: int) -> None:
-        """The next trains belong to this run."""
+        """The next trains belong to this run; what nature did before is forgotten."""
         self._note_train()
+        self._since_s = self._clock.now_s()
         self._run = number
         self._records_of_run = 0
 
@@ -114,7 +117,9 @@ class RotatingPlatform:
 
     def _chain(self, record: Record, column: str) -> ChainRecord:
         if column not in record.chains:
-            turntable = Turntable(self._settings, self._rotation, CHAINS[column], record.first_s, record.key)
+            turntable = Turntable(
+                self._settings, self._rotation, CHAINS[column], record.first_s, record.key, self._since_s
+            )
             record.chains[column] = ChainRecord(
                 self._settings,
                 turntable,

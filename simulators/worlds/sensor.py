@@ -69,6 +69,7 @@ class SensorRecord:
     """The sensor's output along a train: integrated once, as far as anybody has asked.
 
     The grid of integration passes through the edges as the sensor's own clock sees them (`time-skew` late).
+    What was before `since_s` is forgotten: the stages stood as they did then.
     """
 
     def __init__(
@@ -80,7 +81,9 @@ class SensorRecord:
         first_s: float,
         period_s: float,
         key: tuple[int | str, ...],
+        since_s: float,
     ) -> None:
+        self._since_s = since_s
         self._force = SpecificForce(settings, stages, mounting)
         self._electronics = Electronics(settings, mounting, room)
         self._range_v = settings.range_v
@@ -97,7 +100,7 @@ class SensorRecord:
         self._begin_s = first_s - self._skew_s - lead_s
         self._ground = GroundNoise(settings.ground, self._step_s, generator(*key, "ground"))
         self._last_ground = self._ground.take(1)
-        static, varying = self._force.along_axis(np.array([self._begin_s]), self._last_ground)
+        static, varying = self._along_axis(np.array([self._begin_s]), self._last_ground)
         self._response.begin(float(varying[0]))
         self._felt = np.empty(1024)
         self._felt[0] = static[0] + varying[0]
@@ -110,6 +113,9 @@ class SensorRecord:
         volts = self._electronics.volts(felt, own_s)
         phase = 2.0 * math.pi * self._line_hz * (times_s - self._first_s) + self._line_phase
         return np.clip(volts + self._line_v * np.sin(phase), -self._range_v, self._range_v)
+
+    def _along_axis(self, times_s: FloatArray, ground_m_s2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return self._force.along_axis(np.maximum(times_s, self._since_s), ground_m_s2)
 
     def _interpolated(self, places: FloatArray) -> FloatArray:
         """What the sensor feels at fractional places of the grid, by the cubic through four neighbours."""
@@ -140,7 +146,7 @@ class SensorRecord:
         ground = np.empty((2 * steps, 3))
         ground[0::2], ground[1::2] = 0.5 * (starts + ends), ends
         times_s = self._begin_s + self._step_s * (self._known - 0.5 + 0.5 * np.arange(2.0 * steps))
-        static, varying = self._force.along_axis(times_s, ground)
+        static, varying = self._along_axis(times_s, ground)
         static_at_ends = static[1::2] if len(static) > 1 else static
         self._felt[self._known : index + 1] = self._response.advance(varying) + static_at_ends
         self._last_ground = ends[-1:]

@@ -33,6 +33,10 @@ class Stages:
         position_mm, _, acceleration_mm_s2 = self._linear.sample(times_s)
         return 1e-3 * position_mm, 1e-3 * acceleration_mm_s2
 
+    def angle_deg(self, time_s: float) -> float:
+        """What the rotation stage's encoder believes."""
+        return float(self._rotation.sample(np.array([time_s]))[0][0])
+
     def angle_rad(self, times_s: FloatArray) -> FloatArray:
         """True angle of the turntable; one value when it stands still all the time, else one per time."""
         recorded_deg = self._rotation.sample(times_s)[0]

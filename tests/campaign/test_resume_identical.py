@@ -1,0 +1,193 @@
+"""On a virtual clock a resumed campaign is the undisturbed one: every condition, sample and answer, bit for bit."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigctl import config, runner
+from rigctl.campaign.run_writer import RunWriter
+from rigctl.campaign.store import Store
+
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
+YES = runner.Options(unattended=True, seed=5)
+STEPS = ((Store, "add_event"), (RunWriter, "stream"), (RunWriter, "finish"))
+"""What a campaign does to its store; it is killed just before or just after one of these calls."""
+
+SENSING = (
+    'experiment = "sensing-axis"\nrig = "rig.toml"\n[model]\neffects = ["roll-gravity", "resonance"]\n[procedure]\n'
+)
+SEARCH = "amplitude_mm = 5.0\ncoarse_s = 4.0\n[targets]\ntheta0_sigma_arcsec = 20.0\nnoise_m_s2_rthz = 1e-5\n"
+SCAN = (
+    'name = "scan"\naxes = ["X"]\nconfigurations = ["flag"]\nfrequencies_hz = [0.6]\n'
+    "amplitude_mm = 5.0\ndwell_s = 4.0\n"
+)
+PLATFORM = 'experiment = "rotating-platform"\nrig = "rig.toml"\n[procedure]\nname = "bias-rejection"\n'
+TURNED = "modulation_period_s = 60.0\nperiods = 1\n"
+
+KINDS = {
+    "null search": (
+        "isa-rig.toml",
+        SENSING + 'name = "null-search"\naxes = ["X"]\nconfigurations = ["pendulum"]\nfrequencies_hz = [0.3, 0.6]\n'
+        "noise_check_s = 10.0\n" + SEARCH,
+        "",
+    ),
+    "one axis": (
+        "one-axis.rig.toml",
+        SENSING + 'name = "six-mountings"\naxes = ["Y"]\nconfigurations = ["pendulum", "flag"]\n'
+        "frequencies_hz = [0.25, 0.5]\nnoise_check_s = 0.0\n" + SEARCH,
+        "",
+    ),
+    "scan": ("hidden-effect-rig.toml", SENSING + SCAN + "angles_deg = [-30.0, -1.0]\napproaches = [1, -1]\n", ""),
+    "scan in two temperatures": (
+        "hidden-effect-rig.toml",
+        SENSING
+        + SCAN.replace("frequencies_hz = [0.6]\n", "")
+        + "".join(
+            f"[[procedure.runs]]\nangle_deg = {angle}\nfrequency_hz = 0.6\ntemperature_c = {room}\n"
+            for angle, room in ((-2.0, 20.0), (2.0, 20.0), (-2.0, 23.0), (2.0, 23.0))
+        ),
+        "",
+    ),
+    "further campaign": (
+        "isa-rig.toml",
+        SENSING + SCAN + "angles_deg = [-10.0]\n",
+        SENSING + SCAN + 'mounting = "same"\nangles_deg = [1.0, 5.0]\n',
+    ),
+    "quick check": (
+        "all-instruments.rig.toml",
+        SENSING.replace('[model]\neffects = ["roll-gravity", "resonance"]\n', "")
+        + 'name = "quick-check"\naxes = ["X"]\nconfigurations = ["pendulum"]\nfrequencies_hz = [0.6]\n'
+        "amplitude_mm = 5.0\n",
+        "",
+    ),
+    "bias rejection": (
+        "bias-rejection-rig.toml",
+        PLATFORM + "[[procedure.runs]]\npattern = 'flip'\nduration_s = 20.0\n"
+        "[[procedure.runs]]\npattern = 'scan'\nstep_deg = 90.0\ndwell_s = 20.0\n"
+        f"[[procedure.runs]]\npattern = 'c'\n{TURNED}v_z_v = [0.0, 1.0]\n"
+        f"[[procedure.runs]]\npattern = 'a'\n{TURNED}external = 'sine'\nv_z_v = 0.5\nexternal_period_s = 100.0\n",
+        "",
+    ),
+    "in flight": (
+        "microscope-rig.toml",
+        'experiment = "inflight-calibration"\nrig = "rig.toml"\n[procedure]\nsessions = ["dx", "dz"]\norbits = 1.0\n',
+        "",
+    ),
+}
+"""Rig, campaign, and one that goes on in its store."""
+
+Call = Callable[..., Any]
+
+
+@contextmanager
+def stepped(at_step: Callable[[Call], Any]) -> Iterator[None]:
+    """Every call of `STEPS` goes through `at_step`, which makes it."""
+    originals = {(owner, name): getattr(owner, name) for owner, name in STEPS}
+
+    def through(original: Call) -> Call:
+        return lambda *arguments, **options: at_step(lambda: original(*arguments, **options))
+
+    for (owner, name), original in originals.items():
+        setattr(owner, name, through(original))
+    try:
+        yield
+    finally:
+        for (owner, name), original in originals.items():
+            setattr(owner, name, original)
+
+
+def killed(action: Callable[[], None], step: int, *, after: bool) -> None:
+    """`action` in a process that is killed just before or after this step of it."""
+    child = os.fork()
+    if child:
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+        return
+    steps = iter(range(step))
+
+    def counted(call: Call) -> Any:
+        last = next(steps, None) is None
+        if last and not after:
+            os.kill(os.getpid(), signal.SIGKILL)
+        found = call()
+        if last:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return found
+
+    try:
+        with stepped(counted):
+            action()
+    finally:
+        os._exit(1)
+
+
+class Bench:
+    """A directory with the files of a kind of campaign."""
+
+    def __init__(self, directory: Path, kind: str) -> None:
+        directory.mkdir()
+        rig, campaign, further = KINDS[kind]
+        self.store, self.further = directory / "x", further
+        for name, text in (("rig", (CAMPAIGNS / rig).read_text()), ("campaign", campaign), ("further", further)):
+            (directory / f"{name}.toml").write_text(text)
+        self.directory = directory
+
+    def first(self) -> None:
+        campaign = config.read_campaign(self.directory / "campaign.toml")
+        runner.start(campaign, config.read_rig(self.directory / "rig.toml"), self.store, YES)
+
+    def last(self) -> None:
+        """What is killed: the further campaign of a kind that has one."""
+        if self.further:
+            runner.extend(self.store, config.read_campaign(self.directory / "further.toml"), YES)
+        else:
+            self.first()
+
+    def prepared(self) -> Bench:
+        if self.further:
+            self.first()
+        return self
+
+    def contents(self) -> tuple[list[Any], list[Any]]:
+        """Runs with their samples, and answers, without what tells that there was an interruption."""
+        with Store.open(self.store, readonly=True) as store:
+            runs = [
+                (
+                    run.key,
+                    json.dumps(run.conditions),
+                    run.valid,
+                    {name: column.tobytes() for name, column in store.samples(run.run_id).items()},
+                )
+                for run in store.runs()
+            ]
+            return runs, [(event.rig_time_s, event.data) for event in store.events("once")]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_campaign_killed_at_any_place_ends_in_the_same_bits(tmp_path: Path, kind: str) -> None:
+    undisturbed = Bench(tmp_path / "undisturbed", kind).prepared()
+    steps = []
+
+    def counted(call: Call) -> Any:
+        steps.append(1)
+        return call()
+
+    with stepped(counted):
+        undisturbed.last()
+    whole = undisturbed.contents()
+    random = np.random.default_rng(list(kind.encode()))
+    for trial in range(2):
+        first, last = (len(steps) - 2) * np.array([trial, trial + 1]) // 2  # the last one tells that all is done
+        step, after = int(random.integers(first, last)), bool(trial % 2)
+        bench = Bench(tmp_path / f"killed-{trial}", kind).prepared()
+        killed(bench.last, step, after=after)
+        runner.resume(bench.store, YES)
+        assert bench.contents() == whole, f"killed {'after' if after else 'before'} step {step} of {len(steps)}"
