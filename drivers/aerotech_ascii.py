@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import NamedTuple
 
-from drivers.conversation import Conversation
+from drivers.conversation import Check, Conversation
 from drivers.transport import Connect, Transport
 from rigctl.errors import BadReply, LinkError, LinkLost, OutOfStep
 
@@ -38,7 +38,13 @@ class AsciiLink:
     def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
         self._name = name
         self._timeout_s = timeout_s
-        self._conversation = Conversation(name, connect, harmless=lambda unread: not unread.strip(LINE_ENDS))
+        self._conversation = Conversation(
+            name,
+            connect,
+            Check(_bytes(VERSION), self._is_version),
+            anew=True,
+            harmless=lambda unread: not unread.strip(LINE_ENDS),
+        )
         self._version = Answer("")
         self.lock = self._conversation.lock
 
@@ -101,8 +107,10 @@ class AsciiLink:
         with self.lock:
             if not self._version.value:
                 self.version()
-            read = partial(self._read, VERSION, self._timeout_s, True)
-            self._conversation.confirm(_bytes(VERSION), lambda transport: read(transport) == self._version)
+            self._conversation.confirm_in_step()
+
+    def _is_version(self, transport: Transport) -> bool:
+        return self._read(VERSION, self._timeout_s, True, transport) == self._version
 
     def _exchange(self, line: str, timeout_s: float, *, query: bool) -> Answer:
         return self._conversation.ask(_bytes(line), partial(self._read, line, timeout_s, query))

@@ -2,7 +2,7 @@
 
 Nothing may be unread when a question is sent. After whatever leaves open which reply comes next (a time-out, a
 reply that cannot be, bytes that nobody asked for) the connection is brought in step before the next question: by a
-new one, or, where bytes under way outlive a connection, by what the instrument's line says (`settle`).
+new one, or, where bytes under way outlive a connection, by reading on until the check question is answered.
 """
 
 from __future__ import annotations
@@ -10,32 +10,46 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import NoReturn, TypeVar
+from typing import NamedTuple, NoReturn, TypeVar
 
 from drivers.transport import Connect, Transport
-from rigctl.errors import LinkLost, OutOfStep
+from rigctl.errors import BadReply, LinkError, LinkLost, LinkTimeout, OutOfStep
 
 T = TypeVar("T")
 
+REPLIES_BEHIND_MAX = 64
+
 OVERTAKEN_AFTER_S = 0.05
 """How long [s of wall-clock time] somebody urgent waits for an exchange to end by itself; most take a millisecond."""
+
+
+class Check(NamedTuple):
+    """A question that may be asked at any time and that no other question's reply answers.
+
+    `own` reads one reply and says whether it is the question's.
+    """
+
+    question: bytes
+    own: Callable[[Transport], bool]
 
 
 class Conversation:
     """The one connection to an instrument, made anew when it is lost; usable from any thread, one exchange at a time.
 
     `lock` may be held around exchanges that belong together. `harmless` says of unread bytes that they are part of no
-    reply. `settle` brings a connection back in step; without it a new connection does. Every exchange raises
-    `LinkTimeout`, `LinkLost` or `OutOfStep`; after the first two the instrument may have got the question or not.
+    reply. `anew` is for instruments whose late replies do not reach a new connection: it is made after every doubt.
+    Every exchange raises `LinkTimeout`, `LinkLost` or `OutOfStep`; after the first two the instrument may have got
+    the question or not.
     """
 
     def __init__(
         self,
         name: str,
         connect: Connect,
+        check: Check,
         *,
+        anew: bool,
         harmless: Callable[[bytes], bool] = lambda _: False,
-        settle: Callable[[Transport], None] | None = None,
     ) -> None:
         self.lock = threading.RLock()
         self.wanted = False
@@ -45,8 +59,9 @@ class Conversation:
         self._name = name
         self._connect = connect
         self._harmless = harmless
-        self._anew = settle is None
-        self._settle = settle or (lambda _: None)
+        self._check = check
+        self._checks_due = 0
+        self._anew = anew
         self._transport: Transport | None = None
         self._busy = False
         self._doubtful = False
@@ -91,12 +106,43 @@ class Conversation:
         with self._one_at_a_time(), self._doubted_on_failure():
             self._alive().write(command)
 
-    def confirm(self, question: bytes, read: Callable[[Transport], bool]) -> None:
-        """Ask what no other question's reply can answer; `OutOfStep` unless `read` says it did, or if more came."""
+    def confirm_in_step(self) -> None:
+        """`OutOfStep` unless the check question is answered by its own reply and nothing else is unread."""
         with self.lock:
-            if not self.ask(question, read):
-                self._raise_out_of_step(f"{question!r} was not answered by its own reply")
-            self._clear(question)
+            if not self.ask(self._check.question, self._is_own, self._one_check()):
+                self._raise_out_of_step(f"{self._check.question!r} was not answered by its own reply")
+            self._clear(self._check.question)
+
+    @contextmanager
+    def _one_check(self) -> Iterator[None]:
+        self._checks_due += 1
+        yield
+
+    def _is_own(self, transport: Transport) -> bool:
+        try:
+            own = self._check.own(transport)
+        except BadReply:
+            own = False
+        self._checks_due -= own
+        return own
+
+    def _settle(self, transport: Transport) -> None:
+        """Read on until every check question is answered, or the last ones seem lost."""
+        if self._anew:
+            return
+        with self._one_check():
+            transport.write(self._check.question)
+        answered = False
+        for _ in range(REPLIES_BEHIND_MAX):
+            try:
+                answered = self._is_own(transport) or answered
+            except LinkTimeout:
+                if not answered:
+                    raise
+                self._checks_due = 0
+            if answered and not self._checks_due:
+                return
+        raise LinkError(f"{self._name}: {self._check.question!r} is not answered; does somebody else use the line?")
 
     @contextmanager
     def reachable(self) -> Iterator[None]:
@@ -211,5 +257,6 @@ class Conversation:
 
     def _drop(self) -> None:
         transport, self._transport = self._transport, None
+        self._checks_due = 0
         if transport is not None:
             transport.close()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from contextlib import AbstractContextManager
 
-from drivers.conversation import Conversation
+from drivers.conversation import Check, Conversation
 from drivers.keyence_settings import KeyenceSettings
 from drivers.transport import Connect, Transport
 from rigctl.clock import Clock
@@ -36,7 +36,9 @@ class KeyenceLine:
         self.name = name
         self._settings = settings
         self._clock = clock
-        self._conversation = Conversation(name, connect, harmless=_automatic, settle=self._settle)
+        self._conversation = Conversation(
+            name, connect, Check(PROGRAM + b"\r", self._is_program), anew=False, harmless=_automatic
+        )
         self.lock = self._conversation.lock
 
     @property
@@ -58,10 +60,7 @@ class KeyenceLine:
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` when the program's number is not the answer to its question, or something else is unread."""
-        self._conversation.confirm(
-            PROGRAM + b"\r",
-            lambda transport: bool(PROGRAM_REPLY.fullmatch(self._reply(transport, self._settings.link_timeout_s))),
-        )
+        self._conversation.confirm_in_step()
 
     def ask(self, command: str, timeout_s: float | None = None) -> bytes:
         """What stands in the reply after the command's name.
@@ -104,15 +103,11 @@ class KeyenceLine:
             left_s = deadline_s - self._clock.now_s()
         raise LinkTimeout(f"only automatic output came in {timeout_s:g} s; end it on the controller's panel")
 
-    def _settle(self, transport: Transport) -> None:
-        """Read what is still to come of earlier replies, or it would be taken for the next one."""
+    def _is_program(self, transport: Transport) -> bool:
         deadline_s = self._clock.now_s() + self._settings.readout_timeout_s
-        transport.unread()
-        transport.write(PROGRAM + b"\r")
         while True:
             try:
-                if PROGRAM_REPLY.fullmatch(self._reply(transport, self._settings.link_timeout_s)):
-                    return
+                return bool(PROGRAM_REPLY.fullmatch(self._reply(transport, self._settings.link_timeout_s)))
             except LinkTimeout:
                 # a long reply may still be on its way
                 if not transport.unread() or self._clock.now_s() > deadline_s:

@@ -132,7 +132,12 @@ class KeyenceLkg:
                 "check the wire to the TIMING input and that the pacing instrument ran to its end",
                 instrument=self.name,
             )
-        return np.column_stack([self._stored(output, armed) for output in self.settings.heads.values()])
+        columns: list[FloatArray] = []
+        for output in self.settings.heads.values():
+            if columns:  # the values' reply does not say whose they are: the status in between keeps them apart
+                self._progress()
+            columns.append(self._stored(output, armed))
+        return np.column_stack(columns)
 
     def displacements(self) -> tuple[Reading, ...]:
         """The value of each head now [mm], in the order of the settings; NaN when there is none."""

@@ -7,7 +7,6 @@ are asked back.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Self
 
@@ -27,6 +26,8 @@ AMPLITUDE_MINIMUM_V = 1e-3
 PERIOD_MINIMUM_S, PERIOD_MAXIMUM_S = 5e-6, 1e6
 """200 kHz, which a ramp has too, and 1 uHz."""
 PHASE_MAXIMUM_DEG = 360.0
+ROUNDING, ROUNDING_V, ROUNDING_HZ, ROUNDING_DEG = 1e-3, 1e-3, 1e-6, 0.1
+"""What the generator may round a setting by: relative, and in each unit on top."""
 FUNCTIONS = {"constant": "DC", "sine": "SIN", "triangle": "RAMP"}
 
 
@@ -140,14 +141,21 @@ class Keysight33500B:
         """The waveform with the numbers that the generator gives back."""
         source = f"SOUR{self.settings.outputs[name]}"
         if waveform.shape == "constant":
-            return Waveform("constant", self._link.query_number(f"{source}:VOLT:OFFS?"))
-        frequency_hz = self._link.query_number(f"{source}:FREQ?")
-        if not frequency_hz > 0.0 or not math.isfinite(frequency_hz):
+            return Waveform("constant", self._taken(f"{source}:VOLT:OFFS?", waveform.offset_v, ROUNDING_V))
+        frequency_hz = self._taken(f"{source}:FREQ?", 1.0 / waveform.period_s, ROUNDING_HZ)
+        if not frequency_hz > 0.0:
             raise self._link.bad_reply(f"{source}:FREQ?", f"{frequency_hz:g}", "a frequency")
-        amplitude_v = 0.5 * self._link.query_number(f"{source}:VOLT?")
-        offset_v = self._link.query_number(f"{source}:VOLT:OFFS?")
-        phase_deg = self._link.query_number(f"{source}:PHAS?")
+        amplitude_v = 0.5 * self._taken(f"{source}:VOLT?", 2.0 * waveform.amplitude_v, ROUNDING_V)
+        offset_v = self._taken(f"{source}:VOLT:OFFS?", waveform.offset_v, ROUNDING_V)
+        phase_deg = self._taken(f"{source}:PHAS?", waveform.phase_deg, ROUNDING_DEG)
         return Waveform(waveform.shape, offset_v, amplitude_v, 1.0 / frequency_hz, phase_deg)
+
+    def _taken(self, query: str, asked: float, rounding: float) -> float:
+        """What the generator made of a setting: no more than rounding it, as its error queue is empty."""
+        value = self._link.query_number(query)
+        if abs(value - asked) > rounding + ROUNDING * abs(asked):
+            raise self._link.bad_reply(query, f"{value:g}", f"about {asked:g}, as it was set without an error")
+        return value
 
 
 def _settings(number: int, waveform: Waveform) -> tuple[str, ...]:

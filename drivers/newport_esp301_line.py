@@ -11,7 +11,7 @@ import re
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
-from drivers.conversation import Conversation
+from drivers.conversation import Check, Conversation
 from drivers.numbers import decimal, whole
 from drivers.transport import Connect, Transport
 from rigctl.errors import BadReply, WrongInstrument
@@ -19,7 +19,6 @@ from rigctl.errors import BadReply, WrongInstrument
 END = b"\r\n"
 VERSION = "VE?"
 MODEL = re.compile(r"ESP\s?30\d")
-ANSWERS_BEHIND_MAX = 16
 ERRORS_QUEUED_MAX = 64
 
 
@@ -45,7 +44,7 @@ class EspLine:
     def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
         self.name = name
         self._timeout_s = timeout_s
-        self._conversation = Conversation(name, connect, settle=self._fall_into_step)
+        self._conversation = Conversation(name, connect, Check(_bytes(VERSION), self._is_version), anew=False)
         self._version = ""
         self.lock = self._conversation.lock
 
@@ -77,7 +76,7 @@ class EspLine:
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` when the version is not the answer to its question, or something else is unread."""
-        self._conversation.confirm(_bytes(VERSION), lambda transport: bool(MODEL.search(self._read_line(transport))))
+        self._conversation.confirm_in_step()
 
     def tell(self, command: str) -> None:
         """Send a command; nothing comes back."""
@@ -117,16 +116,8 @@ class EspLine:
             instrument=self.name,
         )
 
-    def _fall_into_step(self, transport: Transport) -> None:
-        transport.unread()
-        transport.write(_bytes(VERSION))
-        for _ in range(ANSWERS_BEHIND_MAX):
-            if MODEL.search(self._read_line(transport)):
-                return
-        raise BadReply(
-            f"{self.name}: no answer to 'VE?' among {ANSWERS_BEHIND_MAX} lines; check that nobody else uses the line",
-            instrument=self.name,
-        )
+    def _is_version(self, transport: Transport) -> bool:
+        return bool(MODEL.search(self._read_line(transport)))
 
     def _read_line(self, transport: Transport) -> str:
         return transport.read_until(END, self._timeout_s).decode("latin-1").removesuffix("\r\n")

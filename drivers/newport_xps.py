@@ -100,8 +100,8 @@ class NewportXps:
         self._group = settings.group
         self._positioner = f"{settings.group}.{settings.positioner}"
         self._clock = clock
-        self._motions = XpsSocket(name, connect)
-        self._queries = XpsSocket(name, connect)
+        self._motions = XpsSocket(name, connect, settings.link_timeout_s)
+        self._queries = XpsSocket(name, connect, settings.link_timeout_s)
         self._open = False
         self._prepared = False
         self._jerk_times_s: tuple[float, ...] = ()
@@ -151,7 +151,7 @@ class NewportXps:
     def confirm_in_step(self) -> None:
         """`OutOfStep` when replies may have been taken for others, on either connection."""
         for socket in (self._queries, self._motions):
-            socket.confirm_in_step(self._settings.link_timeout_s)
+            socket.confirm_in_step()
 
     def stop(self) -> None:
         """Abort a move, kill a homing group; returns when the controller says that the group stands still."""

@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 
-from drivers.conversation import Conversation
+from drivers.conversation import Check, Conversation
 from drivers.numbers import decimal
 from drivers.transport import Connect, Transport
 from rigctl.errors import BadReply
@@ -49,9 +49,11 @@ def parse_reply(data: bytes) -> Reply:
 class XpsSocket:
     """One socket's functions, one at a time."""
 
-    def __init__(self, name: str, connect: Connect) -> None:
+    def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
         self._name = name
-        self._conversation = Conversation(name, connect)
+        self._conversation = Conversation(
+            name, connect, Check(FIRMWARE.encode("ascii"), partial(self._is_firmware, timeout_s)), anew=True
+        )
 
     def open(self) -> None:
         """Connect."""
@@ -76,17 +78,19 @@ class XpsSocket:
             self._conversation.doubt()
         return reply
 
-    def confirm_in_step(self, timeout_s: float) -> None:
+    def confirm_in_step(self) -> None:
         """`OutOfStep` when the firmware is not the answer to its question, or something else is unread.
 
         What awaits the end of a motion is not in doubt: its reply is still to come.
         """
         if self._conversation.lock.acquire(blocking=False):
             try:
-                read = partial(self._read, FIRMWARE, timeout_s)
-                self._conversation.confirm(FIRMWARE.encode("ascii"), lambda transport: "XPS" in read(transport).text)
+                self._conversation.confirm_in_step()
             finally:
                 self._conversation.lock.release()
+
+    def _is_firmware(self, timeout_s: float, transport: Transport) -> bool:
+        return "XPS" in self._read(FIRMWARE, timeout_s, transport).text
 
     def _read(self, request: str, timeout_s: float, transport: Transport) -> Reply:
         data = transport.read_until(END, timeout_s)

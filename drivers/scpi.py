@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 
-from drivers.conversation import Conversation
+from drivers.conversation import Check, Conversation
 from drivers.numbers import decimal, whole
 from drivers.transport import Connect, Transport
 from rigctl.errors import BadReply, InstrumentError, LinkError, LinkTimeout, WrongInstrument
@@ -27,7 +27,7 @@ class ScpiLink:
     def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
         self.name = name
         self.timeout_s = timeout_s
-        self._conversation = Conversation(name, connect)
+        self._conversation = Conversation(name, connect, Check(IDENTITY, self._is_identity), anew=True)
         self._lock = self._conversation.lock
         self._identity = ""
 
@@ -69,7 +69,10 @@ class ScpiLink:
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` when the identity is not the answer to its question, or something else is unread."""
-        self._conversation.confirm(IDENTITY, lambda transport: _text(self._read_line(transport)) == self._identity)
+        self._conversation.confirm_in_step()
+
+    def _is_identity(self, transport: Transport) -> bool:
+        return _text(self._read_line(transport)) == self._identity
 
     def send(self, *commands: str) -> None:
         """Send commands and do not look at the error queue."""
