@@ -203,6 +203,7 @@ class Session:
         self.synchronous = synchronous
         self.asynchronous: Channel | None = None
         self._instrument = instrument
+        self._whole = bool(getattr(instrument, "sends_whole_replies", False))
         self._max_payload = MAX_PAYLOAD_BYTES
         self._ended = False
         self._connect()
@@ -279,7 +280,7 @@ class Session:
         if self._clearing or self._ended:
             return
         self._response += data
-        if not data.endswith(b"\n"):
+        if not (data.endswith(b"\n") or self._whole):
             return
         response, self._response = bytes(self._response), bytearray()
         for start in range(0, len(response), self._max_payload):

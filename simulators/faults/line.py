@@ -33,6 +33,8 @@ class FaultyInstrument:
         tap: Tap | None = None,
     ) -> None:
         self.kind = inner.kind
+        self.sends_whole_replies = True
+        """What is sent in one call is one message, where the wire knows messages, even if its end is missing."""
         self.plan = plan
         self._inner = inner
         self._clock = clock

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 import pyvisa
 
-from simulators.clock import ScaledClock
+from simulators.clock import ScaledClock, VirtualClock
+from simulators.faults import FaultPlan, FaultyInstrument
 from simulators.hislip import HEADER, Channel, HislipPort, Kind
 from simulators.serve import Server
 
@@ -80,9 +81,10 @@ class Far:
 class Pair:
     """An initialised session."""
 
-    def __init__(self) -> None:
+    def __init__(self, **faults: object) -> None:
         self.meter = Meter()
-        self.port = HislipPort(self.meter)
+        faulty = FaultyInstrument(self.meter, FaultPlan.model_validate(faults), VirtualClock())
+        self.port = HislipPort(faulty if faults else self.meter)
         self.data, self.side = Far(self.port), Far(self.port)
         self.data.send(Kind.INITIALIZE, 0, 0x0100 << 16, b"hislip0")
         ((kind, control, parameter, payload),) = self.data.messages()
@@ -293,3 +295,32 @@ def test_pyvisa_sessions_are_independent() -> None:
         first.close()
         assert second.query("three?") == "three?"
         assert connect().query("four?") == "four?"
+
+
+@pytest.mark.parametrize(
+    ("fault", "responses"),
+    [
+        ("silent", []),
+        ("duplicated", [b"volt?\n", b"volt?\n"]),
+        ("truncated", [b"vol"]),
+        ("wrong_terminator", [b"volt?\r"]),
+        ("echo", [b"volt?\n", b"volt?\n"]),
+    ],
+)
+def test_spoilt_replies_are_whole_messages(fault: str, responses: list[bytes]) -> None:
+    pair = Pair(**{fault: {"nth": [1]}})
+    pair.data.send(Kind.DATA_END, 0, 2, b"volt?")
+    assert pair.data.messages() == [(Kind.DATA_END, 0, 2, response) for response in responses]
+    pair.data.send(Kind.DATA_END, 0, 4, b"volt?")
+    assert pair.data.messages() == [(Kind.DATA_END, 0, 4, b"volt?\n")]
+
+
+def test_a_session_ends_with_its_faulty_connection_and_the_port_with_the_instrument() -> None:
+    pair = Pair(disconnect={"nth": [1]}, refused={"between_s": [0.0, 1.0]})
+    assert not pair.port.listening
+    pair = Pair(disconnect={"nth": [1]})
+    assert pair.port.listening
+    pair.data.send(Kind.DATA_END, 0, 2, b"volt?")
+    assert len(pair.data.messages()) == 1
+    assert pair.data.channel.hung_up
+    assert pair.side.channel.hung_up

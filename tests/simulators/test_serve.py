@@ -17,6 +17,7 @@ import serial
 from rigctl.errors import ConfigError
 from simulators.clock import ScaledClock
 from simulators.faults import Event, FaultPlan, FaultyInstrument
+from simulators.faults.wire import Exchange
 from simulators.operator_port import Done
 from simulators.port import LOOPBACK
 from simulators.serve import Server
@@ -506,3 +507,31 @@ class PoweredCounter(Counter):
 
     def relieve(self, event: Event) -> None:
         self.diary.append("on")
+
+
+@pytest.mark.parametrize("wire", ["tcp", "serial"])
+@pytest.mark.parametrize(
+    "fault", ["duplicated", "truncated", "garbage", "non_ascii", "echo", "wrong_terminator", "bits"]
+)
+def test_a_served_wire_is_as_bad_as_one_in_this_process(wire: str, fault: str) -> None:
+    clock = ScaledClock()
+    plan = FaultPlan.model_validate({"seed": 12, fault: {"nth": [1]}})
+    heard = b"".join(plan.copies({fault}, Exchange(1, b"1\n", b"who\n")))
+    assert heard != b"1\n"
+    faulty = FaultyInstrument(Counter(clock), plan, clock, serial=wire == "serial")
+    server = Server(clock)
+    try:
+        if wire == "tcp":
+            end = socket.create_connection((LOOPBACK, server.add_tcp("counter", faulty).port), PATIENCE_S)
+            number = end.detach()
+        else:
+            number = os.open(str(server.add_serial("counter", faulty, 9600).device), os.O_RDWR | os.O_NOCTTY)
+        os.write(number, b"who\n")
+        came = b""
+        while len(came) < len(heard):
+            server.serve(stop=lambda: bool(select.select([number], [], [], 0.0)[0]))
+            came += os.read(number, 100)
+        os.close(number)
+    finally:
+        server.close()
+    assert came == heard
