@@ -28,6 +28,7 @@ class Measurement:
     channel: str
     """The run's column; a quantity that is no column has the instrument's own name for it.
 
+    `true COLUMN` is where a stage really is, whatever its controller believes: a reference may have been lost.
     `fault KEY` tells that a fault of the instrument's plan strikes: when, and the number of the reply, if it was one.
     """
     run: int | None

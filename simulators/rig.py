@@ -261,13 +261,17 @@ def _columns(spec: Spec) -> dict[str, str]:
     """Columns of a run by what the instrument calls the quantity."""
     match spec.kind:
         case "aerotech-ensemble":
-            return {"position": "stage_x_mm"}
+            return _position("stage_x_mm")
         case "newport-xps" | "newport-esp301":
-            return {"position": "theta_deg"}
+            return _position("theta_deg")
         case "keysight-34465a":
             return {"VOLT": spec.settings.get("channel", "accel_v"), "TEMP": "temperature_c"}
         case _:
             return {str(output): name for name, output in {**_numbered(spec, "heads"), **_outputs(spec)}.items()}
+
+
+def _position(column: str) -> dict[str, str]:
+    return {"position": column, "true position": f"true {column}"}
 
 
 def _numbered(spec: Spec, key: str, default: Mapping[str, int] | None = None) -> dict[str, int]:

@@ -69,8 +69,13 @@ class PositionCapture:
         return len(self._recorded(now_s)) - self._read
 
     def _note(self, first: int, taken: FloatArray) -> None:
+        if not self._tap.heard or not len(taken):
+            return
         in_mm = taken / self._settings.counts_per_mm if self._settings.capture_unit == "counts" else taken
-        self._tap.note("position", self._edges_s[first : first + len(taken)], in_mm)
+        edges_s = self._edges_s[first : first + len(taken)]
+        true_mm = self._axis.sample(edges_s + self._settings.capture_latency_s)[0] - self._settings.home_position_mm
+        self._tap.note("position", edges_s, in_mm)
+        self._tap.note("true position", edges_s, true_mm)
 
     def _recorded(self, now_s: float) -> FloatArray:
         if self._complete is not None:

@@ -61,7 +61,9 @@ class EspAxis:
     def reading(self) -> float:
         """What it answers when asked where it is [deg]."""
         position_deg = round(self.position(), self.decimals)
-        self._tap.note("position", self._clock.now_s(), position_deg)
+        now_s = self._clock.now_s()
+        self._tap.note("position", now_s, position_deg)
+        self._tap.note("true position", now_s, self.motion.position(now_s))
         return position_deg
 
     def commanded(self) -> float:

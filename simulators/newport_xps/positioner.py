@@ -84,6 +84,7 @@ class Positioner:
         """What it answers when asked where it is [deg]."""
         position_deg = self.current(at_s)
         self._tap.note("position", at_s, position_deg)
+        self._tap.note("true position", at_s, self.axis.position(at_s))
         return position_deg
 
     def velocity(self, at_s: float) -> float:

@@ -75,6 +75,8 @@ def test_what_drivers_hand_on_is_what_was_measured() -> None:
     for each in kept:
         assert np.all(np.diff(each.at_s) > 0), each
         assert each.at_s[-1] <= end_s, each
+    assert latest(kept, "rotation", "true theta_deg")[-1] == pytest.approx(columns["theta_deg"][0], abs=1e-4)
+    assert latest(kept, "stage", "true stage_x_mm") == pytest.approx(columns["stage_x_mm"], abs=1e-5)
     (captured,) = [each for each in kept if each.channel == "stage_x_mm"]
     (volts,) = [each for each in kept if each.channel == "accel_v"]
     assert captured.at_s == pytest.approx(volts.at_s, abs=1e-9)
@@ -133,6 +135,20 @@ def test_a_file_holds_the_same(tmp_path: Path) -> None:
         np.testing.assert_array_equal(written.values, told.values)
     assert kept[0].channel == "laser_1_mm"
     assert np.isnan(kept[0].values[1:]).all()
+
+
+def test_where_a_stage_is_and_what_it_believes_differ_when_its_reference_is_lost() -> None:
+    cycle = "[instruments.rotation.faults]\npower_cycle = { at_s = 60.0, lasting_s = 5.0 }\n"
+    with Rig(rig_file(cycle)) as rig:
+        assert rig.simulation is not None
+        kept = rig.simulation.measured.keep()
+        rig.only("rotation").home()
+        rig.only("rotation").move_to(30.0)
+        rig.clock.sleep_s(70.0 - rig.clock.now_s())
+        wire = rig.simulation.instruments["rotation"].connect(lambda _: None)
+        wire.receive(b"GroupPositionCurrentGet(Group1,double *)")
+    assert latest(kept, "rotation", "theta_deg")[-1] == 0.0
+    assert latest(kept, "rotation", "true theta_deg")[-1] == pytest.approx(30.0)
 
 
 def test_pieces_of_a_record_are_put_together() -> None:
