@@ -73,16 +73,27 @@ class CheckedRows:
                 )
         return found
 
-    def samples(self, run: Row) -> Iterator[tuple[str, bytes]]:
-        """The chunks of a run as they were written; at their end `DamagedStore` if a finished run's are others."""
-        sums = ColumnSums()
+    def chunks(self, run: Row, order: str = "ASC") -> Iterator[tuple[str, bytes]]:
+        """The chunks of a run with the names of their columns, as they are, nothing verified but their form."""
+        query = f"SELECT name, data FROM samples WHERE id >= ? AND id < ? ORDER BY id {order}"  # noqa: S608
         with database_errors(self.path):
-            yield from sums.taking(self.connection.execute(_CHUNKS, chunk_ids(run[0])))
+            for name, data in self.connection.execute(query, chunk_ids(run[0])):
+                if type(name) is not str or type(data) is not bytes or len(data) % 8:
+                    raise self._damaged_run(run, "a chunk")
+                yield name, data
+
+    def samples(self, run: Row) -> Iterator[tuple[str, bytes]]:
+        """As `chunks`; at their end `DamagedStore` unless those of a finished run are as they were written."""
+        sums = ColumnSums()
+        yield from sums.taking(self.chunks(run))
         if self.summed and run[_STATE] == "finished" and (columns := sums.differing(run[_SUM - 1])):
-            raise DamagedStore(
-                f"{self.path}: the samples of run {run[1]} are not as they were written ({', '.join(columns)}); "
-                f"leave the run out with `rigctl mark {self.path} {run[1]} REASON --invalid`"
-            )
+            raise self._damaged_run(run, ", ".join(columns))
+
+    def _damaged_run(self, run: Row, what: str) -> DamagedStore:
+        return DamagedStore(
+            f"{self.path}: the samples of run {run[1]} are not as they were written ({what}); "
+            f"leave the run out with `rigctl mark {self.path} {run[1]} REASON --invalid`"
+        )
 
     def damaged(self, what: str) -> DamagedStore:
         """The error for part of the store."""
@@ -94,7 +105,7 @@ class CheckedRows:
         with database_errors(self.path):
             with transaction(self.connection, durable=durable):
                 yield
-                mark = ledger.mark(self.connection) if durable else None
+                mark = ledger.count(self.connection) if durable else None
             if mark is not None:
                 self._note.write(mark)
 

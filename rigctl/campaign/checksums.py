@@ -14,7 +14,8 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 _BYTES = 8
-_encode = json.JSONEncoder(separators=(",", ":")).encode
+# Damage can change the type of a value; that must not keep the sum from being made.
+_encode = json.JSONEncoder(separators=(",", ":"), default=repr).encode
 
 
 def row_sum(table: str, *values: Any) -> int:

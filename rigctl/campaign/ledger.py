@@ -17,17 +17,17 @@ FINISHED, INVALID, EVENTS, IDENTITIES, DOCUMENTS = "finished", "invalid", "event
 PARTS = (FINISHED, INVALID, EVENTS, IDENTITIES, DOCUMENTS)
 
 TABLE = (
-    "CREATE TABLE ledger (id INTEGER PRIMARY KEY CHECK (id = 1), store TEXT NOT NULL, changes INTEGER NOT NULL, "
+    "CREATE TABLE ledger (id INTEGER PRIMARY KEY CHECK (id = 1), store TEXT NOT NULL, commits INTEGER NOT NULL, "
     + (", ".join(f"{part} INTEGER NOT NULL DEFAULT 0, {part}_sum INTEGER NOT NULL DEFAULT 0" for part in PARTS) + ")")
 )
 
 
 @dataclass(frozen=True)
 class Mark:
-    """How far a store has come: its random name, and how many changes its ledger has seen."""
+    """How far a store has come: its random name, and how many durable transactions it has seen."""
 
     store: str
-    changes: int
+    commits: int
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Change:
 
 def open_ledger(connection: sqlite3.Connection) -> None:
     """The ledger of a store that has no rows yet."""
-    connection.execute("INSERT INTO ledger (id, store, changes) VALUES (1, ?, 0)", (os.urandom(8).hex(),))
+    connection.execute("INSERT INTO ledger (id, store, commits) VALUES (1, ?, 0)", (os.urandom(8).hex(),))
 
 
 def enter(connection: sqlite3.Connection, changes: Iterable[Change]) -> None:
@@ -53,7 +53,12 @@ def enter(connection: sqlite3.Connection, changes: Iterable[Change]) -> None:
 
 def mark(connection: sqlite3.Connection) -> Mark:
     """How far the store has come."""
-    return Mark(*connection.execute("SELECT store, changes FROM ledger").fetchone())
+    return Mark(*connection.execute("SELECT store, commits FROM ledger").fetchone())
+
+
+def count(connection: sqlite3.Connection) -> Mark:
+    """Count a durable transaction, inside it."""
+    return Mark(*connection.execute("UPDATE ledger SET commits = commits + 1 RETURNING store, commits").fetchall()[0])
 
 
 def parts(connection: sqlite3.Connection) -> Mapping[str, tuple[int, int]]:
@@ -70,7 +75,7 @@ def joined(sums: Iterable[int]) -> int:
 _READ = f"SELECT {', '.join(f'{part}, {part}_sum' for part in PARTS)} FROM ledger"  # noqa: S608
 _ENTER = {
     # SQLite has no exclusive or.
-    part: f"UPDATE ledger SET changes = changes + 1, {part} = {part} + ?, "  # noqa: S608
+    part: f"UPDATE ledger SET {part} = {part} + ?, "  # noqa: S608
     f"{part}_sum = ({part}_sum | ?) - ({part}_sum & ?)"
     for part in PARTS
 }

@@ -66,15 +66,14 @@ class Progress:
     def state(self, state: str) -> None:
         """running, paused, done, aborted or interrupted; written at once."""
         self._state = state
-        self._published = 0.0
-        self._publish()
+        self._publish(durable=True)
 
-    def _publish(self) -> None:
-        if time.monotonic() - self._published < PUBLISH_S:
+    def _publish(self, *, durable: bool = False) -> None:
+        if not durable and time.monotonic() - self._published < PUBLISH_S:
             return
         self._published = time.monotonic()
         status = self.status()
-        self._store.set_status(status)
+        self._store.set_status(status, durable=durable)
         if self._display is not None:
             self._display.show(status)
 

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.campaign import synced
 from rigctl.campaign.checksums import ColumnSums, row_sum
 from rigctl.campaign.header_json import header_from_json
-from rigctl.campaign.ledger import PARTS
+from rigctl.campaign.ledger import PARTS, Mark
 from rigctl.campaign.recording import READINGS, Header, RunRecord, flaw_of_run_id
 from rigctl.campaign.schema import first_chunk_id
 from rigctl.campaign.sqlite_pages import Cell, Pages, Values
@@ -57,8 +58,10 @@ class Salvage:
         self.header: Header | None = None
         self.lost: list[str] = []
         self._finished: int | None = None
+        self._mark: Mark | None = None
         self._runs: dict[int, _Run] = {}
         self._chunks: dict[int, dict[int, list[Cell]]] = {}
+        self._noted = synced.read(path)
         self._pages = Pages(path)
         for cell in self._pages.cells():
             self._take(cell)
@@ -92,6 +95,8 @@ class Salvage:
             taken.add(run.record.run_id)
             yield run.record, samples
         self.lost += self._without_row()
+        if self._mark is not None and (late := synced.missing(self._noted, self._mark)):
+            self.lost.append(f"the last {late} changes: runs, or marks of runs that are saved without them")
 
     def _without_row(self) -> Iterator[str]:
         for number in sorted(self._chunks.keys() - self._runs.keys()):
@@ -117,8 +122,8 @@ class Salvage:
                     self._runs[cell.rowid] = run
             elif self.header is None and cell.rowid == 1:
                 self.header = _header(values)
-            if self._finished is None and len(values) == 3 + 2 * len(PARTS) and _is(values[1:3], str, int):
-                self._finished = values[3]
+            if self._mark is None and len(values) == 3 + 2 * len(PARTS) and _is(values[1:4], str, int, int):
+                self._mark, self._finished = Mark(values[1], values[2]), values[3]
 
     def _samples(self, number: int, run: _Run) -> Samples | str:
         """The columns of a run, or what is wrong with them."""

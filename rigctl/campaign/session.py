@@ -132,7 +132,7 @@ class Session:
             return result
 
         result = self.guarded(key, apparatus, done)
-        self.store.add_event("once", {"key": key, "result": result}, self.clock.now_s(), durable=True)
+        self.store.add_event("once", {"key": key, "result": result}, self.clock.now_s())
         self._answers[key] = result
         return result
 

@@ -20,7 +20,7 @@ from typing import Any, Self
 import numpy as np
 
 from rigctl.campaign import ledger, schema, synced
-from rigctl.campaign.checked_rows import FINISHED_KEY, CheckedRows, Row, chunk_ids, seal
+from rigctl.campaign.checked_rows import FINISHED_KEY, CheckedRows, Row, seal
 from rigctl.campaign.header_json import dumps, header_from_json, header_to_json
 from rigctl.campaign.ledger import Mark
 from rigctl.campaign.recording import Header, RunRecord, flaw_of_run_id
@@ -194,13 +194,12 @@ class Store:
     def sample_chunks(self, run_id: str) -> Iterator[dict[str, FloatArray]]:
         """The columns of a run piece by piece, as they were written, each piece of one length in all columns.
 
-        What the columns of an interrupted run do not share is left out. `DataError` for an unknown run; after the
-        last piece `DamagedStore`, as `samples`.
+        What the columns of an interrupted run do not share is left out. `DataError` for an unknown run,
+        `DamagedStore` as `samples`, before the first piece.
         """
         run = self._run(run_id)
-        query = "SELECT name FROM samples WHERE id >= ? AND id < ? GROUP BY name ORDER BY MIN(id)"
-        waiting: dict[str, list[FloatArray]] = {name: [] for (name,) in self._rows.read(query, chunk_ids(run[0]))}
-        for name, data in self._rows.samples(run):
+        waiting: dict[str, list[FloatArray]] = {name: [] for name, _ in self._rows.samples(run)}
+        for name, data in self._rows.chunks(run):
             waiting[name].append(np.frombuffer(data, dtype="<f8").astype(np.float64))
             if all(waiting.values()):
                 columns = {each: np.concatenate(parts) for each, parts in waiting.items()}
@@ -210,17 +209,14 @@ class Store:
 
     def last_samples(self, run_id: str, count: int) -> dict[str, FloatArray]:
         """At most the last `count` of every column, not verified, without reading the whole of a long run."""
-        query = "SELECT name, data FROM samples WHERE id >= ? AND id < ? ORDER BY id DESC"
         chunks: dict[str, list[bytes]] = {}
         lengths: dict[str, int] = {}
-        with schema.database_errors(self.path):
-            rows = self._connection.execute(query, chunk_ids(self._run(run_id)[0]))
-            for name, data in rows:
+        with closing(self._rows.chunks(self._run(run_id), "DESC")) as latest:
+            for name, data in latest:
                 if name in chunks and min(lengths.values()) >= count:
                     break
                 chunks.setdefault(name, []).append(data)
                 lengths[name] = lengths.get(name, 0) + len(data) // 8
-            rows.close()
         return {
             name: np.frombuffer(b"".join(reversed(parts)), dtype="<f8")[-count:].astype(np.float64)
             for name, parts in reversed(chunks.items())
@@ -254,12 +250,10 @@ class Store:
 
     # Events, requests, status
 
-    def add_event(
-        self, kind: str, data: Mapping[str, Any], rig_time_s: float | None = None, *, durable: bool = False
-    ) -> int:
-        """Keep that something happened, now; returns its number. `durable`: on stable storage when it does."""
+    def add_event(self, kind: str, data: Mapping[str, Any], rig_time_s: float | None = None) -> int:
+        """Keep that something happened, now; returns its number, durable."""
         rig_time = None if rig_time_s is None else float(rig_time_s)
-        with self._rows.writing(durable=durable):
+        with self._rows.writing(durable=True):
             return self._rows.append("events", _now(), rig_time, kind, dumps(data))
 
     def events(self, kind: str | None = None, *, after: int = 0) -> list[Event]:
@@ -296,9 +290,9 @@ class Store:
             ).fetchone()
         return None if found is None else str(found[0])
 
-    def set_status(self, status: Mapping[str, Any]) -> None:
-        """Replace what `status` returns."""
-        with self._rows.writing():
+    def set_status(self, status: Mapping[str, Any], *, durable: bool = False) -> None:
+        """Replace what `status` returns; `durable`: on stable storage when this returns."""
+        with self._rows.writing(durable=durable):
             self._rows.put("status", 1, dumps(status))
 
     def status(self) -> dict[str, Any]:
@@ -309,7 +303,7 @@ class Store:
     def set_identity(self, name: str, identity: Identity | Mapping[str, Any]) -> None:
         """Keep who answered as instrument `name`."""
         data = asdict(identity) if isinstance(identity, Identity) else dict(identity)
-        with self._rows.writing():
+        with self._rows.writing(durable=True):
             self._rows.replace("identities", name, dumps(data))
 
     def identities(self) -> dict[str, dict[str, Any]]:

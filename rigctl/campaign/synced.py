@@ -60,17 +60,21 @@ def read(store: Path) -> Mark | None:
 
 
 def _text(mark: Mark) -> str:
-    said = f"{mark.store} {mark.changes}"
+    said = f"{mark.store} {mark.commits}"
     return f"{said} {zlib.crc32(said.encode()):08x}"
 
 
+def missing(noted: Mark | None, mark: Mark) -> int:
+    """How many durable transactions a store has lost; `mark` is read after the note."""
+    return max(0, noted.commits - mark.commits) if noted is not None and noted.store == mark.store else 0
+
+
 def require_all(store: Path, noted: Mark | None, mark: Mark) -> None:
-    """Raise `DamagedStore` when the store has not come as far as was `noted` before `mark` was read."""
-    if noted is not None and noted.store == mark.store and noted.changes > mark.changes:
+    """Raise `DamagedStore` when the store has lost anything."""
+    if lost := missing(noted, mark):
         raise DamagedStore(
-            f"{store}: its last {noted.changes - mark.changes} changes are missing, the write-ahead log beside it is "
-            f"damaged or gone; save all that verifies with `rigctl export --salvage`, or do without them: delete "
-            f"{path_of(store)}"
+            f"{store}: its last {lost} changes are missing, the write-ahead log beside it is damaged or gone; save "
+            f"all that verifies with `rigctl export --salvage`, or do without them: delete {path_of(store)}"
         )
 
 
