@@ -113,13 +113,15 @@ def salvage_bundle(store: Path, directory: Path) -> Salvaged:
 
 
 def _saved(salvage: Salvage, header: Header, saved: list[str]) -> Iterator[RunWithSamples]:
+    channels = set(header.channels)
     for record, samples in salvage.runs():
         if record.state == "finished":
+            channels |= samples.keys()
             saved.append(record.run_id)
             yield record, samples
         elif "t_s" in samples:
             saved.append(record.run_id)
-            yield _cut_off(record), padded(samples, header.channels)
+            yield _cut_off(record), padded(samples, sorted(channels))
         else:
             salvage.lost.append(f"run {record.run_id}: {record.state}, without samples")
 

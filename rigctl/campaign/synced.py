@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import zlib
 from contextlib import suppress
+from os import pwrite
 from pathlib import Path
 
 from rigctl.campaign.ledger import Mark
@@ -38,7 +39,7 @@ class Note:
             if self._file is None:
                 self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT, 0o644)
             # Written over and never cut: cutting a file makes its file system wait.
-            os.pwrite(self._file, text, 0)
+            pwrite(self._file, text, 0)
 
     def close(self) -> None:
         """Close the file; may be called twice."""

@@ -1,7 +1,7 @@
 """Stores with a flipped bit, a zeroed block or a cut: every damage is named, or changes nothing.
 
-One small campaign's store is made anew for each trial (seeded, 17 runs, a mark, fits), closed or with its write-ahead log
-as a killed process leaves it. What it tells before the damage and after is compared.
+The store of a small campaign is made anew for each trial, closed, or with its write-ahead log as a killed process
+leaves it. What it tells before the damage and after is compared.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ PROMISE = "A store with a flipped bit, a zeroed block or a cut names the damage,
 SILENT, HARMLESS, REDUCTIONS = "silent", "harmless", "reductions"
 KINDS = ("bit", "zeros", "cut")
 RUNS, ROWS = 14, 260
+CONDITIONS = {"axis": "X", "configuration": "pendulum", "mounting": 1, "theta_deg": 0.25, "frequency_hz": 0.5}
 _BLOCK_BYTES = 4096
 
 
@@ -61,16 +62,16 @@ def _fill(store: Store, rng: np.random.Generator) -> None:
         store.keep_reductions("sines 1", {str(number + 1): rng.bytes(200)})
     store.mark("3", valid=False, reason="door")
     store.add_document("fit", {"axes": rng.normal(size=3)})
-    with suppress(ZeroDivisionError), store.begin_run("cut off", "phase 2", {"axis": "Y"}) as writer:
+    with suppress(ZeroDivisionError), store.begin_run("cut off", "phase 2", CONDITIONS) as writer:
         writer.append({"t_s": np.arange(50.0)})
         raise ZeroDivisionError
     store.set_status({"state": "done", "runs_planned": RUNS}, durable=True)
 
 
 def _record(store: Store, key: str, rng: np.random.Generator, rows: int) -> None:
-    conditions = {"axis": "X", "configuration": "pendulum", "mounting": 1, "theta_deg": 0.25, "frequency_hz": 0.5}
-    with store.begin_run(key, "phase 1", conditions) as writer:
-        for part in np.array_split(rng.normal(size=(3, rows)), 2, axis=1):
+    with store.begin_run(key, "phase 1", CONDITIONS) as writer:
+        columns = np.vstack([np.arange(rows) / 100.0 + rng.random(), rng.normal(size=(2, rows))])
+        for part in np.array_split(columns, 2, axis=1):
             writer.append(dict(zip(("t_s", "stage_x_mm", "accel_v"), part, strict=True)))
         writer.finish({"temperature_c": float(rng.normal(22.0))})
 
