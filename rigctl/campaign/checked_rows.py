@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ class CheckedRows:
                 )
         return found
 
-    def chunks(self, run: Row, order: str = "ASC") -> Iterator[tuple[str, bytes]]:
+    def chunks(self, run: Row, order: str = "ASC") -> Generator[tuple[str, bytes], None, None]:
         """The chunks of a run with the names of their columns, as they are, nothing verified but their form."""
         query = f"SELECT name, data FROM samples WHERE id >= ? AND id < ? ORDER BY id {order}"  # noqa: S608
         with database_errors(self.path):
