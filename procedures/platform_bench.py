@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procedures.course import Course, Leg
+from procedures.sample_checks import voltages_flaw
 from procedures.stream import Block, FollowingMeter, PacingMeter, Stream
 from procedures.time_table import EARLY_S, Motion, TimeTable, shortest_turn_s
 from rigctl.campaign.recovery import Apparatus
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.clock import Clock
-from rigctl.errors import InstrumentError, LinkError, RigError
+from rigctl.errors import ImplausibleSample, InstrumentError, LinkError, RigError
 from rigctl.interfaces import (
     FloatArray,
     Instrument,
@@ -33,6 +34,8 @@ from rigctl.interfaces import (
 FETCH_S, FETCH_ROWS = 60.0, 10_000
 """Meters are read at least so often: what a crash costs, and what their memories hold many times."""
 AT_ONCE_S = 1e-6
+ANGLE_TOLERANCE_DEG = 0.1
+"""Largest difference between the angle asked for and the encoder's: 1.5e-6 in cos(theta)."""
 SLACK = 1.001
 """The stage reckons with where it stands, not with where it should."""
 RUN_UP_S = 0.5
@@ -106,6 +109,20 @@ class PlatformBench:
             for angle_deg in self._left.angles_deg[-2:]:
                 self.platform.move_to(angle_deg)
 
+    @property
+    def turning(self) -> Apparatus:
+        """The platform by itself: meters and source go on while it is brought back."""
+        return Apparatus((self.platform,), alone=True)
+
+    def standing_deg(self, asked_deg: float) -> float:
+        """The encoder's angle, platform at rest; `ImplausibleSample` when it is not where it was sent."""
+        angle_deg = self.platform.angle().value
+        self.platform.confirm_in_step()
+        if abs(angle_deg - asked_deg) > ANGLE_TOLERANCE_DEG:
+            said = f"{self.platform.name}: {angle_deg:g} deg where {asked_deg:g} deg was asked for"
+            raise ImplausibleSample(said, channel="theta_deg", instrument=self.platform.name)
+        return angle_deg
+
     def rest(self) -> None:
         """Between runs nothing moves."""
 
@@ -145,7 +162,7 @@ class _Recording:
         motions = wanted.table.motions
         before_s = RUN_UP_S - motions[0].start_s if motions and motions[0].start_s < RUN_UP_S else 0.0
         self._run_up = math.ceil(before_s * wanted.sample_rate_hz)
-        self._course = Course(wanted.table, bench.platform.angle().value, self._period_s)
+        self._course = Course(wanted.table, bench.standing_deg(wanted.table.begin_deg), self._period_s)
         self._stream = Stream(
             session,
             (bench.readout, bench.voltmeter),
@@ -189,11 +206,17 @@ class _Recording:
         """A turn that begins late takes less time, within limits, so as to be over in time."""
         if self._stream.record_ends_s < self._bench.clock.now_s() + self._period_s:
             self._fetch()
-        stage, from_deg, began_s = self._bench.platform, self._course.angle_deg, self._now_s()
+        from_deg, began_s, what = self._course.angle_deg, self._now_s(), f"turn to {motion.to_deg:g} deg"
+        to_deg, ended_s = self._session.guarded(what, self._bench.turning, lambda: self._turned(motion))
+        self._course.add(Leg(began_s, ended_s, from_deg, to_deg))
+
+    def _turned(self, motion: Motion) -> tuple[float, float]:
+        """Turn from wherever it is; the angle it came to, and when the controller said that it had [deg, s]."""
+        stage, from_deg = self._bench.platform, self._bench.platform.angle().value
         shortest_s = SLACK * shortest_turn_s(stage.limits, abs(motion.to_deg - from_deg))
-        stage.turn_to(motion.to_deg, max(motion.stop_s - EARLY_S - began_s, shortest_s))
+        stage.turn_to(motion.to_deg, max(motion.stop_s - EARLY_S - self._now_s(), shortest_s, EARLY_S))
         ended_s = self._now_s()
-        self._course.add(Leg(began_s, ended_s, from_deg, stage.angle().value))
+        return self._bench.standing_deg(motion.to_deg), ended_s
 
     def _wait_until(self, time_s: float) -> None:
         """Let time pass, and take in what the instruments have meanwhile."""
@@ -240,6 +263,7 @@ class _Recording:
         index = np.arange(len(rows), dtype=np.float64) + (block.first + needless - self._run_up)
         times_s: FloatArray = (index + 0.5) * self._period_s + block.late_s
         moving, theta_deg = self._course.moving(times_s), self._course.theta_deg(times_s)
+        rows = self._believed(rows, moving)
         elapsed_s = self._rig_time_s(0.0) + times_s - self._started.start_s
         tilt = {name: waveform.volts(elapsed_s) for name, waveform in self._started.waveforms.items()}
         self._writer.stream(
@@ -255,6 +279,18 @@ class _Recording:
         )
         self._course.forget(float(times_s[-1]))
         self._watch(rows, np.where(moving, 0, np.rint(np.cos(np.deg2rad(theta_deg)))).astype(np.int8))
+
+    def _believed(self, rows: FloatArray, moving: NDArray[np.bool_]) -> FloatArray:
+        """Rows without what cannot be true: from such a sample on nothing of its record is believed."""
+        meters: tuple[PacingMeter | FollowingMeter, ...] = (self._bench.readout, self._bench.voltmeter)
+        for place, meter in enumerate(meters):
+            (channel,) = meter.channels()
+            resting = np.where(moving, np.nan, rows[:, place])
+            if (flaw := voltages_flaw(channel, resting)) is not None:
+                rows = rows.copy()
+                rows[flaw.sample :, place] = np.nan
+                self._stream.give_up(flaw.of(meter.name), len(rows) - flaw.sample)
+        return rows
 
     def _now_s(self) -> float:
         return self._bench.clock.now_s() - self._rig_time_s(0.0)

@@ -268,22 +268,42 @@ def laser_flaw(
 def voltage_flaw(channel: Channel, times_s: FloatArray, volts: FloatArray, frequency_hz: float) -> Flaw | None:
     """Against its range, and against its neighbours where it is not saturated."""
     range_v = channel.full_scale
-    if range_v is not None and (beyond := np.abs(np.nan_to_num(volts)) > OVER_RANGE * range_v).any():
-        sample = int(np.argmax(beyond))
-        return Flaw(channel.name, sample, f"{volts[sample]:g} V is beyond what a range of {range_v:g} V can show")
+    if flaw := _beyond(channel, volts):
+        return flaw
     if not np.isfinite(volts).all() or (range_v is not None and np.abs(volts).max() >= range_v):
         return None
     seen = course(times_s, volts, frequency_hz)
     return None if seen is None else _odd(channel.name, seen, "V")
 
 
-def _odd(channel: str, seen: Course, unit: str) -> Flaw | None:
-    if (odd := odd_sample(seen.residual, seen.purest, seen.resolution)) is None:
+def voltages_flaw(channel: Channel, volts: FloatArray) -> Flaw | None:
+    """As `voltage_flaw`, of a stretch without a sine; NaN are gaps."""
+    known = volts[np.isfinite(volts)]
+    if flaw := _beyond(channel, volts):
+        return flaw
+    if not len(known) or (channel.full_scale is not None and np.abs(known).max() >= channel.full_scale):
         return None
-    sample, distance, allowed = odd
-    return Flaw(
-        channel, sample, f"{distance:.3g} {unit} away from its neighbours, {allowed:.2g} {unit} would be noise"
-    )
+    rounded = ROUNDED * float(np.abs(known).max())
+    odd = odd_sample(volts - known.mean(), rounded, resolution_of(volts, rounded))
+    return None if odd is None else Flaw(channel.name, odd[0], _away(odd, "V"))
+
+
+def _beyond(channel: Channel, volts: FloatArray) -> Flaw | None:
+    range_v = math.inf if channel.full_scale is None else channel.full_scale
+    beyond = np.abs(np.nan_to_num(volts)) > OVER_RANGE * range_v
+    if not beyond.any():
+        return None
+    sample = int(np.argmax(beyond))
+    return Flaw(channel.name, sample, f"{volts[sample]:g} V is beyond what a range of {range_v:g} V can show")
+
+
+def _odd(channel: str, seen: Course, unit: str) -> Flaw | None:
+    odd = odd_sample(seen.residual, seen.purest, seen.resolution)
+    return None if odd is None else Flaw(channel, odd[0], _away(odd, unit))
+
+
+def _away(odd: tuple[int, float, float], unit: str) -> str:
+    return f"{odd[1]:.3g} {unit} away from its neighbours, {odd[2]:.2g} {unit} would be noise"
 
 
 def _shift(channel: str, times_s: FloatArray, values: FloatArray, frequency_hz: float) -> Flaw | None:

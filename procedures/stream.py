@@ -16,6 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
+from rigctl.campaign.recovery import FAULT, Apparatus, told
 from rigctl.campaign.session import Session
 from rigctl.errors import InstrumentError, LinkError, ProcedureError, RigError
 from rigctl.interfaces import FloatArray, Instrument, PacingRecorder, StreamedRecorder, Voltmeter
@@ -73,6 +74,7 @@ class Stream:
     ) -> None:
         self._session = session
         self._pacing, self._following = meters
+        self._apparatus = Apparatus(others=meters)
         self._samples, self._period_s = samples, period_s
         self._breaks = list(breaks)
         self._longest = self._pacing.longest_record(period_s)
@@ -120,12 +122,22 @@ class Stream:
         blocks, self._blocks = self._blocks, []
         return blocks
 
+    def give_up(self, error: RigError, doubted: int) -> None:
+        """Begin another record: what came of this one cannot be true, `doubted` rows that were given out already."""
+        self.lost += doubted
+        if not self.finished:
+            self._recover(error)
+
     def _take(self) -> None:
         """Rows that both meters have, after waiting for the last of a record that is over."""
         while True:
             # One after the other: what the first has is kept when the second fails.
-            self._waiting[0] = np.concatenate([self._waiting[0], self._pacing.fetch()[:, 0]])
-            self._waiting[1] = np.concatenate([self._waiting[1], self._following.fetch()[:, 0]])
+            meters: tuple[PacingMeter | FollowingMeter, ...] = (self._pacing, self._following)
+            for place, meter in enumerate(meters):
+                rows = meter.fetch()[:, 0]
+                if len(rows):
+                    meter.confirm_in_step()
+                self._waiting[place] = np.concatenate([self._waiting[place], rows])
             a, b = self._waiting
             count = min(len(a), len(b), self._end - self._next)
             self._waiting = [a[count:], b[count:]]
@@ -155,6 +167,7 @@ class Stream:
                     f"{self._failures + 1} records in a row failed, the last one: {error}"
                 ) from error
             self._session.event("record-lost", sample=self._next, error=str(error))
+            self._session.event(FAULT, during=f"sample {self._next}", **told(error, self._apparatus))
             for meter in (self._pacing, self._following):
                 with suppress(RigError):
                     meter.stop()

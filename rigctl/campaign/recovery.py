@@ -26,7 +26,8 @@ INTERVALS_S = (1.0, 5.0, 20.0, 60.0, 300.0)
 GIVE_UP_S = 4.0 * 3600.0
 """How long an instrument may be lost before a person is asked [rig s]: the power of a building comes back in less."""
 
-FAULT, REPEATED, LOST, BACK = "fault", "run-repeated", "instrument-lost", "instruments-back"
+FAULT, LOST, BACK = "fault", "instrument-lost", "instruments-back"
+RUN_REPEATED, STEP_REPEATED = "run-repeated", "step-repeated"
 """Kinds of events."""
 
 Faults = (LinkError, InstrumentError)
@@ -45,6 +46,9 @@ class Apparatus:
     forget: Callable[[], None] = lambda: None
     confirms_itself: bool = False
     """The run does so as it goes: one of days is not given up for a doubt at its end."""
+
+    alone: bool = False
+    """Nothing else of the rig is brought to rest for its sake."""
 
     @property
     def instruments(self) -> tuple[Instrument, ...]:
@@ -99,7 +103,8 @@ class Recovery:
         if self._control.aborted:
             raise fault
         self._note(fault, what, apparatus)
-        self._control.bring_to_rest()
+        if not apparatus.alone:
+            self._control.bring_to_rest()
         agreed = self._agreed(fault)
         if not agreed and attempt % ATTEMPTS == 0:
             self._ask(fault, f"{what} failed {attempt} times, the last time so: {fault}. Try again?")

@@ -38,8 +38,8 @@ class Resumption:
         """Restore what was left, once, and let a virtual clock come to when the last recorded step ended."""
         if not self._pending:
             return
-        self._pending = False
         self.restore()
+        self._pending = False
         if self._reached_s is not None and math.isinf(self._clock.speed):
             _wait_until(self._clock, self._reached_s)
 

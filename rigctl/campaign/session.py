@@ -16,7 +16,7 @@ from rigctl.campaign.control import Control
 from rigctl.campaign.operator import Operator
 from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import RunRecord
-from rigctl.campaign.recovery import REPEATED, Apparatus, Faults, Recovery
+from rigctl.campaign.recovery import RUN_REPEATED, STEP_REPEATED, Apparatus, Faults, Recovery
 from rigctl.campaign.rig_time import RUN_ENDED, Resumption
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.store import Event, Store
@@ -108,7 +108,7 @@ class Session:
                 self.store.add_event(RUN_ENDED, {"key": key}, self.clock.now_s())
                 return writer.finish(found, valid=valid, reason=reason)
 
-        record = self.guarded(key, apparatus, measured)
+        record = self._repeated(RUN_REPEATED, key, apparatus, measured)
         self._progress.ran(valid=record.valid)
         return record
 
@@ -141,6 +141,9 @@ class Session:
 
         `NotRecovered` when faults do not end; without an apparatus the fault itself.
         """
+        return self._repeated(STEP_REPEATED, what, apparatus, action)
+
+    def _repeated(self, kind: str, what: str, apparatus: Apparatus | None, action: Callable[[], T]) -> T:
         attempt = 0
         while True:
             attempt += 1
@@ -150,7 +153,7 @@ class Session:
                 if apparatus is None:
                     raise
                 self._recovery.after(fault, what, attempt, apparatus)
-                self.event(REPEATED, key=what, attempt=attempt, error=type(fault).__name__, reason=str(fault))
+                self.event(kind, key=what, attempt=attempt, error=type(fault).__name__, reason=str(fault))
 
     def key(self, key: str) -> str:
         """The name in the store of a key of this campaign."""

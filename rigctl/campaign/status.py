@@ -8,7 +8,7 @@ from typing import Any
 
 from rigctl.campaign.bundle import import_report
 from rigctl.campaign.locks import is_held, store_lock
-from rigctl.campaign.recovery import REPEATED
+from rigctl.campaign.recovery import RUN_REPEATED
 from rigctl.campaign.store import Store
 
 
@@ -41,5 +41,5 @@ def status_in(store: Store) -> dict[str, Any]:
 
 
 def repeats_in(store: Store) -> dict[str, int]:
-    """How often something was measured again after a fault, by the kind of error."""
-    return dict(Counter(event.data["error"] for event in store.events(REPEATED)))
+    """How often a run was measured again after a fault, by the kind of error."""
+    return dict(Counter(event.data["error"] for event in store.events(RUN_REPEATED)))

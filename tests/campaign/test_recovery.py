@@ -185,7 +185,7 @@ def test_what_is_done_once_is_done_again_after_a_fault(scene: Scene) -> None:
 
     assert scene.session.once("level", read, scene.apparatus) == 0.25
     assert scene.person.announced == [1, 1]
-    assert len(scene.events("run-repeated")) == 1
+    assert len(scene.events("step-repeated")) == 1
 
 
 def test_a_lost_instrument_pauses_the_campaign_until_it_answers(scene: Scene) -> None:

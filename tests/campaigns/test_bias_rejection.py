@@ -372,7 +372,9 @@ def test_a_glitch_of_a_meter_costs_a_gap_that_is_told(
     )
 
 
-@pytest.mark.parametrize("fault", ["late = { nth = [20], delay_s = 30.0 }", "disconnect = { nth = [20] }"])
+@pytest.mark.parametrize(
+    "fault", ["late = { nth = [20], delay_s = 30.0 }", "disconnect = { nth = [20], before = true }"]
+)
 @pytest.mark.parametrize("meter", ["q_a", "q_b"])
 def test_a_wire_that_breaks_costs_a_gap_that_is_told(tmp_path: Path, campaigns: Path, meter: str, fault: str) -> None:
     (tmp_path / "campaign.toml").write_text(CUSTOM.replace("periods = 2", "periods = 8"))
@@ -393,12 +395,54 @@ def test_a_wire_that_breaks_costs_a_gap_that_is_told(tmp_path: Path, campaigns: 
     assert sound == pytest.approx([2.8757e-4] * len(sound), abs=6.5 * SIGMA_PERIOD_M_S2)
 
 
+@pytest.mark.parametrize("fault", ["silent = { nth = [60] }", "power_cycle = { at_s = 300.0, lasting_s = 20.0 }"])
+def test_a_platform_that_fails_in_a_turn_is_brought_back_and_the_run_goes_on(
+    tmp_path: Path, campaigns: Path, fault: str
+) -> None:
+    (tmp_path / "campaign.toml").write_text(CUSTOM.replace("periods = 2", "periods = 8"))
+    text = (campaigns / RIG).read_text()
+    text = text.replace("[instruments.platform]", f"[instruments.platform.faults]\n{fault}\n\n[instruments.platform]")
+    rig, store = config.parse_rig(text, tmp_path / "rig.toml"), tmp_path / "x.rig.sqlite"
+    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    ((run, samples),) = runs_of(store)
+    assert run.valid
+    assert len(samples["t_s"]) == 4800
+    assert np.isfinite(samples["q_a_v"]).all()
+    assert len(events_of(store, "fault")) == len(events_of(store, "step-repeated")) == 1
+    at_rest = samples["moving"] == 0.0
+    assert set(np.round(samples["theta_deg"][at_rest], 2)) == {0.0, 180.0}
+    sound = [each["accel_z_m_s2"] for each in events_of(store, "period") if not each["samples_missing"]]
+    assert len(sound) >= 6
+    assert sound == pytest.approx([2.8757e-4] * len(sound), abs=6.5 * SIGMA_PERIOD_M_S2)
+
+
+def test_a_wrong_reading_of_a_meter_costs_a_gap(made: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    fetch, calls = PacedVoltmeter.fetch, []
+
+    def one_wrong_digit(meter: PacedVoltmeter) -> FloatArray:
+        values = fetch(meter).copy()
+        calls.append(len(values))
+        if len(calls) == 2:
+            values[-30, 0] += 1.0
+        return values
+
+    monkeypatch.setattr(PacedVoltmeter, "fetch", one_wrong_digit)
+    store = made(CUSTOM, ("periods = 2", "periods = 6"))
+    ((run, samples),) = runs_of(store)
+    assert run.valid
+    assert run.reason == f"{np.isnan(samples['q_b_v']).sum()} of 3600 samples were lost"
+    assert np.nanmax(np.abs(samples["q_b_v"] + 1.39)) < 0.8
+    (fault,) = events_of(store, "fault")
+    assert fault["error"] == "ImplausibleSample"
+    assert fault["text"].startswith("q_b: q_b_v, sample ")
+
+
 def test_a_thermometer_that_fails_costs_temperatures(tmp_path: Path, campaigns: Path) -> None:
     (tmp_path / "campaign.toml").write_text(CUSTOM)
     text = (campaigns / RIG).read_text()
     text = text.replace(
         "[instruments.thermometer]",
-        "[instruments.thermometer.faults]\nsilent = { after = 3 }\n\n[instruments.thermometer]",
+        "[instruments.thermometer.faults]\nsilent = { between_s = [30.0, 100.0] }\n\n[instruments.thermometer]",
     )
     rig, store = config.parse_rig(text, tmp_path / "rig.toml"), tmp_path / "x.rig.sqlite"
     runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procedures.stream import RETRIES_S, Stream
-from rigctl.errors import Aborted, InstrumentError, LinkLost, ProcedureError
+from rigctl.errors import Aborted, InstrumentError, LinkLost, OutOfStep, ProcedureError
 from rigctl.interfaces import FloatArray
 from simulators.clock import VirtualClock
 
@@ -52,6 +52,7 @@ class Meter:
         self._fails, self._fetches, self._taken, self._on = fails, 0, 0, False
         self.first_sample_after_s = DELAY_S
         self.starts = 0
+        self.doubts: dict[int, Exception] = {}
         self.refuses: Exception | None = None
         self.opened, self.dead_until_s = 0, 0.0
 
@@ -77,6 +78,10 @@ class Meter:
 
     def stop(self) -> None:
         self._on = False
+
+    def confirm_in_step(self) -> None:
+        if (error := self.doubts.pop(self._fetches, None)) is not None:
+            raise error
 
     def close(self) -> None:
         self._on = False
@@ -234,3 +239,13 @@ def test_whatever_fails_when_no_row_is_out_of_its_place(
     rows = everything(hall, stream, look_s)
     assert len(rows) == samples
     assert stream.lost == np.isnan(rows).any(axis=1).sum()
+
+
+def test_rows_in_doubt_are_not_given_out_and_another_record_is_begun() -> None:
+    hall, stream, a, b = setting(500)
+    b.doubts = {3: OutOfStep("b: a reply too many")}
+    rows = everything(hall, stream, 7.0)
+    assert (a.starts, b.starts) == (2, 2)
+    doubted = np.flatnonzero(np.isnan(rows[:, 1]))
+    assert 70 <= len(doubted) <= 90, "seven seconds, and what it takes to begin another record"
+    assert [told["error"] for told in hall.of("fault")] == ["OutOfStep"]
