@@ -272,7 +272,7 @@ def test_what_is_no_fault_ends_the_campaign_as_before(scene: Scene) -> None:
 
 def test_the_echo_of_an_abort_is_no_fault(scene: Scene) -> None:
     def stopped() -> None:
-        scene.control.ask_to_abort("fire")
+        scene.control.abort("fire")
         raise MotionStopped("stage: stopped")
 
     with pytest.raises(MotionStopped):
