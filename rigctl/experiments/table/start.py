@@ -25,22 +25,34 @@ _HUGE = 1e100
 
 
 class TooLarge(DataError, np.linalg.LinAlgError):
-    """Terms so large against the noise that their squares are no numbers: a search goes on elsewhere."""
+    """Terms, or parameters, that are no numbers in 64 bits: a search goes on elsewhere."""
 
 
 def solve(design: FloatArray, target: FloatArray) -> FloatArray:
     """Least squares with columns brought to one size and one step of refinement; shape (m,). Raises `TooLarge`."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        norms = np.linalg.norm(design, axis=0)
-    if not (np.isfinite(norms).all() and np.isfinite(target).all()):
-        raise TooLarge(
-            "the baseline's terms are too large to be fitted to this response:"
-            " write the columns in other units, or mend the expression"
-        )
-    scale = np.where(norms > 0.0, norms, 1.0)
-    scaled = design / scale
-    first = np.linalg.lstsq(scaled, target, rcond=_RANK)[0]
-    return np.asarray((first + np.linalg.lstsq(scaled, target - scaled @ first, rcond=_RANK)[0]) / scale)
+    norms = _sizes(design)
+    if np.isfinite(norms).all() and np.isfinite(target).all():
+        scale = np.where(norms > 0.0, norms, 1.0)
+        scaled = np.where(norms > 0.0, design / scale, 0.0)
+        first = np.linalg.lstsq(scaled, target, rcond=_RANK)[0]
+        with np.errstate(over="ignore"):
+            found = (first + np.linalg.lstsq(scaled, target - scaled @ first, rcond=_RANK)[0]) / scale
+        if np.isfinite(found).all():
+            return np.asarray(found)
+    raise TooLarge(
+        "the baseline's terms are too large or too small to be fitted to this response:"
+        " write the columns in other units, or mend the expression"
+    )
+
+
+def _sizes(design: FloatArray) -> FloatArray:
+    """The norms of the columns, whose squares may be no numbers; 0 for one that is nothing, inf where it is one."""
+    peaks = np.abs(design).max(axis=0, initial=0.0)
+    known = np.isfinite(peaks) & (peaks > np.finfo(float).tiny)
+    norms = np.where(np.isfinite(peaks), 0.0, np.inf)
+    with np.errstate(over="ignore"):
+        norms[known] = peaks[known] * np.linalg.norm(design[:, known] / peaks[known], axis=0)
+    return norms
 
 
 def span_of(design: FloatArray) -> FloatArray:
