@@ -80,11 +80,11 @@ class AsciiLink:
         reply that came twice, or not whole, would look like that. `OutOfStep` when the second answer is another.
         """
         with self.lock:
-            answers: list[Answer] = []
-            for line in lines:
-                answers.append(self._exchange(line, self._timeout_s, query=True))
-                if answers[-1].status != SUCCESS:
-                    return answers
+            answers = self._conversation.ask_each(
+                [_bytes(line) for line in lines],
+                self._read_line,
+                lambda answer: answer.status == SUCCESS,
+            )
             for place in _in_doubt([answer.value for answer in answers]):
                 if self._exchange(lines[place], self._timeout_s, query=True) != answers[place]:
                     raise OutOfStep(f"{self._name}: {lines[place]!r} was answered in two ways; measure again")
@@ -127,6 +127,16 @@ class AsciiLink:
             return Answer(status.decode("ascii"))
         value = transport.read_until(b"\n", timeout_s)
         return Answer(SUCCESS, value.decode("ascii", errors="replace").strip("\r\n"))
+
+    def _read_line(self, transport: Transport) -> Answer:
+        """As `_read` of a query, in one piece: a refusal without its line end is then a time-out."""
+        line = b""
+        while not line:
+            line = transport.read_until(b"\n", self._timeout_s).strip(LINE_ENDS)
+        text = line.decode("ascii", errors="replace")
+        if text[0] not in SUCCESS + INVALID + FAULT + TIMEOUT:
+            raise BadReply(f"{self._name}: {text[:60]!r} came, without one of % ! # $", instrument=self._name)
+        return Answer(text[0], text[1:])
 
     def _status(self, transport: Transport, timeout_s: float) -> bytes:
         status = transport.read_exactly(1, timeout_s)

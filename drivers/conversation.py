@@ -8,7 +8,7 @@ new one, or, where bytes under way outlive a connection, by reading on until the
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import NamedTuple, NoReturn, TypeVar
 
@@ -96,15 +96,38 @@ class Conversation:
         """
         with self._one_at_a_time():
             transport = self._clear(question)
-            with sending or nullcontext(), self._doubted_on_failure():
-                transport.write(question)
-            with self._doubted_on_failure():
+            with sending or nullcontext():
+                self._send(transport, question)
+            try:
                 return read(transport)
+            except BaseException as error:
+                self._failed(error)
+                raise
+
+    def ask_each(
+        self, questions: Sequence[bytes], read: Callable[[Transport], T], good: Callable[[T], bool]
+    ) -> list[T]:
+        """As `ask` for each in turn, up to the first reply that is not `good`, all on one connection."""
+        replies: list[T] = []
+        with self._one_at_a_time():
+            transport = self._clear(questions[0])
+            try:
+                for question in questions:
+                    if unread := transport.unread():
+                        self._look_at(unread, question)
+                    transport.write(question)
+                    replies.append(read(transport))
+                    if not good(replies[-1]):
+                        break
+            except BaseException as error:
+                self._failed(error)
+                raise
+        return replies
 
     def tell(self, command: bytes) -> None:
         """Send what has no reply, hence at once, even where the next reply is in doubt."""
-        with self._one_at_a_time(), self._doubted_on_failure():
-            self._alive().write(command)
+        with self._one_at_a_time():
+            self._send(self._alive(), command)
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` unless the check question is answered by its own reply and nothing else is unread."""
@@ -208,10 +231,13 @@ class Conversation:
         """The connection, in step and with nothing unread."""
         transport = self._alive()
         if self._doubtful:
-            with self._doubted_on_failure():
+            try:
                 self._settle(transport)
-        elif self._unread and not self._harmless(self._unread):
-            self._raise_out_of_step(f"{self._unread[:60]!r} was unread at {question[:60]!r}")
+            except BaseException as error:
+                self._failed(error)
+                raise
+        elif self._unread:
+            self._look_at(self._unread, question)
         self._doubtful, self._unread = False, b""
         return transport
 
@@ -225,21 +251,27 @@ class Conversation:
             return self._connected()
         return transport
 
+    def _look_at(self, unread: bytes, question: bytes) -> None:
+        if not self._harmless(unread):
+            self._raise_out_of_step(f"{unread[:60]!r} was unread at {question[:60]!r}")
+
     def _raise_out_of_step(self, why: str) -> NoReturn:
         self.doubt()
         self._clear(b"")
         raise OutOfStep(f"{self._name}: {why}; replies may have been taken for others: measure again")
 
-    @contextmanager
-    def _doubted_on_failure(self) -> Iterator[None]:
+    def _send(self, transport: Transport, data: bytes) -> None:
         try:
-            yield
-        except LinkLost:
+            transport.write(data)
+        except BaseException as error:
+            self._failed(error)
+            raise
+
+    def _failed(self, error: BaseException) -> None:
+        if isinstance(error, LinkLost):
             self._drop()
-            raise
-        except BaseException:
+        else:
             self.doubt()
-            raise
 
     def doubt(self) -> None:
         """Bring the connection in step before the next question: what came was no reply to the last one."""

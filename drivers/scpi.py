@@ -14,6 +14,7 @@ from rigctl.interfaces import Identity
 
 _ERROR = re.compile(r'([+-]?\d{1,5}),"(.*)"', re.ASCII)
 IDENTITY, ERROR_QUESTION = b"*IDN?\n", "SYST:ERR?"
+BLOCK_BYTES_MAX = 1 << 24
 _ERRORS_KEPT = 40
 """Read from one queue at most: twice what the deepest holds."""
 
@@ -127,7 +128,7 @@ class ScpiLink:
         except ValueError:
             raise self.bad_reply(query, reply, "a whole number") from None
 
-    def query_block(self, query: str, longest: int) -> bytes:
+    def query_block(self, query: str, longest: int = BLOCK_BYTES_MAX) -> bytes:
         """The payload, at most `longest` bytes, of a reply that is a definite-length block (IEEE 488.2, 8.7.9)."""
         return self._ask(query, lambda transport: self._read_block(transport, query, longest))
 
