@@ -196,28 +196,28 @@ class _Voltmeter(Keysight34465A):
         self._link.check("at the end of the record")
         self._recording = False
 
-    def _take(self, limit: int) -> FloatArray:
-        """What is in memory now, at most `limit` readings; they are erased there."""
-        query = f"R? {limit}"
-        payload = self._link.query_block(query, limit * READING_CHARACTERS_MAX)
+    def _take(self, count: int) -> FloatArray:
+        """The oldest `count` readings in memory; they are erased there."""
+        query = f"R? {count}"
+        payload = self._link.query_block(query, count * READING_CHARACTERS_MAX)
         decode = _from_ascii if self.settings.transfer == "ascii" else _from_doubles
         try:
             values = decode(payload)
         except ValueError as error:
             raise self._link.bad_reply(query, payload[:60].decode("ascii", "replace"), str(error)) from None
-        if len(values) > limit:
-            raise self._link.bad_reply(query, f"{len(values)} readings", f"at most {limit}")
+        if len(values) != count:
+            raise self._link.bad_reply(query, f"{len(values)} readings", f"{count}")
         self._remaining -= len(values)
         return np.where(np.abs(values) >= OVERLOAD, np.nan, values)
 
     def _drain(self) -> FloatArray:
-        """What is in memory now, in as many exchanges as it takes."""
+        """What is in memory now, in as many exchanges as it takes.
+
+        Reading erases: how many there are is asked first, and exactly as many have to come.
+        """
         parts = [np.empty(0)]
-        while self._remaining:
-            asked = min(self._remaining, CHUNK)
-            parts.append(self._take(asked))
-            if len(parts[-1]) < asked:
-                break
+        while self._remaining and (there := self._link.query_whole("DATA:POIN?")) > 0:
+            parts.append(self._take(min(there, self._remaining, CHUNK)))
         return np.concatenate(parts)[:, np.newaxis]
 
     def _check_record(self) -> None:

@@ -115,6 +115,7 @@ REPLIES = {
     "SYST:ERR?": NO_ERROR,
     "SAMP:TIM? MIN": b"+1.10000000E-03\n",
     "STAT:QUES:EVEN?": b"+0\n",
+    "DATA:POIN?": b"+1000000\n",
 }
 
 
@@ -156,7 +157,7 @@ def test_the_wire_of_a_record_byte_for_byte() -> None:
     ]
     endpoint.heard.clear()
     rows = meter.fetch()
-    assert bytes(endpoint.heard) == b"R? 500\nSTAT:QUES:EVEN?\nSYST:ERR?\n"
+    assert bytes(endpoint.heard) == b"DATA:POIN?\nR? 500\nSTAT:QUES:EVEN?\nSYST:ERR?\n"
     assert rows.shape == (500, 1)
     assert np.all(rows == 1e-3)
     assert meter.fetch().shape == (0, 1)
@@ -447,10 +448,10 @@ def test_silence_is_a_time_out() -> None:
         ({"R? 4": b"#14+1.0,\n"}, "ascii", BadReply, "line feed"),
         ({"R? 4": b"#14+1x0\n"}, "ascii", BadReply, "numbers with commas"),
         ({"R? 4": b"#171,2,3,4,5\n"}, "ascii", BadReply, "line feed"),
-        ({"R? 4": b"#191,2,3,4,5\n"}, "ascii", BadReply, "at most 4"),
+        ({"R? 4": b"#191,2,3,4,5\n"}, "ascii", BadReply, "5 readings.*expected 4"),
         ({"R? 4": b"#15+1.0,\n"}, "real64", BadReply, "8-byte doubles"),
         ({"R? 4": b"#248" + b"+1.0"}, "real64", LinkTimeout, r"no reply to R\? 4; the instrument says \+0"),
-        ({"STAT:QUES:EVEN?": b"what\n"}, "ascii", BadReply, "a (whole )?number"),
+        ({"STAT:QUES:EVEN?": b"what\n", "DATA:POIN?": b"+0\n"}, "ascii", BadReply, "a (whole )?number"),
         ({"SYST:ERR?": b"fine\n"}, "ascii", BadReply, "a code and a text"),
     ],
 )
@@ -471,9 +472,10 @@ def test_any_block_survives_the_wire(values: list[float], as_text: bool, piece: 
     payload = ",".join(map(repr, values)).encode() if as_text else np.array(values, ">f8").tobytes()
     length = str(len(payload))
     block = f"#{len(length)}{length}".encode() + payload + b"\n"
-    meter, _ = scripted({"R? 40": block}, piece, transfer=transfer)
+    there = f"{len(values):+d}\n".encode()
+    meter, _ = scripted({f"R? {len(values)}": block, "DATA:POIN?": there}, piece, transfer=transfer)
     meter.open()
-    meter.start(40, 0.01)
+    meter.start(max(len(values), 1), 0.01)
     assert meter.fetch()[:, 0].tolist() == values
 
 
