@@ -22,8 +22,9 @@ class BufferedTransport(ABC):
     but never before `floor_s`. Bytes that came before a time-out stay for the next read.
     """
 
-    def __init__(self, address: str, clock: Clock, floor_s: float = WALL_FLOOR_S) -> None:
+    def __init__(self, address: str, clock: Clock, floor_s: float = WALL_FLOOR_S, *, guarded: bool = True) -> None:
         self.address = address
+        self.guarded = guarded
         self._clock = clock
         self._floor_s = floor_s
         self._received = bytearray()

@@ -83,6 +83,11 @@ class Conversation:
         self._drop()
 
     @property
+    def guarded(self) -> bool:
+        """No bit turns on the way without being noticed."""
+        return self._transport is None or self._transport.guarded
+
+    @property
     def address(self) -> str:
         """Where the connection goes to; empty when there is none."""
         return self._transport.address if self._transport else ""

@@ -46,6 +46,11 @@ class KeyenceLine:
         """True between `open` and `close`."""
         return self._conversation.wanted
 
+    @property
+    def guarded(self) -> bool:
+        """No bit turns on the way without being noticed."""
+        return self._conversation.guarded
+
     def open(self) -> None:
         """Connect."""
         self._conversation.open()

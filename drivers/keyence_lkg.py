@@ -215,7 +215,14 @@ class KeyenceLkg:
 
     def _stored(self, output: int, armed: _Armed) -> FloatArray:
         command = f"AO,{self._dialect.output(output)}"
-        values = self._values(command, self._line.ask(command, self.settings.readout_timeout_s))
+        text = self._line.ask(command, self.settings.readout_timeout_s)
+        if not self._line.guarded and self._line.ask(command, self.settings.readout_timeout_s) != text:
+            raise BadReply(
+                f"{self.name}: {command} gave other values when read twice; bits turn on the line: "
+                "set even parity on the controller and parity=E in the address, and record again",
+                instrument=self.name,
+            )
+        values = self._values(command, text)
         if len(values) != armed.samples:
             raise BadReply(
                 f"{self.name}: {command} gave {len(values)} values of {armed.samples}; "

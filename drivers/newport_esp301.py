@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import statistics
 
 from pydantic import Field
 
@@ -139,10 +140,10 @@ class NewportEsp301:
             )
 
     def angle(self) -> Reading:
-        """The encoder's angle [deg] half-way between question and answer."""
+        """The encoder's angle [deg] half-way between question and answer; of three where a bit could turn."""
         asked_s = self._clock.now_s()
-        angle_deg = self._line.ask_number(f"{self._axis}TP?")
-        return Reading(angle_deg, "deg", 0.5 * (asked_s + self._clock.now_s()))
+        angles_deg = [self._line.ask_number(f"{self._axis}TP?") for _ in range(1 if self._line.guarded else 3)]
+        return Reading(statistics.median(angles_deg), "deg", 0.5 * (asked_s + self._clock.now_s()))
 
     # what these are made of
 
@@ -181,7 +182,7 @@ class NewportEsp301:
 
     def _await_rest(self, command: str, timeout_s: float) -> None:
         deadline_s = self._clock.now_s() + timeout_s
-        while self._line.ask_number(f"{self._axis}MD?") != 1:
+        while not self._at_rest():
             if self._clock.now_s() > deadline_s:
                 self._line.tell(f"{self._axis}AB")
                 raise InstrumentError(
@@ -190,6 +191,10 @@ class NewportEsp301:
                     instrument=self.name,
                 )
             self._clock.sleep_s(self._settings.poll_interval_s)
+
+    def _at_rest(self) -> bool:
+        """Said twice where a bit could turn: moving and done differ in one."""
+        return all(self._line.ask_number(f"{self._axis}MD?") == 1 for _ in range(1 if self._line.guarded else 2))
 
     def _command(self, command: str) -> None:
         with self._line.lock:

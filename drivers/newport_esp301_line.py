@@ -49,6 +49,11 @@ class EspLine:
         self.lock = self._conversation.lock
 
     @property
+    def guarded(self) -> bool:
+        """No bit turns on the way without being noticed."""
+        return self._conversation.guarded
+
+    @property
     def session(self) -> int:
         """Counts connections: what was true of the controller may not be after a new one."""
         return self._conversation.sessions

@@ -16,6 +16,8 @@ class Transport(Protocol):
     """
 
     address: str
+    guarded: bool
+    """No bit turns on the way without being noticed: the wire has check sums, or parity."""
 
     def write(self, data: bytes) -> None:
         """Send all of `data`; `LinkLost` when the other end is gone."""
@@ -71,10 +73,11 @@ class WaitingClock(Protocol):
 
 
 class InProcessTransport:
-    """A connection to an endpoint in this process."""
+    """A connection to an endpoint in this process; `guarded` is false where it stands for a line without parity."""
 
-    def __init__(self, address: str, endpoint: Endpoint, clock: WaitingClock) -> None:
+    def __init__(self, address: str, endpoint: Endpoint, clock: WaitingClock, *, guarded: bool = True) -> None:
         self.address = address
+        self.guarded = guarded
         self._clock = clock
         self._received = bytearray()
         self._open = True

@@ -12,7 +12,7 @@ import serial
 from drivers.buffered import WALL_FLOOR_S, BufferedTransport
 from drivers.transport import lost
 from rigctl.clock import Clock
-from rigctl.errors import LinkTimeout
+from rigctl.errors import LinkLost, LinkTimeout
 
 READ_BYTES = 65536
 LONGEST_WRITE_BITS = 10 * 4096
@@ -30,6 +30,11 @@ class SerialSettings:
     rtscts: bool = False
     xonxoff: bool = False
 
+    @property
+    def guarded(self) -> bool:
+        """Parity shows that a bit has turned."""
+        return self.parity in ("E", "O")
+
 
 class SerialTransport(BufferedTransport):
     """A serial line; opening it locks the device against other programs that lock, too."""
@@ -43,7 +48,7 @@ class SerialTransport(BufferedTransport):
         address: str = "",
         floor_s: float = WALL_FLOOR_S,
     ) -> None:
-        super().__init__(address or f"serial:{device}", clock, floor_s)
+        super().__init__(address or f"serial:{device}", clock, floor_s, guarded=settings.guarded)
         self._write_timeout_s = floor_s + LONGEST_WRITE_BITS / settings.baud
         try:
             self._port = serial.Serial(
@@ -61,9 +66,15 @@ class SerialTransport(BufferedTransport):
         except OSError as error:
             raise lost(self.address, f"cannot open {device} ({error})") from error
         except termios.error as error:
-            why = f"{device} does not take {settings} ({error}; a pseudo-terminal knows 8 bits, no parity)"
-            raise lost(self.address, why) from error
+            raise self._refused(settings, str(error)) from error
+        if settings.guarded and not check_parity(self._port.fileno()):
+            self._port.close()
+            raise self._refused(settings, "no parity")
         self._woken, self._wake = socket.socketpair()
+
+    def _refused(self, settings: SerialSettings, why: str) -> LinkLost:
+        told = f"it does not take {settings} ({why}; a pseudo-terminal knows 8 bits, no parity)"
+        return lost(self.address, told)
 
     def write(self, data: bytes) -> None:
         """Send all of `data`; `LinkTimeout` when flow control holds it back, `LinkLost` when unplugged."""
@@ -92,3 +103,14 @@ class SerialTransport(BufferedTransport):
             return self._port.read(READ_BYTES) if ready else b""
         except (OSError, ValueError) as error:  # ValueError: closed by another thread just now
             raise lost(self.address, f"reading failed ({error})") from error
+
+
+def check_parity(line: int) -> bool:
+    """Have a byte of wrong parity read as a zero byte, which stands in no reply; pyserial lets it pass as it came.
+
+    False when the line has taken no parity, which some do without a word.
+    """
+    modes = termios.tcgetattr(line)
+    modes[0] = modes[0] & ~(termios.IGNPAR | termios.PARMRK | termios.ISTRIP) | termios.INPCK
+    termios.tcsetattr(line, termios.TCSANOW, modes)
+    return bool(modes[2] & termios.PARENB)

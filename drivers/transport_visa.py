@@ -69,6 +69,8 @@ class VisaTransport(BufferedTransport):
         super().__init__(address or resource_name, clock, floor_s)
         self._socket: socket.socket | None = None
         self._resource = self._open(resource_name, backend)
+        if settings is not None and isinstance(self._resource, SerialInstrument):
+            self.guarded = settings.guarded
         try:
             with self._failures("cannot connect"):
                 if settings is not None and isinstance(self._resource, SerialInstrument):

@@ -421,6 +421,34 @@ def test_stop_from_another_thread_ends_a_collect_that_waits(generation: str) -> 
     assert "of 1000 trigger edges came, then the storage was stopped" in str(failure)
 
 
+@both_generations
+@pytest.mark.parametrize("turned", [False, True])
+def test_on_a_line_without_parity_stored_values_are_read_twice(generation: str, turned: bool) -> None:
+    bench = Bench(generation)
+    bench.lasers = KeyenceLkg(
+        "lasers",
+        settings(generation),
+        lambda: InProcessTransport("sim:lasers", bench.tap, bench.clock, guarded=False),
+        bench.clock,
+    )
+    reads: list[bytes] = []
+
+    def spoil(reply: bytes) -> bytes:
+        if reply.startswith(b"AO"):
+            reads.append(reply)
+            if turned and len(reads) == 2:
+                return reply.replace(b"0", b"8", 1)
+        return reply
+
+    bench.tap.on_reply = spoil
+    if turned:
+        with pytest.raises(BadReply, match="read twice; bits turn on the line: set even parity"):
+            bench.record(5, 0.1)
+    else:
+        bench.record(5, 0.1)
+        assert len(reads) == 4
+
+
 # What goes wrong on a wire
 
 

@@ -85,6 +85,21 @@ def test_opening_asks_who_is_there_and_empties_the_error_queue() -> None:
     assert stage.identify() == Identity("ESP301", "", "3.0.1 6/1/99", VERSION)
 
 
+def test_on_a_line_without_parity_one_wrong_bit_makes_no_angle_and_no_rest() -> None:
+    controller = Scripted({**ANSWERS, "1TP?": ["1.2500", "9.2500", "1.2500"], "1MD?": ["1", "0", "1"]})
+    clock = VirtualClock()
+    stage = NewportEsp301(
+        "rotation",
+        Esp301Settings(),
+        lambda: InProcessTransport("sim:esp", controller, clock, guarded=False),
+        clock,
+    )
+    stage.open()
+    assert stage.angle().value == 1.25
+    stage.stop()
+    assert controller.lines.count("1MD?") == 4
+
+
 def test_an_error_queue_without_an_end_is_a_bad_reply() -> None:
     with pytest.raises(BadReply, match="no end"):
         opened({"TB?": "6, 1, COMMAND DOES NOT EXIST"})

@@ -15,7 +15,7 @@ import pyvisa
 
 from drivers.connect import connector
 from drivers.transport import Transport
-from drivers.transport_serial import SerialSettings
+from drivers.transport_serial import SerialSettings, check_parity
 from drivers.transport_visa import VisaTransport
 from rigctl.clock import RealClock
 from rigctl.errors import LinkLost, LinkTimeout
@@ -320,6 +320,45 @@ def test_an_address_overrides_how_the_driver_sets_the_line(address: str) -> None
 def test_settings_a_line_refuses_are_one_line_to_read() -> None:
     with bench("serial") as b:
         b.address += "&parity=E"
-        b.connect().close()
-        with pytest.raises(LinkLost, match=r"does not take .*parity='E'"):
-            b.connect()
+        for _ in range(2):  # the second time the line has been set up before
+            with pytest.raises(LinkLost, match=r"does not take .*parity='E'"):
+                b.connect()
+
+
+@pytest.mark.parametrize("kind", ["tcp", "serial"])
+def test_who_waits_for_bytes_is_woken_when_another_thread_closes(kind: str) -> None:
+    with bench(kind) as b:
+        wire = b.connect(floor_s=60.0)
+        wire.write(b"silence\n")
+        raised: list[LinkLost] = []
+
+        def wait() -> None:
+            try:
+                wire.read_until(b"\n", 60.0)
+            except LinkLost as error:
+                raised.append(error)
+
+        waiting = threading.Thread(target=wait)
+        waiting.start()
+        while not waiting.is_alive():
+            pass
+        wire.close()
+        waiting.join(5.0)
+        assert [type(error) for error in raised] == [LinkLost]
+
+
+def test_wrong_parity_reads_as_a_zero_byte_and_guards_the_line() -> None:
+    with bench("serial") as b:
+        line = os.open(b.device(), os.O_RDWR | os.O_NOCTTY)
+        try:
+            assert not check_parity(line)
+            flags = termios.tcgetattr(line)[0]
+        finally:
+            os.close(line)
+        assert flags & termios.INPCK
+        assert not flags & (termios.IGNPAR | termios.PARMRK | termios.ISTRIP)
+        with closing(b.connect()) as wire:
+            assert not wire.guarded
+    assert SerialSettings(parity="E").guarded
+    with bench("tcp") as b, closing(b.connect()) as wire:
+        assert wire.guarded

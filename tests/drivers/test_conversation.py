@@ -1,0 +1,172 @@
+"""Who asks urgently does not wait for replies that others await; nobody is given another's reply."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from drivers.conversation import Check, Conversation
+from drivers.transport import Transport, lost, timed_out
+from rigctl.errors import LinkLost, LinkTimeout, OutOfStep
+
+PATIENCE_S = 10.0
+
+
+class Wire:
+    """A transport whose replies are said beforehand; reading b"..." waits until somebody closes it."""
+
+    def __init__(self, replies: list[bytes]) -> None:
+        self.address, self.guarded = "wire", True
+        self.replies = replies
+        self.written: list[bytes] = []
+        self.stray = b""
+        self.closed, self.waiting = threading.Event(), threading.Event()
+
+    def write(self, data: bytes) -> None:
+        if self.closed.is_set():
+            raise lost(self.address, "it is closed here")
+        self.written.append(data)
+
+    def read_until(self, terminator: bytes, timeout_s: float) -> bytes:
+        reply = self.replies.pop(0) if self.replies else b""
+        if reply == b"...":
+            self.waiting.set()
+            assert self.closed.wait(PATIENCE_S)
+            raise lost(self.address, "it is closed here")
+        if not reply:
+            raise timed_out(self.address, repr(terminator), timeout_s, b"")
+        return reply
+
+    def read_exactly(self, count: int, timeout_s: float) -> bytes:
+        raise NotImplementedError
+
+    def unread(self) -> bytes:
+        if self.closed.is_set():
+            raise lost(self.address, "it is closed here")
+        stray, self.stray = self.stray, b""
+        return stray
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+def line(transport: Transport) -> bytes:
+    return transport.read_until(b"\n", 1.0)
+
+
+def conversation(*wires: Wire, anew: bool = True) -> Conversation:
+    left = list(wires)
+
+    def connect() -> Transport:
+        return left.pop(0)
+
+    return Conversation("it", connect, Check(b"who?", lambda transport: line(transport) == b"me"), anew=anew)
+
+
+def in_thread(call: Callable[[], object]) -> tuple[threading.Thread, list[BaseException]]:
+    raised: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            call()
+        except LinkLost as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    return thread, raised
+
+
+def test_who_is_urgent_takes_the_connection_from_who_awaits_a_reply() -> None:
+    first, second = Wire([b"..."]), Wire([b"stopped"])
+    talk = conversation(first, second)
+    talk.open()
+    waiting, raised = in_thread(lambda: talk.ask(b"long?", line))
+    assert first.waiting.wait(PATIENCE_S)
+    with talk.urgently():
+        assert talk.ask(b"stop", line) == b"stopped"
+    waiting.join(PATIENCE_S)
+    assert [type(error) for error in raised] == [LinkLost]
+    assert (first.written, second.written) == ([b"long?"], [b"stop"])
+
+
+def test_two_who_are_urgent_do_not_cut_each_other_off() -> None:
+    wire = Wire([b"one", b"two"])
+    talk = conversation(wire)
+    talk.open()
+    begun, let_go = threading.Event(), threading.Event()
+
+    def slowly() -> None:
+        with talk.urgently():
+            begun.set()
+            assert not let_go.wait(0.2)  # longer than an exchange may take before it is overtaken
+            talk.ask(b"stop", line)
+
+    one, raised = in_thread(slowly)
+    assert begun.wait(PATIENCE_S)
+    with talk.urgently():
+        assert talk.ask(b"stop", line) == b"two"
+    one.join(PATIENCE_S)
+    assert raised == []
+    assert wire.written == [b"stop", b"stop"]
+
+
+def test_what_has_no_reply_goes_out_past_who_awaits_one() -> None:
+    wire = Wire([b"..."])
+    talk = conversation(wire)
+    talk.open()
+    waiting, _ = in_thread(lambda: talk.ask(b"long?", line))
+    assert wire.waiting.wait(PATIENCE_S)
+    talk.shout(b"stop")
+    assert wire.written == [b"long?", b"stop"]
+    assert not wire.closed.is_set()
+    talk.close()
+    waiting.join(PATIENCE_S)
+
+
+def test_who_was_not_open_is_closed_again() -> None:
+    wire = Wire([b"stopped"])
+    talk = conversation(wire)
+    with talk.urgently():
+        talk.ask(b"stop", line)
+    assert wire.closed.is_set()
+    with pytest.raises(LinkLost, match="open it first"):
+        talk.ask(b"next?", line)
+
+
+def test_what_is_unread_at_a_question_is_told_once_and_the_next_connection_is_in_step() -> None:
+    first, second = Wire([b"1"]), Wire([b"2"])
+    talk = conversation(first, second)
+    talk.open()
+    talk.ask(b"a?", line)
+    first.stray = b"1"
+    talk.tell(b"halt")  # goes out whatever is unread, which is not forgotten
+    with pytest.raises(OutOfStep, match=r"b'1' was unread at b'b\?'"):
+        talk.ask(b"b?", line)
+    assert talk.ask(b"b?", line) == b"2"
+    assert (first.written, second.written) == ([b"a?", b"halt"], [b"b?"])
+
+
+def test_late_replies_are_read_past_and_so_are_those_to_earlier_check_questions() -> None:
+    wire = Wire([b"", b"", b"late", b"me", b"me", b"own"])
+    talk = conversation(wire, anew=False)
+    talk.open()
+    with pytest.raises(LinkTimeout):
+        talk.ask(b"a?", line)
+    with pytest.raises(LinkTimeout):  # the check question is not answered either, yet
+        talk.ask(b"b?", line)
+    assert talk.ask(b"c?", line) == b"own"
+    assert wire.written == [b"a?", b"who?", b"who?", b"c?"]
+    assert wire.replies == []
+
+
+def test_another_reply_to_the_check_question_is_out_of_step() -> None:
+    first, second = Wire([b"previous"]), Wire([b"me"])
+    talk = conversation(first, second)
+    talk.open()
+    with pytest.raises(OutOfStep, match="not answered by its own reply"):
+        talk.confirm_in_step()
+    talk.confirm_in_step()
+    assert second.written == [b"who?"]
