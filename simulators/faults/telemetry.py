@@ -98,8 +98,7 @@ class FaultyTelemetry:
             raise LinkLost("ground segment (simulated): no connection to the satellite; wait for the next contact")
         if "silent" in struck:
             return
-        before_s = self._under_way[-1][0] if self._under_way else 0.0
-        come_s = max(occasion.at_s + plan.delay_s(struck), before_s)
+        come_s = occasion.at_s + plan.delay_s(struck)
         self._under_way.extend([(come_s, rows)] * (2 if "duplicated" in struck else 1))
 
     def _sensed(self, rows: FloatArray) -> FloatArray:

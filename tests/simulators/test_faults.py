@@ -327,6 +327,8 @@ def test_random_events_are_the_same_however_they_are_asked_for(per_hour: float, 
     whole = spell.within(seed, 10_000.0, 30_000.0)
     parts = [each for from_s in range(10_000, 30_000, 2_500) for each in spell.within(seed, from_s, from_s + 2_500)]
     assert {each.begin_s for each in whole} == {each.begin_s for each in parts}
+    begun = [each for each in spell.within(seed, 0.0, 30_000.0) if each.end_s >= 10_000.0]
+    assert whole == begun
     inside = [each.begin_s for each in whole if each.begin_s > 10_000.0]
     after_s, found = 10_000.0, []
     while (coming := spell.next(seed, after_s)) is not None and coming.begin_s <= 30_000.0:

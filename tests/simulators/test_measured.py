@@ -15,7 +15,7 @@ from rigctl.serving import Served
 from simulators.measured import Measured, Measurement, from_file, into_file, joined
 
 RIG = Path(__file__).parent.parent.parent / "campaigns" / "all-instruments.rig.toml"
-SAMPLES, PERIOD_S = 150, 0.004
+SAMPLES, PERIOD_S = 600, 0.004
 
 
 def rig_file(addition: str = "", world: str = "") -> config.RigFile:
@@ -77,8 +77,8 @@ def test_what_drivers_hand_on_is_what_was_measured() -> None:
         assert each.at_s[-1] <= end_s, each
     assert latest(kept, "rotation", "true theta_deg")[-1] == pytest.approx(columns["theta_deg"][0], abs=1e-4)
     assert latest(kept, "stage", "true stage_x_mm") == pytest.approx(columns["stage_x_mm"], abs=1e-5)
-    (captured,) = [each for each in kept if each.channel == "stage_x_mm"]
-    (volts,) = [each for each in kept if each.channel == "accel_v"]
+    (captured,) = [each for each in joined(kept) if each.channel == "stage_x_mm"]
+    (volts,) = [each for each in joined(kept) if each.channel == "accel_v"]
     assert captured.at_s == pytest.approx(volts.at_s, abs=1e-9)
 
 
