@@ -72,7 +72,7 @@ class Fixture:
         if not self.session.done(seated):
             self.session.checkpoint()
             self.session.guarded("rest", self.bench.apparatus(), self.bench.rest)
-            self.session.take_up()
+            self._take_up()
             self.session.operator.remount(mounting.axis, mounting.configuration, mounting.number)
             self._mounted = mounting
         self.session.once(seated, lambda: True)
@@ -104,6 +104,9 @@ class Fixture:
             return None
         return Levelled(found[-1].rig_time_s, found[-1].data["angle_deg"])
 
+    def _take_up(self) -> None:
+        self.session.guarded("taking up", self.bench.apparatus(), self.session.take_up)
+
     def _level(self, mounting: Mounting) -> None:
         limit_v = self.bench.package.level_limit_v
         reading_v = np.nan
@@ -111,7 +114,7 @@ class Fixture:
             key = f"{mounting.key} level {attempt}"
             if not self.session.done(key):
                 self.confirm(mounting)
-                self.session.take_up()
+                self._take_up()
                 self.session.operator.level(reading_v)
                 angle_deg = self.session.guarded(
                     key, self.bench.apparatus(), lambda: self.bench.rotation.angle().value

@@ -167,7 +167,7 @@ class Scan:
     def _condition(self, temperature_c: float | None, key: str) -> None:
         if temperature_c is not None and temperature_c != self._room_c:
             self.bench.rest()
-            self.session.take_up()
+            self.session.guarded("taking up", self.bench.apparatus(), self.session.take_up)
             at_s = self.session.clock.now_s()
             self.session.operator.bring_room_to(temperature_c)
             self.session.event(ROOM, temperature_c=temperature_c, at_s=at_s, key=self.session.key(key))

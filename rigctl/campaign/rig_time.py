@@ -26,22 +26,19 @@ class Resumption:
         self._clock = clock
         self._ended_s = ended_s(store)
         self._reached_s: float | None = None
-        self._pending = False
         self.restore: Callable[[], None] = _nothing
 
     def replayed(self, key: str) -> None:
         """This step is recorded."""
-        self._pending = True
         self._reached_s = self._ended_s.get(key, self._reached_s)
 
     def take_up(self) -> None:
-        """Restore what was left, once, and let a virtual clock come to when the last recorded step ended."""
-        if not self._pending:
+        """On a virtual clock restore what was left, once, and wait until the last recorded step was over."""
+        if self._reached_s is None or not math.isinf(self._clock.speed):
             return
         self.restore()
-        self._pending = False
-        if self._reached_s is not None and math.isinf(self._clock.speed):
-            _wait_until(self._clock, self._reached_s)
+        _wait_until(self._clock, self._reached_s)
+        self._reached_s = None
 
 
 def ended_s(store: Store) -> dict[str, float]:

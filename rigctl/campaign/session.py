@@ -197,11 +197,11 @@ class Session:
             self._progress.state("running")
 
     def when_taken_up(self, restore: Callable[[], None]) -> None:
-        """Have `restore` called once after a restart, before the first step that is not recorded."""
+        """Have `restore` called after a restart on a virtual clock, before the first step that is not recorded."""
         self._resumption.restore = restore
 
     def take_up(self) -> None:
-        """Before the first thing done anew after a restart: all as it was left, and on a virtual clock when it was.
+        """Before the first thing done anew after a restart on a virtual clock: all as it was left, and when it was.
 
         `acquire` and `once` do it by themselves; what an operator does between them comes after it.
         """

@@ -171,6 +171,17 @@ class Bench:
             return runs, [(event.rig_time_s, event.data) for event in store.events("once")]
 
 
+def test_a_noise_check_after_a_restart_is_made_on_the_package(tmp_path: Path) -> None:
+    undisturbed = Bench(tmp_path / "undisturbed", "null search")
+    undisturbed.first()
+    bench = Bench(tmp_path / "killed", "null search")
+    killed(bench.first, 2, after=True)
+    with Store.open(bench.store, readonly=True) as store:
+        assert [event.data["key"] for event in store.events("once")][-1] == "X pendulum 1 level 1"
+    runner.resume(bench.store, YES)
+    assert bench.contents() == undisturbed.contents()
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_campaign_killed_at_any_place_ends_in_the_same_bits(tmp_path: Path, kind: str) -> None:
     undisturbed = Bench(tmp_path / "undisturbed", kind).prepared()
@@ -184,7 +195,7 @@ def test_a_campaign_killed_at_any_place_ends_in_the_same_bits(tmp_path: Path, ki
         undisturbed.last()
     whole = undisturbed.contents()
     random = np.random.default_rng(list(kind.encode()))
-    for trial in range(2):
+    for trial in range(2):  # one half of the campaign, then the other
         first, last = (len(steps) - 2) * np.array([trial, trial + 1]) // 2  # the last one tells that all is done
         step, after = int(random.integers(first, last)), bool(trial % 2)
         bench = Bench(tmp_path / f"killed-{trial}", kind).prepared()
