@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from drivers.transport import InProcessTransport
 from rigctl import config
 from rigctl.errors import ConfigError, LinkLost, LinkTimeout
-from rigctl.rig import build_simulation
+from rigctl.rig import Rig, build_simulation
 from simulators.clock import VirtualClock
 from simulators.faults import SUPPORTED, FaultPlan, FaultyInstrument, faults_of, random_plans
 from simulators.faults.draw import NEVER_DRAWN
@@ -646,3 +646,30 @@ def test_random_plans_reach_every_fault_of_every_instrument() -> None:
     }
     assert drawn == wanted
     assert len({fault for _, fault in drawn}) >= 12
+
+
+def test_who_connects_in_this_process_while_nobody_listens_is_told() -> None:
+    text = RIG_TEXT.replace("[instruments.stage]\n", "[instruments.stage.faults]\nREFUSED\n[instruments.stage]\n", 1)
+    rig = Rig(config.parse_rig(text.replace("REFUSED", "refused = { between_s = [0.0, 60.0] }"), RIG))
+    with pytest.raises(LinkLost, match=r"aerotech-ensemble \(simulated\): connection refused; check power"):
+        rig.instruments["stage"].open()
+    rig.clock.sleep_s(60.0)
+    rig.instruments["stage"].open()
+    rig.instruments["stage"].close()
+
+
+def test_a_satellite_of_a_rig_suffers_its_plan_and_refuses_what_needs_a_wire() -> None:
+    path = RIG.with_name("microscope-rig.toml")
+    text = path.read_text(encoding="utf-8")
+
+    def satellite(fault: str) -> object:
+        table = f"[instruments.satellite.faults]\n{fault}\n\n[instruments.satellite]\n"
+        file = config.parse_rig(text.replace("[instruments.satellite]\n", table, 1), path)
+        return build_simulation(file, VirtualClock()).ground_segments["satellite"]
+
+    assert isinstance(satellite("silent = { nth = [2] }"), FaultyTelemetry)
+    assert not isinstance(satellite(""), FaultyTelemetry)
+    with pytest.raises(
+        ConfigError, match=r"instruments\.satellite\.faults\.echo: .*; it can have disconnect, duplicated"
+    ):
+        satellite("echo = { nth = [2] }")
