@@ -1,4 +1,4 @@
-"""What the campaign store costs beside plain SQLite: a whole run, and a thousand one-row appends.
+"""What the campaign store costs beside plain SQLite: a whole run, its checksums, and a thousand one-row appends.
 
     python benchmarks/store_overhead.py [DIRECTORY]
 
@@ -9,6 +9,7 @@ on both sides (`synchronous = FULL`), the rows are committed one by one (NORMAL)
 
 from __future__ import annotations
 
+import itertools
 import sqlite3
 import statistics
 import sys
@@ -16,11 +17,14 @@ import tempfile
 import time
 from contextlib import closing
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from machine import conditions
 from paired import Pairs, pairs
 
+from rigctl.campaign import checked_rows, ledger, synced
+from rigctl.campaign.checksums import ColumnSums
 from rigctl.campaign.recording import Header
 from rigctl.campaign.store import Store
 from rigctl.interfaces import FloatArray
@@ -31,6 +35,7 @@ CHUNKS = 4
 APPENDS = 1000
 SCANS = 11
 MAX_RUN_RATIO = 3.0
+MAX_CHECKED_RATIO = 1.05
 MIN_APPENDS_PER_S = 5000.0
 CONDITIONS = {"axis": "X", "configuration": "pendulum", "mounting": 1, "theta_deg": 0.25, "frequency_hz": 0.5}
 
@@ -44,23 +49,46 @@ def plain_sqlite(path: Path, synchronous: str = "FULL") -> sqlite3.Connection:
     return connection
 
 
+SAMPLES = dict(zip(COLUMNS, np.random.default_rng(1).normal(size=(len(COLUMNS), ROWS)), strict=True))
+DATA = b"".join(column.tobytes() for column in SAMPLES.values())
+PARTS = [
+    dict(zip(SAMPLES, parts, strict=True))
+    for parts in zip(*(np.array_split(column, CHUNKS) for column in SAMPLES.values()), strict=True)
+]
+
+
+def record(store: Store, key: str) -> None:
+    """A run in chunks."""
+    with store.begin_run(key, "benchmark", CONDITIONS) as writer:
+        for part in PARTS:
+            writer.append(part)
+        writer.finish({"temperature_c": 22.0})
+
+
 def whole_runs(plain: sqlite3.Connection, store: Store) -> Pairs:
-    """A run in chunks against an insert of its bytes."""
-    rng = np.random.default_rng(1)
-    samples = {name: rng.normal(size=ROWS) for name in COLUMNS}
-    data = b"".join(column.tobytes() for column in samples.values())
-    chunks = [
-        dict(zip(samples, parts, strict=True))
-        for parts in zip(*(np.array_split(column, CHUNKS) for column in samples.values()), strict=True)
-    ]
+    """A run against an insert of its bytes."""
+    insert = "INSERT INTO runs (data) VALUES (?)"
+    return pairs(lambda: plain.execute(insert, (DATA,)), lambda number: record(store, f"run {number}"), RUNS)
 
-    def record(number: int) -> None:
-        with store.begin_run(f"run {number}", "benchmark", CONDITIONS) as writer:
-            for chunk in chunks:
-                writer.append(chunk)
-            writer.finish({"temperature_c": 22.0})
 
-    return pairs(lambda: plain.execute("INSERT INTO runs (data) VALUES (?)", (data,)), record, RUNS)
+def checked_runs(store: Store) -> Pairs:
+    """A run with its checksums, the ledger and the note against the same without them."""
+    keys = (f"bare {number}" for number in itertools.count())
+
+    def nothing(*_: object) -> int:
+        return 0
+
+    def bare() -> None:
+        with (
+            patch.object(ColumnSums, "add", nothing),
+            patch.object(checked_rows, "row_sum", nothing),
+            patch.object(ledger, "enter", nothing),
+            patch.object(ledger, "count", nothing),
+            patch.object(synced.Note, "write", nothing),
+        ):
+            record(store, next(keys))
+
+    return pairs(bare, lambda number: record(store, f"checked {number}"), RUNS)
 
 
 def appends_per_s(store: Store, number: int, rows: FloatArray) -> float:
@@ -91,19 +119,22 @@ def main() -> int:
         closing(plain_sqlite(Path(name) / "rows.sqlite", "NORMAL")) as plain,
         Store.create(Path(name) / "campaign.rig.sqlite", Header("sensing-axis")) as store,
     ):
-        runs = whole_runs(durable, store)
+        runs, checked = whole_runs(durable, store), checked_runs(store)
         rates = [(inserts_per_s(plain, rows), appends_per_s(store, i, rows)) for i in range(SCANS)]
     plain_rate, rate = (statistics.median(column) for column in zip(*rates, strict=True))
     slowest, fastest = min(ours for _, ours in rates), max(ours for _, ours in rates)
     print(conditions())
     print(f"  {'':44} {'plain':>10} {'store':>10} {'ratio':>7}")
     print(runs.line(f"run of {ROWS} x {len(COLUMNS)} in {CHUNKS} chunks, durable", MAX_RUN_RATIO))
+    print(checked.line("the same, without checksums and with", MAX_CHECKED_RATIO))
     print(
         f"  {'one-row appends, each committed':<44} {plain_rate:8.0f}/s {rate:8.0f}/s  {plain_rate / rate:6.2f}"
         f"  ({slowest:.0f} .. {fastest:.0f}/s)  >= {MIN_APPENDS_PER_S:.0f}/s"
         f"{'' if rate >= MIN_APPENDS_PER_S else '  MISSED'}"
     )
-    return 0 if runs.ratio <= MAX_RUN_RATIO and rate >= MIN_APPENDS_PER_S else 1
+    return (
+        0 if runs.ratio <= MAX_RUN_RATIO and checked.ratio <= MAX_CHECKED_RATIO and rate >= MIN_APPENDS_PER_S else 1
+    )
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ _PUT = {
 }
 _BEGIN_RUN = _PUT["runs"].replace(" OR REPLACE", "")
 _WRITE_RUN = f"UPDATE runs SET {' = ?, '.join(COLUMNS['runs'][_CONDITIONS:])} = ?, sum = ? WHERE number = ?"  # noqa: S608
-FINISHED_KEY = "SELECT 1 FROM runs WHERE key = ? AND state = 'finished'"
+_FINISHED_KEY = "SELECT 1 FROM runs WHERE key = ? AND state = 'finished'"
 
 Row = tuple[Any, ...]
 
@@ -54,12 +54,24 @@ class CheckedRows:
 
     def rows(self, table: str, clause: str = "", values: Sequence[object] = ()) -> list[Row]:
         """Rows as `COLUMNS` has them and their sum, each verified; `DamagedStore`."""
-        found = self.read(f"SELECT {self._columns(table)} FROM {table} {clause}", values)  # noqa: S608
-        if self.summed:
-            for row in found:
-                if row_sum(table, *row[:_SUM]) != row[_SUM]:
-                    raise self.damaged(f"{_name(table, row)} is not as it was written")
+        found = self.read(self._query(table, clause), values)
+        for row in found:
+            if not self._verifies(table, row):
+                raise self.damaged(f"{_name(table, row)} is not as it was written")
         return found
+
+    def undamaged(self, table: str, clause: str = "", values: Sequence[object] = ()) -> Iterator[Row]:
+        """As `rows`, one by one, leaving out those that are not as they were written."""
+        with database_errors(self.path):
+            for row in self.connection.execute(self._query(table, clause), values):
+                if self._verifies(table, row):
+                    yield row
+
+    def _verifies(self, table: str, row: Row) -> bool:
+        return not self.summed or row_sum(table, *row[:_SUM]) == row[_SUM]
+
+    def _query(self, table: str, clause: str) -> str:
+        return f"SELECT {self._columns(table)} FROM {table} {clause}"  # noqa: S608
 
     def whole(self, table: str, clause: str = "") -> list[Row]:
         """As `rows`, of a whole table, none of them missing."""
@@ -133,7 +145,7 @@ class CheckedRows:
 
     def end_run(self, *run: Any) -> None:
         """Write how a run ended that was acquiring; `DataError` when its key has finished meanwhile."""
-        if self.connection.execute(FINISHED_KEY, (run[_KEY],)).fetchone() is not None:
+        if self.connection.execute(_FINISHED_KEY, (run[_KEY],)).fetchone() is not None:
             raise DataError(f"{self.path}: two programs write the same run ({run[_KEY]}); stop one of them")
         self._write_run(run, [])
 

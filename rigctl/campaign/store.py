@@ -20,12 +20,12 @@ from typing import Any, Self
 import numpy as np
 
 from rigctl.campaign import ledger, schema, synced
-from rigctl.campaign.checked_rows import FINISHED_KEY, CheckedRows, Row, seal
+from rigctl.campaign.checked_rows import CheckedRows, Row, seal
 from rigctl.campaign.header_json import dumps, header_from_json, header_to_json
 from rigctl.campaign.ledger import Mark
 from rigctl.campaign.recording import Header, RunRecord, flaw_of_run_id
 from rigctl.campaign.run_writer import RunWriter
-from rigctl.errors import DamagedStore, DataError
+from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray, Identity
 
 _WITH_REDUCTIONS = 2
@@ -131,9 +131,9 @@ class Store:
         if run_id is not None and (flaw := flaw_of_run_id(run_id)):
             raise DataError(f"run_id {run_id!r} {flaw}; give it another")
         with self._rows.writing():
-            if self._connection.execute(FINISHED_KEY, (key,)).fetchone():
-                raise DataError(f"{self.path}: {key} is recorded already; give the run another key")
-            for run in self._rows.rows("runs", "WHERE key = ? AND state = 'acquiring'", (key,)):
+            for run in self._rows.rows("runs", "WHERE key = ? AND state <> 'interrupted'", (key,)):
+                if run[7] == "finished":
+                    raise DataError(f"{self.path}: {key} is recorded already; give the run another key")
                 self._rows.end_run(*run[:6], "cut off", "interrupted", None)
             number, name = self._next_run(run_id)
             record = RunRecord(name, key, step, dict(conditions), state="acquiring")
@@ -335,17 +335,14 @@ class Store:
 
     def reduction(self, recipe: str, name: str) -> bytes | None:
         """What is kept by `recipe` under one name; None for nothing, or for what is not as it was written."""
-        try:
-            found = self._rows.rows("reductions", "WHERE recipe = ? AND name = ?", (recipe, name))
-        except DamagedStore:
-            return None
-        return bytes(found[0][2]) if found else None
+        found = self._rows.undamaged("reductions", "WHERE recipe = ? AND name = ?", (recipe, name))
+        return next((bytes(row[2]) for row in found), None)
 
     def reduced_names(self, recipe: str) -> set[str]:
-        """The names of everything kept by `recipe`; none in a file from before there were any."""
+        """The names of everything kept by `recipe` as it was written; none in a file from before there were any."""
         if schema.schema_version(self._connection) < _WITH_REDUCTIONS:
             return set()
-        return {name for (name,) in self._rows.read("SELECT name FROM reductions WHERE recipe = ?", (recipe,))}
+        return {row[1] for row in self._rows.undamaged("reductions", "WHERE recipe = ?", (recipe,))}
 
     @property
     def readonly(self) -> bool:

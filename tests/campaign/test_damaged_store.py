@@ -111,6 +111,7 @@ def test_a_damaged_reduction_is_worked_out_again(path, made):
     flip(path, places(made[0], made[1]["reductions"]["7"])[0] + 50)
     with Store.open(path) as store:
         assert store.reduction("sines 1", "7") is None
+        assert store.reduced_names("sines 1") == {name for name in made[1]["reductions"] if name != "7"}
         store.keep_reductions("sines 1", {"7": b"again"})
         assert store.reduction("sines 1", "7") == b"again"
 
