@@ -415,6 +415,18 @@ def test_store_from_before_reductions_is_read_as_it_is_and_gets_its_table_when_w
         assert (store.reduction("recipe", "1"), store.reduction("other", "1")) == (b"better", None)
 
 
+def test_a_store_from_before_checksums_says_so_until_it_is_written(desk, without_reductions):
+    without_reductions.rename(desk.store)
+    assert "before checksums were kept" in desk.rigctl("status", desk.store).err
+    with Store.open(desk.store) as store:
+        assert store.has_checksums
+        record(store, "new")
+        store._connection.execute("UPDATE samples SET data = X'0000000000000000' WHERE id >> 32 = 1")
+        with pytest.raises(DamagedStore, match="run 1"):
+            store.samples("1")
+    assert desk.rigctl("status", desk.store).err == ""
+
+
 def test_older_store_is_brought_up_with_what_it_holds(older):
     with Store.open(older) as store:
         assert store.header.title == "from before"
