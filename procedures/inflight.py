@@ -16,7 +16,7 @@ from pydantic import Field, field_validator, model_validator
 from rigctl.campaign.recovery import Apparatus
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
-from rigctl.errors import ConfigError, LimitError
+from rigctl.errors import ConfigError, ImplausibleSample, LimitError
 from rigctl.experiments.sensing_axis.package import Table
 from rigctl.interfaces import Channel, DragFreeSatellite, FlightSession, FloatArray, Stimulus
 
@@ -29,6 +29,16 @@ StimulusHz = Annotated[float, Field(ge=1e-7, le=1e3)]
 Amplitude = Annotated[float, Field(ge=1e-15, le=1.0)]
 
 TEN_ORBITS_S = 59500.0
+STAMP_WITHIN = 1e-2
+"""Of a sample period: how exactly a time stamp says which sample it is."""
+POSSIBLE = {
+    "rad": (-7.0, 7.0),
+    "1/s2": (-1e-3, 1e-3),
+    "rad/s2": (-1.0, 1.0),
+    "K": (0.0, 1000.0),
+    "m/s2": (-100.0, 100.0),
+}
+"""What telemetry can say, by unit: a turn; gradients and accelerations that no orbit and no thruster comes near."""
 LINE_WIDTHS = 0.9
 """A stimulus is at least so many inverse durations away from a line of the orbit."""
 ORBITAL_LINES = 12
@@ -202,17 +212,90 @@ class _Recording:
         channels = satellite.channels()
         start_s = satellite.begin(self.asked)
         self.session.wait_s(start_s - self.session.clock.now_s())
-        samples, got = round(self.asked.duration_s / satellite.sample_period_s), 0
+        period_s = satellite.sample_period_s
+        samples, got = round(self.asked.duration_s / period_s), 0
+        over_s = start_s + self.asked.duration_s + self.flight.orbit_period_s
         while got < samples:
             self.session.checkpoint()
-            left_s = (samples - got) * satellite.sample_period_s
+            left_s = (samples - got) * period_s
             self.session.wait_s(min(left_s, self.flight.orbit_period_s))
-            rows = satellite.fetch()
-            writer.stream({channel.name: rows[:, place] for place, channel in enumerate(channels)})
-            got += len(rows)
-            if flaw := _flaw(rows, channels):
+            rows = on_grid(satellite.name, satellite.fetch(), got, samples, period_s)
+            _require_possible(satellite.name, rows.came, channels, got)
+            if flaw := _flaw(rows.came, channels):
+                self._write(writer, channels, rows.all)
                 return {"start_s": start_s, "valid": False, "reason": flaw}
+            if not len(rows.all) and self.session.clock.now_s() > over_s:
+                rows = OnGrid(rows.came, gap(got, samples, period_s, len(channels)))
+            self._write(writer, channels, rows.all)
+            if len(rows.all) > len(rows.came):
+                self.session.event("gap", sample=got, samples=len(rows.all) - len(rows.came))
+            got += len(rows.all)
         return {"start_s": start_s}
+
+    @staticmethod
+    def _write(writer: RunWriter, channels: tuple[Channel, ...], rows: FloatArray) -> None:
+        writer.stream({channel.name: rows[:, place] for place, channel in enumerate(channels)})
+
+
+@dataclass(frozen=True)
+class OnGrid:
+    """Rows of telemetry that had not come before, and the same with rows for what was lost between them."""
+
+    came: FloatArray
+    all: FloatArray
+
+
+def on_grid(satellite: str, rows: FloatArray, got: int, samples: int, period_s: float) -> OnGrid:
+    """Rows by their time stamps, after the first `got` of a session: a packet that comes twice counts once.
+
+    `ImplausibleSample` for stamps that are no sample times, or do not rise.
+    """
+    with np.errstate(invalid="ignore"):
+        places = rows[:, 0] / period_s
+        off = ~((np.abs(places - np.rint(places)) < STAMP_WITHIN) & (places > -0.5) & (places < samples + 1.0))
+    if off.any():
+        raise _stamp(satellite, rows, int(np.argmax(off)), "is no sample time of the session", got)
+    numbers = np.rint(places).astype(np.int64)
+    new = numbers >= got
+    came, numbers = rows[new], numbers[new]
+    if len(numbers) and (np.diff(numbers) <= 0).any():
+        # The same packet twice within one fetch is as good as once.
+        numbers, first = np.unique(numbers, return_index=True)
+        twice = came[first[np.searchsorted(numbers, np.rint(came[:, 0] / period_s).astype(np.int64))]]
+        if not np.array_equal(twice, came, equal_nan=True):
+            raise _stamp(satellite, came, 0, "comes twice, with other values", got)
+        came = came[first]
+    filled = gap(got, int(numbers[-1]) + 1 if len(numbers) else got, period_s, rows.shape[1])
+    filled[numbers - got] = came
+    return OnGrid(came, filled)
+
+
+def _require_possible(satellite: str, rows: FloatArray, channels: tuple[Channel, ...], got: int) -> None:
+    """`ImplausibleSample` for what nothing in orbit is; NaN is lost."""
+    for place, channel in enumerate(channels[1:], 1):
+        low, high = POSSIBLE.get(channel.unit, (-np.inf, np.inf))
+        beyond = (rows[:, place] < low) | (rows[:, place] > high)
+        if beyond.any():
+            sample = int(np.argmax(beyond))
+            said = f"{rows[sample, place]:g} {channel.unit} is not possible"
+            raise ImplausibleSample(
+                f"{satellite}: {channel.name}, sample {got + sample}: {said}",
+                channel=channel.name,
+                sample=got + sample,
+                instrument=satellite,
+            )
+
+
+def gap(first: int, end: int, period_s: float, columns: int) -> FloatArray:
+    """Rows of which nothing but the time is known."""
+    rows = np.full((end - first, columns), np.nan)
+    rows[:, 0] = period_s * np.arange(first, end)
+    return rows
+
+
+def _stamp(satellite: str, rows: FloatArray, place: int, why: str, got: int) -> ImplausibleSample:
+    said = f"{satellite}: t_s, sample {got + place}: a time stamp of {rows[place, 0]:g} s {why}"
+    return ImplausibleSample(said, channel="t_s", sample=got + place, instrument=satellite)
 
 
 def _flaw(rows: FloatArray, channels: tuple[Channel, ...]) -> str | None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procedures.inflight import TEN, Calibration, Flight, calibrate, check
+from procedures.inflight import TEN, Calibration, Flight, calibrate, check, on_grid
 from rigctl import config, runner
 from rigctl.campaign.bundle import read_bundle, write_bundle
 from rigctl.campaign.control import Control
@@ -20,7 +20,7 @@ from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
-from rigctl.errors import Aborted, ConfigError, LimitError, LinkLost
+from rigctl.errors import Aborted, ConfigError, ImplausibleSample, LimitError, LinkLost
 from rigctl.interfaces import DragFreeSatellite, FlightSession, Stimulus
 from rigctl.kinds.inflight_campaign import flight_of
 from rigctl.rig import Rig
@@ -48,9 +48,11 @@ class InOrbit:
 def launch(tmp_path: Path) -> Iterator[Callable[..., InOrbit]]:
     with ExitStack() as stack:
 
-        def make(name: str = "one", **world: Any) -> InOrbit:
+        def make(name: str = "one", faults: Any = None, **world: Any) -> InOrbit:
             file = config.read_rig(CAMPAIGNS / "microscope-rig.toml")
             assert file.world is not None
+            satellite = file.instruments["satellite"].model_copy(update={"faults": faults or {}})
+            file = file.model_copy(update={"instruments": {"satellite": satellite}})
             nature = {**file.world, "settle_s": 500.0, **world}
             rig = stack.enter_context(Rig(file.model_copy(update={"world": nature})))
             path = tmp_path / f"{name}.rig.sqlite"
@@ -259,3 +261,62 @@ def test_what_is_held_is_never_what_moves() -> None:
         session = Calibration().session(moved, 5950.0)
         assert session.hold == held
         assert session == replace(session)
+
+
+def stamped(*numbers: float) -> np.ndarray[Any, Any]:
+    """Rows whose second column is ten times the number of the sample, every 0.25 s."""
+    return np.array([[0.25 * number, 10.0 * number] for number in numbers]).reshape(-1, 2)
+
+
+def test_packets_are_put_where_their_time_stamps_say() -> None:
+    assert np.array_equal(on_grid("sat", stamped(4, 5, 6), 4, 100, 0.25).all, stamped(4, 5, 6))
+    again = on_grid("sat", stamped(2, 3, 4, 5, 4, 5), 4, 100, 0.25)
+    assert np.array_equal(again.all, stamped(4, 5)), "what comes twice, or again, counts once"
+    lost = on_grid("sat", stamped(6, 7), 4, 100, 0.25)
+    assert lost.all[:, 0].tolist() == [1.0, 1.25, 1.5, 1.75]
+    assert np.isnan(lost.all[:2, 1]).all()
+    assert np.array_equal(lost.came, stamped(6, 7))
+    assert on_grid("sat", stamped(), 4, 100, 0.25).all.shape == (0, 2)
+
+
+@pytest.mark.parametrize("wrong", [4.4, np.nan, np.inf, -3.0, 1e12])
+def test_a_time_stamp_of_no_sample_is_named(wrong: float) -> None:
+    with pytest.raises(ImplausibleSample, match=r"sat: t_s, sample 6: a time stamp of .* is no sample time") as told:
+        on_grid("sat", stamped(4, 5, wrong), 4, 100, 0.25)
+    assert (told.value.channel, told.value.sample) == ("t_s", 6)
+
+
+def test_rows_that_come_twice_with_other_values_are_in_doubt() -> None:
+    rows = stamped(4, 5, 5)
+    rows[2, 1] = 7.0
+    with pytest.raises(ImplausibleSample, match="twice"):
+        on_grid("sat", rows, 4, 100, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("faults", "lost", "attempts"),
+    [
+        ({"duplicated": {"nth": [2, 4]}}, 0, 0),
+        ({"silent": {"nth": [2]}}, 3570, 0),
+        ({"late": {"nth": [1], "delay_s": 1700.0}}, 0, 0),
+        ({"disconnect": {"nth": [2]}}, 0, 1),
+    ],
+)
+def test_telemetry_that_fails_on_the_way_leaves_right_samples(
+    launch: Callable[..., InOrbit], faults: dict[str, Any], lost: int, attempts: int
+) -> None:
+    short = SHORT.model_copy(update={"sessions": ("dx",)})
+    stores = []
+    for name, spoilt in (("whole", None), ("spoilt", faults)):
+        orbit = launch(name, spoilt)
+        orbit.flight = replace(orbit.flight, orbit_period_s=0.15 * 5950.0)
+        calibrate(orbit.session(), orbit.flight, short.model_copy(update={"orbits": 2.0}))
+        stores.append(orbit.store)
+    (whole,), (run,) = (list(recorded(store).values()) for store in stores)
+    known = np.isfinite(run["m1_x"])
+    assert (~known).sum() == lost
+    for column, values in run.items():
+        np.testing.assert_array_equal(values[known], whole[column][known])
+    assert np.array_equal(run["t_s"], whole["t_s"])
+    assert [run.valid for run in stores[1].interrupted_runs()] == [False] * attempts
+    assert len(stores[1].events("fault")) == attempts
