@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
-from procedures.sample_checks import encoder_flaw, laser_flaw, voltage_flaw
+from procedures.run_checks import CapturingStage, Recorders, require_standing, require_steady
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.recovery import Apparatus
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.clock import Clock
-from rigctl.errors import ImplausibleSample, InstrumentError, LimitError, ProcedureError
+from rigctl.errors import InstrumentError, LimitError
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package
 from rigctl.experiments.sensing_axis.reduction import face_column
 from rigctl.interfaces import (
-    Channel,
     DisplacementMeter,
     FloatArray,
     Instrument,
@@ -42,19 +41,6 @@ OSCILLATION_MARGIN_S = 30.0
 
 ANGLE_RESOLUTION_DEG = 1e-4
 """Set-points are whole steps of the rotation stage (0.36 arcsec)."""
-
-CHANGE_K, ROOM_C = 2.0, (-20.0, 60.0)
-"""What a bench's temperature changes by at most within a run, and what rooms have [degC]."""
-
-ANGLE_TOLERANCE_DEG = 0.01
-"""Largest difference between the angle asked for and the encoder's: what drivers take for arrived."""
-
-AMPLITUDE_TOLERANCE = 0.05
-"""Largest relative difference between the amplitude asked for and the encoder's."""
-
-
-class CapturingStage(LinearStage, PacedRecorder, Protocol):
-    """A linear stage that records its encoder on the trigger edges."""
 
 
 class Readout(Voltmeter, PacingRecorder, Protocol):
@@ -239,9 +225,11 @@ class Bench:
             recorders += self.lasers
         start_s, columns = self._acquire(session, writer, point, recorders)
         temperature.append(self._temperature_c())
-        self._require_standing(point, [angle.value, self.rotation.angle().value])
-        self._require_steady(temperature)
-        self._require_possible(point, columns)
+        require_standing(self.rotation.name, point.theta_deg, [angle.value, self.rotation.angle().value])
+        require_steady(temperature)
+        recorded = Recorders(self.linear, self.readout, self.lasers)
+        recorded.require_possible(point.frequency_hz, point.sample_rate_hz, columns)
+        recorded.require_amplitude(point.amplitude_mm, columns)
         # Every run ends at rest in the middle: the next sets out from there at the same time, a restart included.
         self.rest()
         self.linear.move_to(0.0)
@@ -250,7 +238,7 @@ class Bench:
             "start_s": start_s,
             "temperature_c": float(np.mean(temperature)),
         }
-        found.update(self._judge(point, columns))
+        found.update(recorded.saturation(columns))
         return found | {face_column(head): face for head, face in self._faces(point).items()}
 
     def _faces(self, point: SetPoint) -> dict[str, str]:
@@ -291,61 +279,6 @@ class Bench:
         late = {column: values for column, values in columns.items() if column != name}
         writer.stream(late)
         return start_s, columns
-
-    def _require_standing(self, point: SetPoint, angles_deg: Sequence[float]) -> None:
-        """`ImplausibleSample` when the encoder, before and after a run, is not where the stage was sent."""
-        for angle_deg in angles_deg:
-            if abs(angle_deg - point.theta_deg) > ANGLE_TOLERANCE_DEG:
-                raise ImplausibleSample(
-                    f"{self.rotation.name}: {angle_deg:g} deg where {point.theta_deg:g} deg was asked for",
-                    channel="theta_deg",
-                    instrument=self.rotation.name,
-                )
-
-    def _require_steady(self, temperatures_c: Sequence[float]) -> None:
-        """`ImplausibleSample` when no room, and no bench within a run, has these temperatures."""
-        known = [each for each in temperatures_c if math.isfinite(each)]
-        if known and (max(known) - min(known) > CHANGE_K or not ROOM_C[0] <= min(known) <= max(known) <= ROOM_C[1]):
-            raise ImplausibleSample(f"temperatures in a run: {known} degC", channel="temperature_c")
-
-    def _require_possible(self, point: SetPoint, columns: Mapping[str, FloatArray]) -> None:
-        """`ImplausibleSample` when a column holds what its instrument cannot have measured."""
-        times_s = np.arange(point.samples) / point.sample_rate_hz
-        (stage,), (readout,) = self.linear.channels(), self.readout.channels()
-        position_mm = columns[stage.name]
-        limit_mm_s2 = self.linear.limits.acceleration_mm_s2
-        found = [
-            (self.linear, encoder_flaw(stage.name, times_s, position_mm, point.frequency_hz, limit_mm_s2)),
-            (self.readout, voltage_flaw(readout, times_s, columns[readout.name], point.frequency_hz)),
-        ]
-        for laser in self.lasers:
-            for head in laser.channels():
-                if head.name in columns:
-                    late_s = head.latency_s - stage.latency_s
-                    values_mm = columns[head.name]
-                    flaw = laser_flaw(head.name, times_s, values_mm, position_mm, point.frequency_hz, late_s)
-                    found.append((laser, flaw))
-        for instrument, flaw in found:
-            if flaw is not None:
-                raise flaw.of(instrument.name)
-
-    def _judge(self, point: SetPoint, columns: Mapping[str, FloatArray]) -> dict[str, Any]:
-        """Is the run fit for use? A stage that does what it was not asked to is an error, not a bad run."""
-        position_mm = columns[self.linear.channels()[0].name]
-        amplitude_mm = math.sqrt(2.0) * float(np.std(position_mm))
-        if abs(amplitude_mm / point.amplitude_mm - 1.0) > AMPLITUDE_TOLERANCE:
-            raise ProcedureError(
-                f"{self.linear.name}: the encoder shows an amplitude of {amplitude_mm:.3f} mm where "
-                f"{point.amplitude_mm:g} mm was asked for; check oscillate_distance in the rig file"
-            )
-        channel: Channel = self.readout.channels()[0]
-        volts = columns[channel.name]
-        saturated = int(np.sum(~np.isfinite(volts)))
-        if channel.full_scale is not None:
-            saturated += int(np.sum(np.abs(volts[np.isfinite(volts)]) >= channel.full_scale))
-        if saturated:
-            return {"valid": False, "reason": f"{saturated} saturated samples in {channel.name}"}
-        return {}
 
     def _settling_s(self, point: SetPoint) -> float:
         """Time until the free oscillation has died away that stopping, turning and starting have excited."""
