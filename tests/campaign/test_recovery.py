@@ -193,7 +193,12 @@ def test_a_lost_instrument_pauses_the_campaign_until_it_answers(scene: Scene) ->
     scene.device.away_until_s = 1000.0
     states = []
     set_status = scene.store.set_status
-    scene.store.set_status = lambda status: (states.append((status["state"], status["step"])), set_status(status))  # type: ignore[method-assign,assignment,func-returns-value]
+
+    def note(status: dict[str, Any], **options: Any) -> None:
+        states.append((status["state"], status["step"]))
+        set_status(status, **options)
+
+    scene.store.set_status = note  # type: ignore[method-assign,assignment]
     scene.acquire()
     waiting = [step for state, step in states if state == "paused"]
     assert waiting

@@ -332,7 +332,12 @@ def test_a_question_that_cannot_be_asked_is_refused_in_one_line(
         (1.0, 1e308, "b0 + b1 * x", "readings.csv, row 2: column y holds 1e+308, which nobody can have measured; "),
         (np.inf, 1.0, "b0 + b1 * x", "readings.csv, row 2: column x holds inf, which nobody can have measured; "),
         (1.0, 0.0, "b0 + b1 * x", "readings.csv: column y is the same in every row; "),
-        (1e39, 1.0, "b0 + b1 * x**5", "the baseline's terms are too large or too small to be fitted to this response"),
+        (
+            1e39,
+            1.0,
+            "b0 + b1 * x**5",
+            "the baseline's terms are too large or too small to be fitted to this response",
+        ),
         (1.0, 1.0, "b0 + b1 * x" + " + x" * 4000, "character 10001: longer than 10000 characters"),
     ],
 )
