@@ -7,7 +7,10 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 STORE := out/isa-flight-model.rig.sqlite
 
-.PHONY: setup flight-model test lint types imports pytest clean
+RELIABILITY := $(BIN)/python -m tests.reliability
+TRIALS := out/reliability
+
+.PHONY: setup flight-model test lint types imports pytest reliability reliability-ci reliability-full clean
 
 setup: $(READY)
 
@@ -36,6 +39,19 @@ imports: setup
 
 pytest: setup
 	$(BIN)/pytest -n 2
+
+# What is promised under faults, tried: docs/reliability.md. Half an hour on two cores.
+reliability: setup
+	$(RELIABILITY) --form short --out $(TRIALS)
+
+# Some hours. Interrupted, give it again: seeds that have been tried are not tried again, and several runs add up.
+reliability-full: setup
+	$(RELIABILITY) --form full --out $(TRIALS)
+
+# Fixed seeds, two minutes.
+reliability-ci: setup
+	rm -rf $(TRIALS)-ci
+	$(RELIABILITY) --form ci --out $(TRIALS)-ci
 
 clean:
 	rm -rf $(VENV) out .mypy_cache .ruff_cache .pytest_cache .hypothesis

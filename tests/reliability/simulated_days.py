@@ -31,7 +31,7 @@ RESUMED_AT_MOST = 10
 LOOK_EVERY_S = 0.2
 GROWTH_MB = 40.0
 MORE_FILES = 4
-SLOWER = 2.0
+SLOWER = 2.5
 
 PLATFORM = """\
 experiment = "rotating-platform"
@@ -59,9 +59,9 @@ angles_deg = [-30.0, -10.0, -1.6, -0.8, 0.8, 1.6, 10.0, 30.0]
 frequencies_hz = [0.3, 0.5, 0.6]
 approaches = [1, -1]
 amplitude_mm = 5.0
-dwell_s = 60.0
+dwell_s = 120.0
 sample_rate_hz = 50.0
-repeats = 20
+repeats = 12
 
 [model]
 effects = ["roll-gravity", "resonance"]
@@ -82,13 +82,15 @@ class Watch:
     """Wall time [s], resident memory [MB], open files, finished runs."""
 
     def grown(self) -> str:
-        """What grew from the second fifth to the last; "" when nothing did."""
+        """What grew from the first half of the runs to the last third; "" when nothing did."""
         rows = np.array(self.seen)
         if len(rows) < 10:
             return ""
         runs = rows[:, 3]
-        early = rows[(runs >= 0.2 * runs[-1]) & (runs <= 0.4 * runs[-1])]
-        late = rows[runs >= 0.8 * runs[-1]]
+        early = rows[(runs >= 0.2 * runs[-1]) & (runs < 0.5 * runs[-1])]
+        late = rows[(runs >= 0.7 * runs[-1]) & (runs < runs[-1])]
+        if not len(early) or not len(late):
+            return ""
         if (growth_mb := np.median(late[:, 1]) - np.median(early[:, 1])) > GROWTH_MB:
             return f"memory grew by {growth_mb:.0f} MB"
         if (more := late[:, 2].max() - early[:, 2].max()) > MORE_FILES:

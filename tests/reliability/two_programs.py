@@ -10,10 +10,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from tests.reliability.campaigns import SHIPPED
 from tests.reliability.commands import Process, until
 from tests.reliability.served import Served, served
-from tests.reliability.signals import CAMPAIGN, QUICK
+from tests.reliability.signals import CAMPAIGN, quick_rig
 from tests.reliability.stops import orders
 
 PROMISE = "A second program on an instrument is refused however its address is spelled, and sends it nothing"
@@ -77,7 +76,7 @@ CASES = tuple(product(SPELLINGS, FIRSTS))
 def trial(seed: int, work: Path) -> dict[str, Any]:
     """One pair of programs."""
     spelling, first = CASES[seed % len(CASES)]
-    with served(work, (SHIPPED / "isa-rig.toml").read_text(encoding="utf-8") + QUICK["isa-rig.toml"]) as reached:
+    with served(work, quick_rig("isa-rig.toml")) as reached:
         (work / "campaign.toml").write_text(CAMPAIGN.format(axis="X"), encoding="utf-8")
         holder = _held(work, first)
         try:
