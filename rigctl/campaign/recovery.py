@@ -7,8 +7,8 @@ where it is, then what has lost its reference is homed. See docs/decisions/025.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -136,9 +136,10 @@ class Recovery:
         for instrument in apparatus.instruments:
             with suppress(RigError):
                 instrument.close()
-            instrument.open()
-            instrument.stop()
-            instrument.confirm_in_step()
+            with _named(instrument):
+                instrument.open()
+                instrument.stop()
+                instrument.confirm_in_step()
         self._control.raise_if_aborted()
         apparatus.forget()
         for stage in apparatus.stages:
@@ -173,6 +174,17 @@ def told(fault: RigError, apparatus: Apparatus) -> dict[str, str]:
     named = [each.name for each in apparatus.instruments if text.startswith((f"{each.name}:", f"{each.name} "))]
     instrument = getattr(fault, "instrument", "") or next(iter(named), "")
     return {"instrument": instrument, "error": type(fault).__name__, "text": text}
+
+
+@contextmanager
+def _named(instrument: Instrument) -> Iterator[None]:
+    """Errors of a wire say whose it is."""
+    try:
+        yield
+    except LinkError as error:
+        if str(error).startswith(instrument.name):
+            raise
+        raise type(error)(f"{instrument.name}: {error}") from error
 
 
 def _advice(fault: RigError) -> str:

@@ -10,11 +10,20 @@ import pytest
 
 from drivers.keyence_lkg import KeyenceLkg
 from procedures.bench import SetPoint
+from rigctl.errors import NotRecovered
+
+DURING_S = 1043.0
+"""Rig time in the middle of the first run."""
 
 FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
     "the meter does not answer": ("accelerometer", {"silent": {"nth": [12]}}),
     "the stage falls silent while its capture is read": ("stage", {"silent": {"nth": [300]}}),
     "a laser controller does not answer": ("lasers_a", {"silent": {"nth": [15]}}),
+    "the stage loses its power while it oscillates": (
+        "stage",
+        {"power_cycle": {"at_s": DURING_S, "lasting_s": 30.0}},
+    ),
+    "the stage meets an obstacle": ("stage", {"following_error": {"at_s": DURING_S}}),
 }
 
 
@@ -90,3 +99,14 @@ def test_a_wrong_sample_of_an_instrument_is_named_and_its_run_repeated(
     assert attempt.reason.startswith("ImplausibleSample: lasers_a: laser_1_mm, sample 77:")
     for key, samples in runs.items():
         np.testing.assert_array_equal(samples["laser_1_mm"], undisturbed[key]["laser_1_mm"])
+
+
+@pytest.mark.parametrize("fault", ["emergency_stop", "limit_hit"])
+def test_nothing_moves_after_a_safety_stop_when_nobody_is_there(make_twin: Callable[..., Any], fault: str) -> None:
+    twin = make_twin(faults={"stage": {fault: {"at_s": DURING_S}}})
+    with pytest.raises(
+        NotRecovered, match=r"stage: stopped by a safety device \((emergency stop|positive hard limit)"
+    ):
+        measured(twin)
+    assert not twin.bench.linear.is_homed()
+    assert twin.store.runs() == []
