@@ -4,9 +4,11 @@ import math
 import re
 
 import pytest
+import typer
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rigctl.cli.io import number
 from rigctl.core.numbers import MAGNITUDE_MAX, NotMeasurable, decimal, decimal_or_missing
 
 GRAMMAR = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -57,3 +59,10 @@ def test_missing(text):
 def test_not_missing(text):
     with pytest.raises(ValueError, match="a number"):
         decimal_or_missing(text)
+
+
+@pytest.mark.parametrize("text", ["1_0", "٣", "inf", "1e400", ""])
+def test_a_command_line_s_numbers_are_of_the_same_grammar(text):
+    assert number("-5.5") == -5.5
+    with pytest.raises(typer.BadParameter, match="write a number"):
+        number(text)
