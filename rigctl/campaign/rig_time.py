@@ -56,7 +56,9 @@ def start_s(store: Store, part: int, *, virtual: bool) -> float:
     if recorded:
         return max(recorded) - PREPARING_S
     began = [event.rig_time_s for event in store.events("extended") if event.data["part"] == part]
-    return (began[0] or 0.0) if began else 0.0
+    if began:
+        return began[0] or 0.0
+    return latest_s(store) if part > 1 else 0.0  # killed before it could tell when it began
 
 
 def latest_s(store: Store, *, virtual: bool = True) -> float:  # noqa: ARG001 - any clock goes on from there

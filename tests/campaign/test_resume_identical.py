@@ -85,6 +85,17 @@ KINDS = {
 }
 """Rig, campaign, and one that goes on in its store."""
 
+REMEMBERING = {
+    "isa-rig.toml": "bias-drift.rate = 1e-7\nnull-drift.rate = 1e-9\nthermal-bias.bT = 1e-3\n"
+    "cable-hysteresis.h = 1e-5\nmains-pickup = { amplitude = 1e-3, frequency = 50.0 }\n",
+    "hidden-effect-rig.toml": "bias-drift.rate = 1e-7\nnull-drift.rate = 1e-9\nthermal-bias.bT = 1e-3\n",
+    "bias-rejection-rig.toml": "recovery = { e = 1e-6, t_r = 40.0 }\nrecovery-signed = { e = 1e-6, t_r = 40.0 }\n"
+    "platform-repeatability = { stop = 1e-5, backlash = 1e-5 }\ntide = { amplitude = 1e-6, period = 5000.0 }\n"
+    "filter-ringing = { cutoff = 0.2, r_cos = 0.1 }\npendulum-reaction.d = 1e-3\nthermal-bias.b1 = 1e-5\n"
+    "clock-skew = { delay = 0.01, drift = 1e-6 }\nline = { amplitude = 1e-6, frequency = 0.3 }\n",
+}
+"""Effects of nature that go by the clock, or by what moved before; written below `[world.effects]`."""
+
 Call = Callable[..., Any]
 
 
@@ -136,7 +147,8 @@ class Bench:
         directory.mkdir()
         rig, campaign, further = KINDS[kind]
         self.store, self.further = directory / "x", further
-        for name, text in (("rig", (CAMPAIGNS / rig).read_text()), ("campaign", campaign), ("further", further)):
+        world = (CAMPAIGNS / rig).read_text() + f"\n[world.effects]\n{REMEMBERING.get(rig, '')}"
+        for name, text in (("rig", world), ("campaign", campaign), ("further", further)):
             (directory / f"{name}.toml").write_text(text)
         self.directory = directory
 

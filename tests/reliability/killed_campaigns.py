@@ -238,8 +238,12 @@ def _result(work: Path) -> Numbers:
     try:
         told = json.loads(json.dumps(results.of(work / STORE), default=str))
     except RigError as error:
-        told = {"none": re.sub(r"\brun \S+", "run", str(error)).replace(str(work), "")}
-    return {name: value for name, value in _flat(told) if not name.endswith(("run_id", ".store"))}
+        told = {"none": str(error).replace(str(work), "")}
+    return {name: _without_numbers_of_runs(value) for name, value in _flat(told) if not name.endswith("run_id")}
+
+
+def _without_numbers_of_runs(value: Any) -> Any:
+    return re.sub(r"\brun \d+", "run", value) if isinstance(value, str) else value
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
