@@ -120,3 +120,7 @@ class PluginError(RigError):
 
 class Aborted(RigError):
     """The operator aborted."""
+
+
+UNFIT = (ConfigError, DataError, ProcedureError)
+"""Raised where data and model do not go together: who tries several goes on to the next. Damage is not in it."""

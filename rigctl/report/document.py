@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rigctl.errors import ConfigError, DataError, RigError
+from rigctl.errors import UNFIT, ConfigError, DataError
 from rigctl.kinds import Drawn, kind_of
 from rigctl.report import html
 from rigctl.report.figure_data import Plate
@@ -102,7 +102,7 @@ def _without_runs(bench: Workbench) -> Drawn | None:
         return None
     try:
         drawn = kind_of(bench.store.header.experiment, bench.store.path).draw(bench, (), ())
-    except RigError:
+    except UNFIT:
         return None
     return drawn if drawn.tables else None
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from rigctl.errors import RigError
+from rigctl.errors import UNFIT
 from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.noise import Noise
 from rigctl.workbench.study import (
@@ -91,7 +91,7 @@ class Imagined:
                 return self._padded(candidate.derivative)
         try:
             model = self._study.model((*self._attempt.terms, term))
-        except RigError:
+        except UNFIT:
             return None
         values = _values(model, {**self._attempt.values, **_zeros(model, term)})
         fitted = [each.name.rpartition(".")[2] not in term.choice for each in model.parameters]

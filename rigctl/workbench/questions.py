@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigctl.errors import RigError
+from rigctl.errors import UNFIT
 from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.findings import Diagnosis, Rank
 from rigctl.workbench.score import ABSORBED
@@ -104,7 +104,7 @@ def _estimated(study: Study, beside: Sequence[Term], term: Term) -> FloatArray:
     """Size of a term fitted beside others, (d,), without what was scanned for; empty when it cannot be fitted."""
     try:
         attempt = Attempt(study, (*beside, term))
-    except RigError:
+    except UNFIT:
         return np.zeros(0)
     amplitudes = [name not in attempt.scanned for name in attempt.names]
     own = np.flatnonzero([o == term.effect and a for o, a in zip(attempt.model.owners, amplitudes, strict=True)])

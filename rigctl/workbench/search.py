@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.errors import RigError
+from rigctl.errors import UNFIT
 from rigctl.workbench.attempt import Attempt, Scored
 from rigctl.workbench.fit import chi2_p_value
 from rigctl.workbench.generic import Best, Generic
@@ -140,7 +140,7 @@ class Search:
             level = CATALOGUE_SHARE * self.alpha
             needed = all(self.attempt(terms).corrected(self.p_of_term(terms, each)) < level for each in both)
             return needed and self.adequate(terms)
-        except RigError:  # these data do not determine both
+        except UNFIT:  # these data do not determine both
             return False
 
     def price(self, noise: Noise) -> float:
@@ -214,7 +214,7 @@ class Search:
         """Chi-square after the full fit, with the price of dimensions and choices; infinite when it is singular."""
         try:
             trial = self.attempt((*attempt.terms, scored.candidate.term))
-        except RigError:
+        except UNFIT:
             return float("inf")
         # One noise for all: the sigma of each trial is its own guess.
         white = attempt.noise.whiten(trial.unexplained())
@@ -311,7 +311,7 @@ class Search:
         with_it = self.attempt(terms)
         try:
             without = self.attempt([each for each in terms if each != term])
-        except RigError:  # what cannot be fitted without it needs it
+        except UNFIT:  # what cannot be fitted without it needs it
             return 0.0
         white = with_it.noise.whiten(without.unexplained())
         pulls = without.left[len(without.result.residuals) :]
@@ -370,7 +370,7 @@ class Search:
         try:
             instead = self.attempt((*others, rival.candidate.term))
             own = next((each for each in instead.scored if each.candidate.term.effect == term.effect), None)
-        except RigError:
+        except UNFIT:
             return None
         if own is not None and own.score.dimension and own.score.p_value < RIVAL_LEVEL * self.alpha:
             return None

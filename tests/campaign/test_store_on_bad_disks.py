@@ -8,6 +8,7 @@ import pytest
 from rigctl.campaign.recording import Header
 from rigctl.campaign.store import Store
 from rigctl.errors import DataError, RigError
+from rigctl.rig import Rig
 from tests.reliability import power_cuts
 from tests.reliability.file_layer import FULL, IOERR_FSYNC, IOERR_WRITE, OK, READONLY, FileLayer, watched_files
 
@@ -54,3 +55,27 @@ def test_a_disk_that_refuses_is_said_in_one_line_and_costs_no_finished_run(tmp_p
         assert finished
         assert [run.key for run in store.runs()][: len(finished)] == finished
         power_cuts.record(store, 99, rng.normal(size=(2, 5)))
+
+
+def test_a_campaign_whose_disk_is_full_stops_the_rig_says_so_and_is_resumed(desk, monkeypatch):
+    layer, writes, order = FileLayer(), [0], []
+    stop = Rig.stop
+
+    def stopped(rig):
+        stop(rig)
+        order.append("stop")
+
+    def refuse(step):
+        writes[0] += step.kind == "write"
+        full = step.kind == "write" and writes[0] > 200
+        order.extend(["full"] * full)
+        return FULL if full else OK
+
+    layer.refuse = refuse
+    monkeypatch.setattr(Rig, "stop", stopped)
+    with watched_files(layer):
+        ended = desk.rigctl("run", "campaign.toml", "--store", desk.store, "--yes")
+    assert ended.status != 0
+    assert ended.err.splitlines()[-1] == f"{desk.store}: the disk is full; free some space, then `rigctl resume`"
+    assert order[-1] == "stop"
+    assert desk.rigctl("resume", desk.store, "--yes").status == 0
