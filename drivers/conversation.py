@@ -52,7 +52,7 @@ class Conversation:
         harmless: Callable[[bytes], bool] = lambda _: False,
     ) -> None:
         self.lock = threading.RLock()
-        self.wanted = False
+        self.opened = False
         """True between `open` and `close`."""
         self.sessions = 0
         """Counts connections: what was true of the instrument may not be after a new one."""
@@ -66,20 +66,22 @@ class Conversation:
         self._busy = False
         self._doubtful = False
         self._unread = b""
+        self._reached = 0
+        self._reaching = threading.Lock()
         self._urgent = 0
         self._overtaken = False
 
     def open(self) -> None:
         """Connect; what is unread on a new connection belongs to nobody."""
         self.close()
-        self.wanted = True
+        self.opened = True
         with self.lock:
-            self._unread = b""
+            self._unread, self._overtaken = b"", False
             self._connected().unread()
 
     def close(self) -> None:
         """Disconnect for good; an exchange in another thread ends with `LinkLost`. May be called twice."""
-        self.wanted = False
+        self.opened = False
         self._drop()
 
     @property
@@ -175,12 +177,17 @@ class Conversation:
     @contextmanager
     def reachable(self) -> Iterator[None]:
         """Connected even if it is not open; what was closed is closed again."""
-        wanted, self.wanted = self.wanted, True
+        self._reach(1)
         try:
             yield
         finally:
-            if not wanted:
-                self.close()
+            if not self._reach(-1) and not self.opened:
+                self._drop()
+
+    def _reach(self, change: int) -> int:
+        with self._reaching:
+            self._reached += change
+            return self._reached
 
     @contextmanager
     def urgently(self) -> Iterator[None]:
@@ -285,12 +292,18 @@ class Conversation:
             self._drop()
 
     def _connected(self) -> Transport:
-        if not self.wanted:
-            raise LinkLost(f"{self._name}: not connected; open it first")
+        self._require_wanted()
         if self._transport is None:
             self._transport = self._connect()
             self.sessions += 1
+            self._require_wanted()
         return self._transport
+
+    def _require_wanted(self) -> None:
+        """It may have been closed while it was connecting."""
+        if not self.opened and not self._reached:
+            self._drop()
+            raise LinkLost(f"{self._name}: not connected; open it first")
 
     def _drop(self) -> None:
         transport, self._transport = self._transport, None

@@ -44,7 +44,7 @@ class KeyenceLine:
     @property
     def is_open(self) -> bool:
         """True between `open` and `close`."""
-        return self._conversation.wanted
+        return self._conversation.opened
 
     @property
     def guarded(self) -> bool:

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from drivers.numbers import decimal
+from drivers.numbers import CHARACTERS_MAX, decimal
 from drivers.scpi import ScpiLink
 from drivers.transport import Connect
 from rigctl.clock import Clock
@@ -26,8 +26,6 @@ PERIOD_MAXIMUM_S = 3600.0
 TIMER_STEP_S = 1e-6
 OVERLOAD = 9.9e37
 """Overloads are +-9.9E37 and not-a-number is 9.91E37."""
-READING_CHARACTERS_MAX = 24
-"""One reading as text, and a comma."""
 CHUNK = 5000
 """Readings per R?: 80 kB as doubles, 0.1 s of the fastest record."""
 TIMING_VIOLATION, MEMORY_OVERFLOW = 1 << 2, 1 << 14
@@ -199,7 +197,7 @@ class _Voltmeter(Keysight34465A):
     def _take(self, count: int) -> FloatArray:
         """The oldest `count` readings in memory; they are erased there."""
         query = f"R? {count}"
-        payload = self._link.query_block(query, count * READING_CHARACTERS_MAX)
+        payload = self._link.query_block(query, count * (CHARACTERS_MAX + 1))
         decode = _from_ascii if self.settings.transfer == "ascii" else _from_doubles
         try:
             values = decode(payload)

@@ -150,8 +150,8 @@ class NewportXps:
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` when replies may have been taken for others, on either connection."""
-        for socket in (self._queries, self._motions):
-            socket.confirm_in_step()
+        self._queries.confirm_in_step()
+        self._motions.confirm_unless_busy()
 
     def stop(self) -> None:
         """Abort a move, kill a homing group; returns when the controller says that the group stands still."""

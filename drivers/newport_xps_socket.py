@@ -79,13 +79,14 @@ class XpsSocket:
         return reply
 
     def confirm_in_step(self) -> None:
-        """`OutOfStep` when the firmware is not the answer to its question, or something else is unread.
+        """`OutOfStep` when the firmware is not the answer to its question, or something else is unread."""
+        self._conversation.confirm_in_step()
 
-        What awaits the end of a motion is not in doubt: its reply is still to come.
-        """
+    def confirm_unless_busy(self) -> None:
+        """As `confirm_in_step`, where no reply is awaited: that of a motion is still to come."""
         if self._conversation.lock.acquire(blocking=False):
             try:
-                self._conversation.confirm_in_step()
+                self.confirm_in_step()
             finally:
                 self._conversation.lock.release()
 
