@@ -349,6 +349,21 @@ def test_reader_cannot_write(store, path):
     assert store.runs()[0].valid
 
 
+def test_the_note_beside_a_store_goes_with_its_log_also_where_nothing_can_be_written(store, monkeypatch):
+    record(store, "k")
+    note = store.path.with_name(store.path.name + "-synced")
+    assert note.exists()
+    store.close()
+    assert not note.exists()
+
+    def refused(*_, **__):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(Path, "unlink", refused)
+    with Store.open(store.path, readonly=True) as reader:
+        assert len(reader.runs()) == 1
+
+
 def test_newer_schema_is_refused_in_one_line(store, path):
     store._connection.execute("PRAGMA user_version = 99")
     with pytest.raises(DataError, match=r"store schema 99 is newer than this program reads \(3\)") as caught:
