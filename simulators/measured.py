@@ -98,6 +98,8 @@ class Tap:
         if not self.heard:
             return
         given = np.atleast_1d(np.asarray(values, dtype=np.float64))
+        if not given.size:
+            return
         self._measured.tell(
             Measurement(
                 self._instrument,

@@ -158,7 +158,9 @@ def test_pieces_of_a_record_are_put_together() -> None:
     for first_s in (3.0, 1.0, 3.0):
         tap.note("x", [first_s, first_s + 1.0], [10.0 * first_s, 10.0 * first_s + 10.0])
     tap.begin()
+    tap.note("x", [], [])
     tap.note("x", 9.0, 90.0)
+    assert len(kept) == 4
     one, other = joined(kept)
     assert one.at_s.tolist() == [1.0, 2.0, 3.0, 4.0]
     assert one.values.tolist() == [10.0, 20.0, 30.0, 40.0]
