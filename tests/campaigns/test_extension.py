@@ -125,16 +125,10 @@ def test_killed_in_the_extension_a_store_is_resumed_to_the_same_runs(
         runner.extend(first, more, UNATTENDED)
 
     runner.resume(first, UNATTENDED)
-    resumed, undisturbed = recorded(first), recorded(copy)
-    assert list(resumed) == list(undisturbed)
-    for key, (conditions, volts) in resumed.items():
-        expected, wanted = undisturbed[key]
-        assert {**conditions, "start_s": 0, "temperature_c": 0} == {**expected, "start_s": 0, "temperature_c": 0}
-        noise = np.frombuffer(volts) - np.frombuffer(wanted)
-        # The same nature, though an hour later: only the drive's phase against the edges differs.
-        assert np.std(np.frombuffer(volts)) == pytest.approx(np.std(np.frombuffer(wanted)), rel=0.02), noise.std()
-    with pytest.raises(DataError, match="nothing to resume"):
-        runner.resume(first, UNATTENDED)
+    undisturbed = recorded(copy)
+    assert recorded(first) == undisturbed
+    runner.resume(first, UNATTENDED)
+    assert recorded(first) == undisturbed, "a store that is done stays as it is"
 
 
 def test_what_cannot_be_added_leaves_the_store_done(first: Path, tmp_path: Path) -> None:
