@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rigctl.campaign.status import repeats_in
 from rigctl.errors import UNFIT, ConfigError, DataError
 from rigctl.kinds import Drawn, kind_of
 from rigctl.report import html
@@ -17,6 +18,7 @@ from rigctl.report.figure_ranking import ranking_plate
 from rigctl.report.figure_residuals import residual_plates
 from rigctl.report.figures import write_plates
 from rigctl.report.quantities import counted, number, probability, quantity
+from rigctl.report.terminal import repeats_line
 from rigctl.report.terminal_workbench import fails, line_sentence, short_result
 from rigctl.report.verdicts import (
     advice,
@@ -52,6 +54,7 @@ class Evidence:
     title: str
     experiment: str
     runs: int
+    repeated: str
     data: int
     rungs: Sequence[Mapping[str, Any]]
     comparisons: Sequence[Comparison]
@@ -122,6 +125,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
         title=store.header.title,
         experiment=store.header.experiment,
         runs=len(last.observations.run_ids),
+        repeated=repeats_line(repeats_in(store)),
         data=len(last.observations.value),
         rungs=rungs,
         comparisons=comparisons,
@@ -172,6 +176,7 @@ def page(evidence: Evidence) -> str:
             f"model version {current['version']}: {model_name(current['effects'])}; {evidence.store.name}",
             "soft",
         ),
+        *([html.paragraph(f"Runs: {evidence.repeated}.", "soft")] if evidence.repeated else []),
         html.paragraph(verdict_sentence(diagnosis), f"verdict {diagnosis['verdict']}"),
         html.paragraph("What to do next:", "soft"),
         html.command(advice(diagnosis, evidence.store.name)),

@@ -77,11 +77,13 @@ class Page(HTMLParser):
         return [dict(zip(columns, row, strict=True)) for row in found[1:]]
 
 
-def reported(example: str, directory: Path, *effects: str) -> tuple[Page, set[str]]:
+def reported(example: str, directory: Path, *effects: str, repeated: int = 0) -> tuple[Page, set[str]]:
     """An example imported, effects added, its report read; and the figures that were written beside it."""
     store = directory / f"{example}.rig.sqlite"
     import_bundle(EXAMPLES / example, store).close()
     with Store.open(store) as opened:
+        for _ in range(repeated):
+            opened.add_event("run-repeated", {"key": "a", "error": "LinkTimeout"})
         bench = Workbench(opened)
         bench.add(effects)
         written = write_report(bench, directory / "r.html", directory / "figures", lambda _: None)
@@ -99,7 +101,7 @@ def pontius(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, set[str]]:
 
 @pytest.fixture(scope="module")
 def unknown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, set[str]]:
-    return reported("unknown-effect", tmp_path_factory.mktemp("unknown"))
+    return reported("unknown-effect", tmp_path_factory.mktemp("unknown"), repeated=3)
 
 
 def test_a_tables_report_tells_of_readings_and_of_nothing_that_a_table_has_not(
@@ -148,6 +150,13 @@ def test_an_imported_recordings_report_says_what_remains_once(unknown: tuple[Pag
     assert "they do not suffice" in everything
     assert "rigctl model add unknown-effect.rig.sqlite resonance roll-gravity" in everything
     assert "p < 1e-300" in page.sections["Residuals"]
+
+
+def test_runs_that_were_repeated_are_told_of_where_there_were_any(
+    unknown: tuple[Page, set[str]], pontius: tuple[Page, set[str]]
+) -> None:
+    assert "3 repeated after a fault (LinkTimeout 3)" in " ".join(unknown[0].sections.values())
+    assert "repeated after a fault" not in " ".join(pontius[0].sections.values())
 
 
 def test_an_imported_recordings_figures_are_those_it_has_data_for(unknown: tuple[Page, set[str]]) -> None:
