@@ -33,6 +33,8 @@ def main() -> int:
         until_s = time.monotonic() + asked.minutes * 60.0
         carry_out(_tasks(asked, records, kinds), records, asked.workers, until_s, _told)
     print("\n".join(table(records, kinds)))
+    if asked.messages:
+        print("\n".join(messages(records)))
     return int(any(line["failed"] for kind in kinds for line in records.lines(kind)))
 
 
@@ -48,6 +50,20 @@ def table(records: Records, kinds: list[str]) -> list[str]:
                 f"| {found.failures} | {bound:.1e} |"
             )
     return rows
+
+
+def messages(records: Records) -> list[str]:
+    """What the operator is told of each kind of fault, once: from campaigns that met no other."""
+    said: dict[str, str] = {}
+    for line in records.lines("faulty_campaigns"):
+        if len(line.get("faults", [])) == 1 and (words := [*line["told"], line["message"]])[0]:
+            said.setdefault(line["faults"][0].split(" of ")[0], words[0])
+    return [
+        "",
+        "| fault | what the operator is told |",
+        "|---|---|",
+        *(f"| `{k}` | {said[k]} |" for k in sorted(said)),
+    ]
 
 
 def _tasks(asked: argparse.Namespace, records: Records, kinds: list[str]) -> list[Task]:
@@ -78,6 +94,9 @@ def _asked() -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin no trial after so many")
     parser.add_argument("--out", type=Path, default=Path("out/reliability"))
     parser.add_argument("--table", action="store_true", help="only the table of what is there")
+    parser.add_argument(
+        "--messages", action="store_true", help="also what the operator is told of each kind of fault"
+    )
     return parser.parse_args()
 
 

@@ -96,7 +96,7 @@ SMALL_CAMPAIGNS = {
             "\n[[procedure.runs]]\npattern = 'a'\nmodulation_period_s = 60.0\nperiods = 2\n"
             "external = 'sine'\nv_z_v = 0.5\nexternal_period_s = 100.0\n",
         ),
-        _inflight("calibration", 'sessions = ["dx", "ad11"]\norbits = 5.0\n'),
+        _inflight("calibration", 'sessions = ["dx", "ad11"]\norbits = 6.0\n'),
         _inflight("monte-carlo", 'name = "monte-carlo"\ndraws = 2\nworkers = 1\norbits = 5.0\norbits_ac12 = 5.0\n'),
     )
 }

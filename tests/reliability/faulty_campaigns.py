@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rigctl.campaign.store import Store
-from tests.reliability.campaigns import SMALL_CAMPAIGNS
+from tests.reliability.campaigns import SMALL_CAMPAIGNS, SmallCampaign
 from tests.reliability.commands import here
 from tests.reliability.random_faults import as_toml, kinds_of, random_faults
 from tests.reliability.truth import wrong_number
@@ -18,16 +19,22 @@ from tests.reliability.truth import wrong_number
 PROMISE = "A campaign under faults keeps no wrong number as valid, ends by itself, and says why in a typed message"
 
 WIRED = [small for small in SMALL_CAMPAIGNS.values() if small.rig != "microscope-rig.toml"]
+FLOWN = replace(
+    SMALL_CAMPAIGNS["calibration"], text=SMALL_CAMPAIGNS["calibration"].text.replace('["dx", "ad11"]', '["dx"]')
+)
+FAULTY = [*WIRED, *WIRED, FLOWN]
 FAULTS = (1, 2, 3)
+SAYING = ("text", "reason", "error")
+"""Where an event has words about a fault."""
 
 
 def trial(seed: int, work: Path) -> dict[str, Any]:
     """One campaign with one to three faults."""
     random = np.random.default_rng(seed)
-    small = WIRED[seed % len(WIRED)]
+    small = FAULTY[seed % len(FAULTY)]
     rig = small.write(work).with_name("rig.toml")
     count = int(random.choice(FAULTS))
-    faults = random_faults(seed, rig, length_s=_length_s(small.name), replies=_replies(random), faults=count)
+    faults = random_faults(seed, rig, length_s=_length_s(small), replies=_replies(random), faults=count)
     heard = small.rig_text.replace("[world]\n", '[world]\nmeasured = "measured.jsonl"\n', 1)
     rig.write_text(heard + as_toml(faults), encoding="utf-8")
     outcome = here(work, "run", "campaign.toml", "--store", "x.rig.sqlite", "--yes", "--json", "--seed", seed)
@@ -36,8 +43,18 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
         "faults": kinds_of(faults),
         "status": outcome.status,
         "message": outcome.message,
+        "told": _told(work / "x.rig.sqlite"),
         "failed": outcome.broken() or wrong_number(work / "x.rig.sqlite", work / "measured.jsonl"),
     }
+
+
+def _told(path: Path) -> list[str]:
+    """What the store's events say of faults, in the words the operator has."""
+    if not path.exists():
+        return []
+    with Store.open(path, readonly=True) as store:
+        data = [event.data for event in store.events()]
+    return list(dict.fromkeys(str(said) for each in data for key in SAYING if (said := each.get(key))))
 
 
 def _replies(random: np.random.Generator) -> int:
@@ -46,11 +63,11 @@ def _replies(random: np.random.Generator) -> int:
 
 
 @functools.cache
-def _length_s(name: str) -> float:
+def _length_s(small: SmallCampaign) -> float:
     """Rig time of the campaign without a fault."""
     with tempfile.TemporaryDirectory() as directory:
         work = Path(directory)
-        SMALL_CAMPAIGNS[name].write(work)
+        small.write(work)
         here(work, "run", "campaign.toml", "--store", "x.rig.sqlite", "--yes", "--seed", 1)
         with Store.open(work / "x.rig.sqlite", readonly=True) as store:
             return max(event.rig_time_s or 0.0 for event in store.events())

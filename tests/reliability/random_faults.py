@@ -1,46 +1,32 @@
-"""Faults drawn by seed for the instruments of a rig file, as tables to append to it."""
+"""Faults drawn by seed for the instruments of a rig file."""
 
 from __future__ import annotations
 
-import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from rigctl import config
-from simulators.faults import random_plans
+from simulators.faults import FaultPlan, random_plans
 
 SERIAL = {"keyence-lkg3001", "newport-esp301"}
 """Driven over RS-232 or USB: only there may single bits be wrong, TCP has a sum of its own."""
-WIRELESS = "drag-free-satellite"
+
+Plans = Mapping[str, FaultPlan]
 
 
-def random_faults(seed: int, rig: Path, *, length_s: float, replies: int, faults: int) -> dict[str, dict[str, Any]]:
-    """Fault tables by instrument; none for an instrument that has some in the file already."""
-    file = config.read_rig(rig)
-    kinds = {name: table.driver for name, table in file.instruments.items() if table.driver != WIRELESS}
+def random_faults(seed: int, rig: Path, *, length_s: float, replies: int, faults: int) -> Plans:
+    """Plans by instrument."""
+    kinds = {name: table.driver for name, table in config.read_rig(rig).instruments.items()}
     serial = [name for name, kind in kinds.items() if kind in SERIAL]
-    if not kinds:
-        return {}
-    plans = random_plans(seed, kinds, length_s=length_s, replies=replies, faults=faults, serial=serial)
-    return {name: plan.model_dump(mode="json", exclude_unset=True) for name, plan in plans.items()}
+    return random_plans(seed, kinds, length_s=length_s, replies=replies, faults=faults, serial=serial)
 
 
-def as_toml(faults: dict[str, dict[str, Any]]) -> str:
+def as_toml(plans: Plans) -> str:
     """The tables as text of a rig file."""
-    return "".join(
-        f"\n[instruments.{name}.faults]\n" + "".join(f"{key} = {_value(value)}\n" for key, value in plan.items())
-        for name, plan in faults.items()
-    )
+    return "".join(f"\n{plan.as_toml(name)}" for name, plan in plans.items())
 
 
-def kinds_of(faults: dict[str, dict[str, Any]]) -> list[str]:
-    """Which kinds of fault befall which instrument, as `fault of instrument`."""
-    return sorted(f"{fault} of {name}" for name, plan in faults.items() for fault in plan if fault != "seed")
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    return json.dumps(value)
+def kinds_of(plans: Plans) -> list[str]:
+    """What befalls which instrument, as `fault of instrument`."""
+    named = [(fault, name) for name, plan in plans.items() for fault in plan.model_dump(exclude_none=True)]
+    return sorted(f"{fault} of {name}" for fault, name in named if fault != "seed")

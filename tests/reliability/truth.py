@@ -51,7 +51,10 @@ class Truth:
 
 
 def wrong_number(store_path: Path, measured_path: Path) -> str:
-    """The first number in a valid run that no instrument measured; "" when there is none."""
+    """The first number in a valid run that no instrument measured; "" when there is none.
+
+    Of telemetry, whose times begin anew with each session, a store has one session.
+    """
     if not store_path.exists():
         return ""
     truths = _truths(measured_path)
@@ -59,7 +62,7 @@ def wrong_number(store_path: Path, measured_path: Path) -> str:
         told = any(event.kind in TELL_OF_MISSING for event in store.events())
         for run in store.runs(valid_only=True):
             samples = store.samples(run.run_id)
-            start_s = float(run.conditions["start_s"])
+            start_s = 0.0 if "t_s" in truths else float(run.conditions["start_s"])
             wrong = _wrong_sample(samples, start_s, truths, told) or _wrong_reading(
                 run.conditions, samples, start_s, truths
             )
@@ -106,6 +109,8 @@ def _wrong_reading(
 def _truths(path: Path) -> dict[str, Truth]:
     pieces: dict[str, list[tuple[FloatArray, FloatArray]]] = defaultdict(list)
     for measurement in from_file(path):
+        if measurement.channel == "t_s" and measurement.record > 1 and measurement.at_s[0] == 0.0:
+            pieces.clear()  # telemetry carries times since perigee: of sessions flown again the last one is kept
         pieces[measurement.channel].append((measurement.at_s, measurement.values))
     truths = {}
     for channel, those in pieces.items():
