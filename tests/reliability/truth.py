@@ -23,7 +23,7 @@ AROUND_S = 120.0
 ROUNDED = 1e-9
 """Relative: what became of a number on its way through text, and of a mean of equal ones."""
 
-TELL_OF_MISSING = ("record-lost",)
+TELL_OF_MISSING = ("record-lost", "gap")
 """Events that say that samples of a run are missing."""
 
 READ_ONCE = ("theta_deg", "temperature_c")

@@ -141,6 +141,8 @@ def _fit(
     dof = count - width
     if not np.isfinite(values).all() or not np.isfinite(columns).all():
         raise DataError(f"a value that is no number cannot enter {what}")
+    if sigma is not None and not (np.isfinite(sigma) & (sigma > 0.0)).all():
+        raise DataError(f"a value without an uncertainty (a reading that never changes has none) cannot enter {what}")
     if dof < (1 if sigma is None else 0) or not np.linalg.cond(columns / _sizes(columns)) < _MAX_CONDITION:
         raise DataError(f"{count} values do not tell {' and '.join(names)} in {what}")
     weight = np.ones(count) if sigma is None else 1.0 / sigma

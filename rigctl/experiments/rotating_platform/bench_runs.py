@@ -107,10 +107,10 @@ def flips(source: RunSource, chains: Chains) -> dict[str, Flipped]:
         return {}
     found = {}
     for channel in CHANNELS:
-        readings = np.array([_mean(source, record.run_id, READINGS[channel]) for record in records])
         try:
-            each = [_scatter(source, record.run_id, READINGS[channel]) for record in records]
-            sigma_v = None if len(signs) > 2 else np.array(each)
+            read = [_read(source, record.run_id, READINGS[channel]) for record in records]
+            readings = np.array([samples.mean() for samples in read])
+            sigma_v = None if len(signs) > 2 else np.array([_scatter(samples) for samples in read])
             fitted = flip(signs, readings, chains.g_m_s2, sigma_v)
             found[channel] = Flipped(fitted, chains.amplifier.get(channel))
         except DataError:
@@ -146,7 +146,9 @@ def _scan(source: RunSource, record: RunRecord, chains: Chains) -> Scan:
     rests = (moving == 0.0) & np.isfinite(theta)
     edges = np.flatnonzero(np.concatenate([[True], rests[1:] != rests[:-1]]))
     stops = np.append(edges[1:], theta.size)
-    dwells = [slice(int(a), int(b)) for a, b in zip(edges, stops, strict=True) if rests[a] and b - a >= _FEWEST]
+    read = np.all([np.isfinite(samples[READINGS[channel]]) for channel in CHANNELS], axis=0)
+    at_rest = [slice(int(a), int(b)) for a, b in zip(edges, stops, strict=True) if rests[a]]
+    dwells = [each for each in at_rest if np.count_nonzero(read[each]) >= _FEWEST]
     angles = np.array([float(theta[each].mean()) for each in dwells])
     readings = {
         channel: np.array([float(np.nanmean(samples[READINGS[channel]][each])) for each in dwells])
@@ -161,11 +163,16 @@ def _column(source: RunSource, run_id: str, name: str) -> FloatArray:
     return np.concatenate([chunk[name] for chunk in chunks_of(source, run_id)])
 
 
-def _scatter(source: RunSource, run_id: str, name: str) -> float:
+def _read(source: RunSource, run_id: str, name: str) -> FloatArray:
+    """The samples that there are; `DataError` when they are too few for a mean with its scatter."""
+    column = _column(source, run_id, name)
+    samples = column[np.isfinite(column)]
+    if len(samples) < _FEWEST * _STRETCHES:
+        raise DataError(f"run {run_id} has {len(samples)} samples of {name}, too few; measure it again")
+    return samples
+
+
+def _scatter(samples: FloatArray) -> float:
     """Standard uncertainty of a mean from those of its stretches: what changes more slowly is not in it."""
-    stretches = np.array_split(_column(source, run_id, name), _STRETCHES)
-    return float(np.std([np.nanmean(each) for each in stretches], ddof=1)) / math.sqrt(_STRETCHES)
-
-
-def _mean(source: RunSource, run_id: str, name: str) -> float:
-    return float(np.nanmean(_column(source, run_id, name)))
+    stretches = np.array_split(samples, _STRETCHES)
+    return float(np.std([each.mean() for each in stretches], ddof=1)) / math.sqrt(_STRETCHES)

@@ -131,6 +131,7 @@ def test_a_flip_gives_scale_factor_and_bias():
         (lambda: angle_scan(np.radians([0.0, 180.0, 0.0, 180.0]), np.ones(4)), "dwell at more angles"),
         (lambda: flip([1, 1, 1], np.ones(3), G), "axis up and down"),
         (lambda: flip([1, -1, 1], np.array([1.0, np.nan, 1.0]), G), "a value that is no number"),
+        (lambda: flip([1, -1], np.array([1.0, -1.0]), G, np.array([0.1, 0.0])), "without an uncertainty"),
         (lambda: axes(*[angle_scan(EVERY_15_DEG, np.zeros(24))] * 2), "shows no acceleration"),
     ],
 )

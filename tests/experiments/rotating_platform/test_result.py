@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.platform_sampler import Columns, SampledRun, sampled
+from rigctl.campaign.recording import ImportReport, Recording, RunRecord
 from rigctl.experiments.rotating_platform.alignment import Value
 from rigctl.experiments.rotating_platform.bench_runs import flips, noise_records, scans
 from rigctl.experiments.rotating_platform.published import AMPLITUDE_RATIO
@@ -186,3 +187,32 @@ def test_a_scan_gives_the_axes() -> None:
     assert AMPLITUDE_RATIO < 1.0
     assert flips(recording, chains(recording.header)) == {}
     assert noise_records(recording) == ([], {})
+
+
+def test_a_dwell_without_samples_is_left_out_of_a_scan() -> None:
+    angles = tuple(float(angle) for angle in range(0, 360, 30))
+    nature = PlatformSettings.model_validate({"kind": "rotating-platform", "seed": 5, **SILENT})
+
+    def lose(_: int, columns: Columns) -> Columns:
+        return {**columns, "q_b_v": np.where(np.arange(len(columns["q_b_v"])) < 650, np.nan, columns["q_b_v"])}
+
+    recording = sampled(nature, [SampledRun(angles_deg=angles, dwell_s=60.0)], lose)
+    (scan,), left_out = scans(recording, chains(recording.header))
+    assert not left_out
+    assert scan.theta_rad.size == 11
+    assert np.isfinite(scan.readings_m_s2["y"]).all()
+
+
+def test_a_flip_whose_samples_are_lost_tells_nothing_of_its_channel() -> None:
+    header = sampled(PlatformSettings.model_validate({"kind": "rotating-platform", "seed": 5}), []).header
+    volts = np.random.default_rng(1).normal(0.0, 1e-5, 200)
+    records = tuple(
+        RunRecord(run_id, run_id, "", {"pattern": "flip", "g_sign": sign})
+        for run_id, sign in (("up", 1), ("down", -1))
+    )
+    samples = {
+        run_id: {"q_a_v": sign * 1.0 + volts, "q_b_v": np.where(np.arange(200) < kept, -sign * 1.0 + volts, np.nan)}
+        for run_id, sign, kept in (("up", 1, 200), ("down", -1, 30))
+    }
+    found = flips(Recording(header, records, samples, ImportReport(2)), chains(header))
+    assert set(found) == {"z"}
