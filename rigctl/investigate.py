@@ -340,7 +340,7 @@ def _require_same(campaign: config.CampaignFile, store_path: Path) -> None:
 def _text(campaign: config.CampaignFile, points: SetPoints, runs: Sequence[Proposal], title: str) -> str:
     named = f"{campaign.title}: {title}" if campaign.title else title
     procedure = scan_of(points.axis, points.configuration, runs, _procedure(campaign))
-    return text_of(campaign.experiment, named, campaign.rig, procedure, campaign.model.effects)
+    return text_of(campaign, named, campaign.rig, procedure, campaign.model.effects)
 
 
 def _spread_in_time(full_scan: Sequence[Proposal]) -> list[Proposal]:

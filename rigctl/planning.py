@@ -31,12 +31,15 @@ def campaign_text(store: Store, runs: Sequence[Proposal], title: str, path: Path
     """
     campaign = config.parse_campaign(require_rig(store), store.path)
     procedure = kind_of(campaign.experiment, store.path).further(store, runs, campaign)
-    return text_of(campaign.experiment, title, _rig_seen_from(path, store, campaign.rig), procedure, effects)
+    return text_of(campaign, title, _rig_seen_from(path, store, campaign.rig), procedure, effects)
 
 
-def text_of(experiment: str, title: str, rig: str, procedure: Mapping[str, Any], effects: Sequence[str]) -> str:
-    """A campaign file; entries of `procedure` that are lists of tables come last, as such."""
-    lines = [f"experiment = {_toml(experiment)}", f"title = {_toml(title)}", f"rig = {_toml(rig)}", "", "[procedure]"]
+def text_of(
+    campaign: config.CampaignFile, title: str, rig: str, procedure: Mapping[str, Any], effects: Sequence[str]
+) -> str:
+    """A campaign file like `campaign`; entries of `procedure` that are lists of tables come last, as such."""
+    lines = [f"experiment = {_toml(campaign.experiment)}", f"title = {_toml(title)}", f"rig = {_toml(rig)}"]
+    lines += [f"on_terminal_lost = {_toml(campaign.on_terminal_lost)}", "", "[procedure]"]
     lines += [f"{name} = {_toml(value)}" for name, value in procedure.items() if not _tables(value)]
     for name, value in procedure.items():
         for table in value if _tables(value) else ():

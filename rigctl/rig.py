@@ -5,6 +5,7 @@ The only place that knows drivers and simulators by name.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,6 +112,7 @@ class Rig:
         drivers = drivers_of(file)
         self.simulation, self.clock = _simulate(file, seed, start_s)
         self.instruments = {name: self._make(name, table, drivers[name]) for name, table in file.instruments.items()}
+        self._one_stop_at_a_time = threading.RLock()
         self.found_moving: tuple[str, ...] = ()
         self.operator_link: OperatorLink | None = self.simulation
         if file.operator.address and self.simulation is None:
@@ -152,15 +154,18 @@ class Rig:
             raise _joined(failures)
 
     def close(self) -> None:
-        """Disconnect; may be called twice."""
-        let_go(self.instruments.values())
+        """Disconnect; may be called twice. A stop that is under way in another thread is awaited."""
+        with self._one_stop_at_a_time:
+            let_go(self.instruments.values())
 
     def stop(self) -> None:
         """Bring every instrument to rest, all at once: one that hangs or fails keeps no other moving.
 
         Any thread, any number of times; `RigError` names those that did not confirm.
         """
-        require_rest(bring_to_rest(self.instruments.values()))
+        with self._one_stop_at_a_time:
+            rests = bring_to_rest(self.instruments.values())
+        require_rest(rests)
 
     def moving(self) -> tuple[str, ...]:
         """The stages that move now; asks them, and touches nothing."""

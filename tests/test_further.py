@@ -23,7 +23,7 @@ POINT: dict[str, Any] = {"angle_deg": -3.0, "frequency_hz": 0.5, "approach": -1,
 
 
 def planned(like: config.CampaignFile, procedure: Any) -> tuple[config.CampaignFile, dict[str, Any]]:
-    text = planning.text_of(like.experiment, 'Next: "tell apart"', like.rig, procedure, [])
+    text = planning.text_of(like, 'Next: "tell apart"', like.rig, procedure, [])
     campaign = config.parse_campaign(text, CAMPAIGNS / "next.toml")
     return campaign, runner.dry_run(campaign, config.read_rig(campaign.rig_path))
 
@@ -114,6 +114,6 @@ def test_what_is_proposed_keeps_to_the_satellites_limits(
 @pytest.mark.parametrize("name", ["bias-rejection.toml", "microscope.toml"])
 def test_an_effect_nobody_knows_is_refused_before_anything_moves(name: str) -> None:
     like = config.read_campaign(CAMPAIGNS / name)
-    text = planning.text_of(like.experiment, "", like.rig, like.procedure, ["no-such-effect"])
+    text = planning.text_of(like, "", like.rig, like.procedure, ["no-such-effect"])
     with pytest.raises(ConfigError, match="no-such-effect"):
         runner.dry_run(config.parse_campaign(text, CAMPAIGNS / "next.toml"), config.read_rig(like.rig_path))

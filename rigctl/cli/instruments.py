@@ -74,11 +74,11 @@ def check(rig: RigToml, as_json: Json = False) -> None:
 def stop(rig: RigToml, as_json: Json = False) -> None:
     """Bring every instrument of a rig to rest, whoever is using it."""
     from rigctl import config
-    from rigctl.core.making_safe import Reached, bring_to_rest, let_go
+    from rigctl.core.making_safe import bring_to_rest, let_go
     from rigctl.rig import Rig
 
     instruments = Rig(config.read_rig(rig)).instruments.values()
-    rests = bring_to_rest(map(Reached, instruments))
+    rests = bring_to_rest(instruments)
     let_go(instruments)
     unsafe = [rest for rest in rests if not rest.confirmed]
     if as_json:

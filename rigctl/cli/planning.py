@@ -60,6 +60,7 @@ def investigate(
 ) -> None:
     """Measure, diagnose, ask, add, measure again, until the model is adequate or it is said what remains."""
     from rigctl import config, runner
+    from rigctl.core.making_safe import ended_by_signals
     from rigctl.investigate import Settings
     from rigctl.investigate import investigate as carry_out
     from rigctl.report.terminal import ProgressBar
@@ -70,7 +71,8 @@ def investigate(
     with ProgressBar() as bar:
         options = runner.Options(unattended=yes, display=bar, plugins=tuple(plugin or ()))
         settings = Settings(options, _agree if yes else _ask, tell, max_runs=max_runs)
-        found = carry_out(campaign_file, rig_file, store, settings).as_json()
+        with ended_by_signals(lambda _: None, campaign_file.on_terminal_lost, leave_s=0.0):
+            found = carry_out(campaign_file, rig_file, store, settings).as_json()
     if as_json:
         print_json({"store": str(store), **found})
     else:

@@ -61,7 +61,10 @@ def _while_running(tell: Callable[Concatenate[Console, P], None]) -> Callable[Co
 
 
 class Console(App[None]):
-    """The operator's console; `directory` is where its state is kept."""
+    """The operator's console; `directory` is where its state is kept.
+
+    `leave_terminal` is called, in any thread, when the terminal is lost.
+    """
 
     TITLE = "rigctl"
     CSS_PATH = "console.tcss"
@@ -81,9 +84,14 @@ class Console(App[None]):
     ]
 
     def __init__(
-        self, place: Path | None = None, plugins: Sequence[Path] = (), directory: Path | None = None
+        self,
+        place: Path | None = None,
+        plugins: Sequence[Path] = (),
+        directory: Path | None = None,
+        leave_terminal: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__()
+        self._leave_terminal = leave_terminal
         self.directory = directory or state.state_directory()
         self.kept = state.load(self.directory)
         self._place = place
@@ -151,17 +159,19 @@ class Console(App[None]):
         self.unsafe += [rest for rest in self._holding.close() if not rest.confirmed]
 
     def _signalled(self, reason: str) -> None:
-        """On the thread that signals wake: at rest first, then told to the screen."""
+        """On the thread that signals wake: what has to be done needs no screen, which may hang with its terminal."""
+        lost = reason == TERMINAL_LOST
+        if lost:
+            self._leave_terminal()
         self._holding.bring_to_rest()
-        self.post_message(say.Signalled(reason))
+        if lost:
+            self._terminal_lost()
+        self.post_message(say.Signalled("" if lost else reason))
 
     @_while_running
     def on_signalled(self, message: say.Signalled) -> None:
         """Somebody ends this console from outside."""
-        if message.reason == TERMINAL_LOST:
-            self._terminal_lost()
-        else:
-            self.interrupted = message.reason
+        self.interrupted = message.reason
         self.exit()
 
     def _keep_state(self) -> None:
@@ -182,7 +192,7 @@ class Console(App[None]):
         elif view is not None and view.alive:
             told += f"; the campaign went on, it was not this console's ({view.path})"
         self.kept.notice = f"{told}, {state.now()}"
-        self._act(told)
+        state.record_action(self.directory, told)
         self._keep_state()
 
     # Opening

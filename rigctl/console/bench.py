@@ -355,14 +355,14 @@ def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
 def stop_from_outside(rig_toml: str, store: Path, post: Callable[[Message], object]) -> None:
     """`rigctl stop` of the rig of a campaign's store: second connections, every instrument on its own thread."""
     from rigctl import config
-    from rigctl.core.making_safe import Reached, bring_to_rest, let_go
+    from rigctl.core.making_safe import bring_to_rest, let_go
     from rigctl.rig import Rig
 
     file = config.parse_rig(rig_toml, store)
     if all(table.simulated for table in file.instruments.values()):
         return  # they live in the campaign's process, which is asked to abort
     instruments = Rig(file).instruments.values()
-    post(Stopped(bring_to_rest(map(Reached, instruments))))
+    post(Stopped(bring_to_rest(instruments)))
     let_go(instruments)
 
 

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Sequence
 from pathlib import Path
+
+LEAVE_S = 8.0
+"""A console that has lost its terminal has stopped everything, and is gone, after so long."""
 
 
 def start(place: Path | None, plugins: Sequence[Path]) -> None:
@@ -17,7 +22,7 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
     from rigctl.core.making_safe import require_rest
     from rigctl.errors import Aborted
 
-    console = Console(place, plugins)
+    console = Console(place, plugins, leave_terminal=_leave_terminal)
     try:
         console.run()
     finally:
@@ -25,6 +30,19 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
     require_rest(console.unsafe)
     if console.interrupted:
         raise Aborted(console.interrupted)
+
+
+def _leave_terminal() -> None:
+    """Nothing more is written to a terminal that is gone: the screen would wait for it for ever.
+
+    It may wait already: then this process ends nevertheless. What it holds has been stopped by then.
+    """
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in range(3):
+        os.dup2(nowhere, descriptor)
+    last_resort = threading.Timer(LEAVE_S, os._exit, (1,))
+    last_resort.daemon = True
+    last_resort.start()
 
 
 def check(place: Path) -> None:

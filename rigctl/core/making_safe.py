@@ -67,23 +67,6 @@ def bring_to_rest(instruments: Iterable[Stoppable], deadline_s: float = DEADLINE
     return _all_at_once([(each.name, each.stop) for each in instruments], deadline_s)
 
 
-@dataclass(frozen=True)
-class Reached:
-    """An instrument that somebody else may be using: connected to first, then stopped."""
-
-    instrument: Instrument
-
-    @property
-    def name(self) -> str:
-        """The instrument's."""
-        return self.instrument.name
-
-    def stop(self) -> None:
-        """As the instrument's."""
-        self.instrument.open()
-        self.instrument.stop()
-
-
 def let_go(instruments: Iterable[Instrument], deadline_s: float = DEADLINE_S) -> None:
     """Disconnect all at once; one that hangs keeps nobody waiting beyond `deadline_s` (wall-clock)."""
     _all_at_once([(each.name, each.close) for each in instruments], deadline_s)

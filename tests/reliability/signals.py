@@ -6,6 +6,7 @@ Each command that can move anything, with INT, TERM, HUP, KILL, and the console'
 
 from __future__ import annotations
 
+import re
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -112,14 +113,19 @@ class Bench:
         since = len(self.rig.wires.sent)
         terminal = Terminal(self.work, "console", "rig.toml")
         until(lambda: self._polled(since) > 5, MOVES_S)
-        keys = {"console-move": ["m", "60\r"], "console-home": ["h"], "console-jog": ["j", "\x1540\r", "]"]}
-        for pressed in keys[command]:
+        keys = {
+            "console-move": [("m", "Move rotation"), ("60\r", "moving")],
+            "console-home": [("h", "homing")],
+            "console-jog": [("j", "per step"), ("\x1540", "40"), ("\r", "40 deg"), ("]", "moving")],
+        }
+        for pressed, shown in keys[command]:
             terminal.press(pressed)
-            until(lambda: False, 0.3)
+            until(lambda shown=shown: terminal.shows(shown), 10.0)  # type: ignore[misc]
         return terminal
 
     def _polled(self, since: int) -> int:
-        return sum(piece.instrument == "rotation" for piece in self.rig.wires.sent[since:])
+        """How often the console has asked where the stage is: it does so once it can be moved."""
+        return sum(bool(re.search(rb"PositionCurrentGet|TP\?", piece.data)) for piece in self.rig.wires.sent[since:])
 
 
 def trial(seed: int, work: Path) -> dict[str, Any]:

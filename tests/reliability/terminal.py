@@ -22,13 +22,20 @@ class Terminal:
     def __init__(self, work: Path, *arguments: object) -> None:
         self._ours, self._theirs = pty.openpty()
         fcntl.ioctl(self._ours, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
-        self._shown = (work / "screen.txt").open("wb")
+        self._screen = work / "screen.txt"
+        self._shown = self._screen.open("wb")
+        self._pressed_at = 0
         self._reader = threading.Thread(target=self._read, name="terminal", daemon=True)
         self._reader.start()
         self.process = Process(work, *arguments, terminal=os.ttyname(self._theirs))
 
+    def shows(self, words: str) -> bool:
+        """Whether these words were drawn since the last keys, in one piece."""
+        return words.encode() in self._screen.read_bytes()[self._pressed_at :]
+
     def press(self, keys: str) -> None:
         """Type."""
+        self._pressed_at = self._screen.stat().st_size
         os.write(self._ours, keys.encode())
 
     def lose(self) -> float:
