@@ -239,6 +239,17 @@ def test_all_instruments_that_do_not_answer_are_in_one_error(desk: Any, wire: An
     assert desk.left == set()
 
 
+def test_stop_tells_of_each_instrument_whether_it_is_known_to_be_at_rest(desk: Any, dead_port: int) -> None:
+    desk.rig(('"virtual"', '"real"'), (FIRST_ADDRESS, f'address = "tcp://127.0.0.1:{dead_port}"'))
+    found = desk.rigctl("stop", "rig.toml", "--json")
+    assert found.status == 1
+    assert "stage" in found.json["stopped"]
+    (lost,) = found.json["not_confirmed"]
+    assert lost["name"] == "rotation"
+    assert f"{dead_port}" in lost["why"]
+    assert "rotation: NOT CONFIRMED: " in desk.rigctl("stop", "rig.toml").out
+
+
 def test_an_absent_instrument_is_named_with_its_address(desk: Any, wire: Any, dead_port: int) -> None:
     desk.rig(('"virtual"', '"real"'), (FIRST_ADDRESS, f'address = "tcp://127.0.0.1:{dead_port}"'))
     desk.run().refused(1, f"tcp://127.0.0.1:{dead_port}", "check power and cable")

@@ -29,10 +29,11 @@ def planned(like: config.CampaignFile, procedure: Any) -> tuple[config.CampaignF
 
 
 def test_a_scan_goes_on_in_its_mounting() -> None:
-    like = config.read_campaign(CAMPAIGNS / "hidden-effect.toml")
+    like = config.read_campaign(CAMPAIGNS / "hidden-effect.toml").model_copy(update={"on_terminal_lost": "stop"})
     settings = config.validated(Procedure, like.procedure, like.path, "procedure")
     campaign, plan = planned(like, scan_of("X", "flag", [Proposal(POINT)] * 2, settings))
     assert campaign.goes_on
+    assert campaign.on_terminal_lost == "stop"
     assert plan["runs_planned"] == 2
     assert campaign.title == 'Next: "tell apart"'
 

@@ -235,6 +235,25 @@ def test_an_operator_who_does_not_answer_is_not_waited_for_for_ever() -> None:
         answered.set()
 
 
+def test_an_abort_does_not_wait_for_hands_that_are_at_work() -> None:
+    at_work, done = threading.Event(), threading.Event()
+
+    class Slow:
+        def request(self, action: dict[str, Any]) -> dict[str, Any]:
+            at_work.set()
+            done.wait(60.0)
+            return {"done": True}
+
+    def heed() -> None:
+        assert at_work.wait(10.0)
+        raise Aborted("interrupted by SIGTERM")
+
+    with pytest.raises(Aborted, match="SIGTERM"):
+        SimulatedOperator(Slow(), heed=heed).remount("X", "flag", 1)
+    assert not done.is_set(), "it was waited for"
+    done.set()
+
+
 def test_nobody_at_the_port_is_an_error_with_its_mend() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         address = f"tcp://127.0.0.1:{listener.getsockname()[1]}"

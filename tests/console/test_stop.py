@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rigctl.campaign.questions import Question
 from rigctl.console import messages as say
+from rigctl.console.feed import StoreView
 from rigctl.core.making_safe import Rest
 
 WITHIN_S = 0.1
@@ -135,3 +138,26 @@ def test_what_threads_say_while_the_console_closes_is_not_shown(desk: Any, at_co
     assert list(app._panes.log._lines) == before
     assert app._alarms == 0
     assert app._holding.bench is None
+
+
+def test_a_question_is_new_in_another_store_whatever_its_number(desk: Any, at_console: Any) -> None:
+    first, second = desk.directory / "first.rig.sqlite", desk.directory / "second.rig.sqlite"
+
+    async def sitting(seat: Any) -> None:
+        rung: list[str] = []
+        await seat.until(lambda: seat.app.is_running)
+        seat.app.action_ring = lambda: rung.append("ring")
+        for path, text in ((first, "Mount X. Type 'done': "), (second, "Mount Y. Type 'done': ")):
+            view = seen(path, Question(7, text, ""))
+            seat.app._view = view
+            seat.app.on_store_seen(say.StoreSeen(view))
+            seat.app.on_store_seen(say.StoreSeen(view))
+            await seat.sees(text.partition(".")[0])
+        assert rung == ["ring", "ring"]
+
+    at_console(sitting)
+
+
+def seen(path: Path, question: Question) -> StoreView:
+    status = {"state": "running", "step": "", "runs_done": 0, "runs_planned": 6, "runs_invalid": 0, "eta_s": None}
+    return StoreView(path, "", "sensing-axis", status, True, (), (), {}, question)
