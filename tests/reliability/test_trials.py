@@ -1,0 +1,112 @@
+"""The trials themselves: they see what they are to see, and keep count."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.reliability import fuzzed_replies
+from tests.reliability.bounds import upper_bound
+from tests.reliability.campaigns import SMALL_CAMPAIGNS
+from tests.reliability.commands import Outcome, here
+from tests.reliability.records import Records, tally
+from tests.reliability.stops import orders
+from tests.reliability.truth import wrong_number
+from tests.reliability.wires import Sent
+
+
+def test_the_bound_is_that_of_clopper_and_pearson() -> None:
+    assert upper_bound(0, 300) == pytest.approx(1.0 - 0.05 ** (1 / 300))
+    assert upper_bound(1, 20) == pytest.approx(0.2161, abs=1e-4)  # Clopper and Pearson 1934
+    assert upper_bound(5, 5) == 1.0
+
+
+def test_lines_add_up_over_runs_and_a_torn_one_is_tried_again(tmp_path: Path) -> None:
+    Records(tmp_path).add("kind", {"seed": 1, "failed": "", "tried": 10})
+    with (tmp_path / "kind.jsonl").open("a") as file:
+        file.write('{"seed": 2, "fai')
+    again = Records(tmp_path)
+    assert [line["seed"] for line in again.lines("kind")] == [1]
+    again.add("kind", {"seed": 2, "failed": "broken", "tried": 10, "failures": 3})
+    found = tally(again.lines("kind"))
+    assert (found.seeds, found.tried, found.failures) == (2, 20, 3)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "said"),
+    [
+        (Outcome(0, "", ""), ""),
+        (Outcome(1, "", "stage: no connection; check power"), ""),
+        (Outcome(1, "", ""), "without a word"),
+        (Outcome(-9, "", ""), "exit status -9"),
+        (Outcome(1, "", "Traceback (most recent call last):\nKeyError: 3"), "untyped"),
+        (Outcome(0, "", "x.py:3: RuntimeWarning: Mean of empty slice"), "untyped"),
+    ],
+)
+def test_a_command_that_ends_badly_is_seen(outcome: Outcome, said: str) -> None:
+    assert said in outcome.broken()
+    assert bool(outcome.broken()) == bool(said)
+
+
+def test_a_number_that_no_instrument_measured_is_seen(tmp_path: Path) -> None:
+    small = SMALL_CAMPAIGNS["angle-scan"]
+    small.write(tmp_path, small.rig_text.replace("[world]\n", '[world]\nmeasured = "measured.jsonl"\n', 1))
+    assert here(tmp_path, "run", "campaign.toml", "--store", "x.rig.sqlite", "--yes").status == 0
+    store, measured = tmp_path / "x.rig.sqlite", tmp_path / "measured.jsonl"
+    assert wrong_number(store, measured) == ""
+    lines = [json.loads(line) for line in measured.read_text().splitlines()]
+    recorded = max((line for line in lines if line["channel"] == "laser_3_mm"), key=lambda line: len(line["values"]))
+    recorded["values"][7] += 1e-4
+    measured.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    assert "1 of " in wrong_number(store, measured)
+    assert "laser_3_mm are wrong: sample 7" in wrong_number(store, measured)
+
+
+def test_what_moves_and_what_stops_is_told_from_the_wire() -> None:
+    sent = [
+        Sent(1.0, "rotation", b"GroupStatusGet(Group1,int *)"),
+        Sent(2.0, "rotation", b"GroupMoveAbsolute(Group1,20)"),
+        Sent(3.0, "stage", b"ABORT X\nAXISSTATUS(X)\nENABLE X\n"),
+        Sent(4.0, "spare", b"1MO?\r1PA?\r1PA20\r1ST\r1MD?\r"),
+    ]
+    found = [(order.instrument, order.what) for order in orders(sent)]
+    moving, stopping = "motion", "stop"
+    assert found == [
+        ("rotation", moving),
+        ("stage", stopping),
+        ("stage", moving),
+        ("spare", moving),
+        ("spare", stopping),
+    ]
+
+
+def test_an_untyped_error_of_a_driver_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Careless:
+        def __init__(self, endpoint: Any, clock: Any) -> None:
+            self._line = endpoint.connect(lambda data: int(data))
+
+        def identify(self) -> None:
+            self._line.receive(b"?")
+
+        open = stop = identify
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(fuzzed_replies, "_recorded", lambda: {"careless": (Careless, {b"?": [b"1"]})})
+    found = fuzzed_replies.trial(2, tmp_path)
+    assert "careless: ValueError" in found["failed"]
+    assert "careless: ValueError" in (tmp_path / "failures.txt").read_text()
+
+
+def test_every_driver_is_answered_from_what_its_simulator_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fuzzed_replies, "REPLIES", 4000)
+    found = fuzzed_replies.trial(1, tmp_path)
+    assert found["failed"] == ""
+    assert found["tried"] > 1000
+    assert len(found["refused"]) >= 10
