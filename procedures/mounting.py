@@ -102,7 +102,7 @@ class Fixture:
         ]
         if not found or found[-1].rig_time_s is None:
             return None
-        return Levelled(found[-1].rig_time_s, found[-1].data["angle_deg"])
+        return Levelled(found[-1].data.get("at_s", found[-1].rig_time_s), found[-1].data["angle_deg"])
 
     def _take_up(self) -> None:
         self.session.guarded("taking up", self.bench.apparatus(), self.session.take_up)
@@ -115,11 +115,14 @@ class Fixture:
             if not self.session.done(key):
                 self.confirm(mounting)
                 self._take_up()
-                self.session.operator.level(reading_v)
+                at_s = self.session.operator.level(reading_v)
+                if at_s is None:
+                    at_s = self.session.clock.now_s()
                 angle_deg = self.session.guarded(
                     key, self.bench.apparatus(), lambda: self.bench.rotation.angle().value
                 )
-                self.session.event(LEVELLED, mounting=mounting.key, angle_deg=angle_deg, key=self.session.key(key))
+                levelled = {"mounting": mounting.key, "angle_deg": angle_deg, "at_s": at_s}
+                self.session.event(LEVELLED, **levelled, key=self.session.key(key))
             reading_v = self.session.once(key, lambda: self._static_output_v(mounting), self.bench.apparatus())
             if abs(reading_v) < limit_v:
                 return

@@ -28,10 +28,11 @@ class Clock(Protocol):
 
 
 class RealClock:
-    """The wall clock, `speed` times as fast."""
+    """The wall clock, `speed` times as fast; `start_s` when it is made."""
 
-    def __init__(self, speed: float = 1.0) -> None:
+    def __init__(self, speed: float = 1.0, start_s: float = 0.0) -> None:
         self._speed = speed
+        self._start_s = start_s
         self._origin = time.monotonic()
 
     @property
@@ -40,8 +41,8 @@ class RealClock:
         return self._speed
 
     def now_s(self) -> float:
-        """Seconds of rig time since this clock was made."""
-        return (time.monotonic() - self._origin) * self._speed
+        """Seconds of rig time since the clock's origin."""
+        return self._start_s + (time.monotonic() - self._origin) * self._speed
 
     def sleep_s(self, duration_s: float) -> None:
         """Sleep `duration_s` of rig time."""

@@ -282,7 +282,7 @@ def _require_in_world(file: config.RigFile, sensors: Collection[str], heads: Col
 def _simulate(file: config.RigFile, seed: int | None, start_s: float) -> tuple[SimulatedRig | None, Clock]:
     simulated = [table.simulated for table in file.instruments.values()]
     if not any(simulated):
-        return None, RealClock(file.rig.clock_speed)
+        return None, RealClock(file.rig.clock_speed, start_s)
     if file.rig.clock == "virtual" and not all(simulated):
         raise ConfigError(f"{file.path}: rig.clock 'virtual' is for rigs that are simulated throughout; use 'real'")
     virtual = file.rig.clock == "virtual"

@@ -41,9 +41,7 @@ class Served:
         with ExitStack() as undo:
             undo.callback(self._server.close)
             self._addresses: dict[str, Address] = {name: self._serve(name) for name in self.simulation.instruments}
-            self._operator = self._server.add_operator(
-                lambda action: Done(self.simulation.operate(action)), _port(file.operator.address)
-            )
+            self._operator = self._server.add_operator(self._operate, _port(file.operator.address))
             undo.pop_all()
 
     def __enter__(self) -> Served:
@@ -96,6 +94,10 @@ class Served:
                 f"{self.file.path}: write every instrument as a table [instruments.NAME] to have it served"
             )
         return text
+
+    def _operate(self, action: dict[str, Any]) -> Done:
+        done_s = self.simulation.operate(action)
+        return Done(done_s, self.simulation.answer(done_s))
 
     def _write_measured(self, path: Path) -> None:
         try:

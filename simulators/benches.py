@@ -57,6 +57,10 @@ class Bench(Protocol):
         """Do what an operator's hands do; returns the rig time when it is done. ValueError for another action."""
         ...
 
+    def stands(self) -> list[dict[str, Any]]:
+        """What hands have made of it that still is so, as the actions that would make it so again."""
+        ...
+
 
 class SensingAxisBench:
     """The accelerometer package on turntable and linear stage."""
@@ -71,6 +75,7 @@ class SensingAxisBench:
         self.displacement_mm = self.world.displacement_mm
         self.temperature_c = self.world.temperature_c
         self.announce_run = self.world.announce_run
+        self.stands = self.world.stands
 
     @property
     def seed(self) -> int:
@@ -95,7 +100,7 @@ class SensingAxisBench:
             case {"room": {"temperature_c": int() | float() as temperature_c}}:
                 return self.world.bring_room_to(temperature_c)
             case _:
-                raise ValueError(f"no such action: {dict(action)}; there are remount, level, room and run")
+                raise ValueError(f"no action {dict(action)}; there are remount, level, room, run, stands and clock")
 
 
 class PlatformBench:
@@ -111,6 +116,7 @@ class PlatformBench:
         self.volts = self.world.chain_v
         self.temperature_c = self.world.temperature_c
         self.announce_run = self.world.announce_run
+        self.stands = self.world.stands
 
     @property
     def seed(self) -> int:
@@ -129,7 +135,7 @@ class PlatformBench:
             case {"room": {"temperature_c": int() | float() as temperature_c}}:
                 return self.world.bring_room_to(temperature_c)
             case _:
-                raise ValueError(f"no such action: {dict(action)}; there are flip, room and run")
+                raise _no_such(action, "flip, room")
 
 
 class SatelliteBench:
@@ -162,13 +168,17 @@ class SatelliteBench:
         """What a thermometer would feel in a room that has none."""
         return np.full_like(times_s, np.nan)
 
+    def stands(self) -> list[dict[str, Any]]:
+        """No hand reaches it."""
+        return []
+
     def operate(self, action: Mapping[str, Any]) -> float:
         """No hand reaches it; but there are many."""
         match dict(action):
             case {"draw": int(draw)} if draw >= 0:
                 return self.world.choose(draw)
             case _:
-                raise ValueError(f"no such action: {dict(action)}; there are draw and run")
+                raise _no_such(action, "draw")
 
 
 BENCHES: Mapping[str, tuple[type[Any], Callable[[Any, SimulationClock, TriggerLine], Bench]]] = {
@@ -177,3 +187,7 @@ BENCHES: Mapping[str, tuple[type[Any], Callable[[Any, SimulationClock, TriggerLi
     "drag-free-satellite": (SatelliteSettings, SatelliteBench),
 }
 """Settings and bench by `[world] kind`."""
+
+
+def _no_such(action: Mapping[str, Any], there_are: str) -> ValueError:
+    return ValueError(f"no such action: {dict(action)}; there are {there_are}, run, stands and clock")

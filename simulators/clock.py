@@ -43,6 +43,10 @@ class SimulationClock:
             while self._queue and self._queue[0][0] <= self.now_s():
                 heapq.heappop(self._queue)[2]()
 
+    def go_on_from(self, at_s: float) -> None:
+        """Leave out the time until `at_s`, if that is to come: a world started anew is as late as the one before."""
+        raise NotImplementedError
+
     def sleep_s(self, duration_s: float) -> None:
         """Return when `duration_s` of rig time has passed and its events have run."""
         self.wait_for(lambda: False, duration_s)
@@ -63,6 +67,10 @@ class VirtualClock(SimulationClock):
     def now_s(self) -> float:
         """Rig time [s]."""
         return self._now_s
+
+    def go_on_from(self, at_s: float) -> None:
+        """Leave out the time until `at_s`, but no event."""
+        self.sleep_s(at_s - self._now_s)
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Run events in order of time until `condition` holds or the deadline is reached."""
@@ -90,6 +98,11 @@ class ScaledClock(SimulationClock):
     def now_s(self) -> float:
         """Rig time [s]."""
         return self._start_s + (time.monotonic() - self._origin) * self.speed
+
+    def go_on_from(self, at_s: float) -> None:
+        """Leave out the time until `at_s`."""
+        with self.lock:
+            self._start_s += max(at_s - self.now_s(), 0.0)
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Sleep from event to event until `condition` holds or the deadline is reached."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -146,7 +147,8 @@ class SimulatedRig:
     def operate(self, action: Mapping[str, Any]) -> float:
         """Do what an operator's hands do; returns the rig time at which it is done.
 
-        `{"run": n}` on every bench; on the sensing-axis bench `{"remount": {"axis", "configuration", "mounting"}}`,
+        `{"run": n}`, `{"clock": at_s}` (as late as a world that went away) and `{"stands": true}` (nothing, for its
+        answer) on every bench; on the sensing-axis bench `{"remount": {"axis", "configuration", "mounting"}}`,
         `{"level": true}`, `{"level": {"at_s", "angle_deg"}}` and `{"room": {"temperature_c"}}`, on the platform
         `{"flip": sign}` and the room; else `ValueError`.
         """
@@ -156,6 +158,11 @@ class SimulatedRig:
                 self.bench.announce_run(number)
                 for index, meter in enumerate(self._meters):
                     meter.key_noise(self.bench.seed, index, number)
+                return self.clock.now_s()
+            case {"clock": int() | float() as at_s} if math.isfinite(at_s):
+                self.clock.go_on_from(at_s)
+                return self.clock.now_s()
+            case {"stands": True}:
                 return self.clock.now_s()
             case _:
                 return self.bench.operate(action)
@@ -167,8 +174,13 @@ class SimulatedRig:
                 done_s = self.operate(action)
             except ValueError as error:
                 return {"error": str(error)}
+            answer = self.answer(done_s)
         self.clock.sleep_s(done_s - self.clock.now_s())
-        return {"done": True}
+        return {"done": True, **answer}
+
+    def answer(self, done_s: float) -> dict[str, Any]:
+        """What is told of an action that is done at `done_s`: that, and what hands have made so far."""
+        return {"rig_time_s": done_s, "stands": self.bench.stands()}
 
     def _build(self, name: str, spec: Spec) -> SimulatedInstrument:
         if spec.kind not in _KINDS:

@@ -18,8 +18,10 @@ import pytest
 import serial
 
 from rigctl import config
+from rigctl.campaign.operator_link import TcpOperatorLink
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store import Store
+from rigctl.clock import RealClock
 from rigctl.errors import ConfigError
 from rigctl.serving import Served
 
@@ -144,21 +146,59 @@ def test_a_simulator_that_goes_away_costs_no_run_and_may_come_back(desk: Any, po
     process = desk.process("run", "campaign.toml", "--rig", "client.toml", "--store", desk.store, "--yes", "--json")
     desk.until(lambda: desk.runs() >= 1, process)
     simulator.process.kill()
-    ended = desk.end(process)
-    assert ended.status == 1
-    assert "Traceback" not in ended.err
-    assert "NOT known to be at rest" in ended.err.splitlines()[-1]
-    assert status_of(desk.store)["state"] == "interrupted"
-    done = desk.runs()
-    assert done >= 1
-    desk.rigctl("resume", desk.store).refused(1, f"tcp://127.0.0.1:{ports['stage']}", "check power and cable")
-    assert desk.runs() == done
+    desk.until(lambda: status_of(desk.store)["state"] == "paused", process)
+    assert "waiting for an instrument: rotation: tcp://" in status_of(desk.store)["step"]
 
     again = Simulator(desk)
+    ended = desk.end(process)
+    assert ended.status == 0, ended.err
+    assert ended.json["status"]["runs_done"] == 3
+    assert "Traceback" not in ended.err
+    stands = json.loads(again.ask("operator", b'{"stands": true}\n'))["stands"]
+    assert stands[0] == {"remount": {"axis": "X", "configuration": "pendulum", "mounting": 1}}
+    assert again.end(signal.SIGTERM) == (0, "")
+    with Store.open(desk.store, readonly=True) as store:
+        (levelled,) = store.events("levelled")
+        (lost, *_), (back,) = store.events("instrument-lost"), store.events("instruments-back")
+    assert stands[1]["level"]["at_s"] == levelled.data["at_s"]
+    assert "check power and cable" in lost.data["text"]
+    assert back.data["after_s"] > 0.0
+
+
+def test_a_campaign_killed_over_the_wire_finds_its_package_as_it_left_it(desk: Any) -> None:
+    desk.campaign(*SHORT)
+    desk.rig(*SERVED)
+    simulator = Simulator(desk, "--write-rig", "client.toml")
+    process = desk.process("run", "campaign.toml", "--rig", "client.toml", "--store", desk.store, "--yes", "--json")
+    desk.until(lambda: desk.runs() >= 1, process)
+    process.kill()
+    stood = json.loads(simulator.ask("operator", b'{"stands": true}\n'))
     resumed = desk.rigctl("resume", desk.store, "--json")
     assert resumed.status == 0, resumed.err
-    assert resumed.json["status"]["runs_done"] == 3
-    assert again.end(signal.SIGTERM) == (0, "")
+    stands = json.loads(simulator.ask("operator", b'{"stands": true}\n'))
+    assert stands["stands"] == stood["stands"]
+    with Store.open(desk.store, readonly=True) as store:
+        times_s = [event.rig_time_s or 0.0 for event in store.events()]
+    assert times_s == sorted(times_s), "its clock was put back"
+
+
+def test_a_world_started_anew_is_made_as_it_stood(desk: Any) -> None:
+    made: list[dict[str, Any]] = [
+        {"room": {"temperature_c": 21.5}},
+        {"remount": {"axis": "Y", "configuration": "flag", "mounting": 2}},
+    ]
+    file = desk.rig(("clock_speed = 1.0", "clock_speed = 1e6"))
+    with running(file) as (world, address):
+        link = TcpOperatorLink(address, RealClock(1e6))
+        for action in (*made, {"level": True}):
+            assert link.request(action)["done"]
+        stood, late_s = world.simulation.bench.stands(), world.simulation.clock.now_s()
+    assert [next(iter(each)) for each in stood] == ["room", "remount", "level"]
+    file.write_text(f'[operator]\naddress = "{address}"\n' + file.read_text())
+    with running(file) as (world, _):
+        assert world.simulation.bench.stands() == []
+        assert link.request({"run": 7})["stands"] == stood
+        assert world.simulation.clock.now_s() > late_s
 
 
 # One of each kind
@@ -209,6 +249,20 @@ def test_what_one_client_moves_another_sees(all_instruments: Simulator, desk: An
 
 
 # Rig files as they are written for clients
+
+
+@contextmanager
+def running(file: Path) -> Iterator[tuple[Served, str]]:
+    """A rig served by a thread of this process, and the address of its operator's port."""
+    with Served(config.read_rig(file)) as made:
+        (operator,) = [each for each in made.addresses if each["kind"] == "operator"]
+        thread = threading.Thread(target=made._server.serve)
+        thread.start()
+        try:
+            yield made, f"tcp://127.0.0.1:{operator['port']}"
+        finally:
+            made.stop()
+            thread.join()
 
 
 @contextmanager

@@ -50,7 +50,10 @@ class OperatorLink(Protocol):
     """The hands of a simulated rig: what a person would do, done by the world. Nobody measures through it."""
 
     def request(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Do `{"remount": {...}}`, `{"level": true}`, `{"room": {...}}`, `{"flip": 1}` or `{"run": n}`."""
+        """Do `{"remount": {...}}`, `{"level": true}`, `{"room": {...}}`, `{"flip": 1}` or `{"run": n}`.
+
+        The answer to each, and to `{"stands": true}`, tells what `stands`: what hands have made, as such actions.
+        """
         ...
 
 
@@ -63,8 +66,11 @@ class Operator(Protocol):
         """Take the package off and seat it again for `axis` in `configuration`."""
         ...
 
-    def level(self, reading_v: float) -> None:
-        """Turn the levelling screws until the static output is inside its limit."""
+    def level(self, reading_v: float) -> float | None:
+        """Turn the levelling screws until the static output is inside its limit.
+
+        Returns when that was, by the clock of a served world; None where there is no clock but ours.
+        """
         ...
 
     def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
@@ -103,17 +109,22 @@ class SimulatedOperator:
 
     def remount(self, axis: str, configuration: str, mounting: int) -> None:
         """Seat the package."""
-        self._act({"remount": {"axis": axis, "configuration": configuration, "mounting": mounting}})
+        self._act(_seated(axis, configuration, mounting))
 
-    def level(self, reading_v: float) -> None:  # noqa: ARG002 - hands that see the level themselves
+    def level(self, reading_v: float) -> float | None:  # noqa: ARG002 - hands that see the level themselves
         """Level the package."""
-        self._act({"level": True})
+        return self._act({"level": True}).get("rig_time_s")
 
     def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
-        """A world that starts anew has nothing mounted: the same mounting is made again, which nature repeats.
+        """A world that was served all the time says so itself; one that starts anew has nothing mounted.
 
-        It is levelled as it was then, not anew: what has drifted since is to be seen.
+        There the same mounting is made again, which nature repeats, and levelled as it was then, not anew: what has
+        drifted since is to be seen.
         """
+        seated = _seated(axis, configuration, mounting)
+        stands = self._act({"stands": True}).get("stands", [])
+        if seated in stands and (levelled is None or any("level" in made for made in stands)):
+            return True
         self.remount(axis, configuration, mounting)
         self._act({"level": True if levelled is None else asdict(levelled)})
         return True
@@ -138,11 +149,13 @@ class SimulatedOperator:
         """Tell the world which run begins, the key of its randomness."""
         self._act({"run": number})
 
-    def _act(self, action: dict[str, Any]) -> None:
-        if self.link is not None:
-            answer = _awaited(partial(self.link.request, action), self.heed)
-            if "error" in answer:
-                raise ProcedureError(f"the simulated operator could not do {action}: {answer['error']}")
+    def _act(self, action: dict[str, Any]) -> dict[str, Any]:
+        if self.link is None:
+            return {}
+        answer = _awaited(partial(self.link.request, action), self.heed)
+        if "error" in answer:
+            raise ProcedureError(f"the simulated operator could not do {action}: {answer['error']}")
+        return answer
 
 
 class TypedLines:
@@ -194,11 +207,11 @@ class TerminalOperator:
         self._confirm(f"Mount the package for axis {axis} in {configuration} (mounting {mounting})")
         self._hands.remount(axis, configuration, mounting)
 
-    def level(self, reading_v: float) -> None:
+    def level(self, reading_v: float) -> float | None:
         """Ask for levelling and wait for the confirmation."""
         seen = f": static output {reading_v:+.3f} V" if math.isfinite(reading_v) else ""
         self._confirm(f"Level the package{seen}")
-        self._hands.level(reading_v)
+        return self._hands.level(reading_v)
 
     def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
         """Ask whether the mounting survived."""
@@ -257,6 +270,10 @@ class TerminalOperator:
         if self.board is not None:
             self.board.close(answer)
         return answer
+
+
+def _seated(axis: str, configuration: str, mounting: int) -> dict[str, Any]:
+    return {"remount": {"axis": axis, "configuration": configuration, "mounting": mounting}}
 
 
 def _awaited(act: Callable[[], dict[str, Any]], heed: Callable[[], None]) -> dict[str, Any]:

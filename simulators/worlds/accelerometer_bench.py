@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from functools import partial
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,8 @@ class AccelerometerBench:
         self._stages = Stages(settings, rotation, linear)
         self._room = Room(settings.temperature)
         self._mounting: Mounting | None = None
+        self._levelled: tuple[float, float] | None = None
+        self._room_brought: tuple[float, float] | None = None
         self._mounted: dict[tuple[str, str, int], Mounting] = {}
         self._run = 0
         self._since_s = -math.inf
@@ -71,6 +73,7 @@ class AccelerometerBench:
             raise ValueError(f"no configuration '{configuration}'; use: {', '.join(get_args(Configuration))}")
         known: Configuration = "pendulum" if configuration == "pendulum" else "flag"
         self._put(mountings.mount(self._settings, axis, known, mounting))
+        self._levelled = None
         return self._clock.now_s() + self._settings.remount_s
 
     def level(self) -> float:
@@ -99,10 +102,25 @@ class AccelerometerBench:
         wanted_m_s2 = Electronics(self._settings, mounting, self._room).felt_m_s2(mounting.level_v, at_s)
         vertical_table = about_z(-angle_rad) @ vertical_lab(self._settings)
         self._put(mountings.levelled(mounting, vertical_table, wanted_m_s2 / self._settings.g_m_s2))
+        self._levelled = at_s, angle_deg
 
     def bring_room_to(self, temperature_c: float, at_s: float | None = None) -> float:
         """Set the air conditioning [degC], now or at `at_s`; returns when room and bench have followed."""
-        return self._room.bring_to(temperature_c, self._clock.now_s() if at_s is None else at_s)
+        sets_out_s = self._clock.now_s() if at_s is None else at_s
+        self._room_brought = temperature_c, sets_out_s
+        return self._room.bring_to(temperature_c, sets_out_s)
+
+    def stands(self) -> list[dict[str, Any]]:
+        """What hands have made of it that still is so, as the actions that would make it so again."""
+        made: list[dict[str, Any]] = []
+        if self._room_brought is not None:
+            made.append({"room": dict(zip(("temperature_c", "at_s"), self._room_brought, strict=True))})
+        if self._mounting is not None:
+            axis, configuration, number = self._mounting.key
+            made.append({"remount": {"axis": axis, "configuration": configuration, "mounting": number}})
+        if self._levelled is not None:
+            made.append({"level": dict(zip(("at_s", "angle_deg"), self._levelled, strict=True))})
+        return made
 
     def announce_run(self, number: int) -> None:
         """The next trains belong to this run; what nature did before is forgotten."""

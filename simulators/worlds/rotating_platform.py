@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,7 @@ class RotatingPlatform:
         self._pendulum = Pendulum(settings, inputs)
         self._room = Room(settings.temperature)
         self._flipped = 0
+        self._room_c: float | None = None
         self._run = 0
         self._since_s = -math.inf
         self._records_of_run = 0
@@ -87,7 +89,13 @@ class RotatingPlatform:
 
     def bring_room_to(self, temperature_c: float) -> float:
         """Set the air conditioning [degC]; returns when room and bench have followed."""
+        self._room_c = temperature_c
         return self._room.bring_to(temperature_c, self._clock.now_s())
+
+    def stands(self) -> list[dict[str, Any]]:
+        """What hands have made of it that still is so, as the actions that would make it so again."""
+        room = [] if self._room_c is None else [{"room": {"temperature_c": self._room_c}}]
+        return room + ([{"flip": self._flipped}] if self._flipped else [])
 
     def chain_v(self, column: str) -> Signal:
         """The output of a chain [V]; raises ValueError for a column that no chain fills."""

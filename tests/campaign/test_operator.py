@@ -93,7 +93,7 @@ def test_a_question_is_asked_until_it_is_answered(answers: tuple[str, ...], acce
 def test_a_mounting_that_is_still_in_place_is_made_again_in_a_simulated_world_only() -> None:
     hands = Hands()
     assert TerminalOperator(hands, typed("y")).still_mounted("X", "flag", 3)
-    assert [list(action) for action in hands.done] == [["remount"], ["level"]]
+    assert [list(action) for action in hands.done] == [["stands"], ["remount"], ["level"]]
     assert TerminalOperator(None, typed("y")).still_mounted("X", "flag", 3)
     hands.done.clear()
     assert not TerminalOperator(hands, typed("n")).still_mounted("X", "flag", 3)
