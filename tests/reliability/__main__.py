@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
+import signal
 import sys
 import time
 from pathlib import Path
@@ -26,12 +27,16 @@ from tests.reliability.workers import Task, carry_out
 
 def main() -> int:
     """The trials asked for, then the table."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     asked = _asked()
     records = Records(asked.out)
     kinds = asked.only or list(KINDS)
     if not asked.table:
         until_s = time.monotonic() + asked.minutes * 60.0
-        carry_out(_tasks(asked, records, kinds), records, asked.workers, until_s, _told)
+        try:
+            carry_out(_tasks(asked, records, kinds), records, asked.workers, until_s, _told)
+        except KeyboardInterrupt:
+            print("interrupted; the same command goes on", file=sys.stderr)
     print("\n".join(table(records, kinds)))
     if asked.messages:
         print("\n".join(messages(records)))

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import threading
 import time
 import traceback
 from collections.abc import Iterable
@@ -29,6 +30,7 @@ class Worker:
 
     def __init__(self, records: Records) -> None:
         self._records = records
+        self._over = False
         self._context = multiprocessing.get_context("spawn")
         self._start()
 
@@ -43,7 +45,12 @@ class Worker:
             shutil.rmtree(work, ignore_errors=True)
         return {**found, "seed": seed, "seconds": round(time.monotonic() - began_s, 3)}
 
-    def close(self) -> None:
+    def end(self) -> None:
+        """End the process for good: a trial under way fails, and no other begins."""
+        self._over = True
+        self._kill()
+
+    def _kill(self) -> None:
         """End the process, and whatever it started."""
         if self._process.pid is not None:
             _kill_session(self._process.pid)
@@ -61,8 +68,9 @@ class Worker:
         except (EOFError, OSError):
             self._process.join(5.0)
             failed = f"the trial's process died, exit status {self._process.exitcode}"
-        self.close()
-        self._start()
+        self._kill()
+        if not self._over:
+            self._start()
         return {"failed": failed}
 
     def _start(self) -> None:
@@ -73,27 +81,36 @@ class Worker:
 
 
 def carry_out(tasks: Iterable[Task], records: Records, workers: int, until_s: float, told: Any) -> None:
-    """Do the trials, `workers` at a time, and write a line each; none begins after `until_s` (monotonic)."""
+    """Do the trials, `workers` at a time, and write a line each; none begins after `until_s` (monotonic).
+
+    Interrupted, it ends the trials under way, of which nothing is written.
+    """
     queue: SimpleQueue[Task] = SimpleQueue()
     for task in tasks:
         queue.put(task)
+    over = threading.Event()
 
-    def work_off() -> None:
-        worker = Worker(records)
+    def work_off(worker: Worker) -> None:
         try:
             while time.monotonic() < until_s:
                 kind, seed = queue.get_nowait()
                 line = worker.trial(kind, seed)
+                if over.is_set():
+                    return
                 records.add(kind, line)
                 told(kind, line)
         except Empty:
-            pass
-        finally:
-            worker.close()
+            return
 
+    at_work = [Worker(records) for _ in range(workers)]
     with ThreadPoolExecutor(workers) as pool:
-        for done in [pool.submit(work_off) for _ in range(workers)]:
-            done.result()
+        try:
+            for done in [pool.submit(work_off, worker) for worker in at_work]:
+                done.result()
+        finally:
+            over.set()
+            for worker in at_work:
+                worker.end()
 
 
 def _serve(tasks: Connection) -> None:
