@@ -138,6 +138,11 @@ class _Voltmeter(Keysight34465A):
         self._link.configure(*self._measurement(), "FORM:DATA ASC")
         return self._read_one("V", 2 * self.settings.aperture_s)
 
+    @property
+    def first_sample_after_s(self) -> float:
+        """From the trigger to the first reading, which is when its integration is over."""
+        return self.settings.aperture_s
+
     def _measurement(self) -> tuple[str, ...]:
         """CONF also sets triggers and samples back to one reading at once."""
         s = self.settings
@@ -245,11 +250,6 @@ class PacingVoltmeter(_Voltmeter):
                 f"use {round(period_s, 6):g} s"
             )
         return super().longest_record(period_s)
-
-    @property
-    def first_sample_after_s(self) -> float:
-        """From the trigger to the first reading, which is when its integration is over."""
-        return self.settings.aperture_s
 
     def start(self, samples: int, period_s: float, at_s: float | None = None) -> float:
         """Start `samples` readings, `period_s` apart; returns the rig time of the trigger, not before `at_s`.

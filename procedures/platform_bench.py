@@ -16,7 +16,7 @@ from procedures.course import Course, Leg
 from procedures.sample_checks import voltages_flaw
 from procedures.stream import Block, FollowingMeter, PacingMeter, Stream
 from procedures.time_table import EARLY_S, Motion, TimeTable, shortest_turn_s
-from rigctl.campaign.recovery import Apparatus
+from rigctl.campaign.recovery import FAULT, Apparatus, Faults, require_homed, told
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.clock import Clock
@@ -40,6 +40,8 @@ SLACK = 1.001
 """The stage reckons with where it stands, not with where it should."""
 RUN_UP_S = 0.5
 """Where the platform turns as a run begins, the meters start so long before the turn does."""
+ASK_AGAIN_S = 0.01
+"""A platform that does not answer is asked once more before its dwell is given up."""
 THERMOMETER_S = 3.0
 """A temperature is only read where there is so much time."""
 
@@ -115,8 +117,12 @@ class PlatformBench:
         return Apparatus((self.platform,), alone=True)
 
     def standing_deg(self, asked_deg: float) -> float:
-        """The encoder's angle, platform at rest; `ImplausibleSample` when it is not where it was sent."""
+        """The encoder's angle, platform at rest; `ImplausibleSample` when it is not where it was sent.
+
+        `SafetyStop` or `InstrumentError` when it has lost its reference: any angle it says is then none.
+        """
         angle_deg = self.platform.angle().value
+        require_homed(self.platform)
         self.platform.confirm_in_step()
         if abs(angle_deg - asked_deg) > ANGLE_TOLERANCE_DEG:
             said = f"{self.platform.name}: {angle_deg:g} deg where {asked_deg:g} deg was asked for"
@@ -171,12 +177,13 @@ class _Recording:
             [self._run_up + math.ceil(motion.start_s * wanted.sample_rate_hz - 0.5) for motion in motions],
         )
         self._temperatures_c: list[float] = []
-        self._felt_s = self._fetched_s = 0.0
+        self._felt_s = self._fetched_s = self._stood_s = 0.0
 
     def made(self) -> dict[str, Any]:
         """The whole recording."""
         self._temperatures_c.append(self._temperature_c())
         self._stream.begin()
+        self._stood_s = self._now_s()
         for motion, after in zip_longest(self._wanted.table.motions, self._wanted.table.motions[1:]):
             self._wait_until(motion.start_s)
             # After a meter's long silence the turns of that time are not made up for.
@@ -206,9 +213,42 @@ class _Recording:
         """A turn that begins late takes less time, within limits, so as to be over in time."""
         if self._stream.record_ends_s < self._bench.clock.now_s() + self._period_s:
             self._fetch()
+        else:
+            self._stands()
+        self._carry_out(motion)
+
+    def _carry_out(self, motion: Motion) -> None:
         from_deg, began_s, what = self._course.angle_deg, self._now_s(), f"turn to {motion.to_deg:g} deg"
         to_deg, ended_s = self._session.guarded(what, self._bench.turning, lambda: self._turned(motion))
         self._course.add(Leg(began_s, ended_s, from_deg, to_deg))
+        self._stood_s = ended_s
+
+    def _stands(self) -> bool:
+        """Ask the platform whether it is where it should be.
+
+        If not, nobody knows since when: from when it said so last it counts as moving. A run in which it should not
+        move at all is given up: raises what is wrong.
+        """
+        fault = self._astray()
+        if fault is not None:
+            self._session.wait_s(ASK_AGAIN_S)
+            fault = self._astray()
+        if fault is not None and not self._wanted.table.motions:
+            raise fault
+        now_s, at_deg = self._now_s(), self._course.angle_deg
+        if fault is not None:
+            self._session.event(FAULT, during=f"dwell at {at_deg:g} deg", **told(fault, self._bench.turning))
+            self._course.add(Leg(self._stood_s, now_s, at_deg, at_deg))
+        self._stood_s = now_s
+        return fault is None
+
+    def _astray(self) -> RigError | None:
+        """Why the platform cannot be said to stand where it was sent."""
+        try:
+            self._bench.standing_deg(self._course.angle_deg)
+        except Faults as fault:
+            return fault
+        return None
 
     def _turned(self, motion: Motion) -> tuple[float, float]:
         """Turn from wherever it is; the angle it came to, and when the controller said that it had [deg, s]."""
@@ -250,7 +290,11 @@ class _Recording:
             return math.nan
 
     def _fetch(self) -> None:
-        for block in self._stream.fetch():
+        blocks = self._stream.fetch()
+        if not self._stands():
+            now_s = self._now_s()
+            self._carry_out(Motion(now_s, now_s, self._course.angle_deg))
+        for block in blocks:
             self._keep(block)
         self._fetched_s = self._now_s()
 

@@ -1,5 +1,8 @@
 """Two meters on one grid of times for as long as it takes: rows come in order, what was lost of them is NaN.
 
+Time stamps are the host's: a record whose samples do not come at their times is given up (`pace.py`). So is one in
+which a trigger edge was lost; where edges follow each other as fast as questions, that may show some fetches later.
+
 A meter's record holds a limited number of samples. A longer run is several of them, which end where the platform
 turns if they can, so that what passes between two records is mostly not wanted. A record that fails is given up and
 another begun: a run of days is not repeated for one glitch.
@@ -16,6 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
+from procedures.pace import Pace
 from rigctl.campaign.recovery import FAULT, Apparatus, told
 from rigctl.campaign.session import Session
 from rigctl.errors import InstrumentError, LinkError, ProcedureError, RigError
@@ -27,7 +31,8 @@ RETRIES_S = (PREPARE_S, 1.0, 10.0, 60.0, 300.0)
 """How long to wait before another record, after one failure in a row, after two ...: then the run is given up."""
 GRACE_S = 2.0
 """How long after its edge a sample may come."""
-LOOK_S = 0.01
+LOOK_S, LOOKS = 0.01, 3
+"""A meter whose sample is not there yet is asked again so much later, so often."""
 GAP_ROWS = 100_000
 """Rows of a gap that are made at a time."""
 
@@ -47,6 +52,11 @@ class PacingMeter(Voltmeter, PacingRecorder, Protocol):
 
 class FollowingMeter(Instrument, StreamedRecorder, Protocol):
     """A meter that follows its edges."""
+
+    @property
+    def first_sample_after_s(self) -> float:
+        """From an edge to its sample."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -80,7 +90,8 @@ class Stream:
         self._longest = self._pacing.longest_record(period_s)
         self._begun_s = math.nan
         self._next = 0
-        self._end = 0
+        self._first = self._end = 0
+        self._pace = Pace(math.inf, period_s, 0, 0.0)
         self._late_s = 0.0
         self._waiting = [np.empty(0), np.empty(0)]
         self._blocks: list[Block] = []
@@ -131,13 +142,7 @@ class Stream:
     def _take(self) -> None:
         """Rows that both meters have, after waiting for the last of a record that is over."""
         while True:
-            # One after the other: what the first has is kept when the second fails.
-            meters: tuple[PacingMeter | FollowingMeter, ...] = (self._pacing, self._following)
-            for place, meter in enumerate(meters):
-                rows = meter.fetch()[:, 0]
-                if len(rows):
-                    meter.confirm_in_step()
-                self._waiting[place] = np.concatenate([self._waiting[place], rows])
+            self._take_pairs()
             a, b = self._waiting
             count = min(len(a), len(b), self._end - self._next)
             self._waiting = [a[count:], b[count:]]
@@ -152,6 +157,39 @@ class Stream:
                     f"{self._following.name}: {self._end - self._next} samples at the end of a record never came"
                 )
             self._session.wait_s(LOOK_S)
+
+    def _take_pairs(self) -> None:
+        """What both have; nothing of the following meter where it lacks a sample: whose are the others?"""
+        reading_s = self._following.first_sample_after_s + LOOK_S
+        behind = int(2.0 * reading_s / self._period_s)
+        for _ in range(LOOKS):
+            # One after the other: what the first has is kept when the second fails.
+            self._take_paces()
+            self._waiting[1] = np.concatenate([self._waiting[1], self._rows_of(self._following)])
+            missing = len(self._waiting[0]) - len(self._waiting[1])
+            if missing <= behind:
+                return
+            self._session.wait_s(reading_s)
+        self._waiting[1] = np.empty(0)
+        raise InstrumentError(
+            f"{self._following.name}: {missing} samples never came; check the trigger line",
+            instrument=self._following.name,
+        )
+
+    def _take_paces(self) -> None:
+        """What the pacing meter has; none of it where samples do not come when they should."""
+        asked_s = self._session.clock.now_s()
+        rows = self._rows_of(self._pacing)
+        came = self._next - self._first + len(self._waiting[0]) + len(rows)
+        self._pace.require(self._pacing.name, came, asked_s, self._session.clock.now_s())
+        self._waiting[0] = np.concatenate([self._waiting[0], rows])
+
+    @staticmethod
+    def _rows_of(meter: PacingMeter | FollowingMeter) -> FloatArray:
+        rows = meter.fetch()[:, 0]
+        if len(rows):
+            meter.confirm_in_step()
+        return rows
 
     def _go_on(self) -> None:
         """The next record, and rows for what passed meanwhile."""
@@ -215,23 +253,31 @@ class Stream:
         if number is None:
             end = self._end_after(0)
             self._following.follow(end, self._period_s)
-            self._begun_s = self._pacing.start(end, self._period_s) + delay_s
-            self._end = end
+            started_s = self._pacing.start(end, self._period_s)
+            self._set_pace(started_s, end)
+            self._begun_s = started_s + delay_s
+            self._first, self._end = 0, end
             return 0
         soonest_s = self._session.clock.now_s() + PREPARE_S + delay_s
         planned = max(number, math.ceil((soonest_s - self._begun_s) / self._period_s))
         if planned >= self._samples:
-            self._end = self._samples
+            self._first = self._end = self._samples
             return self._samples
         end = self._end_after(planned)
         self._following.follow(end - planned, self._period_s)
         at_s = self._time_s(planned) - delay_s
-        first_s = self._pacing.start(end - planned, self._period_s, at_s) + delay_s
+        started_s = self._pacing.start(end - planned, self._period_s, at_s)
+        self._set_pace(started_s, end - planned)
+        first_s = started_s + delay_s
         began = round((first_s - self._begun_s) / self._period_s)
         self._late_s = first_s - self._time_s(began)
-        self._end = min(end + began - planned, self._samples)
+        self._first, self._end = began, min(end + began - planned, self._samples)
         self._session.event("record", sample=began, late_s=self._late_s)
         return began
+
+    def _set_pace(self, started_s: float, samples: int) -> None:
+        delay_s = self._pacing.first_sample_after_s
+        self._pace = Pace.of_record(self._session.clock, started_s, delay_s, self._period_s, samples)
 
     def _end_after(self, number: int) -> int:
         """Where a record from `number` on ends: at the last break it reaches, if that is not its own beginning."""

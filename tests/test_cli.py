@@ -174,7 +174,7 @@ def test_a_quick_check_needs_a_quarter_turn_to_either_side(desk: Any, wire: Any)
 
 def test_missing_files_and_directories_are_named(desk: Any) -> None:
     desk.rigctl("run", "none.toml").refused(2, "none.toml", "no such file")
-    desk.rigctl("run", ".").refused(2, "Is a directory")
+    desk.rigctl("run", ".").refused(2, "a directory; name a file")
     desk.rigctl("run", "campaign.toml", "--rig", "other.toml").refused(2, "other.toml", "no such file")
     desk.rigctl("run", "campaign.toml", "--yes", "--store", "no/such/x.rig.sqlite").refused(2, "no/such", "directory")
     assert desk.left == set()

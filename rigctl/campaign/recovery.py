@@ -55,10 +55,32 @@ class Apparatus:
         """All of them."""
         return (*self.stages, *self.others)
 
-    def confirm_in_step(self) -> None:
-        """No reply of any of the instruments is outstanding or surplus; a `LinkError` otherwise."""
-        for instrument in () if self.confirms_itself else self.instruments:
+    def confirm(self) -> None:
+        """All stages have known throughout where they are, and no reply is outstanding or surplus.
+
+        Raises `InstrumentError` or `LinkError` otherwise.
+        """
+        if self.confirms_itself:
+            return
+        for stage in self.stages:
+            require_homed(stage)
+        for instrument in self.instruments:
             instrument.confirm_in_step()
+
+
+def require_homed(stage: Stage) -> None:
+    """`SafetyStop` or `InstrumentError` for a stage that has lost its reference; one question where it has not.
+
+    A reference that is lost does not come back by itself: what the stage said before, since it was homed, was true.
+    """
+    if stage.is_homed():
+        return
+    if device := stage.safety_stop():
+        raise SafetyStop(f"{stage.name}: stopped by a safety device ({device})", instrument=stage.name)
+    raise InstrumentError(
+        f"{stage.name}: it is homed no more, so that its positions mean nothing; was its power off?",
+        instrument=stage.name,
+    )
 
 
 class Surroundings(Protocol):

@@ -103,7 +103,7 @@ class Session:
             with self.store.begin_run(key, " / ".join(self._steps), conditions) as writer:
                 found = dict(measure(writer))
                 if apparatus is not None:
-                    apparatus.confirm_in_step()
+                    apparatus.confirm()
                 valid, reason = bool(found.pop("valid", True)), str(found.pop("reason", ""))
                 self.store.add_event(RUN_ENDED, {"key": key}, self.clock.now_s())
                 return writer.finish(found, valid=valid, reason=reason)
@@ -128,7 +128,7 @@ class Session:
             self.operator.announce_run(number)
             result = action()
             if apparatus is not None:
-                apparatus.confirm_in_step()
+                apparatus.confirm()
             return result
 
         result = self.guarded(key, apparatus, done)

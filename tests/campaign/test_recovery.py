@@ -289,3 +289,19 @@ def test_the_status_says_how_many_runs_were_repeated_and_why(scene: Scene) -> No
     scene.faults = [LinkTimeout("stage: waited"), LinkTimeout("stage: waited"), InstrumentError("laser: few")]
     scene.acquire()
     assert status_in(scene.store)["runs_repeated"] == {"LinkTimeout": 2, "InstrumentError": 1}
+
+
+@pytest.mark.parametrize(("safety", "error"), [([], "InstrumentError"), (["emergency stop"] * 2, "SafetyStop")])
+def test_a_run_whose_stage_lost_its_reference_is_not_valid(scene: Scene, safety: list[str], error: str) -> None:
+    def measure(writer: RunWriter) -> dict[str, Any]:
+        writer.append({"t_s": np.arange(2.0)})
+        scene.device.homed = "home" in scene.device.did
+        scene.device.safety = [] if scene.device.homed else safety
+        return {"theta_deg": 0.0}
+
+    scene.person.answers = [True]
+    record = scene.session.acquire("a", {}, measure, scene.apparatus)
+    assert record.valid
+    (attempt,) = scene.store.interrupted_runs()
+    assert attempt.reason.startswith(f"{error}: stage: ")
+    assert scene.device.did.count("home") == 1

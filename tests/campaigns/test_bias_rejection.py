@@ -25,6 +25,7 @@ from rigctl.interfaces import FloatArray
 from rigctl.kinds import rotating_platform
 from rigctl.report.terminal_platform import headline
 from rigctl.workbench.bench import Workbench
+from simulators.measured import from_file
 
 RIG = "bias-rejection-rig.toml"
 COLUMNS = {"t_s", "theta_deg", "q_a_v", "q_b_v", "dm1_y_v", "dm1_z_v", "moving", "temperature_c"}
@@ -414,6 +415,72 @@ def test_a_platform_that_fails_in_a_turn_is_brought_back_and_the_run_goes_on(
     sound = [each["accel_z_m_s2"] for each in events_of(store, "period") if not each["samples_missing"]]
     assert len(sound) >= 6
     assert sound == pytest.approx([2.8757e-4] * len(sound), abs=6.5 * SIGMA_PERIOD_M_S2)
+
+
+def rig_with(directory: Path, campaigns: Path, instrument: str, fault: str) -> config.RigFile:
+    """The shipped rig with a fault, which keeps what it really measured in `measured`."""
+    text = (campaigns / RIG).read_text().replace("[world]\n", f'[world]\nmeasured = "{directory}/measured"\n')
+    return config.parse_rig(f"{text}\n[instruments.{instrument}.faults]\n{fault}\n", directory / "rig.toml")
+
+
+def test_a_platform_that_lost_its_reference_in_a_dwell_is_never_believed_to_stand(
+    tmp_path: Path, campaigns: Path
+) -> None:
+    """Power comes back while it stands: the encoder says 0, wherever it is, and no move is accepted."""
+    (tmp_path / "campaign.toml").write_text(CUSTOM.replace("periods = 2", "periods = 8"))
+    rig = rig_with(tmp_path, campaigns, "platform", "power_cycle = { at_s = 335.0, lasting_s = 20.0 }")
+    store = tmp_path / "x.rig.sqlite"
+    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    ((run, samples),) = runs_of(store)
+    assert run.valid
+    first, *_ = events_of(store, "fault")
+    assert first["during"].startswith("dwell at ")
+    assert first["text"] == "platform: it is homed no more, so that its positions mean nothing; was its power off?"
+    lost_s = 335.0 - run.conditions["start_s"]
+    doubted = samples["moving"][(samples["t_s"] > lost_s) & (samples["t_s"] < lost_s + 20.0)]
+    assert (doubted == 1.0).all()
+    compared = 0
+    for true in (each for each in from_file(tmp_path / "measured") if each.channel == "true theta_deg"):
+        index = np.rint((true.at_s - run.conditions["start_s"]) * 10.0).astype(int)
+        within = (index >= 0) & (index < len(samples["t_s"]))
+        at_rest = samples["moving"][index[within]] == 0.0
+        angles_deg = samples["theta_deg"][index[within]][at_rest]
+        assert angles_deg == pytest.approx(true.values[within][at_rest], abs=0.01)
+        compared += len(angles_deg)
+    assert compared > 5
+
+
+def test_a_record_at_rest_in_which_the_platform_lost_its_reference_is_measured_again(
+    tmp_path: Path, campaigns: Path
+) -> None:
+    (tmp_path / "campaign.toml").write_text(TOP + SHORT)
+    rig = rig_with(tmp_path, campaigns, "platform", "power_cycle = { at_s = 30.0, lasting_s = 5.0 }")
+    store = tmp_path / "x.rig.sqlite"
+    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    ((run, samples),) = runs_of(store)
+    assert run.valid
+    assert not samples["moving"].any()
+    (repeated,) = events_of(store, "run-repeated")
+    assert repeated["reason"].startswith("platform: it is homed no more")
+
+
+def test_a_meter_whose_clock_stands_still_leaves_no_sample_away_from_its_time(
+    tmp_path: Path, campaigns: Path
+) -> None:
+    (tmp_path / "campaign.toml").write_text(CUSTOM.replace("periods = 2", "periods = 8"))
+    rig = rig_with(tmp_path, campaigns, "q_a", "clock_jump = { at_s = 335.0, jump_s = 2.0 }")
+    store = tmp_path / "x.rig.sqlite"
+    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    ((run, samples),) = runs_of(store)
+    assert run.valid
+    assert run.reason == "601 of 4800 samples were lost"
+    pieces = [each for each in from_file(tmp_path / "measured") if each.channel == "q_a_v"]
+    at_s, values = (np.concatenate([getattr(each, name) for each in pieces]) for name in ("at_s", "values"))
+    known = ~np.isnan(samples["q_a_v"])
+    nearest = np.searchsorted(at_s, run.conditions["start_s"] + samples["t_s"][known] - 0.05)
+    assert (samples["q_a_v"][known] == values[nearest]).all()
+    (fault_told,) = events_of(store, "fault")
+    assert "s or more too late for its time stamp" in fault_told["text"]
 
 
 def test_a_wrong_reading_of_a_meter_costs_a_gap(made: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,6 +24,14 @@ FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
         {"power_cycle": {"at_s": DURING_S, "lasting_s": 30.0}},
     ),
     "the stage meets an obstacle": ("stage", {"following_error": {"at_s": DURING_S}}),
+    "the meter's timer stands still for whole periods": (
+        "accelerometer",
+        {"clock_jump": {"at_s": DURING_S, "jump_s": 2.0}},
+    ),
+    "the rotation stage loses its power while nothing is asked of it": (
+        "rotation",
+        {"power_cycle": {"at_s": DURING_S, "lasting_s": 1.0}},
+    ),
 }
 
 

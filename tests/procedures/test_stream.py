@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from procedures.pace import TIMING_S
 from procedures.stream import RETRIES_S, Stream
 from rigctl.errors import Aborted, InstrumentError, LinkLost, OutOfStep, ProcedureError
 from rigctl.interfaces import FloatArray
@@ -39,9 +42,16 @@ class Hall:
 
 
 class Edges:
-    """The trigger line: when the record began, and how many edges it has."""
+    """The trigger line: when the record began, and how many edges it has; the timer stands still once, or drifts."""
 
     first_s, count = np.inf, 0
+    jump_at_s, jump_s, drift = np.inf, 0.0, 0.0
+
+    def at_s(self) -> FloatArray:
+        """When each edge of the record really is."""
+        even_s = self.first_s + np.arange(self.count) * PERIOD_S * (1.0 + self.drift)
+        stood_still = (even_s > self.jump_at_s) & (self.first_s < self.jump_at_s)
+        return even_s + np.where(stood_still, self.jump_s, 0.0)
 
 
 class Meter:
@@ -55,6 +65,7 @@ class Meter:
         self.doubts: dict[int, Exception] = {}
         self.refuses: Exception | None = None
         self.opened, self.dead_until_s = 0, 0.0
+        self.misses: Callable[[FloatArray], Any] = lambda edges_s: np.zeros(len(edges_s), dtype=bool)
 
     def longest_record(self, period_s: float) -> int:
         return self._longest
@@ -97,10 +108,10 @@ class Meter:
             raise error
         if not self._on:
             return np.empty((0, 1))
-        came = int(np.floor((self._hall.clock.now_s() - self._edges.first_s) / PERIOD_S + 1e-6)) + 1
-        index = np.arange(self._taken, max(min(came, self._edges.count), self._taken))
-        self._taken += len(index)
-        return (self._edges.first_s + index * PERIOD_S)[:, np.newaxis]
+        edges_s = self._edges.at_s()
+        came_s = edges_s[(edges_s <= self._hall.clock.now_s() + 1e-6) & ~self.misses(edges_s)][self._taken :]
+        self._taken += len(came_s)
+        return came_s[:, np.newaxis]
 
 
 def setting(
@@ -112,7 +123,7 @@ def setting(
     return hall, Stream(hall, (a, b), samples, PERIOD_S, breaks), a, b  # type: ignore[arg-type]
 
 
-def everything(hall: Hall, stream: Stream, look_s: float) -> FloatArray:
+def everything(hall: Hall, stream: Stream, look_s: float, within_s: float = 1e-6) -> FloatArray:
     """All rows, made sure to come in order and at the times they belong to."""
     stream.begin()
     rows, at = [], 0
@@ -122,7 +133,7 @@ def everything(hall: Hall, stream: Stream, look_s: float) -> FloatArray:
             assert block.first == at
             times_s = stream.begun_s + (block.first + np.arange(len(block.rows))) * PERIOD_S + block.late_s
             known = ~np.isnan(block.rows)
-            assert block.rows[known] == pytest.approx(np.stack([times_s, times_s], axis=1)[known], abs=1e-6)
+            assert block.rows[known] == pytest.approx(np.stack([times_s, times_s], axis=1)[known], abs=within_s)
             assert abs(block.late_s) <= 0.5 * PERIOD_S
             at += len(block.rows)
             rows.append(block.rows)
@@ -207,7 +218,7 @@ def test_a_meter_that_stays_silent_is_started_anew() -> None:
         hall.wait_s(10.0)
         rows += [block.rows for block in stream.fetch()]
     assert sum(map(len, rows)) == 300
-    assert "samples at the end of a record never came" in hall.of("record-lost")[0]["error"]
+    assert "b: 300 samples never came" in hall.of("record-lost")[0]["error"]
 
 
 def test_an_abort_is_not_taken_for_a_glitch() -> None:
@@ -249,3 +260,32 @@ def test_rows_in_doubt_are_not_given_out_and_another_record_is_begun() -> None:
     doubted = np.flatnonzero(np.isnan(rows[:, 1]))
     assert 70 <= len(doubted) <= 90, "seven seconds, and what it takes to begin another record"
     assert [told["error"] for told in hall.of("fault")] == ["OutOfStep"]
+
+
+@pytest.mark.parametrize("jump_s", [0.3, 5.0])
+def test_a_timer_that_stands_still_leaves_no_row_away_from_its_time(jump_s: float) -> None:
+    hall, stream, a, _ = setting(900)
+    a._edges.jump_at_s, a._edges.jump_s = 30.0, jump_s
+    rows = everything(hall, stream, 7.0)
+    assert re.match(r"a: sample 3\d\d comes .* too late for its time stamp", hall.of("fault")[0]["text"])
+    assert a.starts == 2
+    assert 70 <= np.isnan(rows[:, 0]).sum() <= 90, "seven seconds, and what it takes to begin another record"
+
+
+@pytest.mark.parametrize("drift", [1e-3, -1e-3])
+def test_a_timer_that_drifts_is_started_anew_before_its_rows_are_away_from_their_times(drift: float) -> None:
+    hall, stream, a, _ = setting(9000)
+    a._edges.drift = drift
+    rows = everything(hall, stream, 1.0, within_s=TIMING_S + PERIOD_S)
+    assert 3 <= a.starts - 1 <= 5, "900 s of 1e-3 are four times the tolerance"
+    assert np.isnan(rows).any(axis=1).sum() < 30 * a.starts
+
+
+@pytest.mark.parametrize("missed", [1, 40])
+def test_after_an_edge_that_one_meter_missed_no_row_has_anothers_place(missed: int) -> None:
+    hall, stream, _, b = setting(900)
+    b.misses = lambda edges_s: (edges_s > 30.0) & (edges_s < 30.0 + missed * PERIOD_S - 1e-6)
+    rows = everything(hall, stream, 7.0)
+    assert f"b: {missed} samples never came" in hall.of("fault")[0]["text"]
+    assert np.isnan(rows[:, 0]).sum() < 10
+    assert 70 <= np.isnan(rows[:, 1]).sum() <= 90
