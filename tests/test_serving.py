@@ -248,6 +248,27 @@ def test_what_one_client_moves_another_sees(all_instruments: Simulator, desk: An
     assert json.loads(all_instruments.ask("operator", json.dumps(request).encode() + b"\n"))["done"] is True
 
 
+XPS, ESP301 = 'driver = "newport-xps"', 'driver = "newport-esp301"'
+FASTER = "clock_speed = 1.0", "clock_speed = 5.0"
+NAMES = 'group = "Group1"\npositioner = "Pos"\n'
+
+
+def test_a_stop_has_who_uses_a_serial_line_leave_it_at_rest(desk: Any) -> None:
+    file = desk.rig((XPS, ESP301), (NAMES, ""), FASTER, of="all-instruments.rig.toml")
+    with running(file) as (world, _):
+        (desk.directory / "client.toml").write_text(world.rig_text())
+        axis, clock = world.simulation.bench.axes["rotation"], world.simulation.clock
+        process = desk.process("move", "client.toml", "rotation", 170)
+        desk.until(lambda: axis.position(clock.now_s()) > 1.0, process)
+        stopped = desk.rigctl("stop", "client.toml", "--json")
+        assert not axis.moving(clock.now_s())
+        assert axis.position(clock.now_s()) < 169.0
+    assert stopped.json["not_confirmed"] == []
+    assert {"rotation", "lasers_a"} <= set(stopped.json["stopped"])
+    ended = desk.end(process)
+    assert (ended.status, ended.err.splitlines()[-1]) == (130, "aborted: interrupted by SIGTERM")
+
+
 # Rig files as they are written for clients
 
 

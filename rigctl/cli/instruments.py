@@ -72,14 +72,18 @@ def check(rig: RigToml, as_json: Json = False) -> None:
 
 @app.command()
 def stop(rig: RigToml, as_json: Json = False) -> None:
-    """Bring every instrument of a rig to rest, whoever is using it."""
+    """Bring every instrument of a rig to rest; a program that uses one is told to leave."""
     from rigctl import config
+    from rigctl.campaign.holders import Used, told_to_leave
     from rigctl.core.making_safe import bring_to_rest, let_go
     from rigctl.rig import Rig
 
-    instruments = Rig(config.read_rig(rig)).instruments.values()
-    rests = bring_to_rest(instruments)
-    let_go(instruments)
+    file = config.read_rig(rig)
+    instruments = Rig(file).instruments
+    with told_to_leave(file) as holders:
+        used = {name: holders[table.address] for name, table in file.instruments.items() if table.address in holders}
+        rests = bring_to_rest(Used(each, used[name]) if name in used else each for name, each in instruments.items())
+        let_go(instruments.values())
     unsafe = [rest for rest in rests if not rest.confirmed]
     if as_json:
         stopped = sorted(rest.instrument for rest in rests if rest.confirmed)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import fcntl
 import os
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from rigctl import config
-from rigctl.campaign import locks
+from rigctl.campaign import holders, locks
 from rigctl.campaign.addresses import Claim
 from rigctl.errors import ConfigError, DataError, RigError
 
@@ -172,7 +175,7 @@ def test_no_other_spelling_and_no_other_tmpdir_lets_a_second_program_in(
             f"tcp://127.0.0.1:{port}/",
         ):
             same = rig(spelling)
-            assert not in_another_process(lambda same=same: can_run(same)), spelling
+            assert not in_another_process(partial(can_run, same)), spelling
 
 
 def test_a_rig_file_that_names_one_instrument_twice_is_refused() -> None:
@@ -188,3 +191,33 @@ def test_a_rig_file_that_names_one_instrument_twice_is_refused() -> None:
     ]
     both = config.parse_rig('[rig]\nname = "x"\n' + "".join(groups), Path("rig.toml"))
     assert len(locks.claimed_by(both)) == 2, "an XPS answers for several groups"
+
+
+IGNORES_TERM = """
+import signal, sys, time
+from pathlib import Path
+from rigctl.campaign import locks
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+with locks.held(Path(sys.argv[1]), "taken"):
+    print("held", flush=True)
+    time.sleep(60.0)
+"""
+
+
+def test_who_does_not_leave_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(holders, "LEAVES_S", 0.05)
+    file = rig("serial:/dev/holder-of-nothing")
+    lock = min(locks.instrument_lock(claim) for _, claims in locks.claimed_by(file) for claim in claims)
+    with holders.told_to_leave(file) as told:
+        assert told == {}
+    with subprocess.Popen([sys.executable, "-c", IGNORES_TERM, str(lock)], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        with holders.told_to_leave(file) as told:
+            (holder,) = told.values()
+            assert holder.process == process.pid
+            with pytest.raises(RigError, match=f"process {process.pid} uses it and has not left 0.05 s after"):
+                holder.await_left()
+            process.kill()
+            monkeypatch.setattr(holders, "LEAVES_S", 30.0)
+            holder.await_left()
