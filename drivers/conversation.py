@@ -202,23 +202,21 @@ class Conversation:
                 self.lock.release()
 
     def shout(self, command: bytes) -> None:
-        """Send what has no reply, past whoever awaits one."""
-        if self.lock.acquire(timeout=OVERTAKEN_AFTER_S):
-            try:
-                self.tell(command)
-            finally:
-                self.lock.release()
-        elif (transport := self._transport) is not None:
-            transport.write(command)
-        else:
-            raise LinkLost(f"{self._name}: not connected; somebody else is connecting")
+        """Send what has no reply, past whoever awaits one; waits for whoever is connecting."""
+        while not self.lock.acquire(timeout=OVERTAKEN_AFTER_S):
+            if (transport := self._transport) is not None:
+                transport.write(command)
+                return
+        try:
+            self.tell(command)
+        finally:
+            self.lock.release()
 
     def _take_turn(self) -> None:
         while not self.lock.acquire(timeout=OVERTAKEN_AFTER_S):
-            if not self._urgent:
+            if not self._urgent and (transport := self._transport) is not None:
                 self._overtaken = True
-                if (transport := self._transport) is not None:
-                    transport.close()
+                transport.close()
         if self._overtaken:
             self._overtaken = False
             self._drop()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,19 +37,30 @@ def campaign_text(store: Store, runs: Sequence[Proposal], title: str, path: Path
 def text_of(
     campaign: config.CampaignFile, title: str, rig: str, procedure: Mapping[str, Any], effects: Sequence[str]
 ) -> str:
-    """A campaign file like `campaign`; entries of `procedure` that are lists of tables come last, as such."""
-    lines = [f"experiment = {_toml(campaign.experiment)}", f"title = {_toml(title)}", f"rig = {_toml(rig)}"]
-    lines += [f"on_terminal_lost = {_toml(campaign.on_terminal_lost)}", "", "[procedure]"]
-    lines += [f"{name} = {_toml(value)}" for name, value in procedure.items() if not _tables(value)]
-    for name, value in procedure.items():
-        for table in value if _tables(value) else ():
-            lines += ["", f"[[procedure.{name}]]", *(f"{key} = {_toml(each)}" for key, each in table.items())]
-    lines += ["", "[model]", f"effects = {_toml(list(effects))}", ""]
-    return "\n".join(lines)
+    """A campaign file like `campaign` with another title, rig, procedure and model."""
+    named = {"experiment": campaign.experiment, "title": title, "rig": rig}
+    planned = {"procedure": procedure, "model": {"effects": list(effects)}}
+    kept = campaign.model_dump(mode="json", exclude={"path", "text", *named, *planned}, exclude_defaults=True)
+    return "\n".join([*_lines("", {**named, **kept, **planned}), ""])
+
+
+def _lines(name: str, table: Mapping[str, Any]) -> Iterator[str]:
+    """TOML of a table and, after it, of those in it."""
+    of_tables = {key: value for key, value in table.items() if _tables(value) or isinstance(value, Mapping)}
+    yield from (f"{_key(key)} = {_toml(value)}" for key, value in table.items() if key not in of_tables)
+    for key, value in of_tables.items():
+        place = f"{name}{_key(key)}"
+        for each in value if _tables(value) else [value]:
+            yield from ("", f"[[{place}]]" if _tables(value) else f"[{place}]")
+            yield from _lines(f"{place}.", each)
 
 
 def _tables(value: Any) -> bool:
     return isinstance(value, list | tuple) and bool(value) and isinstance(value[0], Mapping)
+
+
+def _key(name: str) -> str:
+    return name if name.isascii() and name.isidentifier() else _toml(name)
 
 
 def _toml(value: Any) -> str:

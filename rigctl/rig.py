@@ -21,7 +21,7 @@ from rigctl.campaign.operator import OperatorLink
 from rigctl.campaign.operator_link import TcpOperatorLink
 from rigctl.clock import Clock, RealClock
 from rigctl.core.making_safe import bring_to_rest, let_go, require_rest
-from rigctl.errors import ConfigError, RigError
+from rigctl.errors import ConfigError, LinkLost, RigError
 from rigctl.interfaces import Identity, Instrument, Stage
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.rig import SATELLITE, LockedInstrument, SimulatedRig, Spec, TableError
@@ -113,6 +113,7 @@ class Rig:
         self.simulation, self.clock = _simulate(file, seed, start_s)
         self.instruments = {name: self._make(name, table, drivers[name]) for name, table in file.instruments.items()}
         self._one_stop_at_a_time = threading.RLock()
+        self._stops = 0
         self.found_moving: tuple[str, ...] = ()
         self.operator_link: OperatorLink | None = self.simulation
         if file.operator.address and self.simulation is None:
@@ -147,8 +148,20 @@ class Rig:
             self.close()
 
     def open(self) -> None:
-        """Connect to every instrument; one `RigError` that names all that do not answer. Moves nothing."""
-        failures = self._each(lambda instrument: instrument.open())
+        """Connect to every instrument; one `RigError` that names all that do not answer. Moves nothing.
+
+        A `stop` in another thread ends it: no further instrument is connected to.
+        """
+        stops = self._stops
+        failures: list[RigError] = []
+        for instrument in self.instruments.values():
+            if self._stops != stops:
+                failures.append(LinkLost(f"{self.file.path}: stopped while its instruments were being connected"))
+                break
+            try:
+                instrument.open()
+            except RigError as error:
+                failures.append(error)
         if failures:
             self.close()
             raise _joined(failures)
@@ -163,6 +176,7 @@ class Rig:
 
         Any thread, any number of times; `RigError` names those that did not confirm.
         """
+        self._stops += 1
         with self._one_stop_at_a_time:
             rests = bring_to_rest(self.instruments.values())
         require_rest(rests)
@@ -188,15 +202,6 @@ class Rig:
                 f"{self.file.path}: {len(found)} instruments with role '{role}', needs one; correct [instruments]"
             )
         return found[0]
-
-    def _each(self, action: Callable[[Instrument], None]) -> list[RigError]:
-        failures = []
-        for instrument in self.instruments.values():
-            try:
-                action(instrument)
-            except RigError as error:
-                failures.append(error)
-        return failures
 
     def _make(self, name: str, table: config.Instrument, driver: Driver) -> Instrument:
         return driver.build(name, driver.settings, self._connect(name, table), self.clock)

@@ -28,12 +28,14 @@ def planned(like: config.CampaignFile, procedure: Any) -> tuple[config.CampaignF
     return campaign, runner.dry_run(campaign, config.read_rig(campaign.rig_path))
 
 
-def test_a_scan_goes_on_in_its_mounting() -> None:
-    like = config.read_campaign(CAMPAIGNS / "hidden-effect.toml").model_copy(update={"on_terminal_lost": "stop"})
+def test_a_scan_goes_on_in_its_mounting_and_keeps_what_its_file_says_of_anything_else() -> None:
+    reference = config.ReferenceTable(source="the maker", axes={"X": (1.0, 2e-5, 0.0)}, offset_deg={"X a": -0.5})
+    said = {"on_terminal_lost": "stop", "targets": {"noise_m_s2_rthz": 1e-5}, "reference": reference}
+    like = config.read_campaign(CAMPAIGNS / "hidden-effect.toml").model_copy(update=said)
     settings = config.validated(Procedure, like.procedure, like.path, "procedure")
     campaign, plan = planned(like, scan_of("X", "flag", [Proposal(POINT)] * 2, settings))
     assert campaign.goes_on
-    assert campaign.on_terminal_lost == "stop"
+    assert {name: getattr(campaign, name) for name in said} == said
     assert plan["runs_planned"] == 2
     assert campaign.title == 'Next: "tell apart"'
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 
@@ -124,6 +126,72 @@ def test_what_has_no_reply_goes_out_past_who_awaits_one() -> None:
     assert not wire.closed.is_set()
     talk.close()
     waiting.join(PATIENCE_S)
+
+
+@dataclass
+class SlowConnection:
+    """A conversation whose connection takes until `made` is set."""
+
+    wire: Wire
+    making: threading.Event = field(default_factory=threading.Event)
+    made: threading.Event = field(default_factory=threading.Event)
+    times: int = 0
+
+    def connect(self) -> Transport:
+        self.times += 1
+        self.making.set()
+        assert self.made.wait(PATIENCE_S)
+        return self.wire
+
+    def conversation(self) -> Conversation:
+        return Conversation("it", self.connect, Check(b"who?", lambda _: True), anew=True)
+
+
+def shouting(talk: Conversation) -> None:
+    with talk.reachable():
+        talk.shout(b"stop")
+
+
+def asking_urgently(talk: Conversation) -> None:
+    with talk.urgently():
+        talk.ask(b"stop", line)
+
+
+@pytest.mark.parametrize("stop", [shouting, asking_urgently])
+def test_who_is_urgent_while_somebody_connects_uses_that_connection(stop: Callable[[Conversation], None]) -> None:
+    slow = SlowConnection(Wire([b"stopped"]))
+    talk, waits = slow.conversation(), threading.Event()
+    talk.lock = Noted(talk.lock, waits)
+    opening, not_opened = in_thread(talk.open)
+    assert slow.making.wait(PATIENCE_S)
+    stopping, not_stopped = in_thread(lambda: stop(talk))
+    assert waits.wait(PATIENCE_S)
+    slow.made.set()
+    opening.join(PATIENCE_S)
+    stopping.join(PATIENCE_S)
+    assert (not_opened, not_stopped) == ([], [])
+    assert (slow.wire.written, slow.times) == ([b"stop"], 1)
+
+
+class Noted:
+    """A lock that says when it was asked for in vain."""
+
+    def __init__(self, lock: Any, in_vain: threading.Event) -> None:
+        self._lock, self._in_vain = lock, in_vain
+
+    def acquire(self, *, timeout: float = -1) -> bool:
+        if not (got := self._lock.acquire(timeout=timeout)):
+            self._in_vain.set()
+        return bool(got)
+
+    def release(self) -> None:
+        self._lock.release()
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
 
 
 def test_who_was_not_open_is_closed_again() -> None:
