@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rigctl.campaign.store import Event
 
-ALARMS = {"failed", "aborted", "mounting-lost", "alarm"}
+ALARMS = {
+    "aborted",
+    "alarm",
+    "failed",
+    "fault",
+    "found-moving",
+    "instrument-lost",
+    "mounting-lost",
+    "run-repeated",
+    "step-repeated",
+}
+BOOKKEEPING = {"run-ended"}
+"""What a resumed campaign needs to know and no operator."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +55,13 @@ class Search:
         return self.words.lower() in f"{line.time} {line.kind} {line.text}".lower()
 
 
-def line_of(event: Event) -> LogLine:
-    """An event of a store."""
-    return LogLine(event.time, event.kind, _told(event.data), event.id)
+def lines_of(events: Iterable[Event]) -> list[LogLine]:
+    """The events of a store that an operator wants to know of."""
+    return [
+        LogLine(event.time, event.kind, _told(event.data), event.id)
+        for event in events
+        if event.kind not in BOOKKEEPING
+    ]
 
 
 def earlier(store: Path, search: Search, before: int) -> list[LogLine]:
@@ -53,10 +69,16 @@ def earlier(store: Path, search: Search, before: int) -> list[LogLine]:
     from rigctl.campaign.store import Store
 
     with Store.open(store, readonly=True) as opened:
-        lines = (line_of(event) for event in opened.events() if event.id < before)
-        return [line for line in lines if search.finds(line)]
+        return [
+            line for line in lines_of(event for event in opened.events() if event.id < before) if search.finds(line)
+        ]
 
 
 def _told(data: Mapping[str, Any]) -> str:
-    parts = (f"{key}: {value if isinstance(value, str) else json.dumps(value)}" for key, value in data.items())
-    return ", ".join(parts)
+    return ", ".join(f"{key}: {_shown(value)}" for key, value in data.items())
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    return value if isinstance(value, str) else json.dumps(value)

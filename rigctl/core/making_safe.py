@@ -13,9 +13,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Literal, Protocol
 
-from rigctl.errors import Aborted, RigError
+from rigctl.errors import Aborted, BadReply, LinkError, RigError
 
 if TYPE_CHECKING:
     from rigctl.interfaces import Instrument
@@ -64,7 +65,15 @@ def bring_to_rest(instruments: Iterable[Stoppable], deadline_s: float = DEADLINE
     Any thread, any number of times. One that hangs keeps nobody waiting beyond `deadline_s` (wall-clock); its stop
     goes on behind.
     """
-    return _all_at_once([(each.name, each.stop) for each in instruments], deadline_s)
+    return _all_at_once([(each.name, partial(_insist, each.stop)) for each in instruments], deadline_s)
+
+
+def _insist(stop: Callable[[], None]) -> None:
+    """Asked again once where a reply was spoilt: one bad reply says nothing of the instrument."""
+    try:
+        stop()
+    except (LinkError, BadReply):
+        stop()
 
 
 def let_go(instruments: Iterable[Instrument], deadline_s: float = DEADLINE_S) -> None:

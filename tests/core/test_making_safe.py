@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from rigctl.core.making_safe import Rest, bring_to_rest, ended_by_signals, require_rest
-from rigctl.errors import Aborted, LinkLost, RigError
+from rigctl.errors import Aborted, BadReply, InstrumentError, LinkLost, LinkTimeout, OutOfStep, RigError
 
 PATIENCE_S = 10.0
 
@@ -52,6 +52,33 @@ def test_each_instrument_is_told_of_by_itself_and_none_keeps_another_moving() ->
         require_rest((silent, failed, confirmed))
     require_rest((confirmed,))
     assert bring_to_rest([]) == ()
+
+
+@pytest.mark.parametrize("spoilt", [BadReply, LinkTimeout, OutOfStep])
+def test_a_spoilt_reply_to_a_stop_is_asked_for_again_once(spoilt: type[RigError]) -> None:
+    replies = [spoilt("stage: AP was answered by b'??'")]
+
+    def answer() -> None:
+        if replies:
+            raise replies.pop()
+
+    (rest,) = bring_to_rest([Axis("stage", answer)])
+    assert rest.confirmed
+    replies = [spoilt("first"), spoilt("second")]
+    (rest,) = bring_to_rest([Axis("stage", answer)])
+    assert (rest.confirmed, rest.why) == (False, "first")
+    assert not replies
+
+
+def test_a_refused_stop_is_not_asked_for_again() -> None:
+    asked = []
+
+    def refuse() -> None:
+        asked.append(1)
+        raise InstrumentError("stage: refused")
+
+    (rest,) = bring_to_rest([Axis("stage", refuse)])
+    assert (rest.confirmed, len(asked)) == (False, 1)
 
 
 def test_a_rest_reads_as_the_operator_is_told_it() -> None:

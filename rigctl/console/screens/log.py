@@ -13,7 +13,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.widgets import Input, RichLog, Static
 
-from rigctl.console.log_lines import LogLine, Search, line_of
+from rigctl.console.log_lines import LogLine, Search, lines_of
 from rigctl.console.messages import SearchAsked
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class LogPane(Vertical):
         """Events of the store that have not been shown."""
         if self._store != view.path:
             self._store, self._last_event, self._earlier = view.path, 0, []
-        fresh = [line_of(event) for event in view.events if event.id > self._last_event]
+        fresh = lines_of(event for event in view.events if event.id > self._last_event)
         if fresh:
             self._last_event = fresh[-1].event
             self._append(fresh)
