@@ -105,7 +105,7 @@ class AerotechEnsemble:
         self._wire = AsciiAxis(name, settings.axis, settings.plane, self._link)
         self._stops = 0
         self._armed = 0
-        self._mm_per_register = 1.0
+        self._counts_per_mm = 1.0
 
     # instrument
 
@@ -114,8 +114,6 @@ class AerotechEnsemble:
         try:
             self._link.open()
             self._check_who_answers()
-            if self._settings.capture_unit == "counts":
-                self._mm_per_register = 1.0 / self._counts_per_mm()
         except BaseException:
             self._link.close()
             raise
@@ -243,7 +241,9 @@ class AerotechEnsemble:
         while len(values) < samples:
             count = min(self._settings.capture_registers, samples - len(values))
             values += self._read_captured(count, len(values), samples)
-        return np.array(values)[:, np.newaxis] * self._mm_per_register
+        self._require_unit()
+        mm_per_register = 1.0 / self._counts_per_mm if self._settings.capture_unit == "counts" else 1.0
+        return np.array(values)[:, np.newaxis] * mm_per_register
 
     def _read_captured(self, count: int, already: int, samples: int) -> list[float]:
         first = self._settings.capture_register_first
@@ -349,6 +349,7 @@ class AerotechEnsemble:
             )
         if self._wire.moving(status):
             self.rest()
+        self._require_unit()
         ramp_mm_s2 = min(self._settings.ramp_rate_mm_s2, self._settings.acceleration_mm_s2)
         self._wire.tell("WAIT MODE NOWAIT")
         self._wire.tell("RAMP MODE RATE")
@@ -412,7 +413,7 @@ class AerotechEnsemble:
             nonsense = self._link.tell("NONE").status
             version = self._wire.succeed("VERSION", self._link.version())
             axis = self._wire.ask(f"GETPARM({self._axis}, {AXIS_NAME})").strip('"')
-            units = self._wire.ask(f"GETPARM({self._axis}, {UNITS_NAME})").strip('"')
+            units, self._counts_per_mm = self._unit()
         except InstrumentError as error:
             raise self._wrong(str(error)) from error
         if nonsense != INVALID or not re.match(r"\d+\.\d+", version):
@@ -421,12 +422,23 @@ class AerotechEnsemble:
             raise self._wrong(f"its axis is called {axis!r}, not {self._axis!r}: set `axis`")
         if units.lower() != "mm":
             raise self._wrong(f"axis {self._axis} counts in {units!r}: set UnitsName and CountsPerUnit to mm")
+        if self._counts_per_mm <= 0.0:
+            raise self._wrong(f"its CountsPerUnit is {self._counts_per_mm:g}")
 
-    def _counts_per_mm(self) -> float:
-        counts = self._wire.ask_number(f"GETPARM({self._axis}, {COUNTS_PER_UNIT})")
-        if counts <= 0.0:
-            raise self._wrong(f"its CountsPerUnit is {counts:g}")
-        return counts
+    def _unit(self) -> tuple[str, float]:
+        """What the axis counts in, and how many counts it has to the unit."""
+        name = self._wire.ask(f"GETPARM({self._axis}, {UNITS_NAME})").strip('"')
+        return name, self._wire.ask_number(f"GETPARM({self._axis}, {COUNTS_PER_UNIT})")
+
+    def _require_unit(self) -> None:
+        """`InstrumentError` when another client has changed the unit since `open`; two questions."""
+        name, counts = self._unit()
+        if name.lower() != "mm" or counts != self._counts_per_mm:
+            raise InstrumentError(
+                f"{self.name}: axis {self._axis} counts in {name!r} of {counts:g} counts now, not in mm of "
+                f"{self._counts_per_mm:g}; set UnitsName and CountsPerUnit back",
+                instrument=self.name,
+            )
 
     def _wrong(self, why: str) -> WrongInstrument:
         return WrongInstrument(f"{self.name}: no Ensemble to work with: {why}", instrument=self.name)

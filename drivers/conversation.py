@@ -234,6 +234,9 @@ class Conversation:
             self._busy = True
             try:
                 yield
+            except LinkError as error:
+                error.instrument = self._name
+                raise
             finally:
                 self._busy = False
 

@@ -107,7 +107,11 @@ class NewportEsp301:
         self._homed_in_session = session
 
     def is_homed(self) -> bool:
-        """True when this driver has homed the axis on this connection and its motor is on."""
+        """True when this driver has homed the axis on this connection and its motor is on.
+
+        Raises `InstrumentError` when somebody has set the axis to another unit than degrees.
+        """
+        self._require_degrees()
         motor_on = self._line.ask_number(f"{self._axis}MO?") == 1
         return motor_on and self._homed_in_session == self._line.session
 
@@ -148,13 +152,7 @@ class NewportEsp301:
     # what these are made of
 
     def _prepare(self) -> None:
-        """Check unit and travel limits, set speed and ramps."""
-        unit = self._line.ask_number(f"{self._axis}SN?")
-        if unit != UNIT_DEGREE:
-            raise InstrumentError(
-                f"{self.name}: axis {self._axis} counts in unit {unit:g}, not in degrees; set it up with SN7",
-                instrument=self.name,
-            )
+        """Check the travel limits, set speed and ramps."""
         low_deg, high_deg = (self._line.ask_number(f"{self._axis}{limit}?") for limit in ("SL", "SR"))
         if low_deg > self.limits.angle_min_deg or high_deg < self.limits.angle_max_deg:
             raise LimitError(
@@ -165,6 +163,14 @@ class NewportEsp301:
         self._command(f"{self._axis}VA{_decimal(self.limits.speed_deg_s)}")
         self._command(f"{self._axis}AC{_decimal(self.limits.acceleration_deg_s2)}")
         self._command(f"{self._axis}AG{_decimal(self.limits.acceleration_deg_s2)}")
+
+    def _require_degrees(self) -> None:
+        unit = self._line.ask_number(f"{self._axis}SN?")
+        if unit != UNIT_DEGREE:
+            raise InstrumentError(
+                f"{self.name}: axis {self._axis} counts in unit {unit:g}, not in degrees; set it up with SN7",
+                instrument=self.name,
+            )
 
     def _start(self, command: str, stops: int) -> None:
         """Send a command once, unless somebody has stopped the axis since `stops`."""

@@ -37,6 +37,8 @@ SINE_WITHIN = 0.01
 """Part of its amplitude that the encoder's residual may have: drives follow to a thousandth."""
 LATENCY_S = 5e-3
 """How well latencies of instruments are known."""
+FARTHEST = 2.0
+"""Times the stage's motion that a laser sees of it: more than any tilt of a head makes, less than another unit."""
 OVER_RANGE = 1.25
 """Of its range is more than a voltmeter shows: beyond 1.2 it reports an overload."""
 
@@ -252,6 +254,9 @@ def laser_flaw(
         return None
     if flaw := _odd(channel, seen, "mm") or _shift(channel, times_s, laser_mm, frequency_hz):
         return flaw
+    if seen.amplitude > FARTHEST * stage.amplitude + seen.purest + seen.resolution:
+        said = f"moves {seen.amplitude:.3g} mm, the encoder {stage.amplitude:.3g} mm; is it set to micrometres?"
+        return Flaw(channel, 0, said)
     period_s = float(np.diff(times_s)[0])
     w = 2.0 * math.pi * frequency_hz
     late_rad = math.remainder(seen.phase_rad - stage.phase_rad - w * latency_s, math.pi)

@@ -46,7 +46,9 @@ class DamagedStore(RigError):
 
 
 class LinkError(RigError):
-    """The wire failed."""
+    """The wire failed; `instrument` is whose it is, empty where nobody knows."""
+
+    instrument = ""
 
 
 class LinkTimeout(LinkError):

@@ -269,7 +269,7 @@ def test_a_rig_without_lasers_or_thermometer_is_a_bench_as_well(desk: Any) -> No
     [
         ("lasers_a", "silent = { after = 60 }", "lasers_a"),
         ("stage", "silent = { after = 1000 }", "NOT known to be at rest: "),
-        ("rotation", "silent = { after = 29 }", "NOT known to be at rest: "),
+        ("rotation", "silent = { after = 36 }", "NOT known to be at rest: "),
         ("accelerometer", "silent = { after = 120 }", "accelerometer"),
         ("accelerometer", "truncated = { after = 120, keep_bytes = 1 }", "accelerometer"),
         ("thermometer", "silent = { after = 12 }", "thermometer"),

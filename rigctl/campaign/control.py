@@ -71,9 +71,12 @@ class Control:
         if self.aborted:
             raise Aborted(self.reason)
 
-    def while_paused(self, idle: Callable[[], None]) -> None:
-        """Bring the rig to rest and stay until the pause ends."""
+    def rest(self) -> None:
+        """What a pause begins with; raises what instruments raise."""
         self._at_pause()
+
+    def while_paused(self, idle: Callable[[], None]) -> None:
+        """Stay until the pause ends."""
         while self.paused and not self.aborted:
             idle()
         self.raise_if_aborted()

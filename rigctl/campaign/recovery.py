@@ -132,6 +132,15 @@ class Recovery:
             self._ask(fault, f"{what} failed {attempt} times, the last time so: {fault}. Try again?")
         self._bring_back(what, apparatus, agreed=agreed)
 
+    def borne(self, what: str, action: Callable[[], None]) -> None:
+        """Do what no run depends on: a fault of it is told, and everything is brought to rest."""
+        try:
+            action()
+        except Faults as fault:
+            self._control.raise_if_aborted()
+            self._note(fault, what, Apparatus())
+            self._control.bring_to_rest()
+
     def _bring_back(self, what: str, apparatus: Apparatus, *, agreed: bool) -> None:
         since_s, lost = self._session.clock.now_s(), False
         for interval_s in itertools.chain(INTERVALS_S, itertools.repeat(INTERVALS_S[-1])):

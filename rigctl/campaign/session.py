@@ -193,6 +193,7 @@ class Session:
         self._control.raise_if_aborted()
         if self._control.paused:
             self._progress.state("paused")
+            self._recovery.borne("pause", self._control.rest)
             self._control.while_paused(lambda: time.sleep(0.05))
             self._progress.state("running")
 

@@ -17,7 +17,7 @@ from rigctl.campaign.recording import Header, RunRecord
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.campaign.store import Store
-from rigctl.errors import Aborted, DataError
+from rigctl.errors import Aborted, DataError, LinkLost
 
 
 @dataclass
@@ -234,6 +234,22 @@ def test_a_pause_brings_the_rig_to_rest_before_the_next_action_and_says_so(scene
     assert screen.states[-1] in {"running", "paused"}
     assert "running" in screen.states[screen.states.index("paused") :]
     assert [run.key for run in scene.store.runs()] == ["a", "b"]
+
+
+def test_a_fault_while_a_pause_brings_the_rig_to_rest_is_told_and_ends_nothing(scene: Scene) -> None:
+    def lost() -> None:
+        error = LinkLost("tcp://192.168.0.10:8000: no reply")
+        error.instrument = "stage"
+        raise error
+
+    session = scene.session(Screen(lambda: scene.control.go_on()))
+    session._control._at_pause = lost
+    scene.control.pause()
+    session.acquire("a", {}, three_samples)
+    (fault,) = (event.data for event in scene.store.events("fault"))
+    assert (fault["during"], fault["instrument"]) == ("pause", "stage")
+    assert scene.made_safe == 1, "whatever can be reached is brought to rest another way"
+    assert [run.key for run in scene.store.runs()] == ["a"]
 
 
 def test_an_abort_ends_a_pause(scene: Scene) -> None:

@@ -35,6 +35,7 @@ from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEns
 from simulators.aerotech_ensemble.status import AxisFault
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.faults import FaultPlan, FaultyInstrument
+from simulators.faults.mishaps import WrongUnit
 from simulators.motion import MotionAxis
 from simulators.serve import Server
 from simulators.wiring import TriggerLine
@@ -160,7 +161,9 @@ GREETING = (
     ("VERSION", "%4.01.000\n"),
     ("GETPARM(X, 140)", "%X\n"),
     ("GETPARM(X, 129)", "%mm\n"),
+    ("GETPARM(X, 2)", "%10000.000\n"),
 )
+UNIT = GREETING[-2:]
 
 
 # the manual's bytes
@@ -182,6 +185,7 @@ def test_homing_and_a_move_are_the_manuals_exchange(eos: str) -> None:
         ("PFBKPROG(X)", "%0.000000\n"),
         ("AXISSTATUS(X)", "%-2145386489\n"),
         ("PLANESTATUS(0)", "%0\n"),
+        *UNIT,
         ("WAIT MODE NOWAIT", "%" + eos),
         ("RAMP MODE RATE", "%" + eos),
         ("RAMP RATE X 100", "%" + eos),
@@ -217,6 +221,7 @@ def test_a_capture_is_the_manuals_exchange() -> None:
         ("DGLOBAL(50) = 1000000000000", "%\n"),
         ("DATAACQ X READ 50, 1", "%\n"),
         ("DGLOBAL(50)", "%3,75\n"),
+        *UNIT,
         capture_register_first=50,
         capture_registers=2,
     )
@@ -294,9 +299,25 @@ def test_another_instrument_is_not_opened(greeting: tuple[str, str], text: str) 
 
 
 def test_a_scale_of_zero_counts_is_not_opened() -> None:
-    conversation = Conversation(*GREETING, ("GETPARM(X, 2)", "%0.000\n"))
+    conversation = Conversation(*GREETING[:-1], ("GETPARM(X, 2)", "%0.000\n"))
     with pytest.raises(WrongInstrument, match="CountsPerUnit is 0"):
         stage(conversation, VirtualClock(), capture_unit="counts").open()
+
+
+def test_a_unit_that_another_client_has_changed_is_noticed_before_a_motion_and_after_a_record() -> None:
+    bench = Bench().homed()
+    bench.stage.arm(1, 0.01)
+    bench.line.begin(bench.clock.now_s() + 0.1, 0.01, 1)
+    bench.clock.sleep_s(1.0)
+    bench.ensemble.befall(WrongUnit(at_s=0.0))
+    with pytest.raises(InstrumentError, match=r"axis X counts in .in. of .* now, not in mm"):
+        bench.stage.collect()
+    for move in (lambda: bench.stage.move_to(5.0), lambda: bench.stage.oscillate(0.0, 1.0, 1.0, 2.0)):
+        with pytest.raises(InstrumentError, match="set UnitsName and CountsPerUnit back"):
+            move()
+    assert bench.tap.sent("MOVEABS") == bench.tap.sent("OSCILLATE") == []
+    bench.ensemble.relieve(WrongUnit(at_s=0.0))
+    bench.stage.move_to(5.0)
 
 
 def test_the_constructor_touches_nothing_and_a_stop_needs_no_open() -> None:
@@ -783,7 +804,7 @@ def test_an_abort_is_sent_again_on_a_new_connection() -> None:
 
 
 def test_a_late_reply_is_not_taken_for_the_next_one() -> None:
-    bench = Bench(faults={"late": {"nth": [5], "delay_s": 2.5}}).opened()
+    bench = Bench(faults={"late": {"nth": [6], "delay_s": 2.5}}).opened()
     with pytest.raises(LinkTimeout, match="nothing came"):
         bench.stage.identify()
     assert bench.stage.position().value == 0.0

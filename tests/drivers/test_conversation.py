@@ -238,3 +238,12 @@ def test_another_reply_to_the_check_question_is_out_of_step() -> None:
         talk.confirm_in_step()
     talk.confirm_in_step()
     assert second.written == [b"who?"]
+
+
+def test_what_a_wire_raises_says_whose_wire_it_is() -> None:
+    talk = conversation(Wire([b""]))
+    talk.open()
+    with pytest.raises(LinkTimeout) as raised:
+        talk.ask(b"how?", line)
+    assert raised.value.instrument == "it"
+    assert "it" not in str(raised.value).split(), "the message alone names an address only"

@@ -110,9 +110,9 @@ def test_homing_checks_the_axis_sets_it_up_and_looks_for_errors_after_each_comma
     controller.lines.clear()
     stage.home()
     assert controller.lines == [
+        "1SN?",
         "1MO?",
         "TB?",
-        "1SN?",
         "1SL?",
         "1SR?",
         *("1VA10", "TB?", "1AC40", "TB?", "1AG40", "TB?"),
@@ -133,7 +133,7 @@ def test_axis_home_mode_and_speed_come_from_the_settings() -> None:
 def test_a_move_is_sent_once_and_watched() -> None:
     stage, controller = homed({"1MD?": ["1", "0", "0", "1"]})
     stage.move_to(12.5)
-    assert controller.lines == ["1MO?", "TB?", "1PA12.5", "TB?", *["1MD?"] * 3, "TB?", "1TP?"]
+    assert controller.lines == ["1SN?", "1MO?", "TB?", "1PA12.5", "TB?", *["1MD?"] * 3, "TB?", "1TP?"]
 
 
 @pytest.mark.parametrize(("angle_deg", "text"), [(-0.0, "0"), (1e-5, "0.00001"), (100.0, "100"), (0.1 + 0.2, "0.3")])
@@ -181,6 +181,14 @@ def test_another_unit_or_narrow_limits_are_refused_before_the_motor_is_on() -> N
     stage, controller = opened({"1SL?": "-90"})
     with pytest.raises(LimitError, match="widen SL and SR"):
         stage.home()
+    assert controller.commands() == []
+
+
+def test_a_unit_that_somebody_changed_later_is_noticed_before_a_move_and_when_a_run_is_over() -> None:
+    stage, controller = homed({"1SN?": ["7", "0"]})
+    for question in (stage.is_homed, lambda: stage.move_to(12.5)):
+        with pytest.raises(InstrumentError, match="axis 1 counts in unit 0, not in degrees; set it up with SN7"):
+            question()
     assert controller.commands() == []
 
 

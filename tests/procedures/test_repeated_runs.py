@@ -67,6 +67,18 @@ def test_runs_after_a_fault_are_those_without_it(
     assert fault["instrument"] == instrument
 
 
+def test_a_stage_set_to_inches_in_a_run_is_waited_for(
+    make_twin: Callable[..., Any], undisturbed: dict[str, Any]
+) -> None:
+    twin = make_twin(faults={"stage": {"wrong_unit": {"at_s": DURING_S, "lasting_s": 100.0}}})
+    runs = measured(twin)
+    for key, samples in runs.items():
+        np.testing.assert_array_equal(samples["stage_x_mm"], undisturbed[key]["stage_x_mm"])
+    (attempt,) = twin.store.interrupted_runs()
+    assert "stage: axis X counts in 'in'" in attempt.reason
+    assert "counts in 'in'" in twin.store.events("instrument-lost")[0].data["text"]
+
+
 def test_strong_effects_and_noise_are_never_taken_for_faults(make_twin: Callable[..., Any]) -> None:
     effects = {
         "quadratic": {"K2": 0.1},

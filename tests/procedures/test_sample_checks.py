@@ -157,3 +157,11 @@ def test_the_limit_is_where_noise_gets_once_in_a_hundred_million_columns() -> No
     assert sigmas_allowed(400, 1e-8) > sigmas_allowed(400, 1e-2) > 4.0
     alarms = sum(odd_sample(random.standard_normal(60), false_alarm=1e-2) is not None for _ in range(3000))
     assert alarms <= 60, "30 were to be expected without the margin for the scale"
+
+
+def test_a_laser_set_to_micrometres_is_noticed() -> None:
+    tilted = 1.1 * ENCODER_MM[:400]
+    assert laser_flaw("laser_1_mm", TIMES_S, tilted, ENCODER_MM[:400], FREQUENCY_HZ, 0.0) is None
+    flaw = laser_flaw("laser_1_mm", TIMES_S, 1e3 * tilted, ENCODER_MM[:400], FREQUENCY_HZ, 0.0)
+    assert flaw is not None
+    assert "is it set to micrometres?" in flaw.why
