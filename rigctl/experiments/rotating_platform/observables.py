@@ -224,12 +224,13 @@ def _likelihood(reducer: Reducer) -> Likelihood:
         found, *_ = np.linalg.lstsq(matrix, (given / scale)[seen], rcond=1e-12)
         left = given - design @ found
     left = np.where(seen, left, 0.0)
+    rank = int(np.linalg.matrix_rank(design[seen]))
     sigma, dof = reducer.bin_scatter()
     return likelihood(
         reducer.sampled,
         reducer.per_group,
         left,
-        int(np.linalg.matrix_rank(matrix)),
+        rank if rank < np.count_nonzero(seen) else left.size,
         Scatter(reducer.bin_weights(), sigma**2 * (dof + 1.0), dof),
     )
 

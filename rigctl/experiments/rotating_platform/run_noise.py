@@ -84,11 +84,14 @@ class Scatter:
 def likelihood(
     sampled: SampledPattern, per_group: int, series: FloatArray, fitted: int, scatter: Scatter
 ) -> Likelihood:
-    """Of what is left of the outputs, shape (4, groups), after `fitted` numbers were, and of the bins' `scatter`."""
+    """Of what is left of the outputs, shape (4, groups), after `fitted` numbers were, and of the bins' `scatter`.
+
+    Where as many were fitted as there are outputs, nothing is left but rounding: that tells nothing.
+    """
     groups = series.shape[1]
     shape = (len(EXPONENTS), len(RATIOS))
     lowest = min(_LOWEST_PLACE, max(groups // 6, 1))
-    numbers = np.arange(lowest, groups // 2 + 1)
+    numbers = np.arange(lowest, groups // 2 + 1 if fitted < series.size else 0)
     cost, power = np.zeros(shape), np.zeros(shape)
     count = 0.0
     if numbers.size:
