@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import select
+import signal
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +25,7 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
     from rigctl.errors import Aborted
 
     console = Console(place, plugins, leave_terminal=_leave_terminal)
+    watch_terminal()
     try:
         console.run()
     finally:
@@ -30,6 +33,22 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
     require_rest(console.unsafe)
     if console.interrupted:
         raise Aborted(console.interrupted)
+
+
+def watch_terminal(terminal: int = 0) -> None:
+    """Be sent HUP when a terminal hangs up.
+
+    The system sends it to who leads the terminal's session: not to a console that a script or a notebook started.
+    """
+
+    def watch() -> None:
+        hung_up = select.poll()
+        hung_up.register(terminal, 0)
+        if any(event & select.POLLHUP for _, event in hung_up.poll()):
+            os.kill(os.getpid(), signal.SIGHUP)
+
+    if os.isatty(terminal):
+        threading.Thread(target=watch, name="terminal", daemon=True).start()
 
 
 def _leave_terminal() -> None:

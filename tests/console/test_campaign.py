@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.store import Store
@@ -137,7 +138,7 @@ def test_the_form_refuses_while_one_types_and_saves_what_is_valid(desk: Any, at_
         await seat.press("ctrl+s", "enter")
         await seat.until(lambda: "amplitude_mm = 3\n" in (desk.directory / "campaign.toml").read_text())
 
-    at_console(sitting, desk.directory / "campaign.toml")
+    at_console(sitting, Path("campaign.toml"))  # a long path would take another line
 
 
 def test_a_dry_run_says_what_would_be_done_and_what_cannot(desk: Any, at_console: Any) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +15,8 @@ import pytest
 from rigctl.campaign.questions import Question
 from rigctl.console import messages as say
 from rigctl.console.feed import StoreView
-from rigctl.core.making_safe import Rest
+from rigctl.console.start import watch_terminal
+from rigctl.core.making_safe import TERMINAL_LOST, Rest, ended_by_signals
 
 WITHIN_S = 0.1
 HANGS = (
@@ -138,6 +142,26 @@ def test_what_threads_say_while_the_console_closes_is_not_shown(desk: Any, at_co
     assert list(app._panes.log._lines) == before
     assert app._alarms == 0
     assert app._holding.bench is None
+
+
+def test_a_terminal_that_hangs_up_is_told_as_lost_to_who_does_not_lead_its_session() -> None:
+    ours, theirs = pty.openpty()
+    reasons: list[str] = []
+    told = threading.Event()
+
+    def abort(reason: str) -> None:
+        reasons.append(reason)
+        told.set()
+
+    with ended_by_signals(abort):
+        watch_terminal(theirs)
+        os.write(theirs, b"x")
+        assert os.read(ours, 1) == b"x"
+        assert reasons == []
+        os.close(ours)
+        assert told.wait(10.0)
+    assert reasons == [TERMINAL_LOST]
+    os.close(theirs)
 
 
 def test_a_question_is_new_in_another_store_whatever_its_number(desk: Any, at_console: Any) -> None:

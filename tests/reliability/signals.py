@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -112,7 +113,7 @@ class Bench:
     def _console(self, command: str) -> Terminal:
         since = len(self.rig.wires.sent)
         terminal = Terminal(self.work, "console", "rig.toml")
-        until(lambda: self._polled(since) > 5, MOVES_S)
+        self.rig.wires.until(lambda: self._polled(since) > 5, MOVES_S)
         keys = {
             "console-move": [("m", "Move rotation"), ("60\r", "moving")],
             "console-home": [("h", "homing")],
@@ -135,34 +136,50 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
     random = np.random.default_rng(seed)
     command, ending = CASES[seed % len(CASES)]
     rig = RIGS[int(random.random() < 0.25)]
-    text = quick_rig(rig)
-    with served(work, text) as reached:
+    motions = int(random.integers(1, MOTIONS.get(command, 2) + 1))
+    pause_s = float(random.uniform(0.0, 0.5))
+    can_be = ["move-rotation", "move-stage", "home", "console-move", "resume" if command == "run" else "run"]
+    following = can_be[int(random.integers(len(can_be)))]
+    with benched(work, rig) as bench:
+        told = ended_while_moving(bench, command, ending, motions, following, pause_s)
+    return {"command": command, "ending": ending, "rig": rig, **told}
+
+
+@contextmanager
+def benched(work: Path, rig: str) -> Iterator[Bench]:
+    """A shipped rig served, with a campaign for it; what went over its wires is left in `work`."""
+    with served(work, quick_rig(rig)) as reached:
         bench = Bench(work, reached, "X" if rig == "isa-rig.toml" else "Y")
         (work / "campaign.toml").write_text(CAMPAIGN.format(axis=bench.axis), encoding="utf-8")
-        told = {"command": command, "ending": ending, "rig": rig}
         try:
-            return {**told, **_tried(bench, command, ending, random)}
+            yield bench
         finally:
             _write_down(bench)
 
 
-def _tried(bench: Bench, command: str, ending: str, random: np.random.Generator) -> dict[str, Any]:
+def ended_while_moving(
+    bench: Bench, command: str, ending: str, motions: int, following: str = "move-stage", pause_s: float = 0.0
+) -> dict[str, Any]:
+    """End a command `pause_s` after so many motions; what came of it, "failed" unless the promise held.
+
+    After a kill -9 the command `following` is given.
+    """
     if command == "resume":
         _interrupted(bench)
     since = len(bench.rig.wires.sent)
     begun = bench.begin(command)
     process = begun.process if isinstance(begun, Terminal) else begun
-    count = int(random.integers(1, MOTIONS.get(command, 2) + 1))
-    if not until(bench.moved(since, count), MOVES_S) and not bench.moved(since, 1)():
+    wires = bench.rig.wires
+    if not wires.until(bench.moved(since, motions), MOVES_S) and not bench.moved(since, 1)():
         return {"failed": f"nothing moved: {process.ended(0.0).message}"}
-    until(lambda: False, float(random.uniform(0.0, 0.5)))
+    wires.until(lambda: False, pause_s)
     moving = {order.instrument for order in bench.orders(since) if order.what == "motion"}
-    before = len(bench.rig.wires.sent)
+    before = len(wires.sent)
     at_s = begun.lose() if ending == "lost" else process.signal(signal.Signals[ending])  # type: ignore[union-attr]
     try:
         if ending == "SIGKILL":
             process.ended(ENDS_S)
-            return _after_a_kill(bench, moving, command, random)
+            return _after_a_kill(bench, moving, following)
         return _after_a_signal(bench, moving, before, at_s, process, isinstance(begun, Terminal))
     finally:
         if isinstance(begun, Terminal):
@@ -173,7 +190,7 @@ def _interrupted(bench: Bench) -> None:
     """A campaign that can be resumed."""
     process = bench.begin("run")
     assert isinstance(process, Process)
-    until(bench.moved(0, 4), MOVES_S)
+    bench.rig.wires.until(bench.moved(0, 4), MOVES_S)
     process.signal(signal.SIGTERM)
     process.ended(ENDS_S)
 
@@ -184,7 +201,7 @@ def _after_a_signal(
     def stopped() -> bool:
         return moving <= {order.instrument for order in bench.orders(before) if order.what == "stop"}
 
-    until(stopped, COMES_S)
+    bench.rig.wires.until(stopped, COMES_S)
     first = _first_of_each(bench.orders(before))
     outcome = process.ended(ENDS_S)
     latency_s = max((first[name].at_s - at_s for name in moving if name in first), default=0.0)
@@ -196,15 +213,13 @@ def _after_a_signal(
     }
 
 
-def _after_a_kill(bench: Bench, moving: set[str], command: str, random: np.random.Generator) -> dict[str, Any]:
+def _after_a_kill(bench: Bench, moving: set[str], following: str) -> dict[str, Any]:
     """The next command, whichever it is, stops what may still move before it moves anything."""
-    can_be = ["move-rotation", "move-stage", "home", "console-move", *(["resume"] if command == "run" else ["run"])]
-    following = can_be[int(random.integers(len(can_be)))]
     before = len(bench.rig.wires.sent)
     if following == "run":
         (bench.work / "x.rig.sqlite").unlink(missing_ok=True)
     begun = bench.begin(following)
-    until(bench.moved(before, 1), MOVES_S)
+    bench.rig.wires.until(bench.moved(before, 1), MOVES_S)
     sent = bench.orders(before)
     first = _first_of_each(sent)
     process = begun.process if isinstance(begun, Terminal) else begun

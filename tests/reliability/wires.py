@@ -39,6 +39,7 @@ class RecordedWires:
         self._descriptors: set[int] = set()
         self._sockets: set[socket.socket] = set()
         self._ended = False
+        self._news = threading.Condition()
         self._thread = threading.Thread(target=self._carry, name="wires", daemon=True)
 
     def __enter__(self) -> RecordedWires:
@@ -72,6 +73,16 @@ class RecordedWires:
         self._watch(served, partial(self._pass_on, "", served, partial(os.write, ours)))
         return os.ttyname(theirs)
 
+    def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for what something sent brings about; False when it did not come."""
+        with self._news:
+            return self._news.wait_for(condition, timeout_s)
+
+    def _note(self, instrument: str, data: bytes) -> None:
+        with self._news:
+            self.sent.append(Sent(time.monotonic(), instrument, data))
+            self._news.notify_all()
+
     def _watch(self, descriptor: int, ready: Callable[[], None]) -> None:
         self._selector.register(descriptor, selectors.EVENT_READ, ready)
 
@@ -84,7 +95,7 @@ class RecordedWires:
     def _pass_on(self, instrument: str, source: int, write: Callable[[bytes], int]) -> None:
         data = os.read(source, READ_BYTES)
         if instrument:
-            self.sent.append(Sent(time.monotonic(), instrument, data))
+            self._note(instrument, data)
         while data:
             data = data[write(data) :]
 
@@ -105,7 +116,7 @@ class RecordedWires:
         try:
             data = source.recv(READ_BYTES)
             if instrument and data:
-                self.sent.append(Sent(time.monotonic(), instrument, data))
+                self._note(instrument, data)
             target.sendall(data)
         except OSError:
             data = b""
