@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from procedures.sample_checks import Flaw, encoder_flaw, laser_flaw, voltage_flaw
+from procedures.sine_fit import Column, Sine
 from rigctl.errors import ImplausibleSample, ProcedureError
 from rigctl.interfaces import DisplacementMeter, FloatArray, LinearStage, PacedRecorder, PacingRecorder
 
@@ -54,18 +55,17 @@ class Recorders:
     def require_possible(self, frequency_hz: float, sample_rate_hz: float, columns: Mapping[str, FloatArray]) -> None:
         """`ImplausibleSample` when a column holds what its instrument cannot have measured."""
         (stage,), (readout,) = self.linear.channels(), self.readout.channels()
-        position_mm = columns[stage.name]
-        times_s = np.arange(len(position_mm)) / sample_rate_hz
-        limit_mm_s2 = self.linear.limits.acceleration_mm_s2
+        sine = Sine(np.arange(len(columns[stage.name])) / sample_rate_hz, frequency_hz)
+        position, volts = (Column(each.name, sine, columns[each.name]) for each in (stage, readout))
         found: list[tuple[str, Flaw | None]] = [
-            (self.linear.name, encoder_flaw(stage.name, times_s, position_mm, frequency_hz, limit_mm_s2)),
-            (self.readout.name, voltage_flaw(readout, times_s, columns[readout.name], frequency_hz)),
+            (self.linear.name, encoder_flaw(position, self.linear.limits.acceleration_mm_s2)),
+            (self.readout.name, voltage_flaw(readout, volts)),
         ]
         for laser in self.lasers:
             for head in laser.channels():
                 if (values_mm := columns.get(head.name)) is not None:
                     late_s = head.latency_s - stage.latency_s
-                    flaw = laser_flaw(head.name, times_s, values_mm, position_mm, frequency_hz, late_s)
+                    flaw = laser_flaw(Column(head.name, sine, values_mm), position, late_s)
                     found.append((laser.name, flaw))
         for instrument, flaw in found:
             if flaw is not None:

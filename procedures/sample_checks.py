@@ -22,17 +22,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
+from procedures.sine_fit import MAD_TO_SIGMA, ROUNDED, SMALLEST, Column, Course, median_of, resolution_of
 from rigctl.errors import ImplausibleSample
 from rigctl.interfaces import Channel, FloatArray
 
 FALSE_ALARM = 1e-8
 """Probability that Gaussian noise raises an alarm in a column."""
-HARMONICS = 5
-SMALLEST = 24
-PUREST = 1e-5
-"""Part of a sine below which nothing is said: no drive, guide or converter is purer."""
-DECIMALS = 10
-"""More decimals than instruments have."""
 SINE_WITHIN = 0.01
 """Part of its amplitude that the encoder's residual may have: drives follow to a thousandth."""
 LATENCY_S = 5e-3
@@ -47,9 +42,6 @@ SHIFT_WITHIN, SHIFT_EXPLAINS = 0.25, 0.9
 
 TRANSIENT = 3.0
 """Times as far as the samples aside is one by itself."""
-ROUNDED = 1e-12
-"""Of a column's largest value: what arithmetic leaves."""
-MAD_TO_SIGMA = 1.4826
 NEIGHBOURS = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
 """A sample less the cubic through its four neighbours."""
 END = np.array([1.0, -2.0, 1.0])
@@ -68,64 +60,6 @@ class Flaw:
         """As an error of the instrument whose column it is."""
         said = f"{instrument}: {self.channel}, sample {self.sample}: {self.why}"
         return ImplausibleSample(said, channel=self.channel, sample=self.sample, instrument=instrument)
-
-
-@dataclass(frozen=True)
-class Course:
-    """The sine of a column: amplitude, phase of a cosine at time 0 [rad], what its harmonics and a drift leave.
-
-    `purest`: less than this no instrument tells; `resolution`: the last digit of the column.
-    """
-
-    amplitude: float
-    phase_rad: float
-    residual: FloatArray
-    purest: float
-    resolution: float
-
-
-def course(times_s: FloatArray, values: FloatArray, frequency_hz: float) -> Course | None:
-    """The course of a column, fitted without samples that stand out; None where too few have a value."""
-    known = np.isfinite(values)
-    period_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else math.inf
-    orders = min(HARMONICS, int(0.45 / (frequency_hz * period_s)))
-    if orders < 1 or known.sum() < max(SMALLEST, 3 * (2 * orders + 2)):
-        return None
-    basis = _basis(times_s, frequency_hz, orders)
-    weights = known.astype(np.float64)
-    there = np.where(known, values, 0.0)
-    for _ in range(4):
-        weighted = basis * weights[:, np.newaxis]
-        coefficients = np.linalg.solve(weighted.T @ basis, weighted.T @ there)
-        residual = values - basis @ coefficients
-        distance = np.abs(residual)
-        near = known & (distance <= 8.0 * MAD_TO_SIGMA * np.median(distance[known]))
-        if (near == (weights > 0.0)).all() or near.sum() < 0.9 * known.sum():
-            break
-        weights = near.astype(np.float64)
-    cosine, sine = (float(each) for each in coefficients[2:4])
-    amplitude, largest = math.hypot(cosine, sine), float(np.abs(there).max())
-    purest = max(PUREST * amplitude, ROUNDED * largest)
-    return Course(amplitude, math.atan2(-sine, cosine), residual, purest, resolution_of(values, ROUNDED * largest))
-
-
-def resolution_of(values: FloatArray, least: float) -> float:
-    """The last decimal digit of a column, or the smallest difference of two values, `least` at least; 0 for none."""
-    known = values[np.isfinite(values)]
-    for decimals in range(DECIMALS):
-        if (np.abs(known - np.round(known, decimals)) <= least).all():
-            return 10.0**-decimals
-    steps = np.diff(np.unique(known))
-    steps = steps[steps > least]
-    return float(steps.min()) if len(steps) else 0.0
-
-
-def _basis(times_s: FloatArray, frequency_hz: float, orders: int) -> FloatArray:
-    """Offset, drift, and cosine and sine of each harmonic, shape (n, 2 + 2 orders)."""
-    drift = (times_s - times_s.mean()) / np.ptp(times_s)
-    phases = [2.0 * math.pi * order * frequency_hz * times_s for order in range(1, orders + 1)]
-    waves = [wave(phase) for phase in phases for wave in (np.cos, np.sin)]
-    return np.stack([np.ones_like(times_s), drift, *waves], axis=1)
 
 
 def sigmas_allowed(samples: int, false_alarm: float = FALSE_ALARM) -> float:
@@ -149,15 +83,15 @@ def odd_sample(
         return None
     for kernel, looked_at in ((NEIGHBOURS, slice(None)), (END, [0, -1])):
         distances = np.abs(np.convolve(values, kernel, mode="valid"))
-        rounding = 0.5 * resolution * float(np.abs(kernel).sum())
-        allowed = _allowed(distances, purest, false_alarm) + rounding
+        allowed = _allowed(distances, purest, false_alarm) + 0.5 * resolution * float(np.abs(kernel).sum())
         seen = np.zeros_like(distances)
-        seen[looked_at] = np.nan_to_num(distances[looked_at])
+        seen[looked_at] = distances[looked_at]
+        seen[np.isnan(seen)] = 0.0
         place = int(np.argmax(seen))
-        allowed = max(allowed, TRANSIENT * _nearby(distances, place))
-        if seen[place] > allowed:
+        if seen[place] > allowed and seen[place] > (aside := TRANSIENT * _nearby(distances, place)):
             near = values[place : place + 5]
-            return place + int(np.nanargmax(np.abs(near - np.nanmedian(near)))), float(seen[place]), allowed
+            sample = place + int(np.nanargmax(np.abs(near - np.nanmedian(near))))
+            return sample, float(seen[place]), max(allowed, aside)
     return None
 
 
@@ -172,25 +106,26 @@ def _allowed(distances: FloatArray, purest: float, false_alarm: float) -> float:
     known = distances[np.isfinite(distances)]
     if len(known) < SMALLEST // 2:
         return math.inf
-    sigma = max(MAD_TO_SIGMA * float(np.median(known)), purest)
+    sigma = max(MAD_TO_SIGMA * median_of(known), purest)
     return sigma * sigmas_allowed(len(known), false_alarm)
 
 
-def shifted_from(times_s: FloatArray, values: FloatArray, frequency_hz: float) -> int | None:
+def shifted_from(column: Column) -> int | None:
     """The sample from which on all come one too early or too late, where that explains what the sine leaves.
 
     A step of one sample in the sine's time, at each sample in turn, is regressed on the residual beside the sine.
     """
-    known = np.isfinite(values)
-    basis, values = _basis(times_s[known], frequency_hz, 1), values[known]
-    normal = basis.T @ basis
-    coefficients = np.linalg.solve(normal, basis.T @ values)
-    residual = values - basis @ coefficients
-    period_s = float(times_s[1] - times_s[0])
-    _, _, cosine, sine = coefficients
-    step = 2.0 * math.pi * frequency_hz * period_s * (sine * basis[:, 2] - cosine * basis[:, 3])
-    along = _from_each_on(step[:, np.newaxis] * basis)
-    projected = np.einsum("ij,ji->i", along, np.linalg.solve(normal, along.T))
+    sine, known = column.sine, column.known
+    coefficients = sine.fit(column.values, known, 4)
+    basis, values = sine.waves[:4], column.values
+    if not known.all():
+        basis, values = basis[:, known], values[known]
+    residual = values - coefficients @ basis
+    step = (
+        2.0 * math.pi * sine.frequency_hz * sine.period_s * (coefficients[3] * basis[2] - coefficients[2] * basis[3])
+    )
+    along = _from_each_on(step * basis)
+    projected = (along * np.linalg.solve(basis @ basis.T, along)).sum(axis=0)
     size = _from_each_on(step**2) - projected
     usable = size > 1e-9 * float(step @ step)
     if not usable.any():
@@ -207,78 +142,75 @@ def shifted_from(times_s: FloatArray, values: FloatArray, frequency_hz: float) -
 
 
 def _from_each_on(values: FloatArray) -> FloatArray:
-    """Sums from each row to the last."""
-    return np.cumsum(values[::-1], axis=0)[::-1]
+    """Sums from each sample to the last."""
+    return np.cumsum(values[..., ::-1], axis=-1)[..., ::-1]
 
 
-def encoder_flaw(
-    channel: str, times_s: FloatArray, position_mm: FloatArray, frequency_hz: float, acceleration_mm_s2: float
-) -> Flaw | None:
+def encoder_flaw(column: Column, acceleration_mm_s2: float) -> Flaw | None:
     """Against the sine that was commanded, and the largest acceleration of the drive."""
-    if len(times_s) > 2:
-        bends = np.abs(np.diff(position_mm, 2)) / np.diff(times_s)[0] ** 2
+    position_mm = column.values
+    if len(position_mm) > 2:
+        bends = np.abs(np.diff(position_mm, 2)) / column.sine.period_s**2
         if bends.max() > 2.0 * acceleration_mm_s2:
             sample = int(np.argmax(bends)) + 1
             why = f"{position_mm[sample]:g} mm: no drive of {acceleration_mm_s2:g} mm/s2 gets there"
-            return Flaw(channel, sample, why)
-    seen = course(times_s, position_mm, frequency_hz)
+            return Flaw(column.channel, sample, why)
+    seen = column.course
     if seen is None:
         return None
-    if flaw := _odd(channel, seen, "mm") or _shift(channel, times_s, position_mm, frequency_hz):
+    if flaw := _odd(column, seen, "mm") or _shift(column):
         return flaw
     rms_mm = float(np.sqrt(np.mean(seen.residual**2)))
     if rms_mm > SINE_WITHIN * seen.amplitude:
         sample = int(np.argmax(np.abs(seen.residual)))
         return Flaw(
-            channel,
+            column.channel,
             sample,
             f"the encoder leaves the sine by {rms_mm:.3g} mm rms, {seen.residual[sample]:.3g} mm here",
         )
     return None
 
 
-def laser_flaw(
-    channel: str,
-    times_s: FloatArray,
-    laser_mm: FloatArray,
-    position_mm: FloatArray,
-    frequency_hz: float,
-    latency_s: float,
-) -> Flaw | None:
+def laser_flaw(column: Column, position: Column, latency_s: float) -> Flaw | None:
     """Against its neighbours, and against the encoder: it shows the stage's motion, `latency_s` later at most.
 
     Targets lost (NaN) are no flaw.
     """
-    seen, stage = course(times_s, laser_mm, frequency_hz), course(times_s, position_mm, frequency_hz)
+    seen, stage = column.course, position.course
     if seen is None or stage is None:
         return None
-    if flaw := _odd(channel, seen, "mm") or _shift(channel, times_s, laser_mm, frequency_hz):
+    if flaw := _odd(column, seen, "mm") or _shift(column):
         return flaw
-    if seen.amplitude > FARTHEST * stage.amplitude + seen.purest + seen.resolution:
+    largest_mm = FARTHEST * stage.amplitude + seen.purest
+    if seen.amplitude > largest_mm and seen.amplitude > largest_mm + column.resolution:
         said = f"moves {seen.amplitude:.3g} mm, the encoder {stage.amplitude:.3g} mm; is it set to micrometres?"
-        return Flaw(channel, 0, said)
-    period_s = float(np.diff(times_s)[0])
-    w = 2.0 * math.pi * frequency_hz
+        return Flaw(column.channel, 0, said)
+    period_s = column.sine.period_s
+    w = 2.0 * math.pi * column.sine.frequency_hz
     late_rad = math.remainder(seen.phase_rad - stage.phase_rad - w * latency_s, math.pi)
-    known = seen.residual[np.isfinite(seen.residual)]
-    noise_mm = 10.0 * math.sqrt(2.0 / len(known)) * float(np.std(known)) + seen.resolution + seen.purest
-    noise_rad = noise_mm / max(seen.amplitude, noise_mm, np.finfo(float).tiny)
-    if abs(late_rad) > w * (0.5 * period_s + LATENCY_S) + 2.0 * noise_rad:
-        return Flaw(
-            channel, 0, f"moves {1e3 * late_rad / w:+.3g} ms away from the encoder; samples are {period_s:g} s apart"
-        )
+    beyond_rad = abs(late_rad) - w * (0.5 * period_s + LATENCY_S)
+    if beyond_rad > 0.0 and beyond_rad > 2.0 * _phase_noise_rad(column, seen):
+        why = f"moves {1e3 * late_rad / w:+.3g} ms away from the encoder; samples are {period_s:g} s apart"
+        return Flaw(column.channel, 0, why)
     return None
 
 
-def voltage_flaw(channel: Channel, times_s: FloatArray, volts: FloatArray, frequency_hz: float) -> Flaw | None:
+def _phase_noise_rad(column: Column, seen: Course) -> float:
+    """Ten sigma of the phase of the sine."""
+    known = seen.residual[column.known]
+    noise_mm = 10.0 * math.sqrt(2.0 / len(known)) * float(np.std(known)) + column.resolution + seen.purest
+    return noise_mm / max(seen.amplitude, noise_mm, np.finfo(float).tiny)
+
+
+def voltage_flaw(channel: Channel, column: Column) -> Flaw | None:
     """Against its range, and against its neighbours where it is not saturated."""
-    range_v = channel.full_scale
+    volts, range_v = column.values, channel.full_scale
     if flaw := _beyond(channel, volts):
         return flaw
-    if not np.isfinite(volts).all() or (range_v is not None and np.abs(volts).max() >= range_v):
+    if not column.known.all() or (range_v is not None and np.abs(volts).max() >= range_v):
         return None
-    seen = course(times_s, volts, frequency_hz)
-    return None if seen is None else _odd(channel.name, seen, "V")
+    seen = column.course
+    return None if seen is None else _odd(column, seen, "V")
 
 
 def voltages_flaw(channel: Channel, volts: FloatArray) -> Flaw | None:
@@ -295,22 +227,24 @@ def voltages_flaw(channel: Channel, volts: FloatArray) -> Flaw | None:
 
 def _beyond(channel: Channel, volts: FloatArray) -> Flaw | None:
     range_v = math.inf if channel.full_scale is None else channel.full_scale
-    beyond = np.abs(np.nan_to_num(volts)) > OVER_RANGE * range_v
+    beyond = np.abs(volts) > OVER_RANGE * range_v  # NaN is not
     if not beyond.any():
         return None
     sample = int(np.argmax(beyond))
     return Flaw(channel.name, sample, f"{volts[sample]:g} V is beyond what a range of {range_v:g} V can show")
 
 
-def _odd(channel: str, seen: Course, unit: str) -> Flaw | None:
-    odd = odd_sample(seen.residual, seen.purest, seen.resolution)
-    return None if odd is None else Flaw(channel, odd[0], _away(odd, unit))
+def _odd(column: Column, seen: Course, unit: str) -> Flaw | None:
+    """The last digit only widens what is allowed: it is looked for when something stands out without it."""
+    odd = odd_sample(seen.residual, seen.purest) and odd_sample(seen.residual, seen.purest, column.resolution)
+    return None if odd is None else Flaw(column.channel, odd[0], _away(odd, unit))
 
 
 def _away(odd: tuple[int, float, float], unit: str) -> str:
     return f"{odd[1]:.3g} {unit} away from its neighbours, {odd[2]:.2g} {unit} would be noise"
 
 
-def _shift(channel: str, times_s: FloatArray, values: FloatArray, frequency_hz: float) -> Flaw | None:
-    sample = shifted_from(times_s, values, frequency_hz)
-    return None if sample is None else Flaw(channel, sample, "from here on samples come one too early or too late")
+def _shift(column: Column) -> Flaw | None:
+    sample = shifted_from(column)
+    why = "from here on samples come one too early or too late"
+    return None if sample is None else Flaw(column.channel, sample, why)

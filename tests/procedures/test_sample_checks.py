@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procedures.sample_checks import encoder_flaw, laser_flaw, odd_sample, sigmas_allowed, voltage_flaw
+from procedures.sine_fit import Column, Sine
 from rigctl.interfaces import Channel, FloatArray
 
 RATE_HZ, FREQUENCY_HZ, AMPLITUDE_MM = 20.0, 0.6, 4.0
@@ -20,6 +21,10 @@ PHASE = 2.0 * np.pi * FREQUENCY_HZ * np.arange(401) / RATE_HZ + 0.7
 NOISE_MM, NOISE_V = 5e-5, 3e-4
 VOLTS = Channel("accel_v", "V", "voltage", full_scale=10.0)
 ENCODER_MM = np.round(AMPLITUDE_MM * np.cos(PHASE), 6)
+
+
+def column(values: FloatArray, frequency_hz: float = FREQUENCY_HZ) -> Column:
+    return Column("channel", Sine(TIMES_S[: len(values)], frequency_hz), values)
 
 
 def laser_mm(seed: int) -> FloatArray:
@@ -35,15 +40,15 @@ Check = Callable[[FloatArray], Any]
 COLUMNS: dict[str, tuple[Callable[[int], FloatArray], Check, float]] = {
     "encoder": (
         lambda _: ENCODER_MM,
-        lambda column: encoder_flaw("stage_x_mm", TIMES_S, column, FREQUENCY_HZ, 1000.0),
+        lambda values: encoder_flaw(column(values), 1000.0),
         5e-4,
     ),
     "laser": (
         laser_mm,
-        lambda column: laser_flaw("laser_1_mm", TIMES_S, column, ENCODER_MM[:400], FREQUENCY_HZ, 0.0),
+        lambda values: laser_flaw(column(values), column(ENCODER_MM[:400]), 0.0),
         30 * NOISE_MM,
     ),
-    "voltage": (volts, lambda column: voltage_flaw(VOLTS, TIMES_S, column, FREQUENCY_HZ), 30 * NOISE_V),
+    "voltage": (volts, lambda values: voltage_flaw(VOLTS, column(values)), 30 * NOISE_V),
 }
 """A column by seed, its check, and the size from which on every wrong sample is to be found."""
 
@@ -97,29 +102,29 @@ def test_a_wrong_sample_is_found_and_named(name: str, kind: Callable[..., FloatA
 
 def test_a_laser_that_comes_one_sample_late_throughout_is_found() -> None:
     late = np.roll(laser_mm(1), 1)[1:]
-    flaw = laser_flaw("laser_1_mm", TIMES_S, late, ENCODER_MM[1:], FREQUENCY_HZ, 0.0)
+    flaw = laser_flaw(column(late), column(ENCODER_MM[1:]), 0.0)
     assert "ms away from the encoder" in flaw.why  # type: ignore[union-attr]
 
 
 def test_its_known_latency_is_allowed_for() -> None:
     late_s = 0.05
     late = 0.35 + AMPLITUDE_MM * np.cos(2.0 * np.pi * FREQUENCY_HZ * (TIMES_S + late_s) + 0.7)
-    assert laser_flaw("laser_1_mm", TIMES_S, late, ENCODER_MM[:400], FREQUENCY_HZ, late_s) is None
-    assert laser_flaw("laser_1_mm", TIMES_S, late, ENCODER_MM[:400], FREQUENCY_HZ, 0.0) is not None
+    assert laser_flaw(column(late), column(ENCODER_MM[:400]), late_s) is None
+    assert laser_flaw(column(late), column(ENCODER_MM[:400]), 0.0) is not None
 
 
 def test_a_voltage_beyond_its_range_is_no_saturation() -> None:
     for value in (80.0, -12.6):
         spoilt = volts(1)[:400]
         spoilt[7] = value
-        assert voltage_flaw(VOLTS, TIMES_S, spoilt, FREQUENCY_HZ).sample == 7  # type: ignore[union-attr]
+        assert voltage_flaw(VOLTS, column(spoilt)).sample == 7  # type: ignore[union-attr]
     saturated = np.clip(30.0 * volts(1)[:400], -10.0, 10.0)
-    assert voltage_flaw(VOLTS, TIMES_S, saturated, FREQUENCY_HZ) is None
+    assert voltage_flaw(VOLTS, column(saturated)) is None
 
 
 def test_an_oscillation_that_ends_before_its_time_is_found() -> None:
     ended = np.where(TIMES_S < 15.0, ENCODER_MM[:400], ENCODER_MM[300])
-    assert encoder_flaw("stage_x_mm", TIMES_S, ended, FREQUENCY_HZ, 1000.0) is not None
+    assert encoder_flaw(column(ended), 1000.0) is not None
 
 
 @given(
@@ -146,9 +151,9 @@ def test_no_course_of_noise_lines_or_transients_is_rejected(seed: int, samples: 
 @pytest.mark.parametrize("amplitude", [0.0, 3e-5, 0.2, 4.0])
 def test_rounding_to_the_last_digit_alone_is_no_flaw(frequency_hz: float, amplitude: float) -> None:
     """A column without noise, whose roundings repeat with the sine."""
-    column = np.round(0.35 + amplitude * np.cos(2.0 * np.pi * frequency_hz * TIMES_S + 0.7), 4)
+    rounded = np.round(0.35 + amplitude * np.cos(2.0 * np.pi * frequency_hz * TIMES_S + 0.7), 4)
     volts = Channel("accel_v", "V", "voltage")
-    assert voltage_flaw(volts, TIMES_S, column, frequency_hz) is None
+    assert voltage_flaw(volts, column(rounded, frequency_hz)) is None
 
 
 def test_the_limit_is_where_noise_gets_once_in_a_hundred_million_columns() -> None:
@@ -161,7 +166,7 @@ def test_the_limit_is_where_noise_gets_once_in_a_hundred_million_columns() -> No
 
 def test_a_laser_set_to_micrometres_is_noticed() -> None:
     tilted = 1.1 * ENCODER_MM[:400]
-    assert laser_flaw("laser_1_mm", TIMES_S, tilted, ENCODER_MM[:400], FREQUENCY_HZ, 0.0) is None
-    flaw = laser_flaw("laser_1_mm", TIMES_S, 1e3 * tilted, ENCODER_MM[:400], FREQUENCY_HZ, 0.0)
+    assert laser_flaw(column(tilted), column(ENCODER_MM[:400]), 0.0) is None
+    flaw = laser_flaw(column(1e3 * tilted), column(ENCODER_MM[:400]), 0.0)
     assert flaw is not None
     assert "is it set to micrometres?" in flaw.why
