@@ -16,6 +16,7 @@ from drivers.transport import Connect, Transport
 from rigctl.errors import BadReply, LinkError, LinkLost, OutOfStep
 
 SUCCESS, INVALID, FAULT, TIMEOUT = "%", "!", "#", "$"
+STATUSES = SUCCESS + INVALID + FAULT + TIMEOUT
 LINE_ENDS = b"\r\n"
 VERSION = "VERSION"
 
@@ -134,7 +135,7 @@ class AsciiLink:
         while not line:
             line = transport.read_until(b"\n", self._timeout_s).strip(LINE_ENDS)
         text = line.decode("ascii", errors="replace")
-        if text[0] not in SUCCESS + INVALID + FAULT + TIMEOUT:
+        if text[0] not in STATUSES:
             raise BadReply(f"{self._name}: {text[:60]!r} came, without one of % ! # $", instrument=self._name)
         return Answer(text[0], text[1:])
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import NamedTuple, NoReturn, TypeVar
+from contextlib import AbstractContextManager, contextmanager
+from typing import NamedTuple, NoReturn, ParamSpec, TypeVar
 
 from drivers.transport import Connect, Transport
 from rigctl.errors import BadReply, LinkError, LinkLost, LinkTimeout, OutOfStep
 
 T = TypeVar("T")
+P = ParamSpec("P")
 
 REPLIES_BEHIND_MAX = 64
 
@@ -101,40 +102,53 @@ class Conversation:
 
         Whatever `read` raises leaves the connection in doubt.
         """
-        with self._one_at_a_time():
-            transport = self._clear(question)
-            with sending or nullcontext():
+        return self._in_turn(self._ask, question, read, sending)
+
+    def _ask(
+        self, question: bytes, read: Callable[[Transport], T], sending: AbstractContextManager[None] | None
+    ) -> T:
+        transport = self._clear(question)
+        if sending is None:
+            self._send(transport, question)
+        else:
+            with sending:
                 self._send(transport, question)
-            try:
-                return read(transport)
-            except BaseException as error:
-                self._failed(error)
-                raise
+        try:
+            return read(transport)
+        except BaseException as error:
+            self._failed(error)
+            raise
 
     def ask_each(
         self, questions: Sequence[bytes], read: Callable[[Transport], T], good: Callable[[T], bool]
     ) -> list[T]:
         """As `ask` for each in turn, up to the first reply that is not `good`, all on one connection."""
+        return self._in_turn(self._ask_each, questions, read, good)
+
+    def _ask_each(
+        self, questions: Sequence[bytes], read: Callable[[Transport], T], good: Callable[[T], bool]
+    ) -> list[T]:
         replies: list[T] = []
-        with self._one_at_a_time():
-            transport = self._clear(questions[0])
-            try:
-                for question in questions:
-                    if unread := transport.unread():
-                        self._look_at(unread, question)
-                    transport.write(question)
-                    replies.append(read(transport))
-                    if not good(replies[-1]):
-                        break
-            except BaseException as error:
-                self._failed(error)
-                raise
+        transport = self._clear(questions[0])
+        try:
+            for question in questions:
+                if unread := transport.unread():
+                    self._look_at(unread, question)
+                transport.write(question)
+                replies.append(read(transport))
+                if not good(replies[-1]):
+                    break
+        except BaseException as error:
+            self._failed(error)
+            raise
         return replies
 
     def tell(self, command: bytes) -> None:
         """Send what has no reply, hence at once, even where the next reply is in doubt."""
-        with self._one_at_a_time():
-            self._send(self._alive(), command)
+        self._in_turn(self._tell, command)
+
+    def _tell(self, command: bytes) -> None:
+        self._send(self._alive(), command)
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` unless the check question is answered by its own reply and nothing else is unread."""
@@ -222,9 +236,11 @@ class Conversation:
             self._drop()
             self._doubtful = True
 
-    @contextmanager
-    def _one_at_a_time(self) -> Iterator[None]:
-        """A signal handler may come in the middle of its own thread's exchange: it gets a new connection."""
+    def _in_turn(self, exchange: Callable[P, T], *values: P.args, **named: P.kwargs) -> T:
+        """One exchange at a time. No generator, as every exchange comes through here.
+
+        A signal handler may come in the middle of its own thread's exchange: it gets a new connection.
+        """
         with self.lock:
             if self._overtaken:
                 raise LinkLost(f"{self._name}: its connection was taken over to stop it; ask again")
@@ -233,7 +249,7 @@ class Conversation:
                 self._doubtful = True
             self._busy = True
             try:
-                yield
+                return exchange(*values, **named)
             except LinkError as error:
                 error.instrument = self._name
                 raise

@@ -219,7 +219,8 @@ class _Voltmeter(Keysight34465A):
         Reading erases: how many there are is asked first, and exactly as many have to come.
         """
         parts = [np.empty(0)]
-        while self._remaining and (there := self._link.query_whole("DATA:POIN?")) > 0:
+        there = CHUNK + 1
+        while self._remaining and there > CHUNK and (there := self._link.query_whole("DATA:POIN?")) > 0:
             parts.append(self._take(min(there, self._remaining, CHUNK)))
         return np.concatenate(parts)[:, np.newaxis]
 

@@ -49,7 +49,7 @@ class Sine:
         else:
             basis, values = self.waves[:waves, used], values[used]
             products = basis @ basis.T
-        return np.linalg.solve(products, basis @ values)
+        return np.linalg.solve(products, basis @ values).astype(np.float64, copy=False)
 
 
 def _waves(times_s: FloatArray, frequency_hz: float, orders: int) -> FloatArray:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rigctl.campaign import ledger, synced
 from rigctl.campaign.checksums import ColumnSums, row_sum
+from rigctl.campaign.header_json import dumps, utc_now
 from rigctl.campaign.ledger import Change
 from rigctl.campaign.schema import database_errors, first_chunk_id, has_checksums, snapshot, transaction
 from rigctl.errors import DamagedStore, DataError
@@ -136,6 +137,10 @@ class CheckedRows:
         (number,) = self.connection.execute(f"SELECT COALESCE(MAX(id), 0) + 1 FROM {table}").fetchone()  # noqa: S608
         ledger.enter(self.connection, [Change(table, [self.put(table, number, *values)])])
         return int(number)
+
+    def append_event(self, kind: str, data: Mapping[str, Any], rig_time_s: float | None) -> int:
+        """Insert an event of now under the next number, which is returned."""
+        return self.append("events", utc_now(), rig_time_s, kind, dumps(data))
 
     def replace(self, table: str, *values: Any) -> None:
         """Insert a row in place of the one with its key, if there is one, and enter it in the ledger."""

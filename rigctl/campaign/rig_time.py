@@ -9,11 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from rigctl.campaign.run_writer import RUN_ENDED
 from rigctl.campaign.store import Store
 from rigctl.clock import Clock
-
-RUN_ENDED = "run-ended"
-"""The kind of event that keeps when a run was over."""
 
 PREPARING_S = 86400.0
 """Rig time in which instruments can be homed, and a package mounted, before a campaign goes on."""

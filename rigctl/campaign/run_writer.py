@@ -21,6 +21,9 @@ from rigctl.interfaces import FloatArray
 
 _INSERT = "INSERT INTO samples (id, name, data) VALUES (?, ?, ?)"
 
+RUN_ENDED = "run-ended"
+"""The kind of event that keeps when a run was over."""
+
 COMMIT_EVERY_S = 1.0
 """Of real time: what a stream of samples loses at most when its process is killed."""
 
@@ -81,17 +84,24 @@ class RunWriter:
         self._rows.connection.executemany(_INSERT, rows)
 
     def finish(
-        self, conditions: Mapping[str, Any] | None = None, *, valid: bool = True, reason: str = ""
+        self,
+        conditions: Mapping[str, Any] | None = None,
+        *,
+        valid: bool = True,
+        reason: str = "",
+        rig_time_s: float | None = None,
     ) -> RunRecord:
         """End the run with `conditions` added to those it began with; on stable storage when this returns.
 
-        `DataError` when columns differ in length.
+        `rig_time_s`: when it was over, where that is to be kept. `DataError` when columns differ in length.
         """
         self._require_open()
         self._require_equal_lengths()
         kept = dumps({**self._record.conditions, **(conditions or {})})
         with self._rows.writing(durable=True):
             self._insert_pending()
+            if rig_time_s is not None:
+                self._rows.append_event(RUN_ENDED, {"key": self._record.key}, rig_time_s)
             self._end(kept, valid, reason, "finished")
         self._open = False
         return replace(self._record, conditions=json.loads(kept), valid=valid, reason=reason, state="finished")

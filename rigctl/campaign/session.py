@@ -17,7 +17,7 @@ from rigctl.campaign.operator import Operator
 from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.recovery import RUN_REPEATED, STEP_REPEATED, Apparatus, Faults, Recovery
-from rigctl.campaign.rig_time import RUN_ENDED, Resumption
+from rigctl.campaign.rig_time import Resumption
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.store import Event, Store
 from rigctl.clock import Clock
@@ -105,8 +105,7 @@ class Session:
                 if apparatus is not None:
                     apparatus.confirm()
                 valid, reason = bool(found.pop("valid", True)), str(found.pop("reason", ""))
-                self.store.add_event(RUN_ENDED, {"key": key}, self.clock.now_s())
-                return writer.finish(found, valid=valid, reason=reason)
+                return writer.finish(found, valid=valid, reason=reason, rig_time_s=self.clock.now_s())
 
         record = self._repeated(RUN_REPEATED, key, apparatus, measured)
         self._progress.ran(valid=record.valid)

@@ -13,7 +13,6 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,7 +20,7 @@ import numpy as np
 
 from rigctl.campaign import ledger, schema, synced
 from rigctl.campaign.checked_rows import CheckedRows, Row, seal
-from rigctl.campaign.header_json import dumps, header_from_json, header_to_json
+from rigctl.campaign.header_json import dumps, header_from_json, header_to_json, utc_now
 from rigctl.campaign.ledger import Mark
 from rigctl.campaign.recording import Header, RunRecord, flaw_of_run_id
 from rigctl.campaign.run_writer import RunWriter
@@ -233,7 +232,7 @@ class Store:
         with self._rows.writing(durable=True):
             self._rows.mark_run(*run[:5], int(valid), reason, *run[7:9])
             self._rows.append(
-                "events", _now(), None, "mark", dumps({"run_id": run_id, "valid": valid, "reason": reason})
+                "events", utc_now(), None, "mark", dumps({"run_id": run_id, "valid": valid, "reason": reason})
             )
 
     def _run(self, run_id: str) -> Row:
@@ -254,7 +253,7 @@ class Store:
         """Keep that something happened, now; returns its number, durable."""
         rig_time = None if rig_time_s is None else float(rig_time_s)
         with self._rows.writing(durable=True):
-            return self._rows.append("events", _now(), rig_time, kind, dumps(data))
+            return self._rows.append_event(kind, data, rig_time)
 
     def events(self, kind: str | None = None, *, after: int = 0) -> list[Event]:
         """All events in order, or those of one kind, or those after event number `after`.
@@ -315,7 +314,7 @@ class Store:
     def add_document(self, kind: str, data: Mapping[str, Any]) -> int:
         """Keep something worked out from the runs; returns its number, durable."""
         with self._rows.writing(durable=True):
-            return self._rows.append("documents", _now(), kind, dumps(data))
+            return self._rows.append("documents", utc_now(), kind, dumps(data))
 
     def documents(self, kind: str | None = None) -> list[Document]:
         """The documents of one kind, or all, oldest first; `DamagedStore` as `events`."""
@@ -392,7 +391,3 @@ def _record(row: Row) -> RunRecord:
 def _event(row: Row) -> Event:
     number, time, rig_time_s, kind, data, *_ = row
     return Event(number, time, rig_time_s, kind, json.loads(data))
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -20,6 +20,8 @@ from simulators.scpi.grammar import (
     split_message,
 )
 
+HEADERS_KEPT = 256
+"""Spellings of commands whose meaning is remembered."""
 QUEUE_LENGTH = 20
 SHORTEST_WAIT_S = 1e-6
 POWER_ON = 1 << 7
@@ -130,6 +132,7 @@ class ScpiShell:
         self._commands: list[tuple[re.Pattern[str], Command]] = [
             (header_regex(c.pattern), c) for c in (*self._common(), *commands)
         ]
+        self._known: dict[str, tuple[Command, tuple[int, ...]]] = {}
 
     def connect(self, send: Callable[[bytes], None]) -> Session:
         """Serve one more client."""
@@ -158,15 +161,24 @@ class ScpiShell:
 
     def execute(self, unit: Unit) -> Reply:
         """What one unit answers; `ScpiError` when it is refused."""
+        command, suffixes = self._command(unit.header)
+        if len(unit.parameters) < command.required:
+            raise ScpiError(-109)
+        if len(unit.parameters) > command.required + command.optional:
+            raise ScpiError(-108)
+        return command.handler(*suffixes, *unit.parameters)
+
+    def _command(self, header: str) -> tuple[Command, tuple[int, ...]]:
+        """A header's command and numeric suffixes; -113 when there is none."""
+        known = self._known.get(header)
+        if known is not None:
+            return known
         for regex, command in self._commands:
-            match = regex.fullmatch(unit.header)
-            if match:
-                if len(unit.parameters) < command.required:
-                    raise ScpiError(-109)
-                if len(unit.parameters) > command.required + command.optional:
-                    raise ScpiError(-108)
-                suffixes = (int(digits or 1) for digits in match.groups())
-                return command.handler(*suffixes, *unit.parameters)
+            if match := regex.fullmatch(header):
+                found = command, tuple(int(digits or 1) for digits in match.groups())
+                if len(self._known) < HEADERS_KEPT:
+                    self._known[header] = found
+                return found
         raise ScpiError(-113)
 
     def resume(self) -> None:
