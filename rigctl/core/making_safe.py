@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import signal
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -26,6 +27,12 @@ DEADLINE_S = 5.0
 
 LEAVE_S = 10.0
 """How long a command may go on after everything has been stopped, until it is interrupted where it is."""
+
+TURN_S = 0.0005
+"""How long a computation in the main thread keeps the interpreter from threads that stop instruments, each time."""
+
+STOPS_FIRST_S = 0.005
+"""The main thread lets the stops go first, for so long at most: an exchange it is in would keep one of them back."""
 
 TERMINAL_LOST = "the terminal was lost"
 OnTerminalLost = Literal["continue", "stop"]
@@ -150,11 +157,15 @@ class _Watch:
         self._overdue = ""
         self._end = threading.Event()
         self._leaving = threading.Lock()
+        self._stopped = threading.Lock()
+        self._stopped.acquire()
         self._bell, self._rope = socket.socketpair()
         self._rope.setblocking(False)
         self._thread = threading.Thread(target=self._watch, name="signals", daemon=True)
 
     def __enter__(self) -> None:
+        self._turns_s = sys.getswitchinterval()
+        sys.setswitchinterval(TURN_S)
         self._thread.start()
         self._waked = signal.set_wakeup_fd(self._rope.fileno(), warn_on_full_buffer=False)
         watched = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -168,6 +179,7 @@ class _Watch:
                 signal.signal(number, handler)
         self._ring(0)
         self._thread.join()
+        sys.setswitchinterval(self._turns_s)
         self._bell.close()
         self._rope.close()
 
@@ -176,6 +188,8 @@ class _Watch:
             reason, self._overdue = self._overdue, ""
             raise Aborted(reason)
         self._ring(number)
+        if number in self._reasons and self._stopped.acquire(timeout=STOPS_FIRST_S):
+            self._stopped.release()
 
     def _ring(self, number: int) -> None:
         with suppress(OSError):  # full: it rings already
@@ -185,8 +199,11 @@ class _Watch:
         while not (asked := self._heard()) and not self._end.is_set():
             pass
         if asked:
-            with suppress(RigError):  # who would not stop is tried again, and told, when the rig is left
-                self._abort(asked)
+            try:
+                with suppress(RigError):  # who would not stop is tried again, and told, when the rig is left
+                    self._abort(asked)
+            finally:
+                self._stopped.release()
             if not self._end.wait(self._leave_s):
                 self._interrupt(asked)
 

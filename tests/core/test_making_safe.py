@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import pytest
 
+from rigctl.core import making_safe
 from rigctl.core.making_safe import Rest, bring_to_rest, ended_by_signals, require_rest
 from rigctl.errors import Aborted, BadReply, InstrumentError, LinkLost, LinkTimeout, OutOfStep, RigError
 
@@ -109,6 +111,18 @@ def test_a_signal_aborts_on_another_thread_while_the_main_one_waits(number: sign
     assert reasons == [(wording, False)]
     assert signal.getsignal(number) == before
     assert signal.set_wakeup_fd(-1) == -1
+
+
+def test_the_stops_go_before_anything_more_that_the_main_thread_would_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(making_safe, "STOPS_FIRST_S", PATIENCE_S)
+    before_s = sys.getswitchinterval()
+    done: list[str] = []
+    with ended_by_signals(lambda _: done.append("stopped")):
+        assert sys.getswitchinterval() == pytest.approx(making_safe.TURN_S)
+        os.kill(os.getpid(), signal.SIGTERM)
+        done.append("moved")
+    assert done == ["stopped", "moved"]
+    assert sys.getswitchinterval() == before_s
 
 
 def test_a_terminal_may_be_lost_by_who_goes_on_without() -> None:

@@ -19,6 +19,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+
 from tests.reliability.bounds import upper_bound
 from tests.reliability.plan import KINDS
 from tests.reliability.records import Line, Records, tally
@@ -40,6 +42,8 @@ def main() -> int:
     print("\n".join(table(records, kinds)))
     if asked.messages:
         print("\n".join(messages(records)))
+    if asked.latencies:
+        print("\n".join(latencies(records)))
     return int(any(line["failed"] for kind in kinds for line in records.lines(kind)))
 
 
@@ -69,6 +73,20 @@ def messages(records: Records) -> list[str]:
         "|---|---|",
         *(f"| `{k}` | {said[k]} |" for k in sorted(said)),
     ]
+
+
+def latencies(records: Records) -> list[str]:
+    """How long after a signal the stop was on the wire, by command and ending, for benchmarks/RESULTS.md."""
+    taken_ms: dict[tuple[str, str], list[float]] = {}
+    for line in records.lines("signals"):
+        if "latency_s" in line:
+            for cell in ((line["command"], line["ending"]), ("all", "all")):
+                taken_ms.setdefault(cell, []).append(1e3 * line["latency_s"])
+    rows = ["", "| command | ended by | trials | p50 [ms] | p99 [ms] | worst [ms] |", "|---|---|---|---|---|---|"]
+    for (command, ending), each in sorted(taken_ms.items()):
+        p50, p99 = np.quantile(each, [0.5, 0.99], method="inverted_cdf")
+        rows.append(f"| {command} | {ending} | {len(each)} | {p50:.1f} | {p99:.1f} | {max(each):.1f} |")
+    return rows
 
 
 def _tasks(asked: argparse.Namespace, records: Records, kinds: list[str]) -> list[Task]:
@@ -102,6 +120,7 @@ def _asked() -> argparse.Namespace:
     parser.add_argument(
         "--messages", action="store_true", help="also what the operator is told of each kind of fault"
     )
+    parser.add_argument("--latencies", action="store_true", help="also how soon after a signal a stop was sent")
     return parser.parse_args()
 
 

@@ -6,6 +6,7 @@ Each command that can move anything, with INT, TERM, HUP, KILL, and the console'
 
 from __future__ import annotations
 
+import math
 import re
 import signal
 from collections.abc import Callable, Iterator
@@ -36,6 +37,9 @@ CASES = (
     *product(CONSOLE, ("SIGINT", "SIGTERM", "SIGHUP", "SIGKILL", "lost")),
 )
 RIGS = ("isa-rig.toml", "one-axis.rig.toml")
+
+IN_FLIGHT_S = 0.01
+"""A motion ordered so soon after a signal was sent may have been under way to the wire; a stop has to follow it."""
 
 COMES_S = 5.0
 ENDS_S = 20.0
@@ -202,7 +206,7 @@ def _after_a_signal(
         return moving <= {order.instrument for order in bench.orders(before) if order.what == "stop"}
 
     bench.rig.wires.until(stopped, COMES_S)
-    first = _first_of_each(bench.orders(before))
+    first = _first_of_each(bench.orders(before), at_s)
     outcome = process.ended(ENDS_S)
     latency_s = max((first[name].at_s - at_s for name in moving if name in first), default=0.0)
     return {
@@ -243,10 +247,12 @@ def _not_first(sent: list[Order], following: str) -> str:
     )
 
 
-def _first_of_each(ordered: list[Order]) -> dict[str, Order]:
+def _first_of_each(ordered: list[Order], at_s: float = -math.inf) -> dict[str, Order]:
+    """Its first order of each instrument, those that were in flight when a signal was sent at `at_s` left out."""
     first: dict[str, Order] = {}
     for order in ordered:
-        first.setdefault(order.instrument, order)
+        if order.what == "stop" or order.at_s > at_s + IN_FLIGHT_S:
+            first.setdefault(order.instrument, order)
     return first
 
 
