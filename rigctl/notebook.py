@@ -10,8 +10,7 @@ from typing import Any
 from rigctl import config, runner
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store import Store
-from rigctl.experiments.sensing_axis.result import SensingAxisResult
-from rigctl.kinds.sensing_axis import analyse
+from rigctl.kinds import Result, kind_of
 from rigctl.workbench.bench import ALPHA, Workbench
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.versions import ModelVersion
@@ -35,7 +34,7 @@ class Campaign:
         unattended: bool = False,
         seed: int | None = None,
         plugins: Sequence[Path | str] = (),
-    ) -> SensingAxisResult:
+    ) -> Result:
         """Run into a new store and return the result; blocks until the campaign ends.
 
         `unattended`: the simulated operator answers. Raises what the command would report.
@@ -45,9 +44,7 @@ class Campaign:
         return self.result(store, plugins)
 
     @staticmethod
-    def resume(
-        store: Path | str, *, unattended: bool = False, plugins: Sequence[Path | str] = ()
-    ) -> SensingAxisResult:
+    def resume(store: Path | str, *, unattended: bool = False, plugins: Sequence[Path | str] = ()) -> Result:
         """Go on with an interrupted campaign; what is recorded is not measured again."""
         runner.resume(Path(store), runner.Options(unattended=unattended, plugins=_paths(plugins)))
         return Campaign.result(store, plugins)
@@ -58,10 +55,13 @@ class Campaign:
         return status_of(Path(store))
 
     @staticmethod
-    def result(store: Path | str, plugins: Sequence[Path | str] = ()) -> SensingAxisResult:
-        """The sensing axes found in a store, with everything they were made from."""
+    def result(store: Path | str, plugins: Sequence[Path | str] = ()) -> Result:
+        """What a store amounts to, as its experiment has it: sensing axes, a platform's accelerations, ten parameters.
+
+        `DataError` or `ProcedureError` when the runs do not yet give it.
+        """
         with on_the_bench(store, plugins) as bench:
-            return analyse(bench)
+            return kind_of(bench.store.header.experiment, bench.store.path).analyse(bench)
 
     @staticmethod
     def compare(store: Path | str, plugins: Sequence[Path | str] = ()) -> Comparison:

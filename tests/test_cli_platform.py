@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.platform_sampler import SampledRun, record
+from rigctl import Campaign
 from rigctl.cli import app
 from simulators.worlds.platform_settings import PlatformSettings
 
@@ -35,6 +36,12 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record(nature, RUNS, place / "bundle")
     run("import", place / "bundle", "--store", place / "s.rig.sqlite")
     return place / "s.rig.sqlite"
+
+
+def test_a_notebook_has_the_result_of_the_platform(store: Path) -> None:
+    found = Campaign.result(store)
+    assert found.as_json().items() <= run("result", store, "--json").items()
+    assert sorted(found.accel_m_s2) == ["y", "z"]
 
 
 def test_from_bundle_to_a_model_that_holds(store: Path) -> None:

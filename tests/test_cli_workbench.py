@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigctl import Campaign
 from rigctl.campaign.store import Store
 
 RECORDING = """\
@@ -285,6 +286,17 @@ def local(url: str) -> bool:
 def test_a_report_needs_somewhere_to_go(bench: Any) -> None:
     bench.rigctl("report", bench.store).refused(2, "--out", "--figures")
     bench.rigctl("report", bench.store, "--out", "no/dir/r.html").refused(2, "no/dir/r.html", "cannot be written")
+
+
+def test_an_effect_of_an_experiment_without_signatures_says_so(desk: Any, tmp_path: Path) -> None:
+    refused = desk.rigctl("effects", "tracker-bias", "--figure", "x.svg")
+    refused.refused(2, "tracker-bias", "inflight-calibration", "rigctl report")
+    assert not (tmp_path / "x.svg").exists()
+
+
+def test_a_notebook_has_the_result_of_a_table(bench: Any) -> None:
+    told = bench.rigctl("result", bench.store, "--json").json
+    assert {"version": 1, **Campaign.result(bench.store).as_json()}.keys() == told.keys()
 
 
 def test_effects_are_told_and_drawn(desk: Any, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from collections.abc import Sequence
 from pathlib import Path
@@ -123,13 +124,20 @@ def _draw(effect: Effect, path: Path) -> None:
             f"'{effect.id}' needs {', '.join(columns)} of a recording: without, it has no signature to draw; "
             "`rigctl report` draws a store's residuals against such columns"
         )
+    signature = _SIGNATURES.get(_experiment(effect))
+    if signature is None:
+        raise DataError(
+            f"'{effect.id}' has no figure: no signature is drawn for effects of {_experiment(effect)}; "
+            "`rigctl report` draws what is left in a store's runs with and without it"
+        )
     from rigctl.report.figure_data import svg_document
 
-    if _experiment(effect) == "rotating-platform":
-        from rigctl.report.figure_platform_signature import signature_plate as platform_plate
+    plate = importlib.import_module(signature).signature_plate(effect)
+    path.write_text(svg_document(plate), encoding="utf-8")
 
-        path.write_text(svg_document(platform_plate(effect)), encoding="utf-8")
-        return
-    from rigctl.report.figure_signature import signature_plate
 
-    path.write_text(svg_document(signature_plate(effect)), encoding="utf-8")
+_SIGNATURES = {
+    "sensing-axis": "rigctl.report.figure_signature",
+    "rotating-platform": "rigctl.report.figure_platform_signature",
+}
+"""Where the signature of an experiment's effects is drawn."""

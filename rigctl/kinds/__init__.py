@@ -66,6 +66,14 @@ class Plan(Protocol):
         ...
 
 
+class Result(Protocol):
+    """What an experiment finds, with everything it was made from; its further attributes are its own."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Its numbers, as `rigctl result --json` gives them."""
+        ...
+
+
 @dataclass(frozen=True)
 class Drawn:
     """What an experiment adds to a report: its result, tables and figures, and why one is not there."""
@@ -106,6 +114,10 @@ class Kind(Protocol):
 
     def study(self, store: Store, plugins: Sequence[Plugin]) -> Study:
         """A store's runs as the workbench sees them."""
+        ...
+
+    def analyse(self, bench: Workbench) -> Result:
+        """What a store amounts to, for a notebook. `DataError`, `ProcedureError`."""
         ...
 
     def result(self, bench: Workbench) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rigctl import config
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from rigctl.report.figure_data import Plate
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.findings import ModelFit
     from rigctl.workbench.recommend import Allowed
     from rigctl.workbench.study import Proposal
 
@@ -76,17 +78,36 @@ def study(store: Store, plugins: Sequence[Plugin]) -> InflightStudy:
     return InflightStudy(store, plugins)
 
 
+@dataclass(frozen=True)
+class InflightResult:
+    """`numbers` as `rigctl result --json` has them; `fit` is None for a Monte Carlo study."""
+
+    numbers: Mapping[str, Any]
+    fit: ModelFit | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl result --json`."""
+        return dict(self.numbers)
+
+
 def result(bench: Workbench) -> dict[str, Any]:
     """The ten parameters of one calibration; of a Monte Carlo study the paper's tables 2 and 3."""
+    return analyse(bench).as_json()
+
+
+def analyse(bench: Workbench) -> InflightResult:
+    """A calibration fitted with its current model, or all draws of a Monte Carlo study; `DataError`."""
     from rigctl.workbench.fit import fit
 
     draws = [Draw.from_json(document.data) for document in bench.store.documents(DRAW)]
     if draws:
-        return tables(draws)
+        return InflightResult(tables(draws))
     studied = bench.study
     assert isinstance(studied, InflightStudy)
     version = bench.current
-    return {"version": version.version, **calibration(studied, fit(studied, version.terms).as_json()["parameters"])}
+    fitted = fit(studied, version.terms)
+    numbers = calibration(studied, fitted.as_json()["parameters"])
+    return InflightResult({"version": version.version, **numbers}, fitted)
 
 
 def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:

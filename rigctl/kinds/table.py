@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rigctl.kinds import Progress
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.findings import ModelFit
     from rigctl.workbench.recommend import Allowed
     from rigctl.workbench.study import Proposal
 
@@ -65,9 +66,13 @@ def study(store: Store, plugins: Sequence[Plugin]) -> TableStudy:
 
 
 def result(bench: Workbench) -> dict[str, Any]:
+    """The fit, with the version of its model."""
+    return {"version": bench.current.version, **analyse(bench).as_json()}
+
+
+def analyse(bench: Workbench) -> ModelFit:
     """The fit is the result."""
-    version = bench.current
-    return {"version": version.version, **fit(bench.study, version.terms).as_json()}
+    return fit(bench.study, bench.current.terms)
 
 
 def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:

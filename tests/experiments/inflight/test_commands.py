@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from rigctl import Campaign
 from rigctl.campaign.bundle import write_bundle
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.campaign.store import Store
@@ -51,6 +52,7 @@ def test_every_command_has_an_answer_and_the_model_grows(store, tmp_path):
     first = asked("result", store)
     assert list(first["parameters"]) == list(NAMES)
     assert all(set(each) == STATED for each in first["parameters"].values())
+    assert Campaign.result(store).as_json() == first
     assert asked("diagnose", store)["suggested"] == ["magnetic"]
     assert "2 m_dx" in {channel["channel"] for channel in asked("compare", store)["channels"]}
     asked("model", "add", store, "magnetic")
