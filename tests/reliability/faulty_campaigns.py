@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from rigctl.campaign.store import Store
+from tests.reliability.accounted import unaccounted
 from tests.reliability.campaigns import SMALL_CAMPAIGNS, SmallCampaign
 from tests.reliability.commands import here
-from tests.reliability.random_faults import as_toml, kinds_of, random_faults
+from tests.reliability.random_faults import Plans, as_toml, kinds_of, random_faults
 from tests.reliability.truth import wrong_number
 
 PROMISE = "A campaign under faults keeps no wrong number as valid, ends by itself, and says why in a typed message"
@@ -22,6 +23,9 @@ WIRED = [small for small in SMALL_CAMPAIGNS.values() if small.rig != "microscope
 FLOWN = replace(
     SMALL_CAMPAIGNS["calibration"], text=SMALL_CAMPAIGNS["calibration"].text.replace('["dx", "ad11"]', '["dx"]')
 )
+"""One session, with telemetry once a second (`WORLD`): six orbits, as few as give a result."""
+QUICK_HANDS = "remount_s = 1.0\nlevel_s = 1.0\n"
+WORLD = {"bias-rejection-rig.toml": "", "microscope-rig.toml": "sample_period_s = 1.0\n"}
 FAULTY = [*WIRED, *WIRED, FLOWN]
 FAULTS = (1, 2, 3)
 SAYING = ("text", "reason", "error")
@@ -35,8 +39,7 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
     rig = small.write(work).with_name("rig.toml")
     count = int(random.choice(FAULTS))
     faults = random_faults(seed, rig, length_s=_length_s(small), replies=_replies(random), faults=count)
-    heard = small.rig_text.replace("[world]\n", '[world]\nmeasured = "measured.jsonl"\n', 1)
-    rig.write_text(heard + as_toml(faults), encoding="utf-8")
+    rig.write_text(_heard(small) + as_toml(faults), encoding="utf-8")
     outcome = here(work, "run", "campaign.toml", "--store", "x.rig.sqlite", "--yes", "--json", "--seed", seed)
     return {
         "campaign": small.name,
@@ -44,8 +47,20 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
         "status": outcome.status,
         "message": outcome.message,
         "told": _told(work / "x.rig.sqlite"),
-        "failed": outcome.broken() or wrong_number(work / "x.rig.sqlite", work / "measured.jsonl"),
+        "failed": outcome.broken() or _judged(work, faults),
     }
+
+
+def _heard(small: SmallCampaign) -> str:
+    """The rig file's text: what is measured is written down, and hands are quick, so that faults meet runs."""
+    world = '[world]\nmeasured = "measured.jsonl"\n' + WORLD.get(small.rig, QUICK_HANDS)
+    return small.rig_text.replace("[world]\n", world, 1)
+
+
+def _judged(work: Path, faults: Plans) -> str:
+    store, measured = work / "x.rig.sqlite", work / "measured.jsonl"
+    planned = [each.split(" of ")[0] for each in kinds_of(faults)]
+    return wrong_number(store, measured) or unaccounted(store, measured, planned)
 
 
 def _told(path: Path) -> list[str]:
@@ -67,7 +82,7 @@ def _length_s(small: SmallCampaign) -> float:
     """Rig time of the campaign without a fault."""
     with tempfile.TemporaryDirectory() as directory:
         work = Path(directory)
-        small.write(work)
+        small.write(work, _heard(small))
         here(work, "run", "campaign.toml", "--store", "x.rig.sqlite", "--yes", "--seed", 1)
         with Store.open(work / "x.rig.sqlite", readonly=True) as store:
             return max(event.rig_time_s or 0.0 for event in store.events())

@@ -60,7 +60,7 @@ frequencies_hz = [0.3, 0.5, 0.6]
 approaches = [1, -1]
 amplitude_mm = 5.0
 dwell_s = 120.0
-sample_rate_hz = 50.0
+sample_rate_hz = 10.0
 repeats = 12
 
 [model]

@@ -59,16 +59,24 @@ def wrong_number(store_path: Path, measured_path: Path) -> str:
         return ""
     truths = _truths(measured_path)
     with Store.open(store_path, readonly=True) as store:
-        told = any(event.kind in TELL_OF_MISSING for event in store.events())
+        told_s = [event.rig_time_s or 0.0 for event in store.events() if event.kind in TELL_OF_MISSING]
         for run in store.runs(valid_only=True):
             samples = store.samples(run.run_id)
             start_s = 0.0 if "t_s" in truths else float(run.conditions["start_s"])
-            wrong = _wrong_sample(samples, start_s, truths, told) or _wrong_reading(
-                run.conditions, samples, start_s, truths
-            )
+            wrong = _wrong_sample(
+                samples, start_s, truths, _told_during(samples, start_s, truths, told_s)
+            ) or _wrong_reading(run.conditions, samples, start_s, truths)
             if wrong:
                 return f"run {run.run_id} is valid and {wrong}"
     return ""
+
+
+def _told_during(
+    samples: dict[str, FloatArray], start_s: float, truths: dict[str, Truth], told_s: list[float]
+) -> bool:
+    """Whether an event tells of missing samples while the run was measured; telemetry has a time of its own."""
+    until_s = start_s + float(samples["t_s"][-1]) + AROUND_S
+    return any("t_s" in truths or start_s - AROUND_S <= at_s <= until_s for at_s in told_s)
 
 
 def _wrong_sample(samples: dict[str, FloatArray], start_s: float, truths: dict[str, Truth], told: bool) -> str:
