@@ -29,6 +29,7 @@ from drivers.aerotech_ascii import FAULT, INVALID, Answer, AsciiLink
 from drivers.aerotech_axis import SAFETY_FAULTS, AsciiAxis, AxisStatus, fault_text
 from drivers.transport import Connect
 from rigctl.clock import Clock
+from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.errors import (
     InstrumentError,
     LimitError,
@@ -456,3 +457,11 @@ class AerotechEnsemble:
 def _decimal(value: float) -> str:
     """Plain decimal notation, to 1e-9."""
     return f"{round(value, 9) + 0.0:.9f}".rstrip("0").rstrip(".")
+
+
+DRIVER = DriverDeclaration(
+    "aerotech-ensemble",
+    contract=1,
+    roles=dict.fromkeys(("linear", "spare"), Use(EnsembleSettings, AerotechEnsemble)),
+    simulator="simulators.aerotech_ensemble.declaration:SIMULATOR",
+)

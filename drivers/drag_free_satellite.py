@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.transport import Connect
 from rigctl.clock import Clock
+from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.errors import LimitError, LinkLost, WrongInstrument
 from rigctl.interfaces import Channel, FlightSession, FloatArray, Identity, Stimulus
 
@@ -152,3 +153,12 @@ class GroundSegment:
 
 def _named(stimulus: Stimulus) -> str:
     return {"drag-free": "common acceleration", "attitude": "turn"}.get(stimulus.target, "displacement of masses")
+
+
+DRIVER = DriverDeclaration(
+    "drag-free-satellite",
+    contract=1,
+    roles={"satellite": Use(SatelliteLimits, GroundSegment)},
+    simulator="simulators.worlds.satellite.declaration:SIMULATOR",
+    wired=False,
+)

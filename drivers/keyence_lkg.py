@@ -20,6 +20,7 @@ from drivers.keyence_values import parse_values
 from drivers.numbers import whole
 from drivers.transport import Connect
 from rigctl.clock import Clock
+from rigctl.core.declarations import USUAL_BAUD, DriverDeclaration, Use
 from rigctl.errors import BadReply, InstrumentError, LimitError, LinkTimeout, WrongInstrument
 from rigctl.interfaces import Channel, FloatArray, Identity, Reading
 
@@ -295,3 +296,22 @@ class KeyenceLkg:
                 if error.code != dialect.status_error or self._clock.now_s() >= deadline_s:
                     raise
             self._clock.sleep_s(self.settings.poll_s)
+
+
+_ROLES = dict.fromkeys(("displacement", "spare"), Use(KeyenceSettings, KeyenceLkg))
+
+LKG3001 = DriverDeclaration(
+    "keyence-lkg3001",
+    contract=1,
+    roles=_ROLES,
+    simulator="simulators.keyence_lkg.declaration:LKG3001",
+    implied={"generation": "lkg3001"},
+    serial_baud=USUAL_BAUD,
+)
+LKG5000 = DriverDeclaration(
+    "keyence-lkg5000",
+    contract=1,
+    roles=_ROLES,
+    simulator="simulators.keyence_lkg.declaration:LKG5000",
+    implied={"generation": "lkg5000"},
+)

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.scpi import ScpiLink
 from drivers.transport import Connect
 from rigctl.clock import Clock
+from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.errors import InstrumentError, LimitError
 from rigctl.interfaces import Channel, Identity, Started, Waveform
 
@@ -176,3 +177,11 @@ def _settings(number: int, waveform: Waveform) -> tuple[str, ...]:
         offset,
         f"{source}:PHAS {waveform.phase_deg:.6f}",
     )
+
+
+DRIVER = DriverDeclaration(
+    "keysight-33500b",
+    contract=1,
+    roles=dict.fromkeys(("source", "spare"), Use(SourceSettings, Keysight33500B)),
+    simulator="simulators.keysight_33500b.declaration:SIMULATOR",
+)

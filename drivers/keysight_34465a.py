@@ -16,6 +16,7 @@ from drivers.numbers import CHARACTERS_MAX, decimal
 from drivers.scpi import ScpiLink
 from drivers.transport import Connect
 from rigctl.clock import Clock
+from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.errors import InstrumentError, LimitError, RigError
 from rigctl.interfaces import Channel, FloatArray, Identity, Reading
 
@@ -394,3 +395,18 @@ def _from_doubles(payload: bytes) -> FloatArray:
     if not np.isfinite(values).all():
         raise ValueError("finite numbers")
     return values
+
+
+_PACED = Use(VoltmeterSettings, PacedVoltmeter)
+
+DRIVER = DriverDeclaration(
+    "keysight-34465a",
+    contract=1,
+    roles={
+        "readout": Use(VoltmeterSettings, PacingVoltmeter),
+        "voltmeter": _PACED,
+        "thermometer": Use(ThermometerSettings, MeterThermometer),
+        "spare": _PACED,
+    },
+    simulator="simulators.keysight_34465a.declaration:SIMULATOR",
+)

@@ -21,6 +21,7 @@ from drivers.newport_esp301_line import ERRORS_QUEUED_MAX, EspLine, QueuedError
 from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.clock import Clock
+from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.errors import InstrumentError, LimitError, LinkError, MotionStopped, SafetyStop
 from rigctl.interfaces import Identity, Reading
 
@@ -235,3 +236,12 @@ def _is_safety(error: QueuedError) -> bool:
 def _decimal(value: float) -> str:
     """A micro-unit is far below the resolution; no exponent, no negative zero."""
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
+
+
+DRIVER = DriverDeclaration(
+    "newport-esp301",
+    contract=1,
+    roles=dict.fromkeys(("rotation", "spare"), Use(Esp301Settings, NewportEsp301)),
+    simulator="simulators.newport_esp301.declaration:SIMULATOR",
+    serial_baud=921600,
+)

@@ -26,6 +26,7 @@ from drivers.newport_xps_socket import FIRMWARE, Reply, XpsSocket
 from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.clock import Clock
+from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.errors import (
     BadReply,
     InstrumentError,
@@ -394,3 +395,11 @@ def cycloid_peaks(distance_deg: float, duration_s: float) -> tuple[float, float]
 def _decimal(value: float) -> str:
     """A micro-unit is far below the resolution; no exponent, no negative zero."""
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
+
+
+DRIVER = DriverDeclaration(
+    "newport-xps",
+    contract=1,
+    roles=dict.fromkeys(("rotation", "spare"), Use(XpsSettings, NewportXps)),
+    simulator="simulators.newport_xps.declaration:SIMULATOR",
+)

@@ -27,8 +27,6 @@ from rigctl.errors import ConfigError
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package, Table
 
 SIMULATED = "sim:"
-SERIAL_KINDS = ("keyence-lkg3001", "newport-esp301")
-"""Instruments whose own line is a serial one: what is simulated is taken to be at its end."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -60,11 +58,6 @@ class Instrument(BaseModel, extra="allow", frozen=True):
     def settings(self) -> dict[str, Any]:
         """The keys that belong to the driver."""
         return dict(self.__pydantic_extra__ or {})
-
-    @property
-    def on_serial_line(self) -> bool:
-        """True when it has a serial line, real or, in this process or served, simulated."""
-        return self.address.startswith("serial:") or (self.simulated and self.driver in SERIAL_KINDS)
 
     @property
     def simulated(self) -> bool:

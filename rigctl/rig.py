@@ -1,12 +1,12 @@
 """Opens what a rig file names, real or simulated, and brings it to rest on any exit.
 
-The only place that knows drivers and simulators by name.
+The only place that brings drivers and simulators together; both are known by their declarations.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -20,83 +20,23 @@ from rigctl import config
 from rigctl.campaign.operator import OperatorLink
 from rigctl.campaign.operator_link import TcpOperatorLink
 from rigctl.clock import Clock, RealClock
+from rigctl.core.declarations import DRIVER_CONTRACT, Build, DriverDeclaration
+from rigctl.core.entry_points import Registry, resolved
 from rigctl.core.making_safe import bring_to_rest, let_go, require_rest
 from rigctl.errors import ConfigError, LinkLost, RigError
 from rigctl.interfaces import Identity, Instrument, Stage
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
-from simulators.rig import SATELLITE, LockedInstrument, SimulatedRig, Spec, TableError
+from simulators.declaration import SimulatorDeclaration, Spec
+from simulators.rig import LockedInstrument, SimulatedRig, TableError
 
-Build = Callable[[str, BaseModel, Connect, Clock], Instrument]
-
-
-def _driver(kind: str, role: str) -> tuple[type[BaseModel], Build, dict[str, Any]]:
-    """Settings model, constructor and settings that follow from the kind."""
-    if kind == "newport-xps":
-        from drivers.newport_xps import NewportXps, XpsSettings
-
-        return XpsSettings, cast(Build, NewportXps), {}
-    if kind == "newport-esp301":
-        from drivers.newport_esp301 import Esp301Settings, NewportEsp301
-
-        return Esp301Settings, cast(Build, NewportEsp301), {}
-    if kind == "aerotech-ensemble":
-        from drivers.aerotech_ensemble import AerotechEnsemble, EnsembleSettings
-
-        return EnsembleSettings, cast(Build, AerotechEnsemble), {}
-    if kind in {"keyence-lkg3001", "keyence-lkg5000"}:
-        from drivers.keyence_lkg import KeyenceLkg
-        from drivers.keyence_settings import KeyenceSettings
-
-        return KeyenceSettings, cast(Build, KeyenceLkg), {"generation": kind.removeprefix("keyence-")}
-    if kind == "keysight-34465a":
-        from drivers import keysight_34465a as meter
-
-        if role == "thermometer":
-            return meter.ThermometerSettings, cast(Build, meter.MeterThermometer), {}
-        if role == "readout":
-            return meter.VoltmeterSettings, cast(Build, meter.PacingVoltmeter), {}
-        return meter.VoltmeterSettings, cast(Build, meter.PacedVoltmeter), {}
-    if kind == "keysight-33500b":
-        from drivers.keysight_33500b import Keysight33500B, SourceSettings
-
-        return SourceSettings, cast(Build, Keysight33500B), {}
-    if kind == SATELLITE:
-        from drivers.drag_free_satellite import GroundSegment, SatelliteLimits
-
-        return SatelliteLimits, cast(Build, GroundSegment), {}
-    raise ConfigError(f"unknown driver '{kind}'; there are {', '.join(DRIVERS)}")
-
-
-WIRED = (
-    "newport-xps",
-    "newport-esp301",
-    "aerotech-ensemble",
-    "keyence-lkg3001",
-    "keyence-lkg5000",
-    "keysight-34465a",
-    "keysight-33500b",
-)
-"""Instruments with a wire, or something that passes for one."""
-
-DRIVERS = (*WIRED, SATELLITE)
-
-ROLES: Mapping[str, tuple[str, ...]] = {
-    "rotation": ("newport-xps", "newport-esp301"),
-    "linear": ("aerotech-ensemble",),
-    "displacement": ("keyence-lkg3001", "keyence-lkg5000"),
-    "readout": ("keysight-34465a",),
-    "voltmeter": ("keysight-34465a",),
-    "thermometer": ("keysight-34465a",),
-    "source": ("keysight-33500b",),
-    "satellite": (SATELLITE,),
-    "spare": WIRED,
-}
+DRIVERS = Registry("rigctl.drivers", DriverDeclaration, DRIVER_CONTRACT, lambda declaration: declaration.kind)
 
 
 @dataclass(frozen=True)
 class Driver:
     """A driver's own keys, checked, and how to make it."""
 
+    declaration: DriverDeclaration
     settings: BaseModel
     build: Build
 
@@ -204,10 +144,10 @@ class Rig:
         return found[0]
 
     def _make(self, name: str, table: config.Instrument, driver: Driver) -> Instrument:
-        return driver.build(name, driver.settings, self._connect(name, table), self.clock)
+        return driver.build(name, driver.settings, self._connect(name, table, driver.declaration), self.clock)
 
-    def _connect(self, name: str, table: config.Instrument) -> Connect:
-        if table.driver == SATELLITE:
+    def _connect(self, name: str, table: config.Instrument, declaration: DriverDeclaration) -> Connect:
+        if not declaration.wired:
             return self._ground_segment(name, table)
         if not table.simulated:
             try:
@@ -221,7 +161,8 @@ class Rig:
     def _ground_segment(self, name: str, table: config.Instrument) -> Connect:
         if not table.simulated:
             raise ConfigError(
-                f"{self.file.path}: instruments.{name}.address: no way to a satellite but 'sim:' is known; write that"
+                f"{self.file.path}: instruments.{name}.address: "
+                f"no way to a {table.role} but 'sim:' is known; write that"
             )
         satellite = self._simulated(name).ground_segments[name]
         return cast(Connect, lambda: satellite)
@@ -239,28 +180,63 @@ def drivers_of(file: config.RigFile) -> dict[str, Driver]:
     return {name: _driver_of(file, f"instruments.{name}", table) for name, table in file.instruments.items()}
 
 
+def declaration_of(kind: str, where: str = "driver") -> DriverDeclaration:
+    """What the driver of this kind says of itself; `ConfigError`."""
+    if kind not in DRIVERS.names():
+        raise ConfigError(f"{where} '{kind}' is unknown; one of {', '.join(DRIVERS.names())}")
+    return DRIVERS.get(kind)
+
+
+def simulator_of(declaration: DriverDeclaration) -> SimulatorDeclaration:
+    """How this kind of instrument is simulated; `ConfigError`."""
+    if not declaration.simulator:
+        raise ConfigError(f"there is no simulator of a {declaration.kind}; give its address")
+    found = resolved(declaration.simulator, f"the simulator of '{declaration.kind}'")
+    if not isinstance(found, SimulatorDeclaration):
+        raise ConfigError(f"{declaration.simulator} is no SimulatorDeclaration; correct `simulator` of its driver")
+    return found
+
+
+def on_serial_line(table: config.Instrument) -> bool:
+    """True when it has a serial line, real or, in this process or served, simulated."""
+    own = table.simulated and declaration_of(table.driver).serial_baud is not None
+    return own or table.address.startswith("serial:")
+
+
 def _driver_of(file: config.RigFile, where: str, table: config.Instrument) -> Driver:
-    if table.role not in ROLES:
-        raise ConfigError(f"{file.path}: {where}.role '{table.role}' is unknown; one of {', '.join(ROLES)}")
-    if table.driver not in DRIVERS:
-        raise ConfigError(f"{file.path}: {where}.driver '{table.driver}' is unknown; one of {', '.join(DRIVERS)}")
-    if table.driver not in ROLES[table.role]:
-        raise ConfigError(
-            f"{file.path}: {where}: a {table.driver} cannot be the {table.role}; "
-            f"that takes {' or '.join(ROLES[table.role])}"
-        )
-    model, build, implied = _driver(table.driver, table.role)
-    return Driver(config.validated(model, {**table.settings, **implied}, file.path, where), build)
+    declaration = declaration_of(table.driver, f"{file.path}: {where}.driver")
+    if table.role not in declaration.roles:
+        raise ConfigError(f"{file.path}: {where}{_no_role(table)}")
+    use = declaration.roles[table.role]
+    settings = config.validated(use.settings, {**table.settings, **declaration.implied}, file.path, where)
+    return Driver(declaration, settings, use.build)
+
+
+def _no_role(table: config.Instrument) -> str:
+    drivers = list(DRIVERS.sound())
+    able = [driver.kind for driver in drivers if table.role in driver.roles]
+    if able:
+        return f": a {table.driver} cannot be the {table.role}; that takes {' or '.join(able)}"
+    roles = dict.fromkeys(role for driver in drivers for role in driver.roles)
+    return f".role '{table.role}' is unknown; one of {', '.join(roles)}"
 
 
 def build_simulation(file: config.RigFile, clock: SimulationClock, *, seed: int | None = None) -> SimulatedRig:
     """All instruments of a rig file as simulators on its world; `ConfigError`."""
     if file.world is None:
         raise ConfigError(f"{file.path}: there is no [world] table to simulate; add it")
-    drivers_of(file)
+    drivers = drivers_of(file)
     world = dict(file.world) if seed is None else {**file.world, "seed": seed}
     specs = {
-        name: Spec(table.driver, table.role, table.settings, table.simulator, table.faults, table.on_serial_line)
+        name: Spec(
+            table.driver,
+            table.role,
+            simulator_of(drivers[name].declaration),
+            table.settings,
+            table.simulator,
+            table.faults,
+            on_serial_line(table),
+        )
         for name, table in file.instruments.items()
     }
     try:

@@ -10,16 +10,13 @@ from typing import Any
 from urllib.parse import parse_qsl
 
 from rigctl.config import RigFile, parse_rig
+from rigctl.core.declarations import USUAL_BAUD
 from rigctl.errors import ConfigError
-from rigctl.rig import build_simulation
+from rigctl.rig import build_simulation, declaration_of, drivers_of, on_serial_line
 from simulators.clock import ScaledClock
 from simulators.measured import into_file
 from simulators.operator_port import Done
-from simulators.rig import SATELLITE
 from simulators.serve import Address, Server
-
-BAUD = {"newport-esp301": 921600}
-"""What those on a pseudo-terminal are told to have, unless it is 115200 or the rig file says otherwise."""
 
 
 class Served:
@@ -30,9 +27,10 @@ class Served:
 
     def __init__(self, file: RigFile, *, measured: Path | None = None) -> None:
         self.file = file
-        for name, table in file.instruments.items():
-            if table.driver == SATELLITE:
-                raise ConfigError(f"{file.path}: instruments.{name}: a {SATELLITE} has no wire that could be served")
+        for name, driver in drivers_of(file).items():
+            kind, wired = driver.declaration.kind, driver.declaration.wired
+            if not wired:
+                raise ConfigError(f"{file.path}: instruments.{name}: a {kind} has no wire that could be served")
         clock = ScaledClock(file.rig.clock_speed)
         self.simulation = build_simulation(file, clock)
         if measured is not None:
@@ -107,9 +105,9 @@ class Served:
 
     def _serve(self, name: str) -> Address:
         table, instrument = self.file.instruments[name], self.simulation.instruments[name]
-        if table.on_serial_line:
+        if on_serial_line(table):
             options = dict(parse_qsl(table.address.partition("?")[2]))
-            baud = int(options.get("baud", BAUD.get(table.driver, 115200)))
+            baud = int(options.get("baud", declaration_of(table.driver).serial_baud or USUAL_BAUD))
             return self._server.add_serial(name, instrument, baud)
         if "hislip" in table.address.lower():
             return self._server.add_hislip(name, instrument, _port(table.address))

@@ -32,6 +32,7 @@ from rigctl import config
 from rigctl.cli import app
 from rigctl.effects.catalogue import catalogue
 from rigctl.experiments.sensing_axis import package
+from rigctl.rig import DRIVERS, simulator_of
 from simulators import faults
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings
@@ -45,6 +46,7 @@ from simulators.worlds import platform_settings as platform
 from simulators.worlds.effect_sizes import EFFECTS, Scope
 from simulators.worlds.satellite import effect_ids
 from simulators.worlds.satellite import settings as satellite
+from simulators.worlds.satellite.declaration import NoSettings
 
 ROOT = Path(__file__).parent.parent
 DOCS = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])
@@ -157,6 +159,13 @@ def test_every_key_of_a_file_is_documented_with_its_default(marker: str) -> None
 def test_every_table_of_files_md_is_held_to_a_model() -> None:
     markers = set(re.findall(r"<!-- table: (.+?) -->", _doc("files.md")))
     assert markers == {*TABLES, "keyence-lkg5000 simulator"}
+
+
+def test_every_driver_and_simulator_is_documented() -> None:
+    drivers = list(DRIVERS.sound())
+    of_drivers = {use.settings for driver in drivers for use in driver.roles.values()}
+    of_simulators = {simulator_of(driver).settings for driver in drivers} - {Lkg5000Settings, NoSettings}
+    assert of_drivers | of_simulators <= {model for model, _ in TABLES.values()}
 
 
 def test_the_lkg5000_differs_from_the_lkg3001_as_documented() -> None:

@@ -12,13 +12,12 @@ In a rig file, for the instrument NAME:
 
 from simulators.faults.draw import random_plans
 from simulators.faults.line import FaultyConnection, FaultyInstrument
-from simulators.faults.mishaps import SUPPORTED, Faultable, InstrumentFaults
+from simulators.faults.mishaps import Faultable, InstrumentFaults
 from simulators.faults.plan import FaultPlan, faults_of
 from simulators.faults.when import Event, Fault, Spell
 from simulators.faults.wire import WireFaults
 
 __all__ = [
-    "SUPPORTED",
     "Event",
     "Fault",
     "FaultPlan",

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simulators.faults.plan import WIRE_FAULTS, FaultPlan, faults_of
+from simulators.faults.plan import WIRE_FAULTS, FaultPlan
 from simulators.worlds.keyed_random import generator
 
 NEVER_DRAWN = frozenset({"wrong_identity"})
@@ -18,27 +18,25 @@ AT_A_TIME = 0.7
 
 def random_plans(
     seed: int,
-    kinds: Mapping[str, str],
+    possible: Mapping[str, Collection[str]],
     *,
     begin_s: float = 0.0,
     length_s: float = 600.0,
     replies: int = 2000,
     faults: int = 3,
-    serial: Collection[str] = (),
 ) -> dict[str, FaultPlan]:
-    """Plans for some of a rig's instruments (`kinds` by name), `faults` faults in all.
+    """Plans for some of a rig's instruments (by name, what can befall each), `faults` faults in all.
 
     They strike within `length_s` of rig time from `begin_s` on, or within the first `replies` replies, where few
-    are as likely as many. `serial` names the instruments on
-    serial lines. The same arguments give the same plans. Over seeds every kind of fault befalls every instrument
-    that can have it.
+    are as likely as many. The same arguments give the same plans. Over seeds every kind of fault befalls every
+    instrument that can have it.
     """
     random = generator(seed, "fault plans")
     tables: dict[str, dict[str, Any]] = {}
     for _ in range(faults):
-        name = str(random.choice(sorted(kinds)))
+        name = str(random.choice(sorted(possible)))
         table = tables.setdefault(name, {"seed": int(random.integers(1 << 31))})
-        fault = str(random.choice(sorted(set(faults_of(kinds[name], serial=name in serial)) - NEVER_DRAWN)))
+        fault = str(random.choice(sorted(set(possible[name]) - NEVER_DRAWN)))
         table[fault] = _drawn(fault, random, (begin_s, begin_s + length_s), replies)
     return {name: FaultPlan.model_validate(table) for name, table in tables.items()}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Annotated, Protocol, runtime_checkable
 
 from pydantic import Field
@@ -104,23 +104,6 @@ class InstrumentFaults(Table):
 
 
 INSTRUMENT_FAULTS = tuple(name for name in InstrumentFaults.model_fields if name != "seed")
-
-_STAGE = frozenset({"power_cycle", "following_error", "limit_hit", "emergency_stop"})
-_LASERS = frozenset({"power_cycle", "target_lost", "saturation", "stuck", "missing_edges"})
-SUPPORTED: Mapping[str, frozenset[str]] = {
-    "newport-xps": _STAGE,
-    "newport-esp301": _STAGE | {"wrong_unit"},
-    "aerotech-ensemble": _STAGE | {"air_lost", "wrong_unit", "missing_edges", "clock_drift"},
-    "keyence-lkg3001": _LASERS,
-    "keyence-lkg5000": _LASERS,
-    "keysight-34465a": frozenset(
-        {"power_cycle", "saturation", "stuck", "missing_edges", "clock_jump", "clock_drift"}
-        | {"memory_overflow", "wrong_unit"}
-    ),
-    "keysight-33500b": frozenset({"power_cycle", "clock_drift"}),
-    "drag-free-satellite": frozenset({"saturation", "stuck"}),
-}
-"""What can befall which kind of instrument."""
 
 
 @runtime_checkable

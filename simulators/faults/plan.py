@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from typing import Any
 
-from simulators.faults.mishaps import SUPPORTED, InstrumentFaults
+from simulators.faults.mishaps import InstrumentFaults
 from simulators.faults.wire import WireFaults
 
-WIRELESS = "drag-free-satellite"
 ON_THE_GROUND = frozenset({"late", "silent", "duplicated", "disconnect"})
 """What can happen to telemetry that has no wire."""
 WIRE_FAULTS = tuple(name for name in WireFaults.model_fields if name != "seed")
@@ -23,16 +23,16 @@ class FaultPlan(InstrumentFaults, WireFaults):
         lines = [f"{key} = {_inline(value)}\n" for key, value in entries.items()]
         return "".join([f"[instruments.{name}.faults]\n", *lines])
 
-    def unsupported(self, kind: str, *, serial: bool) -> str:
-        """Why an instrument of this kind on this wire cannot suffer it, "" when it can."""
-        if self.bits is not None and not serial:
+    def unsupported(self, kind: str, possible: Collection[str]) -> str:
+        """Why an instrument of this kind, with these possible faults, cannot suffer it; "" when it can."""
+        wanted = (name for name in FaultPlan.model_fields if name != "seed" and getattr(self, name) is not None)
+        impossible = [name for name in wanted if name not in possible]
+        if "bits" in impossible:
             return (
                 "bits: TCP has a checksum of its own, bits are turned on serial lines only; use garbage or truncated"
             )
-        possible = faults_of(kind, serial=serial)
-        for name in FaultPlan.model_fields:
-            if name not in possible and name != "seed" and getattr(self, name) is not None:
-                return f"{name}: this cannot befall a {kind}; it can have {', '.join(possible)}"
+        if impossible:
+            return f"{impossible[0]}: this cannot befall a {kind}; it can have {', '.join(possible)}"
         return ""
 
 
@@ -42,7 +42,7 @@ def _inline(value: Any) -> str:
     return json.dumps(value)
 
 
-def faults_of(kind: str, *, serial: bool) -> list[str]:
-    """The faults that an instrument of this kind can have, by their keys in a rig file."""
-    wire = ON_THE_GROUND if kind == WIRELESS else {name for name in WIRE_FAULTS if serial or name != "bits"}
-    return sorted({*wire, *SUPPORTED[kind]})
+def faults_of(suffered: Collection[str], *, wired: bool, serial: bool) -> list[str]:
+    """The faults of an instrument that suffers these itself, and of its wire, by their keys in a rig file."""
+    wire = {name for name in WIRE_FAULTS if serial or name != "bits"} if wired else ON_THE_GROUND
+    return sorted({*wire, *suffered})

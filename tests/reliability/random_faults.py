@@ -6,19 +6,20 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rigctl import config
+from rigctl.rig import drivers_of, simulator_of
 from simulators.faults import FaultPlan, random_plans
-
-SERIAL = {"keyence-lkg3001", "newport-esp301"}
-"""Driven over RS-232 or USB: only there may single bits be wrong, TCP has a sum of its own."""
 
 Plans = Mapping[str, FaultPlan]
 
 
 def random_faults(seed: int, rig: Path, *, length_s: float, replies: int, faults: int) -> Plans:
     """Plans by instrument."""
-    kinds = {name: table.driver for name, table in config.read_rig(rig).instruments.items()}
-    serial = [name for name, kind in kinds.items() if kind in SERIAL]
-    return random_plans(seed, kinds, length_s=length_s, replies=replies, faults=faults, serial=serial)
+    drivers = {name: driver.declaration for name, driver in drivers_of(config.read_rig(rig)).items()}
+    possible = {
+        name: simulator_of(driver).possible_faults(serial=driver.serial_baud is not None)
+        for name, driver in drivers.items()
+    }
+    return random_plans(seed, possible, length_s=length_s, replies=replies, faults=faults)
 
 
 def as_toml(plans: Plans) -> str:

@@ -18,16 +18,17 @@ from hypothesis import strategies as st
 from drivers.transport import InProcessTransport
 from rigctl import config
 from rigctl.errors import ConfigError, LinkLost, LinkTimeout
-from rigctl.rig import Rig, build_simulation
+from rigctl.rig import DRIVERS, Rig, build_simulation, simulator_of
 from simulators.clock import VirtualClock
-from simulators.faults import SUPPORTED, FaultPlan, FaultyInstrument, faults_of, random_plans
+from simulators.declaration import Wiring
+from simulators.faults import FaultPlan, FaultyInstrument, random_plans
 from simulators.faults.draw import NEVER_DRAWN
 from simulators.faults.telemetry import FaultyTelemetry
 from simulators.keyence_lkg import SimulatedLkg3001, SimulatedLkg5000
 from simulators.keyence_lkg.controller import Controller
 from simulators.keysight_34465a import Simulated34465A
 from simulators.measured import Measured, unheard
-from simulators.rig import SimulatedRig, Site
+from simulators.rig import SimulatedRig
 from simulators.wiring import TriggerLine
 
 RIG = Path(__file__).parent.parent.parent / "campaigns" / "all-instruments.rig.toml"
@@ -41,6 +42,8 @@ NAMES = {
     "keysight-34465a": "accelerometer",
     "keysight-33500b": "spare_source",
 }
+SIMULATORS = {driver.kind: simulator_of(driver) for driver in DRIVERS.sound()}
+SUFFERED = {kind: simulator.faults for kind, simulator in SIMULATORS.items()}
 ENDS = {"newport-xps": b",EndOfAPI", "newport-esp301": b"\r\n", "keyence-lkg3001": b"\r", "keyence-lkg5000": b"\r"}
 
 
@@ -345,8 +348,8 @@ class Lasers:
         pace = TriggerLine()
         pace.begin(0.05, 0.1, 1000)
         plan = FaultPlan.model_validate(faults)
-        site = Site(unheard(), plan, pace)
-        inner = make(self.clock, [site.signal(lambda times_s: 1.0 + 0.1 * times_s)], site.trigger)
+        wiring = Wiring(unheard(), plan, pace)
+        inner = make(self.clock, [wiring.signal(lambda times_s: 1.0 + 0.1 * times_s)], wiring.trigger)
         faulty = FaultyInstrument(inner, plan, self.clock, serial=True)
         self.wire = InProcessTransport("lasers", faulty, self.clock)
 
@@ -425,8 +428,10 @@ def test_a_captured_position_is_missing_for_every_edge_that_is() -> None:
 
 def test_a_meter_on_a_sensor_that_is_stuck() -> None:
     clock = VirtualClock()
-    site = Site(unheard(), FaultPlan.model_validate({"stuck": {"at_s": 2.5, "lasting_s": 2.0}}), TriggerLine())
-    meter = Simulated34465A(clock, site.signal(lambda times_s: 0.1 * times_s), site.signal(lambda times_s: times_s))
+    wiring = Wiring(unheard(), FaultPlan.model_validate({"stuck": {"at_s": 2.5, "lasting_s": 2.0}}), TriggerLine())
+    meter = Simulated34465A(
+        clock, wiring.signal(lambda times_s: 0.1 * times_s), wiring.signal(lambda times_s: times_s)
+    )
     wire = InProcessTransport("meter", meter, clock)
     wire.write(b"CONF:VOLT:DC 10;:VOLT:APER 1e-3\n")
     found = []
@@ -583,7 +588,7 @@ def test_sensors_in_orbit_saturate_and_get_stuck() -> None:
 # what there is for whom
 
 ELSEWHERE = {
-    *((kind, fault) for kind in LASERS for fault in SUPPORTED[kind]),
+    *((kind, fault) for kind in LASERS for fault in SUFFERED[kind]),
     *(("keysight-34465a", fault) for fault in ("stuck", "clock_jump", "clock_drift", "missing_edges", "wrong_unit")),
     ("aerotech-ensemble", "missing_edges"),
     ("aerotech-ensemble", "clock_drift"),
@@ -595,18 +600,17 @@ ELSEWHERE = {
 
 
 def test_every_fault_of_every_instrument_is_shown_here() -> None:
-    assert set(SCRIPTS) | ELSEWHERE == {(kind, fault) for kind, faults in SUPPORTED.items() for fault in faults}
+    assert set(SCRIPTS) | ELSEWHERE == {(kind, fault) for kind, faults in SUFFERED.items() for fault in faults}
 
 
 @pytest.mark.parametrize("kind", NAMES)
 def test_an_instrument_refuses_what_cannot_befall_it(kind: str) -> None:
-    serial = kind in ("keyence-lkg3001", "newport-esp301")
-    cannot = set(FaultPlan.model_fields) - {"seed"} - set(faults_of(kind, serial=serial))
+    cannot = set(FaultPlan.model_fields) - {"seed"} - set(POSSIBLE[NAMES[kind]])
     tables = {
         "clock_drift": "{ ppm = 1.0 }",
         "bits": "{ nth = [1] }",
         **dict.fromkeys(
-            set(FaultPlan.model_fields) & {f for each in SUPPORTED.values() for f in each}, "{ at_s = 1.0 }"
+            set(FaultPlan.model_fields) & {f for each in SUFFERED.values() for f in each}, "{ at_s = 1.0 }"
         ),
     } | {"clock_drift": "{ ppm = 1.0 }"}
     assert cannot
@@ -617,16 +621,19 @@ def test_an_instrument_refuses_what_cannot_befall_it(kind: str) -> None:
 
 
 KINDS = {**{name: kind for kind, name in NAMES.items()}, "satellite": "drag-free-satellite"}
-SERIAL = ("lasers_a", "spare_rotation")
+POSSIBLE = {
+    name: SIMULATORS[kind].possible_faults(serial=DRIVERS.get(kind).serial_baud is not None)
+    for name, kind in KINDS.items()
+}
 
 
 @given(seed=st.integers(0, 10_000), faults=st.integers(1, 6), length_s=st.floats(10.0, 1e6))
 def test_a_random_plan_is_the_same_again_and_possible(seed: int, faults: int, length_s: float) -> None:
-    plans = random_plans(seed, KINDS, length_s=length_s, faults=faults, serial=SERIAL)
-    assert plans == random_plans(seed, KINDS, length_s=length_s, faults=faults, serial=SERIAL)
+    plans = random_plans(seed, POSSIBLE, length_s=length_s, faults=faults)
+    assert plans == random_plans(seed, POSSIBLE, length_s=length_s, faults=faults)
     assert 1 <= sum(len(plan.model_fields_set - {"seed"}) for plan in plans.values()) <= faults
     for name, plan in plans.items():
-        assert plan.unsupported(KINDS[name], serial=name in SERIAL) == ""
+        assert plan.unsupported(KINDS[name], POSSIBLE[name]) == ""
         written = tomllib.loads(plan.as_toml(name))["instruments"][name]["faults"]
         assert FaultPlan.model_validate(written) == plan
 
@@ -635,15 +642,10 @@ def test_random_plans_reach_every_fault_of_every_instrument() -> None:
     drawn = {
         (KINDS[name], fault)
         for seed in range(1500)
-        for name, plan in random_plans(seed, KINDS, length_s=3600.0, faults=4, serial=SERIAL).items()
+        for name, plan in random_plans(seed, POSSIBLE, length_s=3600.0, faults=4).items()
         for fault in plan.model_fields_set - {"seed"}
     }
-    wanted = {
-        (kind, fault)
-        for name, kind in KINDS.items()
-        for fault in faults_of(kind, serial=name in SERIAL)
-        if fault not in NEVER_DRAWN
-    }
+    wanted = {(kind, fault) for name, kind in KINDS.items() for fault in POSSIBLE[name] if fault not in NEVER_DRAWN}
     assert drawn == wanted
     assert len({fault for _, fault in drawn}) >= 12
 
