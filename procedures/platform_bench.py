@@ -16,7 +16,8 @@ from procedures.course import Course, Leg
 from procedures.sample_checks import voltages_flaw
 from procedures.stream import Block, FollowingMeter, PacingMeter, Stream
 from procedures.time_table import EARLY_S, Motion, TimeTable, shortest_turn_s
-from rigctl.campaign.recovery import FAULT, Apparatus, Faults, require_homed, told
+from rigctl.campaign.event_kinds import FAULT
+from rigctl.campaign.recovery import Apparatus, Faults, require_homed, told
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
 from rigctl.clock import Clock

@@ -20,7 +20,8 @@ from typing import Protocol
 import numpy as np
 
 from procedures.pace import Pace
-from rigctl.campaign.recovery import FAULT, Apparatus, told
+from rigctl.campaign.event_kinds import FAULT
+from rigctl.campaign.recovery import Apparatus, told
 from rigctl.campaign.session import Session
 from rigctl.errors import InstrumentError, LinkError, ProcedureError, RigError
 from rigctl.interfaces import FloatArray, Instrument, PacingRecorder, StreamedRecorder, Voltmeter

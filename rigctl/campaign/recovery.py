@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from rigctl.campaign.control import Control
+from rigctl.campaign.event_kinds import BACK, FAULT, LOST
 from rigctl.campaign.operator import Operator
 from rigctl.campaign.progress import Progress
 from rigctl.clock import Clock
@@ -25,10 +26,6 @@ INTERVALS_S = (1.0, 5.0, 20.0, 60.0, 300.0)
 """Between two attempts to bring an instrument back [rig s]; the last one from then on."""
 GIVE_UP_S = 4.0 * 3600.0
 """How long an instrument may be lost before a person is asked [rig s]: the power of a building comes back in less."""
-
-FAULT, LOST, BACK = "fault", "instrument-lost", "instruments-back"
-RUN_REPEATED, STEP_REPEATED = "run-repeated", "step-repeated"
-"""Kinds of events."""
 
 Faults = (LinkError, InstrumentError)
 """What may be repeated; everything else that is raised ends a campaign."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from rigctl.campaign.run_writer import RUN_ENDED
+from rigctl.campaign.event_kinds import RUN_ENDED
 from rigctl.campaign.store import Store
 from rigctl.clock import Clock
 

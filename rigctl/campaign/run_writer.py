@@ -13,6 +13,7 @@ import numpy as np
 
 from rigctl.campaign.checked_rows import CheckedRows
 from rigctl.campaign.checksums import ColumnSums
+from rigctl.campaign.event_kinds import RUN_ENDED
 from rigctl.campaign.header_json import dumps
 from rigctl.campaign.recording import RunRecord, flaw_of_column
 from rigctl.campaign.schema import first_chunk_id
@@ -20,9 +21,6 @@ from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray
 
 _INSERT = "INSERT INTO samples (id, name, data) VALUES (?, ?, ?)"
-
-RUN_ENDED = "run-ended"
-"""The kind of event that keeps when a run was over."""
 
 COMMIT_EVERY_S = 1.0
 """Of real time: what a stream of samples loses at most when its process is killed."""

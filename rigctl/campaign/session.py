@@ -13,10 +13,11 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from rigctl.campaign.control import Control
+from rigctl.campaign.event_kinds import RUN_REPEATED, STEP_REPEATED
 from rigctl.campaign.operator import Operator
 from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import RunRecord
-from rigctl.campaign.recovery import RUN_REPEATED, STEP_REPEATED, Apparatus, Faults, Recovery
+from rigctl.campaign.recovery import Apparatus, Faults, Recovery
 from rigctl.campaign.rig_time import Resumption
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.store import Event, Store

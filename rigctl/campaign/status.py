@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.bundle import import_report
+from rigctl.campaign.event_kinds import RUN_REPEATED
 from rigctl.campaign.locks import is_held, store_lock
-from rigctl.campaign.recovery import RUN_REPEATED
 from rigctl.campaign.store import Store
 
 

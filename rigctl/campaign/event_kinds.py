@@ -1,0 +1,8 @@
+"""Kinds of events that more than one part of the program knows."""
+
+from __future__ import annotations
+
+FAULT, LOST, BACK = "fault", "instrument-lost", "instruments-back"
+RUN_REPEATED, STEP_REPEATED = "run-repeated", "step-repeated"
+RUN_ENDED = "run-ended"
+"""Keeps when a run was over."""
