@@ -16,7 +16,7 @@ from rigctl.campaign.checksums import ColumnSums
 from rigctl.campaign.event_kinds import RUN_ENDED
 from rigctl.campaign.header_json import dumps
 from rigctl.campaign.recording import RunRecord, flaw_of_column
-from rigctl.campaign.schema import first_chunk_id
+from rigctl.campaign.schema import database_errors, first_chunk_id, transaction
 from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray
 
@@ -64,19 +64,21 @@ class RunWriter:
         chunks = {name: self._bytes(name, column) for name, column in columns.items()}
         for name, data in chunks.items():
             self._lengths[name] = self._lengths.get(name, 0) + len(data) // 8
-            self._sums.add(name, data)
             self._pending.setdefault(name, []).append(data)
 
     def _commit(self) -> None:
-        with self._rows.writing():
+        """Samples are in no ledger before their run ends."""
+        with database_errors(self._rows.path), transaction(self._rows.connection):
             self._insert_pending()
         self._committed_s = time.monotonic()
 
     def _insert_pending(self) -> None:
         rows = [
-            (chunk_id, name, b"".join(chunks))
+            (chunk_id, name, b"".join(chunks) if len(chunks) > 1 else chunks[0])
             for chunk_id, (name, chunks) in enumerate(self._pending.items(), self._next_chunk_id)
         ]
+        for _, name, data in rows:
+            self._sums.add(name, data)
         self._next_chunk_id += len(rows)
         self._pending = {}
         self._rows.connection.executemany(_INSERT, rows)

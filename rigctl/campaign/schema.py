@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -99,21 +99,37 @@ _SIGNS_OF_DAMAGE = ("no such column", "no such table", "already exists", "duplic
 """What SQLite says of statements that are right when the file they are about is not."""
 
 
-@contextmanager
-def database_errors(path: Path) -> Iterator[None]:
+class _DatabaseErrors:
+    """Written out, as every row that is appended comes through here: a generator would take three times as long."""
+
+    __slots__ = ("_path",)
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        """Nothing to prepare."""
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, sqlite3.DatabaseError):
+            raise _as_data_error(self._path, error) from error
+
+
+def database_errors(path: Path) -> AbstractContextManager[None]:
     """Turn what SQLite raises about the file into a `DataError` that names it and the mend."""
-    try:
-        yield
-    except sqlite3.OperationalError as error:
+    return _DatabaseErrors(path)
+
+
+def _as_data_error(path: Path, error: sqlite3.DatabaseError) -> DataError | DamagedStore:
+    if isinstance(error, sqlite3.OperationalError):
         if any(sign in str(error) for sign in _SIGNS_OF_DAMAGE):
-            raise _damaged(path, str(error)) from error
-        raise DataError(_operational(path, str(error))) from error
-    except sqlite3.IntegrityError as error:
-        raise DataError(f"{path}: two programs write the same run ({error}); stop one of them") from error
-    except sqlite3.DatabaseError as error:
-        if error.sqlite_errorcode == sqlite3.SQLITE_NOTADB:
-            raise DataError(_no_store(path)) from error
-        raise _damaged(path, str(error)) from error
+            return _damaged(path, str(error))
+        return DataError(_operational(path, str(error)))
+    if isinstance(error, sqlite3.IntegrityError):
+        return DataError(f"{path}: two programs write the same run ({error}); stop one of them")
+    if error.sqlite_errorcode == sqlite3.SQLITE_NOTADB:
+        return DataError(_no_store(path))
+    return _damaged(path, str(error))
 
 
 def _damaged(path: Path, what: str) -> DamagedStore:
