@@ -56,7 +56,7 @@ class Campaign:
 
     @staticmethod
     def result(store: Path | str, plugins: Sequence[Path | str] = ()) -> Result:
-        """What a store amounts to, as its experiment has it: sensing axes, a platform's accelerations, ten parameters.
+        """What a store amounts to by its experiment: sensing axes, a platform's accelerations, ten parameters.
 
         `DataError` or `ProcedureError` when the runs do not yet give it.
         """
