@@ -188,6 +188,7 @@ class TypedLines:
         except (OSError, ValueError, TypeError):  # hung up, closed, or never there
             data = b""
         if not data:
+            self._heed()  # who aborts often closes the terminal with the same gesture
             raise EOFError
         return data
 
