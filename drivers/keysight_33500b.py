@@ -59,6 +59,7 @@ class Keysight33500B:
         self._clock = clock
         self._link = ScpiLink(name, connect, settings.link_timeout_s)
         self._prepared = False
+        self._running: Mapping[str, Waveform] = {}
 
     def open(self) -> None:
         """Connect, make sure it is a 33500B with two outputs, and clear its errors; the outputs stay as they are."""
@@ -108,7 +109,19 @@ class Keysight33500B:
         asked_s = self._clock.now_s()
         self._link.configure("PHAS:SYNC")
         start_s = 0.5 * (asked_s + self._clock.now_s())
-        return Started(start_s, {name: self._as_taken(name, waveform) for name, waveform in wanted.items()})
+        self._running = {name: self._as_taken(name, waveform) for name, waveform in wanted.items()}
+        return Started(start_s, self._running)
+
+    def require_running(self) -> None:
+        """`InstrumentError` unless every output is on and set as `start` returned it; after a power cut all are off."""
+        for name, waveform in self._running.items():
+            number = self.settings.outputs[name]
+            if not self._link.query_whole(f"OUTP{number}?"):
+                raise InstrumentError(
+                    f"{self.name}: output {number} ({name}) is off; was its power off, or did somebody stop it?",
+                    instrument=self.name,
+                )
+            self._as_taken(name, waveform)
 
     def check(self, waveforms: Mapping[str, Waveform]) -> None:
         """`LimitError` for an unknown output or a waveform it cannot make. Sends nothing."""

@@ -292,6 +292,7 @@ class _Recording:
 
     def _fetch(self) -> None:
         blocks = self._stream.fetch()
+        self._bench.source.require_running()
         if not self._stands():
             now_s = self._now_s()
             self._carry_out(Motion(now_s, now_s, self._course.angle_deg))

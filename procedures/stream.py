@@ -137,7 +137,9 @@ class Stream:
     def give_up(self, error: RigError, doubted: int) -> None:
         """Begin another record: what came of this one cannot be true, `doubted` rows that were given out already."""
         self.lost += doubted
-        if not self.finished:
+        if self.finished:
+            self._tell(error)
+        else:
             self._recover(error)
 
     def _take(self) -> None:
@@ -205,8 +207,7 @@ class Stream:
                 raise ProcedureError(
                     f"{self._failures + 1} records in a row failed, the last one: {error}"
                 ) from error
-            self._session.event("record-lost", sample=self._next, error=str(error))
-            self._session.event(FAULT, during=f"sample {self._next}", **told(error, self._apparatus))
+            self._tell(error)
             for meter in (self._pacing, self._following):
                 with suppress(RigError):
                     meter.stop()
@@ -218,6 +219,11 @@ class Stream:
                 return self._go_on()
             except (InstrumentError, LinkError) as again:
                 error = again
+
+    def _tell(self, error: RigError) -> None:
+        """Note that a record is given up, and what for."""
+        self._session.event("record-lost", sample=self._next, error=str(error))
+        self._session.event(FAULT, during=f"sample {self._next}", **told(error, self._apparatus))
 
     def _reconnect(self) -> None:
         """Nobody can tell whose line it was."""

@@ -401,3 +401,7 @@ class VoltageSource(Instrument, Protocol):
         a waveform it cannot make, before a byte is sent; what the instrument rounded is in what is returned.
         """
         ...
+
+    def require_running(self) -> None:
+        """`InstrumentError` unless every output is connected and set as `start` returned it: nothing reset it since."""
+        ...

@@ -464,6 +464,20 @@ def test_a_record_at_rest_in_which_the_platform_lost_its_reference_is_measured_a
     assert repeated["reason"].startswith("platform: it is homed no more")
 
 
+def test_a_run_whose_tilt_was_taken_away_is_measured_again(tmp_path: Path, campaigns: Path) -> None:
+    """Power comes back, the generator's outputs stay off: the tilt is not what the run says it was."""
+    tilted = CUSTOM.replace('pattern = "custom"', 'pattern = "noise"\nduration_s = 120.0\nv_z_v = 1.0')
+    (tmp_path / "campaign.toml").write_text(tilted)
+    rig = rig_with(tmp_path, campaigns, "tilt", "power_cycle = { at_s = 60.0, lasting_s = 1.0 }")
+    store = tmp_path / "x.rig.sqlite"
+    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    ((run, _),) = runs_of(store)
+    assert run.valid
+    (repeated,) = events_of(store, "run-repeated")
+    assert repeated["error"] in {"InstrumentError", "LinkLost", "LinkTimeout"}
+    assert run.conditions["start_s"] > 61.0
+
+
 def test_a_meter_whose_clock_stands_still_leaves_no_sample_away_from_its_time(
     tmp_path: Path, campaigns: Path
 ) -> None:

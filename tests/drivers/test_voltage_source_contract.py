@@ -12,7 +12,7 @@ import pytest
 
 from drivers.keysight_33500b import Keysight33500B, SourceSettings
 from drivers.transport import InProcessTransport
-from rigctl.errors import LimitError, LinkLost
+from rigctl.errors import BadReply, InstrumentError, LimitError, LinkLost
 from rigctl.interfaces import VoltageSource, Waveform
 from simulators.clock import SimulationClock, VirtualClock
 from simulators.keysight_33500b import Simulated33500B
@@ -125,6 +125,26 @@ def test_a_new_start_replaces_every_output(bench: Bench) -> None:
     bench.source.start({"dm1_z_v": Waveform(offset_v=0.5)})
     at_s = [bench.clock.now_s() + 1.0]
     assert [*bench.volts("dm1_y_v", at_s), *bench.volts("dm1_z_v", at_s)] == pytest.approx([0.0, 0.5])
+
+
+def test_an_output_that_somebody_switched_off_is_noticed(bench: Bench) -> None:
+    bench.source.open()
+    bench.source.require_running()
+    bench.source.start({"dm1_z_v": Waveform("sine", 0.0, 1.0, 300.0)})
+    bench.source.require_running()
+    bench.source.stop()
+    with pytest.raises(InstrumentError, match=r"output \d .*is off; was its power off"):
+        bench.source.require_running()
+
+
+def test_a_setting_that_somebody_changed_is_noticed() -> None:
+    bench = bench_33500b()
+    bench.source.open()
+    bench.source.start({"dm1_z_v": Waveform(offset_v=1.0)})
+    other = InProcessTransport("sim:other", bench.tap, bench.clock)
+    other.write(b"SOUR2:VOLT:OFFS 0.5\n")
+    with pytest.raises(BadReply, match=r"0\.5.*about 1"):
+        bench.source.require_running()
 
 
 def test_stop_takes_the_voltage_away_from_any_thread_any_number_of_times(bench: Bench) -> None:
