@@ -113,7 +113,7 @@ class Keysight33500B:
         return Started(start_s, self._running)
 
     def require_running(self) -> None:
-        """`InstrumentError` unless every output is on and set as `start` returned it; after a power cut all are off."""
+        """`InstrumentError` unless every output is on and set as `start` returned it: a power cut ends both."""
         for name, waveform in self._running.items():
             number = self.settings.outputs[name]
             if not self._link.query_whole(f"OUTP{number}?"):

@@ -403,5 +403,5 @@ class VoltageSource(Instrument, Protocol):
         ...
 
     def require_running(self) -> None:
-        """`InstrumentError` unless every output is connected and set as `start` returned it: nothing reset it since."""
+        """`InstrumentError` unless every output is connected and set as `start` returned it."""
         ...
