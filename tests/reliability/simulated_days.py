@@ -54,21 +54,25 @@ rig = "rig.toml"
 [procedure]
 name = "scan"
 axes = ["X"]
-configurations = ["flag"]
+configurations = ["flag", "pendulum"]
 angles_deg = [-30.0, -10.0, -1.6, -0.8, 0.8, 1.6, 10.0, 30.0]
 frequencies_hz = [0.3, 0.5, 0.6]
 approaches = [1, -1]
 amplitude_mm = 5.0
-dwell_s = 120.0
+dwell_s = 60.0
 sample_rate_hz = 10.0
-repeats = 12
+repeats = 5
 
 [model]
 effects = ["roll-gravity", "resonance"]
 """
 
+PLATFORM_RIG = "bias-rejection-rig.toml"
+HANDS_S = 25_000.0
+"""For each of two mountings: what a day of scans has beside its runs."""
+
 DAYS = (
-    ("bias-rejection-rig.toml", PLATFORM.format(levels=", ".join(f"{0.05 * level:.2f}" for level in range(23)))),
+    (PLATFORM_RIG, PLATFORM.format(levels=", ".join(f"{0.05 * level:.2f}" for level in range(23)))),
     ("hidden-effect-rig.toml", SCAN),
 )
 
@@ -113,7 +117,8 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
     text = (SHIPPED / rig).read_text(encoding="utf-8")
     (work / "rig.toml").write_text(text, encoding="utf-8")
     faults = random_faults(seed, work / "rig.toml", length_s=DAY_S, replies=40_000, faults=FAULTS_A_DAY)
-    heard = text.replace("[world]\n", '[world]\nmeasured = "measured.jsonl"\n', 1)
+    world = '[world]\nmeasured = "measured.jsonl"\n' + ("" if rig == PLATFORM_RIG else f"remount_s = {HANDS_S}\n")
+    heard = text.replace("[world]\n", world, 1)
     (work / "rig.toml").write_text(heard + as_toml(faults), encoding="utf-8")
     store = work / "x.rig.sqlite"
     with _watched(store) as watch:
