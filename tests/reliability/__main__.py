@@ -4,6 +4,7 @@
     python -m tests.reliability --form full             # hours; interrupt it, and run it again to go on
     python -m tests.reliability --only signals --first-seed 201 --seeds 100
     python -m tests.reliability --table                 # the table of docs/reliability.md, from what is there
+    python -m tests.reliability --table --out A --and-from B C --write docs/reliability.md    # of several directories
 
 Each kind has a file of JSON lines in --out, one line per seed. A seed that has its line is not tried again, so that
 runs add up. Exit status 1 when a promise was broken.
@@ -31,7 +32,7 @@ def main() -> int:
     """The trials asked for, then the table."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     asked = _asked()
-    records = Records(asked.out)
+    records = Records(asked.out, *asked.and_from)
     kinds = asked.only or list(KINDS)
     if not asked.table:
         until_s = time.monotonic() + asked.minutes * 60.0
@@ -40,6 +41,8 @@ def main() -> int:
         except KeyboardInterrupt:
             print("interrupted; the same command goes on", file=sys.stderr)
     print("\n".join(table(records, kinds)))
+    if asked.write:
+        asked.write.write_text(with_table(asked.write.read_text(encoding="utf-8"), table(records, kinds)))
     if asked.messages:
         print("\n".join(messages(records)))
     if asked.latencies:
@@ -59,6 +62,16 @@ def table(records: Records, kinds: list[str]) -> list[str]:
                 f"| {found.failures} | {bound:.1e} |"
             )
     return rows
+
+
+def with_table(page: str, rows: list[str]) -> str:
+    """The page with these rows in place of the table of results; `ValueError` when it has none."""
+    before, header, rest = page.partition(f"{rows[0]}\n")
+    if not header:
+        raise ValueError("the page has no table of results to be replaced")
+    lines = rest.splitlines(keepends=True)
+    after = next((place for place, line in enumerate(lines) if not line.startswith("|")), len(lines))
+    return before + "".join(f"{row}\n" for row in rows) + "".join(lines[after:])
 
 
 def messages(records: Records) -> list[str]:
@@ -116,6 +129,8 @@ def _asked() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin no trial after so many")
     parser.add_argument("--out", type=Path, default=Path("out/reliability"))
+    parser.add_argument("--and-from", nargs="+", type=Path, default=[], metavar="DIRECTORY", help="add up with --out")
+    parser.add_argument("--write", type=Path, metavar="PAGE", help="put the table into this page")
     parser.add_argument("--table", action="store_true", help="only the table of what is there")
     parser.add_argument(
         "--messages", action="store_true", help="also what the operator is told of each kind of fault"

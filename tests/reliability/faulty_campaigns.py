@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +14,9 @@ import numpy as np
 from rigctl.campaign.store import Store
 from tests.reliability.accounted import unaccounted
 from tests.reliability.campaigns import SMALL_CAMPAIGNS, SmallCampaign
-from tests.reliability.commands import here
+from tests.reliability.commands import Outcome, Process, here
 from tests.reliability.random_faults import Plans, as_toml, kinds_of, random_faults
+from tests.reliability.served import served
 from tests.reliability.truth import wrong_number
 
 PROMISE = "A campaign under faults keeps no wrong number as valid, ends by itself, and says why in a typed message"
@@ -28,6 +30,11 @@ QUICK_HANDS = "remount_s = 1.0\nlevel_s = 1.0\n"
 WORLD = {"bias-rejection-rig.toml": "", "microscope-rig.toml": "sample_period_s = 1.0\n"}
 FAULTY = [*WIRED, *WIRED, FLOWN]
 FAULTS = (1, 2, 3)
+SERVED_EVERY = 4
+QUICK = ("null-search", "scan", "angle-scan", "quick-check", "six-mountings")
+"""Those last some seconds over wires."""
+CLOCK_SPEED = 50.0
+ENDS_S = 60.0
 SAYING = ("text", "reason", "error")
 """Where an event has words about a fault."""
 
@@ -40,15 +47,29 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
     count = int(random.choice(FAULTS))
     faults = random_faults(seed, rig, length_s=_length_s(small), replies=_replies(random), faults=count)
     rig.write_text(_heard(small) + as_toml(faults), encoding="utf-8")
-    outcome = here(work, "run", "campaign.toml", "--store", "x.rig.sqlite", "--yes", "--json", "--seed", seed)
+    over_wires = seed % SERVED_EVERY == 0 and small.name in QUICK
+    outcome = _over_wires(work, rig.read_text(encoding="utf-8"), seed) if over_wires else here(work, *_run(seed))
     return {
         "campaign": small.name,
+        "served": over_wires,
         "faults": kinds_of(faults),
         "status": outcome.status,
         "message": outcome.message,
         "told": _told(work / "x.rig.sqlite"),
-        "failed": outcome.broken() or _judged(work, faults),
+        "failed": outcome.broken() or _judged(work, faults, over_wires),
     }
+
+
+def _run(seed: int) -> tuple[str, ...]:
+    return ("run", "campaign.toml", "--store", "x.rig.sqlite", "--yes", "--json", "--seed", str(seed))
+
+
+def _over_wires(work: Path, rig_text: str, seed: int) -> Outcome:
+    """The same with the rig in another process, by TCP and pseudo-terminals, on a fast clock."""
+    text = re.sub(r"^clock_speed = .*\n", "", rig_text.replace('measured = "measured.jsonl"\n', "", 1), flags=re.M)
+    text = re.sub(r'^clock = "virtual".*$', f'clock = "real"\nclock_speed = {CLOCK_SPEED}', text, count=1, flags=re.M)
+    with served(work, text, "--measured", "measured.jsonl"):
+        return Process(work, *_run(seed)).ended(ENDS_S)
 
 
 def _heard(small: SmallCampaign) -> str:
@@ -57,10 +78,13 @@ def _heard(small: SmallCampaign) -> str:
     return small.rig_text.replace("[world]\n", world, 1)
 
 
-def _judged(work: Path, faults: Plans) -> str:
+def _judged(work: Path, faults: Plans, over_wires: bool) -> str:
+    if not (work / "measured.jsonl").read_bytes():
+        return "nothing was tried: no instrument was ever asked"
     store, measured = work / "x.rig.sqlite", work / "measured.jsonl"
     planned = [each.split(" of ")[0] for each in kinds_of(faults)]
-    return wrong_number(store, measured) or unaccounted(store, measured, planned)
+    wrong = wrong_number(store, measured, own_clock=over_wires)
+    return wrong or unaccounted(store, measured, planned, own_clock=over_wires)
 
 
 def _told(path: Path) -> list[str]:

@@ -22,19 +22,19 @@ class Tally:
 
 
 class Records:
-    """The lines in a directory; a line cut off by a power cut or a kill is as if it had never been written."""
+    """The lines in a directory, and in others that are only read; one that a kill has cut off is left out."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, *others: Path) -> None:
         self.directory = directory.resolve()
+        self._others = others
         directory.mkdir(parents=True, exist_ok=True)
 
     def lines(self, kind: str) -> list[Line]:
-        """All lines of a kind, the last one where a seed has several."""
-        path = self._path(kind)
-        if not path.exists():
-            return []
-        whole = [_parsed(text) for text in path.read_text(encoding="utf-8").splitlines()]
-        return list({line["seed"]: line for line in whole if line}.values())
+        """All lines of a kind; of a seed that has several the last one counts, that of this directory last."""
+        by_seed: dict[int, Line] = {}
+        for directory in (*self._others, self.directory):
+            by_seed |= _lines_of(directory / f"{kind}.jsonl")
+        return list(by_seed.values())
 
     def add(self, kind: str, line: Line) -> None:
         """Append a line; one write, so that two runs may share the directory."""
@@ -50,6 +50,13 @@ class Records:
 
     def _path(self, kind: str) -> Path:
         return self.directory / f"{kind}.jsonl"
+
+
+def _lines_of(path: Path) -> dict[int, Line]:
+    if not path.exists():
+        return {}
+    whole = [_parsed(text) for text in path.read_text(encoding="utf-8").splitlines()]
+    return {line["seed"]: line for line in whole if line}
 
 
 def tally(lines: Iterable[Line]) -> Tally:

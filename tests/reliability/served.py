@@ -30,10 +30,10 @@ class Served:
 
 
 @contextmanager
-def served(work: Path, rig_text: str) -> Iterator[Served]:
-    """Serve `rig_text`; programs take `Served.rig`."""
+def served(work: Path, rig_text: str, *options: str) -> Iterator[Served]:
+    """Serve `rig_text`, with further options of `rigctl simulate`; programs take `Served.rig`."""
     (work / "served.toml").write_text(rig_text, encoding="utf-8")
-    server = Process(work, "simulate", "served.toml", "--json", "--write-rig", "clients.toml")
+    server = Process(work, "simulate", "served.toml", "--json", "--write-rig", "clients.toml", *options)
     try:
         if not until(lambda: server.out.exists() and "\n" in server.out.read_text(), START_S):
             raise RuntimeError(f"rigctl simulate: {server.ended(0.0).err}")

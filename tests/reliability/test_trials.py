@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from tests.reliability import fuzzed_replies
+from tests.reliability.__main__ import table, with_table
 from tests.reliability.bounds import upper_bound
 from tests.reliability.campaigns import SMALL_CAMPAIGNS
 from tests.reliability.commands import Outcome, here
@@ -33,6 +34,16 @@ def test_lines_add_up_over_runs_and_a_torn_one_is_tried_again(tmp_path: Path) ->
     again.add("kind", {"seed": 2, "failed": "broken", "tried": 10, "failures": 3})
     found = tally(again.lines("kind"))
     assert (found.seeds, found.tried, found.failures) == (2, 20, 3)
+
+
+def test_directories_add_up_into_the_table_of_a_page(tmp_path: Path) -> None:
+    Records(tmp_path / "a").add("signals", {"seed": 1, "failed": ""})
+    Records(tmp_path / "b").add("signals", {"seed": 2, "failed": "broken"})
+    rows = table(Records(tmp_path / "a", tmp_path / "b"), ["signals"])
+    assert "| 2 | 2 endings | 1 |" in rows[2]
+    assert with_table(f"Before.\n\n{rows[0]}\n|---|\n| old |\n\nAfter.\n", rows) == "\n".join(
+        ["Before.", "", *rows, "", "After.", ""]
+    )
 
 
 @pytest.mark.parametrize(

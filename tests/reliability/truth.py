@@ -50,8 +50,11 @@ class Truth:
         return self.values[(self.at_s >= from_s) & (self.at_s <= until_s)]
 
 
-def wrong_number(store_path: Path, measured_path: Path) -> str:
+def wrong_number(store_path: Path, measured_path: Path, *, own_clock: bool = False) -> str:
     """The first number in a valid run that no instrument measured; "" when there is none.
+
+    With `own_clock` the rig's clock is another than that of the program, as over wires: each run is laid where its
+    first column is found in what was measured, and all its columns have to be there.
 
     Of telemetry, whose times begin anew with each session, a store has one session.
     """
@@ -63,12 +66,36 @@ def wrong_number(store_path: Path, measured_path: Path) -> str:
         for run in store.runs(valid_only=True):
             samples = store.samples(run.run_id)
             start_s = 0.0 if "t_s" in truths else float(run.conditions["start_s"])
-            wrong = _wrong_sample(
-                samples, start_s, truths, _told_during(samples, start_s, truths, told_s)
-            ) or _wrong_reading(run.conditions, samples, start_s, truths)
+            told = _told_during(samples, start_s, truths, told_s)
+            laid_s = start_s + (_shift_s(samples, start_s, truths) if own_clock else 0.0)
+            wrong = _wrong_sample(samples, laid_s, truths, told) or _wrong_reading(
+                run.conditions, samples, laid_s, truths
+            )
             if wrong:
                 return f"run {run.run_id} is valid and {wrong}"
     return ""
+
+
+def _shift_s(samples: dict[str, FloatArray], start_s: float, truths: dict[str, Truth]) -> float:
+    """How much later than the store's the rig's clock was, by where most samples of the first column agree; or 0."""
+    name = next((name for name in samples if name in truths and name not in DERIVED), None)
+    if name is None:
+        return 0.0
+    values, truth = samples[name], truths[name]
+    at_s = start_s + samples["t_s"]
+    places = [place for place in range(0, len(values), max(len(values) // 5, 1)) if not np.isnan(values[place])]
+    candidates = [
+        float(found_s - at_s[place])
+        for place in places
+        for found_s in truth.at_s[np.isclose(truth.values, values[place], rtol=ROUNDED, atol=0.0)]
+    ]
+
+    def agreeing(shift_s: float) -> int:
+        measured, apart_s = truth.at(at_s + shift_s)
+        near = apart_s <= 0.6 * float(np.median(np.diff(at_s)))
+        return int((near & np.isclose(measured, values, rtol=ROUNDED, atol=0.0)).sum())
+
+    return max(candidates, key=agreeing, default=0.0)
 
 
 def _told_during(
