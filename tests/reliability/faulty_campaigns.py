@@ -56,7 +56,7 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
         "status": outcome.status,
         "message": outcome.message,
         "told": _told(work / "x.rig.sqlite"),
-        "failed": outcome.broken() or _judged(work, faults, over_wires),
+        "failed": outcome.broken() or _not_tried(outcome) or _judged(work, faults, over_wires),
     }
 
 
@@ -78,9 +78,12 @@ def _heard(small: SmallCampaign) -> str:
     return small.rig_text.replace("[world]\n", world, 1)
 
 
+def _not_tried(outcome: Outcome) -> str:
+    """A rig that somebody else on this machine has taken tries nothing: pseudo-terminals are few."""
+    return "nothing was tried: the rig was taken" if "holds these instruments" in outcome.message else ""
+
+
 def _judged(work: Path, faults: Plans, over_wires: bool) -> str:
-    if not (work / "measured.jsonl").read_bytes():
-        return "nothing was tried: no instrument was ever asked"
     store, measured = work / "x.rig.sqlite", work / "measured.jsonl"
     planned = [each.split(" of ")[0] for each in kinds_of(faults)]
     wrong = wrong_number(store, measured, own_clock=over_wires)

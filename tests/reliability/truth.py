@@ -5,6 +5,7 @@ NaN in its place is no wrong number: the sample is missing, which an event has t
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,6 +63,7 @@ def wrong_number(store_path: Path, measured_path: Path, *, own_clock: bool = Fal
         return ""
     truths = _truths(measured_path)
     with Store.open(store_path, readonly=True) as store:
+        missed = any(event.kind == "temperature-missed" for event in store.events())
         told_s = [event.rig_time_s or 0.0 for event in store.events() if event.kind in TELL_OF_MISSING]
         for run in store.runs(valid_only=True):
             samples = store.samples(run.run_id)
@@ -69,7 +71,7 @@ def wrong_number(store_path: Path, measured_path: Path, *, own_clock: bool = Fal
             told = _told_during(samples, start_s, truths, told_s)
             laid_s = start_s + (_shift_s(samples, start_s, truths) if own_clock else 0.0)
             wrong = _wrong_sample(samples, laid_s, truths, told) or _wrong_reading(
-                run.conditions, samples, laid_s, truths
+                run.conditions, samples, laid_s, truths, missed
             )
             if wrong:
                 return f"run {run.run_id} is valid and {wrong}"
@@ -128,13 +130,19 @@ def _wrong_sample(samples: dict[str, FloatArray], start_s: float, truths: dict[s
 
 
 def _wrong_reading(
-    conditions: dict[str, object], samples: dict[str, FloatArray], start_s: float, truths: dict[str, Truth]
+    conditions: dict[str, object],
+    samples: dict[str, FloatArray],
+    start_s: float,
+    truths: dict[str, Truth],
+    missed: bool,
 ) -> str:
     end_s = start_s + float(samples["t_s"][-1])
     for name in READ_ONCE:
         if name not in conditions or name not in truths:
             continue
         told = float(str(conditions[name]))
+        if name == "temperature_c" and math.isnan(told) and missed:
+            continue
         measured = truths[name].between(start_s - AROUND_S, end_s + AROUND_S)
         if not len(measured) or not np.nanmin(measured) - 1e-6 <= told <= np.nanmax(measured) + 1e-6:
             return f"its {name} is {told!r}, which was not measured"
