@@ -1,0 +1,1 @@
+"""A Zaber linear stage: driver and simulator, found by rigctl through entry points."""
