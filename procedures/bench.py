@@ -11,6 +11,7 @@ import numpy as np
 
 from procedures.pace import Pace
 from procedures.run_checks import CapturingStage, Recorders, require_standing, require_steady
+from rigctl.campaign.event_kinds import TEMPERATURE_MISSED
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.recovery import Apparatus
 from rigctl.campaign.run_writer import RunWriter
@@ -239,6 +240,10 @@ class Bench:
         # Every run ends at rest in the middle: the next sets out from there at the same time, a restart included.
         self.rest()
         self.linear.move_to(0.0)
+        if self.thermometer is not None and not np.isfinite(temperature).all():
+            session.event(
+                TEMPERATURE_MISSED, error=f"{self.thermometer.name}: no valid value; is its probe connected?"
+            )
         found: dict[str, Any] = {
             "theta_deg": angle.value,
             "start_s": start_s,

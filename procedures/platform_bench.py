@@ -16,7 +16,7 @@ from procedures.course import Course, Leg
 from procedures.sample_checks import voltages_flaw
 from procedures.stream import Block, FollowingMeter, PacingMeter, Stream
 from procedures.time_table import EARLY_S, Motion, TimeTable, shortest_turn_s
-from rigctl.campaign.event_kinds import FAULT
+from rigctl.campaign.event_kinds import FAULT, TEMPERATURE_MISSED
 from rigctl.campaign.recovery import Apparatus, Faults, require_homed, told
 from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.session import Session
@@ -282,13 +282,15 @@ class _Recording:
         if thermometer is None:
             return math.nan
         try:
-            return thermometer.temperature().value
+            value_c, why = thermometer.temperature().value, f"{thermometer.name}: no valid value"
         except (InstrumentError, LinkError) as error:
-            self._session.event("temperature-missed", error=str(error))
+            value_c, why = math.nan, str(error)
             with suppress(RigError):
                 thermometer.close()
                 thermometer.open()
-            return math.nan
+        if math.isnan(value_c):
+            self._session.event(TEMPERATURE_MISSED, error=why)
+        return value_c
 
     def _fetch(self) -> None:
         blocks = self._stream.fetch()

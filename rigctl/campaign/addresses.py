@@ -125,7 +125,9 @@ def _of_device(path: str) -> Claims:
     names = {f"device {path}", f"device {Path(path).resolve()}"}
     with suppress(OSError):
         found = Path(path).stat()
-        if stat.S_ISCHR(found.st_mode):
+        if Path(path).resolve().parent == PSEUDO_TERMINALS:  # numbers are given again as soon as they are free
+            names = {f"pseudo-terminal {found.st_rdev} made {found.st_ctime_ns}"}
+        elif stat.S_ISCHR(found.st_mode):
             names.add(f"character device {found.st_rdev}")
     return frozenset(map(Claim, names))
 
@@ -141,6 +143,8 @@ def _hosts(name: str) -> set[str]:
         raise ValueError(name)
     return {plain, *(THIS_MACHINE if _is_this_machine(ip) else str(ip) for ip in _looked_up(plain))}
 
+
+PSEUDO_TERMINALS = Path("/dev/pts")
 
 IpAddress = ipaddress.IPv4Address | ipaddress.IPv6Address
 

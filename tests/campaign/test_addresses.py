@@ -131,3 +131,19 @@ def test_a_name_server_that_is_silent_is_not_waited_for(monkeypatch: pytest.Monk
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: answered.wait(60) and [])
     assert {claim.name for claim in claims_of("tcp://Meter:5001")} == {"meter sockets", "meter port 5001"}
     answered.set()
+
+
+def test_a_pseudo_terminal_that_takes_a_number_given_back_is_another() -> None:
+    ours, theirs = os.openpty()
+    path = os.ttyname(theirs)
+    before = claims_of(f"serial:{path}")
+    assert conflict(before, claims_of(f"serial:{path}?baud=9600"))
+    os.close(ours)
+    os.close(theirs)
+    ours, theirs = os.openpty()
+    try:
+        if os.ttyname(theirs) == path:  # unless another program has taken the number
+            assert not conflict(before, claims_of(f"serial:{path}"))
+    finally:
+        os.close(ours)
+        os.close(theirs)

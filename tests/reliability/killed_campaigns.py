@@ -37,7 +37,7 @@ KILLS_AT_MOST = 3
 WORLDS = 3
 """Seeds of nature, so that one undisturbed campaign serves many trials."""
 SERVED_EVERY = 5
-SERVED = ("null-search", "six-mountings", "scan", "quick-check")
+SERVED = ("null-search", "six-mountings", "scan", "quick-check", "bias-rejection")
 """Their results do not depend on when they are measured. A sine tilt's do: what it comes to over a run is another at
 another phase, and a turn that the wall clock delays costs one of its two periods."""
 CLOCK_SPEED = 50.0
