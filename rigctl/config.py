@@ -15,15 +15,16 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError, field_validator
 
 from rigctl.core.bounds import TOML_BYTES, amount
-from rigctl.core.messages import one_line
+from rigctl.core.messages import either, one_line
 from rigctl.core.numbers import MAGNITUDE_MAX
 from rigctl.core.plausible import flaw_of_constant
 from rigctl.core.reading import TooLarge, read_regular
 from rigctl.core.toml import TomlFlaw, parsed
 from rigctl.errors import ConfigError
+from rigctl.experiments import REGISTRY, measured
 from rigctl.experiments.sensing_axis.package import HeadSettings, Package, Table
 
 SIMULATED = "sim:"
@@ -144,7 +145,7 @@ class CampaignFile(Table):
 
     path: Path
     text: str
-    experiment: Literal["sensing-axis", "rotating-platform", "inflight-calibration"]
+    experiment: str
     title: str = ""
     rig: str = ""
     procedure: dict[str, Any]
@@ -152,6 +153,15 @@ class CampaignFile(Table):
     model: ModelTable = ModelTable()
     on_terminal_lost: Literal["continue", "stop"] = "continue"
     reference: ReferenceTable = ReferenceTable()
+
+    @field_validator("experiment")
+    @classmethod
+    def _known(cls, experiment: str) -> str:
+        if experiment in REGISTRY.names():
+            REGISTRY.get(experiment)  # says why it cannot be used
+        if experiment not in measured():
+            raise ValueError(f"input should be {either(map(repr, measured()))}")
+        return experiment
 
     @property
     def rig_path(self) -> Path:

@@ -11,9 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 from rigctl.cli import app
-from rigctl.effects.catalogue import POINTS, SCOPES
+from rigctl.effects.catalogue import SCOPES
 from rigctl.effects.plugins import load
 from rigctl.errors import ConfigError
+from rigctl.experiments import EXPERIMENTS
 from rigctl.experiments.inflight.flight import FlightRun
 from rigctl.experiments.sensing_axis.chain import Runs
 
@@ -46,7 +47,7 @@ def test_the_catalogue_is_listed_as_the_command_gives_it() -> None:
 
 def test_points_scopes_and_fields_are_those_there_are() -> None:
     points = re.findall(r"^\| `(\w+)` \|", section("Points of the chain").split("|---", 1)[1], re.MULTILINE)
-    assert points == [point for of_one in POINTS.values() for point in of_one]
+    assert points == [point for each in EXPERIMENTS.values() for point in each.points]
     assert set(re.findall(r'`"([\w-]+)"`', section("Scopes"))) == set(SCOPES)
     first_cells = " ".join(re.findall(r"^\| (.*?) \|", section("What a run has"), re.MULTILINE))
     for name in re.findall(r"`(\w+)", first_cells):

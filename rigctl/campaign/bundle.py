@@ -15,6 +15,7 @@ from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.campaign.salvage import HEADER_LOST, Salvage
 from rigctl.campaign.store import Store
 from rigctl.errors import DataError
+from rigctl.experiments import of_readings
 from rigctl.interfaces import FloatArray
 
 _PIECE = 1 << 20
@@ -128,7 +129,7 @@ def _saved(salvage: Salvage, header: Header, saved: list[str]) -> Iterator[RunWi
 
 def _write(source: RunSource, runs: Iterator[RunWithSamples], directory: Path) -> None:
     with whole_directory(directory) as partial:
-        write = write_readings if source.header.experiment == "table" else write_runs
+        write = write_readings if of_readings(source.header.experiment) else write_runs
         write(source, runs, partial)
 
 

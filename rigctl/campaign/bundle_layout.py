@@ -10,6 +10,7 @@ from typing import Any
 from rigctl.campaign import unit_checks
 from rigctl.core.numbers import NotMeasurable, decimal_or_missing
 from rigctl.core.plausible import ABSOLUTE_ZERO_C, ANGLE_MAX_DEG, HOTTEST_C
+from rigctl.experiments import experiment_named
 
 _COUNT_MAX = 10**9
 
@@ -33,7 +34,7 @@ class Layout:
     `flaw_of_run` says why a row of runs.csv contradicts itself, None when it does not. `period_of` is the
     time [s] a run must at least last.
     `units_of` compares what was asked for with what the samples show. `handles_missing`: the analysis masks gaps
-    and missing samples itself.
+    and missing samples itself. `patterns`: custom patterns are in patterns.csv.
     """
 
     fields: Mapping[str, Field]
@@ -43,6 +44,7 @@ class Layout:
     units_of: Callable[[Mapping[str, Any], unit_checks.Columns, Mapping[str, float]], unit_checks.UnitFindings]
     constants: tuple[str, ...] = ()
     handles_missing: bool = False
+    patterns: bool = False
 
 
 def number(text: str) -> float:
@@ -198,6 +200,7 @@ ROTATING_PLATFORM = Layout(
         "gain_dm1_z_v_per_m_s2",
     ),
     handles_missing=True,
+    patterns=True,
 )
 
 _UNINJECTED = ("dx", "dz", "dx+dz")
@@ -249,8 +252,8 @@ INFLIGHT = Layout(
     handles_missing=True,
 )
 
-LAYOUTS: Mapping[str, Layout] = {
-    "sensing-axis": SENSING_AXIS,
-    "rotating-platform": ROTATING_PLATFORM,
-    "inflight-calibration": INFLIGHT,
-}
+
+def layout_of(experiment: str) -> Layout | None:
+    """The columns of an experiment's runs; None where a recording is a table of readings."""
+    declared = experiment_named(experiment)
+    return declared.load(declared.columns) if declared.columns else None

@@ -12,7 +12,7 @@ import numpy as np
 
 from rigctl.campaign.bundle_checks import check_samples
 from rigctl.campaign.bundle_files import HEADER_FILE, BundleFiles
-from rigctl.campaign.bundle_layout import LAYOUTS, Field, Layout, face, number
+from rigctl.campaign.bundle_layout import Field, Layout, face, layout_of, number
 from rigctl.campaign.csv_table import CsvTable, numbers_or_text, read_table
 from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id
 from rigctl.campaign.recording_toml import read_header
@@ -39,7 +39,8 @@ class BundleReader:
         self.header = read_header(
             files.place(HEADER_FILE), files.read(HEADER_FILE, TOML_BYTES, "a bundle says there what it holds")
         )
-        if self.header.experiment == "rotating-platform" and "patterns.csv" in files.names:
+        self._layout = layout_of(self.header.experiment)
+        if self._layout is not None and self._layout.patterns and "patterns.csv" in files.names:
             patterns = _read_patterns(
                 read_table(files.place("patterns.csv"), files.read("patterns.csv", TABLE_BYTES), TABLE_ROWS)
             )
@@ -52,22 +53,21 @@ class BundleReader:
 
     def runs(self) -> Iterator[RunWithSamples]:
         """Every run with its samples; `DataError` for the first thing that cannot be accepted."""
-        runs = self._readings() if self.header.experiment == "table" else self._measured()
+        runs = self._readings() if self._layout is None else self._measured(self._layout)
         for record, samples in runs:
             self._count += 1
             if not record.valid:
                 self._invalid.append((record.run_id, record.reason))
             yield record, samples
 
-    def _measured(self) -> Iterator[RunWithSamples]:
-        layout = LAYOUTS[self.header.experiment]
+    def _measured(self, layout: Layout) -> Iterator[RunWithSamples]:
         data = self._files.read("runs.csv", TABLE_BYTES, "add it, one row per run")
         table = read_table(self._files.place("runs.csv"), data, RUNS)
         rows = _run_rows(table, layout, self._warnings)
         self._warn_of_the_header(layout)
         seen: set[str] = set()
         for line, (run_id, conditions) in zip(table.lines, rows, strict=True):
-            if self.header.experiment == "rotating-platform":
+            if layout.patterns:
                 self._require_dwells(table, line, conditions)
             file = read_sample_file(self._files, run_id, line)
             seen.update(file.columns)

@@ -13,8 +13,6 @@ from typing import Any, Protocol, runtime_checkable
 from rigctl.errors import DataError
 from rigctl.interfaces import FloatArray
 
-EXPERIMENTS = ("sensing-axis", "rotating-platform", "inflight-calibration", "table")
-
 READINGS = "readings"
 """The run that holds the readings of a `table` recording: numbers as samples, text columns as conditions."""
 

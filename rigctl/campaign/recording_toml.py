@@ -9,11 +9,13 @@ from typing import Any
 
 from rigctl.campaign.bundle_layout import FACES
 from rigctl.campaign.place import Place
-from rigctl.campaign.recording import EXPERIMENTS, ChannelInfo, Header, LaserInfo, TableSpec
+from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo, TableSpec
 from rigctl.campaign.toml_document import TomlDocument, parse_toml, to_toml
 from rigctl.campaign.units import same_unit, unit_of_column
+from rigctl.core.messages import either
 from rigctl.core.numbers import MAGNITUDE_MAX
 from rigctl.core.plausible import flaw_of_constant
+from rigctl.experiments import EXPERIMENTS, of_readings
 
 FORMAT = 1
 TILT_MAX_DEG = 90.0
@@ -26,11 +28,11 @@ def read_header(place: Place, data: bytes) -> Header:
     document = parse_toml(place, data)
     _require_format(document)
     experiment = document.data.get("experiment")
-    if experiment not in EXPERIMENTS:
+    if not isinstance(experiment, str) or experiment not in EXPERIMENTS:
         what = "is missing" if experiment is None else f"{experiment!r} is unknown"
-        raise document.error(("experiment",), f"{what}; write {', '.join(EXPERIMENTS[:-1])} or {EXPERIMENTS[-1]}")
+        raise document.error(("experiment",), f"{what}; write {either(EXPERIMENTS)}")
     extra = {name: _json(value) for name, value in document.data.items() if name not in _NAMED}
-    if experiment == "table":
+    if of_readings(experiment):
         extra["table"] = _table_spec(document)
     return Header(
         experiment=experiment,

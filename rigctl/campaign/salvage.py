@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.campaign import synced
+from rigctl.campaign.bundle_layout import layout_of
 from rigctl.campaign.checksums import ColumnSums, row_sum
 from rigctl.campaign.header_json import header_from_json
 from rigctl.campaign.ledger import PARTS, Mark
@@ -19,13 +20,13 @@ from rigctl.campaign.recording import READINGS, Header, RunRecord, flaw_of_run_i
 from rigctl.campaign.schema import first_chunk_id
 from rigctl.campaign.sqlite_pages import Cell, Pages, Values
 from rigctl.errors import DataError
+from rigctl.experiments import EXPERIMENTS
 from rigctl.interfaces import FloatArray
 
 HEADER_LOST = "the header was lost: title, constants, channels and lasers are missing, the experiment is a guess"
 
 _FINISHED = "finished"
 _MOST_WAYS = 64
-_EXPERIMENTS = {"axis": "sensing-axis", "pattern": "rotating-platform", "session": "inflight-calibration"}
 _WITHOUT_SUMS, _WITH_SUMS = 8, 10
 _FIRST_CHUNK = first_chunk_id(1)
 
@@ -71,13 +72,14 @@ class Salvage:
     @property
     def guessed(self) -> str:
         """The experiment, as the runs look."""
+        required = {name: _required(name) for name in EXPERIMENTS}
         for run in self._runs.values():
             if run.record.run_id == READINGS:
-                return "table"
-            for name, experiment in _EXPERIMENTS.items():
-                if name in run.record.conditions:
-                    return experiment
-        return "sensing-axis"
+                return next(name for name, columns in required.items() if not columns)
+            for name, columns in required.items():
+                if columns and columns <= run.record.conditions.keys():
+                    return name
+        return next(iter(EXPERIMENTS))
 
     def runs(self) -> Iterator[tuple[RunRecord, Samples]]:
         """The runs that verify, and those cut off as far as they came, in order, with their samples."""
@@ -144,6 +146,12 @@ class Salvage:
         """The copies of a chunk that differ, the newest first."""
         found = [values[1:3] for cell in cells for values in self._pages.values(cell) if _is(values[1:], str, bytes)]
         return list(dict.fromkeys((name, data) for name, data in found)) or [("?", b"")]
+
+
+def _required(experiment: str) -> set[str]:
+    """The conditions that every run of an experiment has."""
+    layout = layout_of(experiment)
+    return {name for name, field in layout.fields.items() if field.required} if layout else set()
 
 
 def _is(values: Values, *kinds: type) -> bool:

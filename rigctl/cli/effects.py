@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigctl.cli.io import Json, Plugins, print_json, say
+from rigctl.cli.io import Json, Plugins, print_json, say, tell
 from rigctl.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
@@ -30,7 +29,10 @@ def effects(
 ) -> None:
     """The catalogue of physical effects, or one of them: equation, parameters, source."""
     from rigctl.effects.catalogue import unknown_effect
+    from rigctl.experiments import REGISTRY
 
+    for flaw in REGISTRY.flaws():
+        tell(flaw)
     known = _known(plugin or ())
     if effect is None:
         if figure is not None:
@@ -55,20 +57,21 @@ def effects(
 
 def _known(plugins: Sequence[Path]) -> list[Effect]:
     """Every experiment's effects: an id may mean one thing here and another there."""
-    from rigctl.effects.catalogue import POINTS, catalogue
+    from rigctl.effects.catalogue import catalogue
+    from rigctl.experiments import EXPERIMENTS
 
     found: list[Effect] = []
     if plugins:
         from rigctl.effects.plugins import load
 
         found = [each for path in plugins for each in load(path).effects.values()]
-    return [each for experiment in POINTS for each in catalogue(experiment, found).values()]
+    return [each for experiment in EXPERIMENTS for each in catalogue(experiment, found).values()]
 
 
 def _experiment(effect: Effect) -> str:
-    from rigctl.effects.catalogue import POINTS
+    from rigctl.effects.catalogue import experiment_of
 
-    return next(name for name, points in POINTS.items() if effect.on in points)
+    return experiment_of(effect).id
 
 
 def _told(effect: Effect) -> dict[str, Any]:
@@ -115,29 +118,20 @@ def _print_effect(effect: Effect) -> None:
 
 
 def _draw(effect: Effect, path: Path) -> None:
+    from rigctl.effects.catalogue import experiment_of
     from rigctl.effects.trial import columns_of
 
-    if _experiment(effect) == "table":
-        raise DataError(f"'{effect.id}' has no signature of its own: it depends on the table it is added to")
     if columns := columns_of(effect):
         raise DataError(
             f"'{effect.id}' needs {', '.join(columns)} of a recording: without, it has no signature to draw; "
             "`rigctl report` draws a store's residuals against such columns"
         )
-    signature = _SIGNATURES.get(_experiment(effect))
-    if signature is None:
+    experiment = experiment_of(effect)
+    if not experiment.signature:
         raise DataError(
-            f"'{effect.id}' has no figure: no signature is drawn for effects of {_experiment(effect)}; "
+            f"'{effect.id}' has no figure: no signature is drawn for effects of {experiment.id}; "
             "`rigctl report` draws what is left in a store's runs with and without it"
         )
     from rigctl.report.figure_data import svg_document
 
-    plate = importlib.import_module(signature).signature_plate(effect)
-    path.write_text(svg_document(plate), encoding="utf-8")
-
-
-_SIGNATURES = {
-    "sensing-axis": "rigctl.report.figure_signature",
-    "rotating-platform": "rigctl.report.figure_platform_signature",
-}
-"""Where the signature of an experiment's effects is drawn."""
+    path.write_text(svg_document(experiment.load(experiment.signature)(effect)), encoding="utf-8")

@@ -56,9 +56,10 @@ def import_(
 def _read(store: Store, report: ImportReport) -> str:
     """What was read: runs, or the rows of a table, which are one run."""
     from rigctl.campaign.recording import READINGS
+    from rigctl.experiments import of_readings
     from rigctl.report.quantities import counted
 
-    if store.header.experiment == "table":
+    if of_readings(store.header.experiment):
         rows = max(map(len, store.samples(READINGS).values()), default=0)
         return f"{counted(rows, 'row')} read into {store.path}"
     return f"{counted(report.runs, 'run')} read into {store.path}, {len(report.invalid)} of them invalid"

@@ -52,12 +52,15 @@ class Listing:
 
 def entries(text: str) -> list[Entry | Listing]:
     """The keys a campaign file may have, table by table, with what it says; what is not TOML says nothing."""
+    from rigctl.experiments import measured
+
     data = _tables(text)
     found: list[Entry | Listing] = []
     for table, model in _models(data).items():
         said = data.get(table, {}) if table else data
         for key, field in model.model_fields.items():
             choices, words, listed = _kind(field.annotation)
+            choices = tuple(measured()) if (table, key) == ("", "experiment") else choices
             if not table and key in {"path", "text"}:
                 continue
             if any(isinstance(each, type) and issubclass(each, BaseModel) for each in _parts(field.annotation)):

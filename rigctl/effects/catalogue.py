@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import importlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from inspect import unwrap
@@ -13,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import ConfigError, DataError, RigError
+from rigctl.experiments import EXPERIMENTS
+from rigctl.experiments.declaration import Experiment
 
 FloatArray = NDArray[np.float64]
 
@@ -24,32 +25,6 @@ SCOPES: tuple[str, ...] = get_args(Scope)
 
 Need = Literal["temperature", "approach", "time"]
 """A condition without which an effect cannot be asked about."""
-
-_MODULES = {
-    "sensing-axis": "rigctl.effects.sensing_axis",
-    "rotating-platform": "rigctl.effects.rotating_platform",
-    "inflight-calibration": "rigctl.effects.inflight",
-}
-
-POINTS: Mapping[str, tuple[str, ...]] = {
-    "sensing-axis": (
-        "motion_m",
-        "angle_rad",
-        "null_rad",
-        "specific_force_m_s2",
-        "sensor_output_v",
-        "laser_m",
-    ),
-    "rotating-platform": ("platform_angle_rad", "force_m_s2", "reading_m_s2"),
-    "inflight-calibration": ("gradient_1_s2", "off_centring_m", "mass_force_m_s2", "measured_m_s2"),
-    "table": ("response",),
-}
-"""Where an effect may act, by experiment, in the order in which a signal passes.
-
-Sensing axis: `motion_m` and `angle_rad` are those of sensor and cube alike; `null_rad` is theta0, which only the
-sensor has; `specific_force_m_s2` is what varies along the sensing axis, `laser_m` what one head reads of the motion.
-Rotating platform: `force_m_s2` acts along a sensing axis, `reading_m_s2` is the calibrated reading, bias included.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +106,10 @@ def catalogue(experiment: str, plugins: Sequence[Effect] = ()) -> dict[str, Effe
 
     Raises `ConfigError` when two share an id.
     """
-    points = POINTS.get(experiment, ())
-    known = {each.id: each for each in _own(experiment)}
+    declared = EXPERIMENTS[experiment]
+    known = {each.id: each for each in _own(declared)}
     for each in plugins:
-        if each.on not in points:
+        if each.on not in declared.points:
             continue
         if each.id in known:
             raise ConfigError(f"two effects are called '{each.id}': give the plug-in's another id")
@@ -179,5 +154,10 @@ def effects_in(module: Any) -> tuple[Effect, ...]:
     return tuple(each for each in vars(module).values() if isinstance(each, Effect))
 
 
-def _own(experiment: str) -> tuple[Effect, ...]:
-    return effects_in(importlib.import_module(_MODULES[experiment])) if experiment in _MODULES else ()
+def experiment_of(effect: Effect) -> Experiment:
+    """The experiment on whose chain an effect acts; points are named so that there is one."""
+    return next(each for each in EXPERIMENTS.values() if effect.on in each.points)
+
+
+def _own(experiment: Experiment) -> tuple[Effect, ...]:
+    return effects_in(experiment.load(experiment.effects)) if experiment.effects else ()

@@ -8,7 +8,8 @@ import math
 import re
 from collections.abc import Collection
 
-from rigctl.effects.catalogue import POINTS, SCOPES, Effect
+from rigctl.effects.catalogue import SCOPES, Effect, experiment_of
+from rigctl.experiments import EXPERIMENTS
 
 _BASE = {
     *("m", "g", "s", "A", "K", "mol", "cd", "rad", "sr", "Hz", "N", "Pa", "J", "W", "C", "V", "F", "ohm", "Ohm", "Ω"),
@@ -26,18 +27,17 @@ _WORD = re.compile(r"(?P<symbol>1|%|°|[^\W\d_]+0?|°C)(?:\^|\*\*)?(?P<power>-?\
 
 def flaw_of_declaration(effect: Effect) -> str | None:
     """What is wrong with it, with the mend; None when nothing is."""
-    points = [point for of_one in POINTS.values() for point in of_one]
+    points = [point for each in EXPERIMENTS.values() for point in each.points]
     if effect.on not in points:
         return f"on = {effect.on!r} is no point of the chain; use one of: {', '.join(points)}"
     if effect.scope not in SCOPES:
         return f"scope = {effect.scope!r} is none; use one of: {', '.join(SCOPES)}"
     if effect.scope == "head" and effect.on != "laser_m":
         return f"scope 'head' goes with on = 'laser_m', not '{effect.on}'"
-    scopes = ("recording", "channel") if effect.on in POINTS["rotating-platform"] else set(SCOPES) - {"channel"}
-    if effect.scope not in scopes:
-        return f"scope '{effect.scope}' does not go with on = '{effect.on}': the platform alone has channels"
-    if effect.on == "response" and effect.scope != "recording":
-        return "an effect on 'response' has the scope 'recording': a table has no axes and no heads"
+    experiment = experiment_of(effect)
+    if effect.scope not in experiment.scopes:
+        scopes = ", ".join(experiment.scopes)
+        return f"scope '{effect.scope}' does not go with on = '{effect.on}': {experiment.id} has {scopes}"
     if effect.scanned or effect.needs:
         return "scanned and needs are for the catalogue's own effects; leave them out"
     return _flaw_of_parameters(effect)

@@ -15,12 +15,13 @@ from typing import Any
 from rigctl.core.bounds import PLUGIN_BYTES
 from rigctl.core.messages import one_line
 from rigctl.core.reading import read_regular
-from rigctl.effects.catalogue import POINTS, Effect, FloatArray, catalogue, effects_in, line_of, said
+from rigctl.effects.catalogue import Effect, FloatArray, catalogue, effects_in, line_of, said
 from rigctl.effects.declaration import flaw_of_declaration
 from rigctl.effects.rehearsal import rehearse
 from rigctl.effects.trial import flaw_of_function
 from rigctl.effects.watch import CALL_PATIENCE_S, WATCH, Overdue
 from rigctl.errors import ConfigError, PluginError
+from rigctl.experiments import EXPERIMENTS
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def executed(path: Path, source: bytes) -> ModuleType:
 def _flaw_of_id(effect: Effect, before: Mapping[str, Effect]) -> str | None:
     if effect.id in before:
         return "there are two of this id in the file; rename one"
-    if any(effect.id in catalogue(name) for name, points in POINTS.items() if effect.on in points):
+    if any(effect.id in catalogue(name) for name, each in EXPERIMENTS.items() if effect.on in each.points):
         return "rigctl has an effect of this id; choose another"
     return None
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from rigctl.errors import DataError
+from rigctl.errors import ConfigError, DataError
+from rigctl.experiments import EXPERIMENTS, experiment_named
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -135,23 +136,12 @@ class Kind(Protocol):
 
 def kind_of(experiment: str, path: Path | str = "") -> Kind:
     """The experiment named in a store, a bundle or a campaign file (`path`); `DataError` for one nobody knows."""
-    if experiment == "sensing-axis":
-        from rigctl.kinds import sensing_axis
-
-        return sensing_axis
-    if experiment == "rotating-platform":
-        from rigctl.kinds import rotating_platform
-
-        return rotating_platform
-    if experiment == "inflight-calibration":
-        from rigctl.kinds import inflight
-
-        return inflight
-    if experiment == "table":
-        from rigctl.kinds import table
-
-        return table
-    raise DataError(f"{path}: there is neither procedure nor model for '{experiment}' yet")
+    try:
+        declared = experiment_named(experiment)
+        kind: Kind = declared.load(declared.application)
+    except (ConfigError, DataError) as error:
+        raise DataError(f"{path}: {error}") from None
+    return kind
 
 
 def settings_of(experiment: str, procedure: Mapping[str, Any]) -> Mapping[str, type[BaseModel]]:
@@ -159,16 +149,9 @@ def settings_of(experiment: str, procedure: Mapping[str, Any]) -> Mapping[str, t
 
     `procedure` is that table as far as it is written; an experiment nobody knows has none.
     """
-    if experiment == "sensing-axis":
-        from procedures import tables
-
-        return {"procedure": tables.Procedure, "targets": tables.Targets}
-    if experiment == "rotating-platform":
-        from procedures import platform_tables
-
-        return {"procedure": platform_tables.Procedure}
-    if experiment == "inflight-calibration":
-        from procedures import inflight
-
-        return {"procedure": inflight.MonteCarlo if procedure.get("name") == "monte-carlo" else inflight.Calibration}
-    return {}
+    if experiment not in EXPERIMENTS:
+        return {}
+    declared = EXPERIMENTS[experiment]
+    other = declared.procedures.get(str(procedure.get("name")))
+    references = {**declared.tables, "procedure": other} if other else declared.tables
+    return {table: declared.load(reference) for table, reference in references.items()}

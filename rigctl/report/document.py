@@ -10,6 +10,7 @@ from typing import Any
 
 from rigctl.campaign.status import repeats_in
 from rigctl.errors import UNFIT, ConfigError, DataError
+from rigctl.experiments import of_readings
 from rigctl.kinds import Drawn, kind_of
 from rigctl.report import html
 from rigctl.report.figure_data import Plate
@@ -194,7 +195,7 @@ def page(evidence: Evidence) -> str:
 
 
 def _amount(evidence: Evidence) -> str:
-    if evidence.experiment == "table":
+    if of_readings(evidence.experiment):
         return counted(evidence.data, "reading")
     return f"{counted(evidence.data, 'datum', 'data')} of {counted(evidence.runs, 'run')}"
 

@@ -25,6 +25,12 @@ HEADER_FLAWS = [
         "inflight-calibration or table",
     ),
     (
+        '"sensing-axis"',
+        "[1]",
+        "recording.toml, line 2: experiment [1] is unknown; write sensing-axis, "
+        "rotating-platform, inflight-calibration or table",
+    ),
+    (
         'experiment = "sensing-axis"\n',
         "",
         "recording.toml: experiment is missing; write sensing-axis, rotating-platform, inflight-calibration or table",

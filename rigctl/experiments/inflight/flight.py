@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rigctl.effects.catalogue import Effect
+from rigctl.effects.trial import AnyColumns
 from rigctl.errors import DataError
 from rigctl.experiments.inflight.reduction import ReducedRun
 from rigctl.experiments.inflight.series import GRADIENTS, INDEX, SERIES
@@ -102,8 +103,8 @@ def flight_run(run: ReducedRun, point: str) -> FlightRun:
     )
 
 
-def made_up_flight(point: str, columns: Mapping[str, FloatArray]) -> FlightRun:
-    """A run of a moved mass, every column filled, to try effects out on; as long as `columns` are."""
+def trial_run(point: str) -> FlightRun:
+    """A run of a moved mass, every column filled, to try effects out on."""
     rng = np.random.default_rng(1)
     session = Session("k2c_1", 5950.0, 4.0, 9e-3, 9e-6)
     t_s = np.linspace(0.0, 50.0 * _MADE_UP, _MADE_UP)
@@ -125,7 +126,7 @@ def made_up_flight(point: str, columns: Mapping[str, FloatArray]) -> FlightRun:
         moved=moved + 0.5 * moved[::-1],
         moved_speed=speed + 0.5 * speed[::-1],
         temperature=1e-3 * rng.standard_normal((2, _MADE_UP)),
-        columns=columns,
+        columns=AnyColumns((_MADE_UP,)),
         signal={
             MEASURED_POINT: measured,
             FORCE_POINT: measured,

@@ -1,1 +1,11 @@
 """Anybody's calibration: a table of readings, and an expression for what is believed of them."""
+
+from rigctl.experiments.declaration import Experiment
+
+EXPERIMENT = Experiment(
+    id="table",
+    application="rigctl.kinds.table",
+    points=("response",),
+    trial_run="rigctl.experiments.table.trial_run:trial_run",
+    rank=4,
+)

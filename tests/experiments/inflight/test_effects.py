@@ -123,9 +123,9 @@ def test_data_move_as_the_derivative_says(flight, instrument, plain, name):
 
 def test_the_oblateness_of_the_earth_is_a_harmonic_field():
     """Its part of the gradient has no trace, and is symmetric, for any direction of the pole."""
-    from rigctl.experiments.inflight.flight import made_up_flight
+    from rigctl.experiments.inflight.flight import trial_run
 
-    run = made_up_flight("gradient_1_s2", {})
+    run = trial_run("gradient_1_s2")
     pole = np.array([0.3, -0.2, 0.9])
     pole /= np.linalg.norm(pole)
     products = 1e-3 * np.outer(pole, pole)

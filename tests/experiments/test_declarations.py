@@ -1,0 +1,76 @@
+"""What an experiment says of itself: ours and others' in the same way, each reference leading somewhere."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rigctl import config
+from rigctl.campaign.bundle_layout import Layout, layout_of
+from rigctl.core import entry_points as registered
+from rigctl.errors import ConfigError, DataError
+from rigctl.experiments import CONTRACT, EXPERIMENTS, REGISTRY, Experiments, experiment_named
+from rigctl.kinds import Kind, kind_of
+
+ROOT = Path(__file__).parents[2]
+OURS = ["sensing-axis", "rotating-platform", "inflight-calibration", "table"]
+
+MODULE = f"""\
+from rigctl.experiments.declaration import Experiment
+
+TUMBLE = Experiment("tumble-test", "lab", ("tumble_v",), "lab:run")
+TABLE = Experiment("table", "lab", ("twin_v",), "lab:run")
+FUTURE = Experiment("future", "lab", ("future_v",), "lab:run", contract={CONTRACT + 1})
+"""
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A package of another laboratory, installed."""
+    (tmp_path / "lab.py").write_text(MODULE)
+    about = tmp_path / "lab-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n")
+    points = "tumble-test = lab:TUMBLE\ntable = lab:TABLE\nfuture = lab:FUTURE\n"
+    (about / "entry_points.txt").write_text(f"[{REGISTRY.group}]\n{points}")
+    monkeypatch.syspath_prepend(tmp_path)
+    registered._points.cache_clear()
+    yield tmp_path
+    registered._points.cache_clear()
+
+
+def test_ours_are_registered_as_those_of_others_and_each_reference_leads_somewhere() -> None:
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]
+    assert list(EXPERIMENTS) == list(listed[REGISTRY.group]) == OURS
+    functions = {name for name in vars(Kind) if not name.startswith("_")}
+    for each in EXPERIMENTS.values():
+        assert functions <= set(dir(kind_of(each.id)))
+        assert isinstance(layout_of(each.id), Layout) == bool(each.columns)
+        for reference in (
+            each.trial_run,
+            each.effects,
+            each.signature,
+            *each.tables.values(),
+            *each.procedures.values(),
+        ):
+            assert not reference or each.load(reference) is not None
+    points = [point for each in EXPERIMENTS.values() for point in each.points]
+    assert len(points) == len(set(points))
+
+
+def test_what_another_package_installs_is_there_and_of_two_of_one_name_there_is_none(lab: Path) -> None:
+    found = Experiments()
+    assert list(found) == [*OURS[:3], "tumble-test"]
+    assert found["tumble-test"].points == ("tumble_v",)
+    with pytest.raises(DataError, match=r"'table' is registered by rigctl .* and lab .*; uninstall one"):
+        experiment_named("table")
+    with pytest.raises(ConfigError, match=f"'future' of lab was written for contract {CONTRACT + 1}"):
+        config.parse_campaign('experiment = "future"\n[procedure]\n', Path("a.toml"))
+
+
+def test_an_experiment_that_is_not_there_is_refused() -> None:
+    with pytest.raises(DataError, match=r"a\.db: unknown rigctl\.experiments 'tumble-test'; one of"):
+        kind_of("tumble-test", "a.db")
