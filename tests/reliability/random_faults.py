@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from rigctl import config
@@ -12,11 +12,13 @@ from simulators.faults import FaultPlan, random_plans
 Plans = Mapping[str, FaultPlan]
 
 
-def random_faults(seed: int, rig: Path, *, length_s: float, replies: int, faults: int) -> Plans:
-    """Plans by instrument."""
+def random_faults(
+    seed: int, rig: Path, *, length_s: float, replies: int, faults: int, never: Collection[str] = ()
+) -> Plans:
+    """Plans by instrument, of all kinds of fault but `never`."""
     drivers = {name: driver.declaration for name, driver in drivers_of(config.read_rig(rig)).items()}
     possible = {
-        name: simulator_of(driver).possible_faults(serial=driver.serial_baud is not None)
+        name: set(simulator_of(driver).possible_faults(serial=driver.serial_baud is not None)).difference(never)
         for name, driver in drivers.items()
     }
     return random_plans(seed, possible, length_s=length_s, replies=replies, faults=faults)

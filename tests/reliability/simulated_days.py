@@ -27,6 +27,8 @@ DEADLINE_S = 600.0
 
 DAY_S = 86_400.0
 FAULTS_A_DAY = 8
+NEED_A_PERSON = ("emergency_stop", "limit_hit")
+"""After these nothing moves again unattended, and a simulated instrument meets them again at the same rig time."""
 RESUMED_AT_MOST = 10
 LOOK_EVERY_S = 0.2
 GROWTH_MB = 40.0
@@ -116,7 +118,9 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
     (work / "campaign.toml").write_text(campaign, encoding="utf-8")
     text = (SHIPPED / rig).read_text(encoding="utf-8")
     (work / "rig.toml").write_text(text, encoding="utf-8")
-    faults = random_faults(seed, work / "rig.toml", length_s=DAY_S, replies=40_000, faults=FAULTS_A_DAY)
+    faults = random_faults(
+        seed, work / "rig.toml", length_s=DAY_S, replies=40_000, faults=FAULTS_A_DAY, never=NEED_A_PERSON
+    )
     world = '[world]\nmeasured = "measured.jsonl"\n' + ("" if rig == PLATFORM_RIG else f"remount_s = {HANDS_S}\n")
     heard = text.replace("[world]\n", world, 1)
     (work / "rig.toml").write_text(heard + as_toml(faults), encoding="utf-8")
