@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from rigctl.errors import LinkLost
-from simulators.benches import BENCHES, Bench
+from rigctl.errors import ConfigError, LinkLost
+from simulators.benches import WORLDS, Bench
 from simulators.clock import SimulationClock
 from simulators.declaration import DrawsNoise, Site, Spec
 from simulators.faults import FaultPlan, FaultyInstrument
@@ -168,10 +168,13 @@ def _plan(name: str, spec: Spec) -> FaultPlan:
 
 def _bench(world: Mapping[str, Any], clock: SimulationClock, pace: TriggerLine) -> Bench:
     kind = world.get("kind", "sensing-axis")
-    if kind not in BENCHES:
-        raise ValueError(f"world.kind '{kind}' is unknown; one of {', '.join(BENCHES)}")
-    model, bench = BENCHES[kind]
-    return bench(_checked(model, world, "world"), clock, pace)
+    if kind not in WORLDS.names():
+        raise ValueError(f"world.kind '{kind}' is unknown; one of {', '.join(WORLDS.names())}")
+    try:
+        declared = WORLDS.get(kind)
+    except ConfigError as error:
+        raise ValueError(f"world.kind: {error}") from None
+    return declared.build(_checked(declared.settings, world, "world"), clock, pace)
 
 
 Settings = TypeVar("Settings", bound=BaseModel)

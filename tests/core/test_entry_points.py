@@ -15,6 +15,7 @@ from rigctl.core.declarations import DriverDeclaration
 from rigctl.core.entry_points import Registry
 from rigctl.errors import ConfigError
 from rigctl.rig import DRIVERS
+from simulators.benches import WORLDS
 
 ROOT = Path(__file__).parent.parent.parent
 MODULE = """
@@ -84,9 +85,9 @@ def test_a_bad_package_stops_nobody_else(drivers: Registry[DriverDeclaration]) -
 
 def test_a_source_tree_has_what_its_own_pyproject_says() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    ours = project["entry-points"]["rigctl.drivers"]
-    assert set(ours) <= set(DRIVERS.names())
-    assert not DRIVERS.flaws()
+    for registry in (DRIVERS, WORLDS):
+        assert set(project["entry-points"][registry.group]) <= set(registry.names())
+        assert not registry.flaws()
 
 
 def test_only_what_a_rig_uses_is_imported() -> None:
