@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from tests.reliability.campaigns import SHIPPED
-from tests.reliability.commands import here
-from tests.reliability.random_faults import as_toml, kinds_of, random_faults
+from tests.reliability.commands import Outcome, here
+from tests.reliability.random_faults import Plans, as_toml, kinds_of, random_faults
 from tests.reliability.truth import wrong_number
 
 PROMISE = (
@@ -30,6 +30,9 @@ FAULTS_A_DAY = 8
 NEED_A_PERSON = ("emergency_stop", "limit_hit")
 """After these nothing moves again unattended, and a simulated instrument meets them again at the same rig time."""
 RESUMED_AT_MOST = 10
+DRAWS_AT_MOST = 5
+NEXT_DRAW = 1_000_000
+"""From the seed of one draw of faults to that of the next: beyond the seeds of all days."""
 LOOK_EVERY_S = 0.2
 GROWTH_MB = 40.0
 MORE_FILES = 4
@@ -116,30 +119,52 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
     """One day of one experiment, resumed by its operator whenever it ends before its time."""
     rig, campaign = DAYS[seed % len(DAYS)]
     (work / "campaign.toml").write_text(campaign, encoding="utf-8")
-    text = (SHIPPED / rig).read_text(encoding="utf-8")
-    (work / "rig.toml").write_text(text, encoding="utf-8")
-    faults = random_faults(
-        seed, work / "rig.toml", length_s=DAY_S, replies=40_000, faults=FAULTS_A_DAY, never=NEED_A_PERSON
-    )
-    world = '[world]\nmeasured = "measured.jsonl"\n' + ("" if rig == PLATFORM_RIG else f"remount_s = {HANDS_S}\n")
-    heard = text.replace("[world]\n", world, 1)
-    (work / "rig.toml").write_text(heard + as_toml(faults), encoding="utf-8")
     store = work / "x.rig.sqlite"
     with _watched(store) as watch:
-        outcomes = [here(work, "run", "campaign.toml", "--store", store, "--yes", "--seed", seed)]
-        while outcomes[-1].status and store.exists() and len(outcomes) <= RESUMED_AT_MOST:
+        refused, faults = begun(seed, rig, work)
+        outcomes = list(refused)
+        while outcomes[-1].status and store.exists() and len(outcomes) - len(refused) < RESUMED_AT_MOST:
             outcomes.append(here(work, "resume", store, "--yes"))
     broken = next((broken for outcome in outcomes if (broken := outcome.broken())), "")
     told = {
         "rig": rig,
         "faults": kinds_of(faults),
-        "resumed": len(outcomes) - 1,
+        "refused": len(refused) - 1,
+        "resumed": len(outcomes) - len(refused),
         "messages": [outcome.message for outcome in outcomes if outcome.status],
         "runs": _finished(store),
         "resident_mb": round(max((row[1] for row in watch.seen), default=0.0), 1),
     }
     failed = broken or watch.grown() or _unaccounted(work, store) or wrong_number(store, work / "measured.jsonl")
     return {**told, "failed": failed}
+
+
+def begun(seed: int, rig: str, work: Path) -> tuple[list[Outcome], Plans]:
+    """Start the day's campaign; how each attempt ended, and the faults of the last one.
+
+    A fault in the first exchanges ends the command before there is a store: such a day has not begun, and is begun
+    again with the faults drawn next.
+    """
+    store, measured = work / "x.rig.sqlite", work / "measured.jsonl"
+    outcomes: list[Outcome] = []
+    faults: Plans = {}
+    for draw in range(DRAWS_AT_MOST):
+        measured.unlink(missing_ok=True)
+        faults = _with_faults(seed + draw * NEXT_DRAW, rig, work)
+        outcomes.append(here(work, "run", "campaign.toml", "--store", store, "--yes", "--seed", seed))
+        if store.exists() or outcomes[-1].broken():
+            break
+    return outcomes, faults
+
+
+def _with_faults(draw: int, rig: str, work: Path) -> Plans:
+    """The rig file of a day with the faults of this draw."""
+    text, file = (SHIPPED / rig).read_text(encoding="utf-8"), work / "rig.toml"
+    file.write_text(text, encoding="utf-8")
+    faults = random_faults(draw, file, length_s=DAY_S, replies=40_000, faults=FAULTS_A_DAY, never=NEED_A_PERSON)
+    world = '[world]\nmeasured = "measured.jsonl"\n' + ("" if rig == PLATFORM_RIG else f"remount_s = {HANDS_S}\n")
+    file.write_text(text.replace("[world]\n", world, 1) + as_toml(faults), encoding="utf-8")
+    return faults
 
 
 @contextmanager
@@ -177,6 +202,8 @@ def _finished(store: Path) -> int:
 
 def _unaccounted(work: Path, store: Path) -> str:
     """Runs that were planned and are neither there nor said to be missing."""
+    if not store.exists():
+        return f"the day had not begun after {DRAWS_AT_MOST} draws of faults"
     status = here(work, "status", store, "--json")
     if status.status:
         return f"status: {status.message}"

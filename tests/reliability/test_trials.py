@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from tests.reliability import fuzzed_replies
+from simulators.faults import FaultPlan
+from tests.reliability import fuzzed_replies, simulated_days
 from tests.reliability.__main__ import table, with_table
 from tests.reliability.bounds import upper_bound
 from tests.reliability.campaigns import SMALL_CAMPAIGNS
@@ -121,3 +122,22 @@ def test_every_driver_is_answered_from_what_its_simulator_says(
     assert found["failed"] == ""
     assert found["tried"] > 1000
     assert len(found["refused"]) >= 10
+
+
+def test_a_day_that_a_fault_refused_is_begun_again_with_other_faults(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulated_days, "_with_faults", lambda draw, rig, work: {str(draw): FaultPlan()})
+
+    def refused_twice(work: Path, *arguments: object) -> Outcome:
+        tried.append(arguments)
+        if len(tried) == 3:
+            (work / "x.rig.sqlite").touch()
+        return Outcome(int(len(tried) < 3), "", "stage: no connection; check power")
+
+    tried: list[tuple[object, ...]] = []
+    monkeypatch.setattr(simulated_days, "here", refused_twice)
+    outcomes, faults = simulated_days.begun(13, "any", tmp_path)
+    assert [outcome.status for outcome in outcomes] == [1, 1, 0]
+    assert list(faults) == ["2000013"]
+    assert len({arguments for arguments in tried}) == 1
