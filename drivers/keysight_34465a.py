@@ -29,6 +29,7 @@ OVERLOAD = 9.9e37
 """Overloads are +-9.9E37 and not-a-number is 9.91E37."""
 CHUNK = 5000
 """Readings per R?: 80 kB as doubles, 0.1 s of the fastest record."""
+SCALING_QUESTION = "CALC:SCAL:STAT?"
 TIMING_VIOLATION, MEMORY_OVERFLOW = 1 << 2, 1 << 14
 """Bits of the questionable register."""
 PROBES = {"frtd": "FRTD,85", "rtd": "RTD,85", "fthermistor": "FTH,5000", "thermistor": "THER,5000"}
@@ -99,6 +100,16 @@ class Keysight34465A:
             if self._link.query_whole("*OPC?") != 1:
                 raise InstrumentError(f"{self.name}: not idle after ABOR; look at its panel", instrument=self.name)
 
+    def _configure(self, *commands: str) -> None:
+        """Set up a measurement, without the scaling that another client may have switched on: CONF leaves it on.
+
+        The error queue is asked last: its reply can be taken for no reading, as that of the scaling could.
+        """
+        self._link.send(*commands)
+        if self._link.query_whole(SCALING_QUESTION):
+            self._link.send("CALC:SCAL:STAT OFF")
+        self._link.check(f"after {'; '.join(commands)}")
+
     def _read_one(self, unit: str, extra_s: float) -> Reading:
         value = self._link.query_number("READ?", extra_s)
         return Reading(math.nan if abs(value) >= OVERLOAD else value, unit, self._clock.now_s())
@@ -136,7 +147,7 @@ class _Voltmeter(Keysight34465A):
                 instrument=self.name,
             )
         self._remaining = 0
-        self._link.configure(*self._measurement(), "FORM:DATA ASC")
+        self._configure(*self._measurement(), "FORM:DATA ASC")
         return self._read_one("V", 2 * self.settings.aperture_s)
 
     @property
@@ -197,6 +208,10 @@ class _Voltmeter(Keysight34465A):
 
     def _finish(self) -> None:
         self._check_record()
+        if self._link.query_whole(SCALING_QUESTION):
+            self._fail(
+                "scaling was switched on (CALC:SCAL) while it measured; leave its panel alone, and keep others off it"
+            )
         self._link.check("at the end of the record")
         self._recording = False
 
@@ -260,7 +275,7 @@ class PacingVoltmeter(_Voltmeter):
         period below the aperture, or one that is no whole number of the timer's 1 us steps.
         """
         self._check_limits(samples, period_s)
-        self._link.configure("ABOR", "*CLS", *self._measurement(), "SAMP:SOUR TIM")
+        self._configure("ABOR", "*CLS", *self._measurement(), "SAMP:SOUR TIM")
         self._check_interval(period_s)
         self._link.configure(
             f"SAMP:TIM {period_s:.6f}", f"SAMP:COUN {samples}", *self._transfer(), "TRIG:SOUR BUS", "INIT"
@@ -323,7 +338,7 @@ class PacedVoltmeter(_Voltmeter):
         return rows
 
     def _follow(self, samples: int, period_s: float) -> None:
-        self._link.configure("ABOR", "*CLS", *self._measurement())
+        self._configure("ABOR", "*CLS", *self._measurement())
         self._check_interval(period_s)
         self._grace_s = 2 * self.settings.aperture_s + abs(self.settings.latency_s) + min(period_s, 0.5)
         self._initiate(
@@ -375,7 +390,7 @@ class MeterThermometer(Keysight34465A):
         reference: tuple[str, ...] = ()
         if s.probe in ("frtd", "rtd"):
             reference = (f"SENS:TEMP:TRAN:{s.probe.upper()}:RES {s.reference_ohm:g}",)
-        self._link.configure(f"CONF:TEMP {PROBES[s.probe]}", *reference, "UNIT:TEMP C", "FORM:DATA ASC")
+        self._configure(f"CONF:TEMP {PROBES[s.probe]}", *reference, "UNIT:TEMP C", "FORM:DATA ASC")
         return self._read_one("degC", TEMPERATURE_READING_S)
 
 

@@ -67,6 +67,10 @@ class Configuration:
     timer_s: float = 1.0
     data_format: str = "ASC"
     byte_order: str = "NORM"
+    scaling: bool = False
+    scaling_function: str = ""
+    scaling_gain: float = 1.0
+    scaling_offset: float = 0.0
     display: bool = True
     display_text: str = ""
 

@@ -10,6 +10,7 @@ from simulators.faults.when import Event
 from simulators.keysight_34465a.acquisition_commands import AcquisitionCommands
 from simulators.keysight_34465a.measurement_commands import MeasurementCommands
 from simulators.keysight_34465a.meter import Meter
+from simulators.keysight_34465a.scaling_commands import scaling_commands
 from simulators.keysight_34465a.settings import MeterSettings
 from simulators.keysight_34465a.system_commands import system_commands
 from simulators.measured import Tap, unheard
@@ -44,7 +45,12 @@ class Simulated34465A:
         acquisition = AcquisitionCommands(self._meter, measurement)
         self._shell = ScpiShell(
             clock,
-            (*system_commands(self._meter, settings), *measurement.table(), *acquisition.table()),
+            (
+                *system_commands(self._meter, settings),
+                *measurement.table(),
+                *scaling_commands(self._meter),
+                *acquisition.table(),
+            ),
             busy=lambda: not self._meter.idle,
             idle_s=self._meter.idle_s,
             questionable=self._meter.questionable,

@@ -96,7 +96,7 @@ class MeasurementCommands:
         if name not in names:
             raise ScpiError(-224)
         self._meter.change()
-        self._setup.function = names[name]
+        self._meter.select(names[name])
 
     def _voltage(self) -> tuple[Command, ...]:
         node = "[SENSe:]VOLTage[:DC]"

@@ -151,11 +151,17 @@ class Meter:
         self.change()
         self.configuration = Configuration(self._settings)
 
+    def select(self, function: str) -> None:
+        """What is measured; scaling stays on only for what was measured before."""
+        setup = self.configuration
+        setup.scaling = setup.scaling and setup.function == function
+        setup.function = function
+
     def configure(self, function: str) -> None:
         """CONFigure: the function with everything about its measurement at the default."""
         self.change()
         setup = self.configuration
-        setup.function = function
+        self.select(function)
         setup.preset_triggering()
         setup.integrations[function] = Integration()
         setup.autorange, setup.asked_resolution_v = True, None
@@ -174,8 +180,16 @@ class Meter:
         readings = self._measure(times_s + self._settings.latency_s)
         valid = np.where(np.abs(readings) >= OVERLOAD, np.nan, readings)
         self._tap.note(self.configuration.function, times_s, valid)
-        if self.memory.append(readings):
+        if self.memory.append(self._scaled(readings)):
             self.questionable.event |= MEMORY_OVERFLOW
+
+    def _scaled(self, readings: FloatArray) -> FloatArray:
+        """M x - B of what was measured while scaling is on; no number stays none."""
+        setup = self.configuration
+        if not setup.scaling:
+            return readings
+        scaled = setup.scaling_gain * readings - setup.scaling_offset
+        return np.where(np.abs(readings) >= OVERLOAD, readings, scaled)
 
     def _no_condition(self) -> int:
         self.advance()

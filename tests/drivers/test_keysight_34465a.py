@@ -115,6 +115,7 @@ REPLIES = {
     "SYST:ERR?": NO_ERROR,
     "SAMP:TIM? MIN": b"+1.10000000E-03\n",
     "STAT:QUES:EVEN?": b"+0\n",
+    "CALC:SCAL:STAT?": b"0\n",
     "DATA:POIN?": b"+1000000\n",
 }
 
@@ -152,15 +153,45 @@ def test_the_wire_of_a_record_byte_for_byte() -> None:
     meter.start(500, 0.01)
     assert bytes(endpoint.heard).decode().splitlines() == [
         *("ABOR", "*CLS", "CONF:VOLT:DC 10", "SENS:VOLT:DC:ZERO:AUTO OFF", "SENS:VOLT:DC:APER 1.000000E-03"),
-        *("TRIG:DEL 0", "SAMP:SOUR TIM", "SYST:ERR?", "SAMP:TIM? MIN", "SAMP:TIM 0.010000", "SAMP:COUN 500"),
+        *("TRIG:DEL 0", "SAMP:SOUR TIM", "CALC:SCAL:STAT?", "SYST:ERR?"),
+        *("SAMP:TIM? MIN", "SAMP:TIM 0.010000", "SAMP:COUN 500"),
         *("FORM:DATA ASC", "TRIG:SOUR BUS", "INIT", "SYST:ERR?", "*TRG", "SYST:ERR?"),
     ]
     endpoint.heard.clear()
     rows = meter.fetch()
-    assert bytes(endpoint.heard) == b"DATA:POIN?\nR? 500\nSTAT:QUES:EVEN?\nSYST:ERR?\n"
+    assert bytes(endpoint.heard) == b"DATA:POIN?\nR? 500\nSTAT:QUES:EVEN?\nCALC:SCAL:STAT?\nSYST:ERR?\n"
     assert rows.shape == (500, 1)
     assert np.all(rows == 1e-3)
     assert meter.fetch().shape == (0, 1)
+
+
+SCALED = b"CALC:SCAL:FUNC SCAL;GAIN 100;OFFS 5;STAT ON"
+
+
+def test_scaling_that_another_client_switched_on_is_switched_off() -> None:
+    bench = Bench(volts=lambda times: np.full_like(times, 1.25))
+    assert bench.pacing.voltage().value == 1.25
+    bench.tell(bench.master, SCALED)
+    assert bench.pacing.voltage().value == 1.25
+    bench.tell(bench.master, SCALED)
+    bench.pacing.start(10, 0.1)
+    assert np.all(bench.record(10, 0.1, 0.5) == 1.25)
+    assert bench.thermometer.temperature().value == 21.25
+    bench.tell(bench.slave, SCALED)
+    assert bench.thermometer.temperature().value == 21.25
+
+
+def test_a_record_that_was_scaled_on_its_way_is_refused() -> None:
+    bench = Bench(volts=lambda times: np.full_like(times, 1.25))
+    bench.paced.arm(10, 0.1)
+    bench.pacing.start(10, 0.1)
+    bench.clock.sleep_s(0.55)
+    for meter in (bench.master, bench.slave):
+        bench.tell(meter, SCALED)
+    bench.clock.sleep_s(1.0)
+    for record in (bench.pacing.fetch, bench.paced.collect):
+        with pytest.raises(InstrumentError, match=r"scaling was switched on.*CALC:SCAL"):
+            record()
 
 
 @pytest.mark.parametrize("transfer", ["real64", "ascii"])

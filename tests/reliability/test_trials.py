@@ -140,4 +140,4 @@ def test_a_day_that_a_fault_refused_is_begun_again_with_other_faults(
     outcomes, faults = simulated_days.begun(13, "any", tmp_path)
     assert [outcome.status for outcome in outcomes] == [1, 1, 0]
     assert list(faults) == ["2000013"]
-    assert len({arguments for arguments in tried}) == 1
+    assert len(set(tried)) == 1

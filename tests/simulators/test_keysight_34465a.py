@@ -442,6 +442,19 @@ def test_conf_puts_triggers_and_samples_back(bench: Bench) -> None:
     assert bench.error() == -221
 
 
+def test_scaling_changes_what_is_read_until_the_function_changes(bench: Bench) -> None:
+    bench.send("CONF:VOLT:DC 10", "CALC:SCAL ON")
+    assert bench.error() == -221
+    bench.send("CALC:SCAL:FUNC SCAL;GAIN 100;OFFS 5;:CALC:SCAL:STAT ON")
+    assert bench.ask("CALC:SCAL:FUNC?;GAIN?;OFFS?;STAT?") == "SCAL;+1.00000000E+02;+5.00000000E+00;1"
+    bench.clock.sleep_s(2.0)
+    assert bench.numbers("READ?", wait_s=1.0)[0] == pytest.approx(100.0 * bench.asked[-1][0] - 5.0)
+    bench.send("CONF:VOLT:DC 1")
+    assert bench.ask("CALC:SCAL?") == "1"
+    bench.send("CONF:TEMP")
+    assert bench.ask("CALC:SCAL?") == "0"
+
+
 def test_aperture_and_line_cycles_exclude_each_other(bench: Bench) -> None:
     bench.send("SENS:VOLT:DC:APER 2E-3")
     assert bench.ask("VOLT:APER:ENAB?;:VOLT:APER?") == "1;+2.00000000E-03"
