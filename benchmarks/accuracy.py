@@ -19,11 +19,11 @@ from machine import machine
 from scipy import stats
 from twin import CAMPAIGNS, twin
 
-from procedures import sensing_axes
-from rigctl import config
-from rigctl.experiments.sensing_axis.result import AxisResult
-from rigctl.experiments.sensing_axis.result import sensing_axes as axes_of
-from rigctl.fitting.plane import ARCSEC
+from procedures.sensing_axis import sensing_axes
+from rigctl.analysis.plane import ARCSEC
+from rigctl.experiments.sensing_axis.result.result import AxisResult
+from rigctl.experiments.sensing_axis.result.result import sensing_axes as axes_of
+from rigctl.files import config
 from rigctl.kinds.sensing_axis import plan_of
 
 

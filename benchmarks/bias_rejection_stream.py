@@ -24,11 +24,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from machine import conditions
 
-from rigctl.experiments.rotating_platform.demodulation import Demodulator, PeriodSums
-from rigctl.experiments.rotating_platform.estimates import estimates
-from rigctl.experiments.rotating_platform.estimators import OUTPUTS
-from rigctl.experiments.rotating_platform.patterns import SampledPattern, named_pattern
-from rigctl.interfaces import FloatArray
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.observe.demodulation import Demodulator, PeriodSums
+from rigctl.experiments.rotating_platform.observe.estimates import estimates
+from rigctl.experiments.rotating_platform.observe.estimators import OUTPUTS
+from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern, named_pattern
 
 RATE_HZ, PERIODS_S = 200.0, (60.0, 3000.0)
 LEVELS, NOISE, FULL_SCALE = (-1.2, 0.9), 0.08, 10.0

@@ -24,11 +24,11 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 import numpy as np
 
 from benchmarks.blind_trials import clopper_pearson
-from procedures.inflight import TEN, Calibration
+from procedures.inflight.calibration import TEN, Calibration
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
-from rigctl.errors import RigError
+from rigctl.core.errors import RigError
 from rigctl.experiments.inflight.study import InflightStudy
-from rigctl.workbench.diagnose import diagnose
+from rigctl.workbench.verdict.diagnose import diagnose
 from simulators.worlds.keyed_random import generator
 from simulators.worlds.satellite.ensemble import Ensemble
 from simulators.worlds.satellite.forcing import ROOM_K, temperature_k

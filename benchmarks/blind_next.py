@@ -31,19 +31,20 @@ import numpy as np
 
 from benchmarks.blind_trials import clopper_pearson
 from benchmarks.investigate import KNOWN_TERMS, rig_text
-from rigctl import config, planning, runner
-from rigctl.campaign.store import Store
-from rigctl.errors import RigError
+from rigctl import planning, runner
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import RigError
+from rigctl.files import config
 from rigctl.studies import study_of
-from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.bench import Workbench
-from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.findings import Diagnosis
-from rigctl.workbench.promise import PROMISE
-from rigctl.workbench.recommend import recommend
-from rigctl.workbench.recommendation import Recommendation
-from rigctl.workbench.score import likeness
+from rigctl.workbench.next.promise import PROMISE
+from rigctl.workbench.next.recommend import recommend
+from rigctl.workbench.next.recommendation import Recommendation
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.verdict.score import likeness
 from simulators.worlds.keyed_random import generator
 
 DESIGNS: dict[str, dict[str, Any]] = {

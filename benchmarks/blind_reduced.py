@@ -31,13 +31,13 @@ from scipy import stats
 from benchmarks.blind_noise import SHAPES, coloured
 from benchmarks.blind_sampler import Design
 from benchmarks.blind_world import draw, record
-from rigctl.campaign.bundle import import_bundle
+from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.studies import study_of
-from rigctl.workbench.attempt import Attempt
-from rigctl.workbench.diagnose import diagnose
-from rigctl.workbench.score import likeness
-from rigctl.workbench.search import CATALOGUE_SHARE
 from rigctl.workbench.study import Candidate, FloatArray, Model, NotTestable, Observations, Study, Term
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.verdict.score import likeness
+from rigctl.workbench.verdict.search import CATALOGUE_SHARE
 
 KNOWN = (Term("roll-gravity"), Term("resonance"))
 DESIGNS = {

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.bench import SetPoint
-from procedures.mounting import Seated
-from procedures.scan import stretches
-from procedures.tables import Procedure
+from procedures.sensing_axis.bench import SetPoint
+from procedures.sensing_axis.mounting import Seated
+from procedures.sensing_axis.scan import stretches
+from procedures.sensing_axis.tables import Procedure
 from simulators.motion import MotionAxis
 from simulators.wiring import Train
 from simulators.worlds import mounting as mountings

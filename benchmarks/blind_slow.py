@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks.blind_noise import SHAPES
 from benchmarks.blind_reduced import DESIGNS, KNOWN, Fixture, Replaced, fixture
-from rigctl.workbench import noise
-from rigctl.workbench.search import Search
+from rigctl.workbench.verdict import noise
+from rigctl.workbench.verdict.search import Search
 
 EFFECT, LEVEL = "bias-drift", 2e-4
 

@@ -27,13 +27,13 @@ from scipy import stats
 from benchmarks.blind_noise import SHAPES
 from benchmarks.blind_sampler import Design, nulls_deg
 from benchmarks.blind_world import KINDS, Foreign, Trial, Truth, draw, record, unit_sizes
-from rigctl.campaign.bundle import import_bundle
-from rigctl.errors import RigError
+from rigctl.campaign.bundle.bundle import import_bundle
+from rigctl.core.errors import RigError
 from rigctl.studies import study_of
-from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.findings import Diagnosis
-from rigctl.workbench.fit import fit
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.verdict.fit import fit
 
 KNOWN = ("roll-gravity", "resonance")
 CONFIDENCE = 0.95

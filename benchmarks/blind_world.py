@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.blind_noise import with_noise
 from benchmarks.blind_sampler import Design, Perturbation, SampledRun, columns_of, on_still_ground, sample_world
 from benchmarks.blind_sizes import with_effects, yardstick
-from rigctl.campaign.bundle import write_bundle
+from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
 from simulators.worlds.bench_settings import BenchSettings, isa_twin
 from simulators.worlds.keyed_random import generator

@@ -142,7 +142,7 @@ async def live(directory: Path) -> None:
 
 async def night(directory: Path) -> None:
     """Campaigns until two nights of rig time are over, watched on the screens Campaign and Rig in turn."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
     from rigctl.console.app import Console
     from rigctl.console.messages import Launch, StartAsked
 

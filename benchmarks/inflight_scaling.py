@@ -28,7 +28,8 @@ from pathlib import Path
 from distributed import Client, LocalCluster
 from machine import conditions
 
-from rigctl import config, runner
+from rigctl import runner
+from rigctl.files import config
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 WORKERS = 2

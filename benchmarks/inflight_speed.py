@@ -29,7 +29,7 @@ from machine import conditions
 from numpy.typing import NDArray
 from scipy import signal
 
-from procedures.inflight import MonteCarlo
+from procedures.inflight.calibration import MonteCarlo
 from rigctl.kinds.inflight_draws import Unit, reduce_unit, rows_of
 from simulators.worlds.satellite.ensemble import Ensemble
 from simulators.worlds.satellite.forcing import Command

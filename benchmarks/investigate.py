@@ -20,14 +20,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from rigctl import config, runner
-from rigctl.campaign.store import Store
-from rigctl.errors import RigError
+from rigctl import runner
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import RigError
+from rigctl.files import config
 from rigctl.investigate import Settings, investigate
 from rigctl.studies import study_of
-from rigctl.workbench.attempt import Attempt
-from rigctl.workbench.score import likeness
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.score import likeness
 from simulators.worlds.keyed_random import generator
 
 ROOT = Path(__file__).parents[1]

@@ -14,13 +14,13 @@ import numpy as np
 from machine import machine
 from twin import Twin, twin
 
-from procedures.angle_scan import AngleScan, line_fit_rad, minimum_of_modulus_rad
-from procedures.bench import SetPoint
-from procedures.mounting import Fixture, Mounting
-from procedures.null_search import NullSearch, NullSearchSettings
+from procedures.sensing_axis.angle_scan import AngleScan, line_fit_rad, minimum_of_modulus_rad
+from procedures.sensing_axis.bench import SetPoint
+from procedures.sensing_axis.mounting import Fixture, Mounting
+from procedures.sensing_axis.null_search import NullSearch, NullSearchSettings
+from rigctl.analysis.plane import ARCSEC
 from rigctl.effects.catalogue import chosen
-from rigctl.experiments.sensing_axis.reduction import observables, reduce_run
-from rigctl.fitting.plane import ARCSEC
+from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
 
 TARGET_ARCSEC = 0.5
 FREQUENCIES_HZ = (0.3, 0.5, 0.6)

@@ -20,8 +20,8 @@ from typing import Any
 from benchmarks.blind_platform import IN_MODEL, design, nature
 from benchmarks.platform_sampler import sampled
 from rigctl.experiments.rotating_platform.study import PlatformStudy
-from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.findings import Diagnosis, Rank
+from rigctl.workbench.verdict.diagnose import diagnose
 
 INSEPARABLE = ("theta-locked-bias", "pendulum-reaction")
 """What no modulation shows."""

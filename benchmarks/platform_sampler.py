@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.campaign.bundle import write_bundle
+from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, Recording, RunRecord
-from rigctl.experiments.rotating_platform.patterns import Pattern, named_pattern
+from rigctl.experiments.rotating_platform.observe.patterns import Pattern, named_pattern
 from simulators.clock import VirtualClock
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine, VoltageLine

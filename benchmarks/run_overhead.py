@@ -41,16 +41,16 @@ from twin import CAMPAIGNS
 
 from drivers.scpi import ScpiLink
 from drivers.transport import InProcessTransport
-from procedures.bench import Bench, SetPoint
-from rigctl import config
-from rigctl.campaign.control import Control
-from rigctl.campaign.operator import SimulatedOperator
-from rigctl.campaign.progress import Progress
+from procedures.sensing_axis.bench import Bench, SetPoint
 from rigctl.campaign.recording import Header, RunRecord
-from rigctl.campaign.run_writer import RunWriter
-from rigctl.campaign.session import Session
-from rigctl.campaign.store import Store
-from rigctl.clock import Clock
+from rigctl.campaign.session.control import Control
+from rigctl.campaign.session.operator import SimulatedOperator
+from rigctl.campaign.session.progress import Progress
+from rigctl.campaign.session.session import Session
+from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.campaign.store.store import Store
+from rigctl.core.clock import Clock
+from rigctl.files import config
 from rigctl.rig import build_simulation, drivers_of
 from simulators.clock import VirtualClock
 from simulators.rig import LockedInstrument

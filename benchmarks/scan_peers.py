@@ -36,14 +36,14 @@ from typing import Any
 import numpy as np
 from machine import conditions
 
-from rigctl.campaign.control import Control
-from rigctl.campaign.operator import SimulatedOperator
-from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import Header
-from rigctl.campaign.run_writer import RunWriter
-from rigctl.campaign.session import Session
-from rigctl.campaign.store import Store
-from rigctl.clock import RealClock
+from rigctl.campaign.session.control import Control
+from rigctl.campaign.session.operator import SimulatedOperator
+from rigctl.campaign.session.progress import Progress
+from rigctl.campaign.session.session import Session
+from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.campaign.store.store import Store
+from rigctl.core.clock import RealClock
 
 POINTS = 1000
 ROUNDS = 7

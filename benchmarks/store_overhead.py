@@ -23,11 +23,11 @@ import numpy as np
 from machine import conditions
 from paired import Pairs, pairs
 
-from rigctl.campaign import checked_rows, ledger, synced
-from rigctl.campaign.checksums import ColumnSums
 from rigctl.campaign.recording import Header
-from rigctl.campaign.store import Store
-from rigctl.interfaces import FloatArray
+from rigctl.campaign.store import checked_rows, ledger, synced
+from rigctl.campaign.store.checksums import ColumnSums
+from rigctl.campaign.store.store import Store
+from rigctl.core.interfaces import FloatArray
 
 ROWS, COLUMNS = 2000, ("t_s", "stage_x_mm", "accel_v", "laser_1_mm", "laser_2_mm")
 RUNS = 200

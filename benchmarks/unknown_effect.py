@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.blind_sampler import Design, Perturbation, SampledRun, sample_world
-from rigctl.campaign.bundle import write_bundle
+from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
 from simulators.worlds.bench_settings import isa_twin
 from simulators.worlds.keyed_random import generator

@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 from machine import conditions
 
+from rigctl.analysis.lines import find_lines
 from rigctl.campaign.recording import Header
-from rigctl.campaign.store import Store
-from rigctl.experiments.sensing_axis.store_reduction import line_scan, reduction
-from rigctl.signals.lines import find_lines
+from rigctl.campaign.store.store import Store
+from rigctl.experiments.sensing_axis.observe.store_reduction import line_scan, reduction
 
 SMALL, LARGE = (60, 2000, 40.0), (5000, 40_000, 100.0)
 FREQUENCIES_HZ = (0.3, 0.5, 0.6)

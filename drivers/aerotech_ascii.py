@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from drivers.conversation import Check, Conversation
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply, LinkError, LinkLost, OutOfStep
+from rigctl.core.errors import BadReply, LinkError, LinkLost, OutOfStep
 
 SUCCESS, INVALID, FAULT, TIMEOUT = "%", "!", "#", "$"
 STATUSES = SUCCESS + INVALID + FAULT + TIMEOUT

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from drivers.aerotech_ascii import FAULT, INVALID, SUCCESS, Answer, AsciiLink
 from drivers.numbers import decimal, whole
-from rigctl.errors import BadReply, InstrumentError, LinkError, SafetyStop
+from rigctl.core.errors import BadReply, InstrumentError, LinkError, SafetyStop
 
 Number = TypeVar("Number", int, float)
 

@@ -6,8 +6,8 @@ import time
 from abc import ABC, abstractmethod
 
 from drivers.transport import timed_out
-from rigctl.clock import Clock
-from rigctl.errors import LinkError, LinkLost
+from rigctl.core.clock import Clock
+from rigctl.core.errors import LinkError, LinkLost
 
 REPLY_BYTES_MAX = 1 << 24
 """Longer than any reply: a laser's 1.2 million stored values are 11 MB."""

@@ -20,8 +20,8 @@ from urllib.parse import parse_qsl
 from drivers.buffered import WALL_FLOOR_S
 from drivers.transport import Connect
 from drivers.transport_serial import SerialSettings, SerialTransport
-from rigctl.clock import Clock
-from rigctl.errors import ConfigError
+from rigctl.core.clock import Clock
+from rigctl.core.errors import ConfigError
 
 EXAMPLES = "tcp://host:port, serial:/dev/ttyUSB0?baud=115200 or a VISA resource such as GPIB0::12::INSTR"
 

@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import NamedTuple, NoReturn, ParamSpec, TypeVar
 
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply, LinkError, LinkLost, LinkTimeout, OutOfStep
+from rigctl.core.errors import BadReply, LinkError, LinkLost, LinkTimeout, OutOfStep
 
 T = TypeVar("T")
 P = ParamSpec("P")

@@ -12,10 +12,10 @@ from typing import Any, Protocol, cast
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.transport import Connect
-from rigctl.clock import Clock
+from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
-from rigctl.errors import LimitError, LinkLost, WrongInstrument
-from rigctl.interfaces import Channel, FlightSession, FloatArray, Identity, Stimulus
+from rigctl.core.errors import LimitError, LinkLost, WrongInstrument
+from rigctl.core.interfaces import Channel, FlightSession, FloatArray, Identity, Stimulus
 
 KIND = "drag-free satellite"
 

@@ -13,8 +13,8 @@ from contextlib import AbstractContextManager
 from drivers.conversation import Check, Conversation
 from drivers.keyence_settings import KeyenceSettings
 from drivers.transport import Connect, Transport
-from rigctl.clock import Clock
-from rigctl.errors import BadReply, InstrumentError, LinkLost, LinkTimeout
+from rigctl.core.clock import Clock
+from rigctl.core.errors import BadReply, InstrumentError, LinkLost, LinkTimeout
 
 PROGRAM, PROGRAM_REPLY = b"PR", re.compile(rb"PR,[0-7]|ER,PR,\d\d")
 """Which of the eight programs is in use: nothing else is answered like that."""

@@ -19,10 +19,10 @@ from drivers.keyence_settings import AVERAGES, Generation, KeyenceSettings
 from drivers.keyence_values import parse_values
 from drivers.numbers import whole
 from drivers.transport import Connect
-from rigctl.clock import Clock
+from rigctl.core.clock import Clock
 from rigctl.core.declarations import USUAL_BAUD, DriverDeclaration, Use
-from rigctl.errors import BadReply, InstrumentError, LimitError, LinkTimeout, WrongInstrument
-from rigctl.interfaces import Channel, FloatArray, Identity, Reading
+from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkTimeout, WrongInstrument
+from rigctl.core.interfaces import Channel, FloatArray, Identity, Reading
 
 __all__ = ["KeyenceLkg", "KeyenceSettings"]
 
@@ -43,7 +43,7 @@ class _Progress:
 
 
 class KeyenceLkg:
-    """A controller with its heads; implements `rigctl.interfaces.DisplacementMeter` for both generations."""
+    """A controller with its heads; implements `rigctl.core.interfaces.DisplacementMeter` for both generations."""
 
     def __init__(self, name: str, settings: KeyenceSettings, connect: Connect, clock: Clock) -> None:
         self.name = name

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.interfaces import FloatArray
+from rigctl.core.interfaces import FloatArray
 
 VALUE_CHARACTERS = 8
 _POWERS = 10.0 ** np.arange(5, -1, -1)

@@ -14,10 +14,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.scpi import ScpiLink
 from drivers.transport import Connect
-from rigctl.clock import Clock
+from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
-from rigctl.errors import InstrumentError, LimitError
-from rigctl.interfaces import Channel, Identity, Started, Waveform
+from rigctl.core.errors import InstrumentError, LimitError
+from rigctl.core.interfaces import Channel, Identity, Started, Waveform
 
 MAKERS, MODELS = ("Keysight", "Agilent"), ("33510B", "33512B", "33520B", "33522B")
 OUTPUTS = (1, 2)

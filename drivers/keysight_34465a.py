@@ -15,10 +15,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from drivers.numbers import CHARACTERS_MAX, decimal
 from drivers.scpi import ScpiLink
 from drivers.transport import Connect
-from rigctl.clock import Clock
+from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
-from rigctl.errors import InstrumentError, LimitError, RigError
-from rigctl.interfaces import Channel, FloatArray, Identity, Reading
+from rigctl.core.errors import InstrumentError, LimitError, RigError
+from rigctl.core.interfaces import Channel, FloatArray, Identity, Reading
 
 MAKERS, MODELS = ("Keysight",), ("34465A",)
 RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)

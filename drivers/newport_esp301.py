@@ -20,10 +20,10 @@ from pydantic import Field
 from drivers.newport_esp301_line import ERRORS_QUEUED_MAX, EspLine, QueuedError
 from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
-from rigctl.clock import Clock
+from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
-from rigctl.errors import InstrumentError, LimitError, LinkError, MotionStopped, SafetyStop
-from rigctl.interfaces import Identity, Reading
+from rigctl.core.errors import InstrumentError, LimitError, LinkError, MotionStopped, SafetyStop
+from rigctl.core.interfaces import Identity, Reading
 
 UNIT_DEGREE = 7
 

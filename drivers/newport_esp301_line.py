@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from drivers.conversation import Check, Conversation
 from drivers.numbers import decimal, whole
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply, WrongInstrument
+from rigctl.core.errors import BadReply, WrongInstrument
 
 END = b"\r\n"
 VERSION = "VE?"

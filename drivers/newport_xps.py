@@ -25,9 +25,9 @@ from pydantic import Field
 from drivers.newport_xps_socket import FIRMWARE, Reply, XpsSocket
 from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
-from rigctl.clock import Clock
+from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
-from rigctl.errors import (
+from rigctl.core.errors import (
     BadReply,
     InstrumentError,
     LimitError,
@@ -38,7 +38,7 @@ from rigctl.errors import (
     SafetyStop,
     WrongInstrument,
 )
-from rigctl.interfaces import Identity, Reading
+from rigctl.core.interfaces import Identity, Reading
 
 NOT_INITIALISED = frozenset({*range(10), 50, 63, 66, 67, 71, 72, 83, 106})
 READY = frozenset({*range(10, 20), 56, 70, 77})

@@ -14,7 +14,7 @@ from functools import partial
 from drivers.conversation import Check, Conversation
 from drivers.numbers import decimal
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply
+from rigctl.core.errors import BadReply
 
 END = b",EndOfAPI"
 SOCKET_CLOSED = -108

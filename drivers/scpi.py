@@ -9,8 +9,8 @@ from contextlib import AbstractContextManager, suppress
 from drivers.conversation import Check, Conversation
 from drivers.numbers import decimal, whole
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply, InstrumentError, LinkError, LinkTimeout, WrongInstrument
-from rigctl.interfaces import Identity
+from rigctl.core.errors import BadReply, InstrumentError, LinkError, LinkTimeout, WrongInstrument
+from rigctl.core.interfaces import Identity
 
 _ERROR = re.compile(r'([+-]?\d{1,5}),"(.*)"', re.ASCII)
 IDENTITY, ERROR_QUESTION = b"*IDN?\n", "SYST:ERR?"

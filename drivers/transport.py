@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from rigctl.errors import LinkLost, LinkTimeout
+from rigctl.core.errors import LinkLost, LinkTimeout
 
 
 class Transport(Protocol):

@@ -11,8 +11,8 @@ import serial
 
 from drivers.buffered import WALL_FLOOR_S, BufferedTransport
 from drivers.transport import lost
-from rigctl.clock import Clock
-from rigctl.errors import LinkLost, LinkTimeout
+from rigctl.core.clock import Clock
+from rigctl.core.errors import LinkLost, LinkTimeout
 
 READ_BYTES = 65536
 LONGEST_WRITE_BITS = 10 * 4096

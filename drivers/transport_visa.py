@@ -20,8 +20,8 @@ from pyvisa.resources import MessageBasedResource, SerialInstrument
 from drivers.buffered import WALL_FLOOR_S, BufferedTransport
 from drivers.transport import lost
 from drivers.transport_serial import SerialSettings
-from rigctl.clock import Clock
-from rigctl.errors import LinkLost, LinkTimeout
+from rigctl.core.clock import Clock
+from rigctl.core.errors import LinkLost, LinkTimeout
 
 PYVISA_PY = "@py"
 PEEK_BYTES = 4096

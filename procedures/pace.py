@@ -15,8 +15,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rigctl.clock import Clock
-from rigctl.errors import InstrumentError
+from rigctl.core.clock import Clock
+from rigctl.core.errors import InstrumentError
 
 TIMING_S = 0.2
 """What the link, the polling and a busy host take at most [s of the wall clock]."""

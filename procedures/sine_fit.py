@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.interfaces import FloatArray
+from rigctl.core.interfaces import FloatArray
 
 BoolArray = NDArray[np.bool_]
 

@@ -11,8 +11,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rigctl.campaign.store import Store
-    from rigctl.errors import RigError
+    from rigctl.campaign.store.store import Store
+    from rigctl.core.errors import RigError
     from rigctl.notebook import Campaign
     from rigctl.rig import Rig
 
@@ -21,8 +21,8 @@ __all__ = ["Campaign", "Rig", "RigError", "Store"]
 _HOMES = {
     "Campaign": "rigctl.notebook",
     "Rig": "rigctl.rig",
-    "RigError": "rigctl.errors",
-    "Store": "rigctl.campaign.store",
+    "RigError": "rigctl.core.errors",
+    "Store": "rigctl.campaign.store.store",
 }
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rigctl.campaign import locks
-from rigctl.campaign.control import Control
-from rigctl.config import RigFile
+from rigctl.campaign.session import locks
+from rigctl.campaign.session.control import Control
+from rigctl.core.errors import Aborted, RigError
 from rigctl.core.making_safe import OnTerminalLost, ended_by_signals
-from rigctl.errors import Aborted, RigError
+from rigctl.files.config import RigFile
 from rigctl.rig import Rig
 
 

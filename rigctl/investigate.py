@@ -14,27 +14,28 @@ from typing import Any
 
 import numpy as np
 
-from procedures import scan
-from procedures.tables import Procedure
-from rigctl import config, runner
+from procedures.sensing_axis import scan
+from procedures.sensing_axis.tables import Procedure
+from rigctl import runner
+from rigctl.campaign.origin import campaign_of
 from rigctl.campaign.recording import ImportReport, Recording
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.plugins import load
-from rigctl.errors import ConfigError, DataError
-from rigctl.experiments.sensing_axis.set_points import OVERHEAD_S
+from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
+from rigctl.files import config
 from rigctl.kinds.sensing_axis import scan_of
-from rigctl.origin import campaign_of
 from rigctl.planning import text_of
-from rigctl.workbench import versions
 from rigctl.workbench.bench import ALPHA, Workbench
-from rigctl.workbench.diagnose import diagnose
-from rigctl.workbench.exclusion import Excluded, Sensitivity, sensitivity
 from rigctl.workbench.findings import Diagnosis
-from rigctl.workbench.first_design import first_design
-from rigctl.workbench.plan import shuffled
-from rigctl.workbench.recommend import recommend
+from rigctl.workbench.model import versions
+from rigctl.workbench.next.exclusion import Excluded, Sensitivity, sensitivity
+from rigctl.workbench.next.first_design import first_design
+from rigctl.workbench.next.plan import shuffled
+from rigctl.workbench.next.recommend import recommend
 from rigctl.workbench.study import Plannable, Proposal, Term
+from rigctl.workbench.verdict.diagnose import diagnose
 
 FIRST_RUNS, BATCH_RUNS = 12, 6
 LONGER = 3.0

@@ -7,13 +7,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rigctl import config, runner
+from rigctl import runner
 from rigctl.campaign.status import status_of
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
+from rigctl.files import config
 from rigctl.kinds import Result, kind_of
 from rigctl.workbench.bench import ALPHA, Workbench
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
-from rigctl.workbench.versions import ModelVersion
+from rigctl.workbench.model.versions import ModelVersion
 
 
 class Campaign:

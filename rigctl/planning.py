@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rigctl import config
-from rigctl.campaign.parts import parts_of
-from rigctl.campaign.store import Store
-from rigctl.errors import DataError
+from rigctl.campaign.store.parts import parts_of
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DataError
+from rigctl.files import config
 from rigctl.kinds import kind_of
 from rigctl.workbench.study import Proposal
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rigctl import config
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
+from rigctl.files import config
 from rigctl.kinds import kind_of
 from rigctl.workbench.bench import Workbench
 

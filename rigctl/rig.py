@@ -16,15 +16,15 @@ from pydantic import BaseModel
 
 from drivers.connect import connector
 from drivers.transport import Connect, InProcessTransport
-from rigctl import config
-from rigctl.campaign.operator import OperatorLink
-from rigctl.campaign.operator_link import TcpOperatorLink
-from rigctl.clock import Clock, RealClock
+from rigctl.campaign.session.operator import OperatorLink
+from rigctl.campaign.session.operator_link import TcpOperatorLink
+from rigctl.core.clock import Clock, RealClock
 from rigctl.core.declarations import DRIVER_CONTRACT, Build, DriverDeclaration
 from rigctl.core.entry_points import Registry, resolved
+from rigctl.core.errors import ConfigError, LinkLost, RigError
+from rigctl.core.interfaces import Identity, Instrument, Stage
 from rigctl.core.making_safe import bring_to_rest, let_go, require_rest
-from rigctl.errors import ConfigError, LinkLost, RigError
-from rigctl.interfaces import Identity, Instrument, Stage
+from rigctl.files import config
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.declaration import SimulatorDeclaration, Spec
 from simulators.rig import LockedInstrument, SimulatedRig, TableError

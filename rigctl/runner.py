@@ -12,24 +12,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rigctl import config
-from rigctl.campaign import locks, rig_time
-from rigctl.campaign.control import Control, RequestWatcher, forget_requests
-from rigctl.campaign.operator import Operator, SimulatedOperator, TerminalOperator, TypedLines
-from rigctl.campaign.parts import PLUGINS, Part, Plugins, begin_part, next_part, parts_of
-from rigctl.campaign.progress import Display, Progress
-from rigctl.campaign.questions import Questions
+from rigctl.campaign.origin import rig_file_of, truth_path
 from rigctl.campaign.recording import Header
-from rigctl.campaign.session import Session
-from rigctl.campaign.store import Store
+from rigctl.campaign.session import locks, rig_time
+from rigctl.campaign.session.control import Control, RequestWatcher, forget_requests
+from rigctl.campaign.session.operator import Operator, SimulatedOperator, TerminalOperator, TypedLines
+from rigctl.campaign.session.progress import Display, Progress
+from rigctl.campaign.session.questions import Questions
+from rigctl.campaign.session.session import Session
+from rigctl.campaign.store.parts import PLUGINS, Part, Plugins, begin_part, next_part, parts_of
+from rigctl.campaign.store.store import Store
 from rigctl.charge import in_charge
+from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, RigError
 from rigctl.effects.catalogue import chosen
 from rigctl.effects.plugins import Plugin, load
-from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
+from rigctl.files import config
 from rigctl.kinds import Plan, Work, kind_of
-from rigctl.origin import rig_file_of, truth_path
 from rigctl.rig import Rig
-from rigctl.workbench import versions as model_versions
+from rigctl.workbench.model import versions as model_versions
 
 VERSIONED = ("rigctl", "numpy", "scipy", "pydantic")
 

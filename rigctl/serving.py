@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
-from rigctl.config import RigFile, parse_rig
 from rigctl.core.declarations import USUAL_BAUD
-from rigctl.errors import ConfigError
+from rigctl.core.errors import ConfigError
+from rigctl.files.config import RigFile, parse_rig
 from rigctl.rig import build_simulation, declaration_of, drivers_of, on_serial_line
 from simulators.clock import ScaledClock
 from simulators.measured import into_file

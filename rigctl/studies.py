@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 from rigctl.kinds import kind_of
 from rigctl.workbench.study import Study
 

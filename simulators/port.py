@@ -6,7 +6,7 @@ import selectors
 import socket
 from collections.abc import Callable
 
-from rigctl.errors import ConfigError
+from rigctl.core.errors import ConfigError
 from simulators.wiring import SimulatedInstrument
 
 LOOPBACK = "127.0.0.1"

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from rigctl.errors import ConfigError, LinkLost
+from rigctl.core.errors import ConfigError, LinkLost
 from simulators.benches import WORLDS, Bench
 from simulators.clock import SimulationClock
 from simulators.declaration import DrawsNoise, Site, Spec

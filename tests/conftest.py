@@ -17,8 +17,8 @@ import pytest
 
 from drivers.transport import InProcessTransport
 from rigctl import cli
-from rigctl.campaign.store import Store
-from rigctl.errors import DataError
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DataError
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 

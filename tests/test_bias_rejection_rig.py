@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigctl import config
-from rigctl.errors import ConfigError, LimitError
-from rigctl.interfaces import StreamedRecorder, TimedRotationStage, VoltageSource, Waveform
+from rigctl.core.errors import ConfigError, LimitError
+from rigctl.core.interfaces import StreamedRecorder, TimedRotationStage, VoltageSource, Waveform
+from rigctl.files import config
 from rigctl.rig import Rig, build_simulation
 from simulators.clock import VirtualClock
 

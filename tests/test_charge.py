@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from drivers.transport import InProcessTransport
-from rigctl import config
 from rigctl.charge import in_charge
-from rigctl.errors import Aborted
+from rigctl.core.errors import Aborted
+from rigctl.files import config
 from rigctl.rig import Rig
 
 PATIENCE_S = 20.0

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
-from rigctl import cli, config
-from rigctl.campaign import locks
-from rigctl.campaign.store import Store
+from rigctl import cli
+from rigctl.campaign.session import locks
+from rigctl.campaign.store.store import Store
+from rigctl.files import config
 
 FIRST_ADDRESS = 'address = "sim:"                  # tcp://192.168.0.254:5001'
 

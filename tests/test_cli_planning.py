@@ -10,10 +10,11 @@ from typing import Any
 
 import pytest
 
-from rigctl import config, runner
-from rigctl.campaign.store import Store
+from rigctl import runner
+from rigctl.campaign.store.store import Store
+from rigctl.files import config
 from rigctl.investigate import Settings, investigate, set_points
-from rigctl.workbench import versions
+from rigctl.workbench.model import versions
 
 HIDDEN_RIG = Path(__file__).parents[1] / "campaigns" / "hidden-effect-rig.toml"
 

@@ -75,7 +75,7 @@ def test_the_result_at_a_terminal_and_as_json(store: Path) -> None:
 
 
 def test_a_second_question_reads_no_samples(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
 
     def refused(*_: object) -> Any:
         raise AssertionError("the samples were read again")

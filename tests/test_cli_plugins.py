@@ -9,14 +9,15 @@ from typing import Any
 
 import pytest
 
-from procedures import scan, sensing_axes
-from rigctl import config, runner
-from rigctl.campaign.store import Store
+from procedures.sensing_axis import scan, sensing_axes
+from rigctl import runner
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import ConfigError, ProcedureError
 from rigctl.effects.catalogue import catalogue
-from rigctl.errors import ConfigError, ProcedureError
+from rigctl.files import config
 from rigctl.investigate import Settings, investigate
 from rigctl.notebook import Campaign
-from rigctl.workbench import versions
+from rigctl.workbench.model import versions
 
 PLUGIN = '''\
 from rigctl.effects import effect

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rigctl import Campaign
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 
 RECORDING = """\
 format = 1

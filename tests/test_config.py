@@ -15,10 +15,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from procedures import inflight, platform_tables, tables
-from rigctl import config, runner
-from rigctl.campaign.toml_document import to_toml
-from rigctl.errors import ConfigError, LimitError
+from procedures.inflight import calibration as inflight
+from procedures.rotating_platform import tables as platform_tables
+from procedures.sensing_axis import tables
+from rigctl import runner
+from rigctl.campaign.bundle.toml_document import to_toml
+from rigctl.core.errors import ConfigError, LimitError
+from rigctl.files import config
 from rigctl.kinds.sensing_axis import bench_of, plan_of
 from rigctl.rig import Rig
 

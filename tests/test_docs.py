@@ -25,13 +25,12 @@ from drivers.keysight_34465a import ThermometerSettings, VoltmeterSettings
 from drivers.newport_esp301 import Esp301Settings
 from drivers.newport_xps import XpsSettings
 from drivers.rotation_settings import RotationSettings
-from procedures import platform_tables
-from procedures.inflight import Calibration, MonteCarlo
-from procedures.tables import ListedRun, Procedure, Targets
-from rigctl import config
+from procedures.inflight.calibration import Calibration, MonteCarlo
+from procedures.rotating_platform import tables as platform_tables
+from procedures.sensing_axis.tables import ListedRun, Procedure, Targets
 from rigctl.cli import app
 from rigctl.effects.catalogue import catalogue
-from rigctl.experiments.sensing_axis import package
+from rigctl.files import config, package
 from rigctl.rig import DRIVERS, simulator_of
 from simulators import faults
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings

@@ -11,12 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from rigctl.cli import app
+from rigctl.core.errors import ConfigError
+from rigctl.core.experiments import EXPERIMENTS
 from rigctl.effects.catalogue import SCOPES
 from rigctl.effects.plugins import load
-from rigctl.errors import ConfigError
-from rigctl.experiments import EXPERIMENTS
-from rigctl.experiments.inflight.flight import FlightRun
-from rigctl.experiments.sensing_axis.chain import Runs
+from rigctl.experiments.inflight.model.flight import FlightRun
+from rigctl.experiments.sensing_axis.model.chain import Runs
 
 PAGE = (Path(__file__).parent.parent / "docs" / "effects.md").read_text(encoding="utf-8")
 

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from rigctl import Campaign, results
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 from rigctl.report.document import write_report
 from rigctl.workbench.bench import Workbench
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from rigctl import config, runner
+from rigctl import runner
+from rigctl.files import config
 from rigctl.kinds.sensing_axis import bench_of, plan_of, theta0_sigma_arcsec
 from rigctl.rig import Rig
 

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procedures.bias_rejection import Plan
-from procedures.platform_tables import Procedure as PlatformProcedure
-from procedures.tables import Procedure
-from rigctl import config, planning, runner
-from rigctl.errors import ConfigError
+from procedures.rotating_platform.bias_rejection import Plan
+from procedures.rotating_platform.tables import Procedure as PlatformProcedure
+from procedures.sensing_axis.tables import Procedure
+from rigctl import planning, runner
+from rigctl.core.errors import ConfigError
+from rigctl.files import config
 from rigctl.kinds import inflight, inflight_campaign, platform_limits, rotating_platform
 from rigctl.kinds.sensing_axis import scan_of
 from rigctl.workbench.study import Proposal

@@ -168,7 +168,7 @@ def test_an_example_runs_and_finds_what_it_promises(notebook: Notebook, example:
 @pytest.mark.parametrize("name", re.findall(r"`(Campaign\.\w+|\w+_bundle|rigctl\.\w+)[(`]", PAGE))
 def test_what_the_text_names_is_there(name: str) -> None:
     import rigctl
-    from rigctl.campaign import bundle
+    from rigctl.campaign.bundle import bundle
 
     owner, _, attribute = name.rpartition(".")
     homes: dict[str, Any] = {"Campaign": rigctl.Campaign, "rigctl": rigctl, "": bundle}

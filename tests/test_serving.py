@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 import serial
 
-from rigctl import config
-from rigctl.campaign.operator_link import TcpOperatorLink
+from rigctl.campaign.session.operator_link import TcpOperatorLink
 from rigctl.campaign.status import status_of
-from rigctl.campaign.store import Store
-from rigctl.clock import RealClock
-from rigctl.errors import ConfigError
+from rigctl.campaign.store.store import Store
+from rigctl.core.clock import RealClock
+from rigctl.core.errors import ConfigError
+from rigctl.files import config
 from rigctl.serving import Served
 
 SERVED = (

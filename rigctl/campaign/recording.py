@@ -1,6 +1,6 @@
 """What a recording is in memory, wherever it came from: our own rig, or another laboratory's bundle.
 
-Two things hold one: a `Recording` (all samples in memory) and a `rigctl.campaign.store.Store` (samples on
+Two things hold one: a `Recording` (all samples in memory) and a `rigctl.campaign.store.store.Store` (samples on
 disk). Both are a `RunSource`, so what reads runs does not care which it has been given.
 """
 
@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
-from rigctl.errors import DataError
-from rigctl.interfaces import FloatArray
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
 
 READINGS = "readings"
 """The run that holds the readings of a `table` recording: numbers as samples, text columns as conditions."""

@@ -6,10 +6,10 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from rigctl.campaign.bundle import import_report
-from rigctl.campaign.event_kinds import RUN_REPEATED
-from rigctl.campaign.locks import is_held, store_lock
-from rigctl.campaign.store import Store
+from rigctl.campaign.bundle.bundle import import_report
+from rigctl.campaign.session.locks import is_held, store_lock
+from rigctl.campaign.store.event_kinds import RUN_REPEATED
+from rigctl.campaign.store.store import Store
 
 
 def status_of(path: Path) -> dict[str, Any]:

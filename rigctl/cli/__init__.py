@@ -12,7 +12,7 @@ from typing import NoReturn
 import typer
 
 from rigctl.cli import campaigns, console, effects, exchange, instruments, planning, results, workbench
-from rigctl.errors import Aborted, ConfigError, DataError, LimitError, RigError
+from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, RigError
 
 app = typer.Typer(
     help="Instrument control and model building for precision accelerometer calibration.",

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell, tell_if_unchecked
-from rigctl.errors import ConfigError, ProcedureError, RigError
+from rigctl.core.errors import ConfigError, ProcedureError, RigError
 
 if TYPE_CHECKING:
-    from rigctl.config import CampaignFile
+    from rigctl.files.config import CampaignFile
 
 app = typer.Typer()
 
@@ -28,7 +28,8 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run a campaign from start to result."""
-    from rigctl import config, runner
+    from rigctl import runner
+    from rigctl.files import config
 
     campaign_file = config.read_campaign(campaign)
     path = store or Path(campaign.stem + ".rig.sqlite")
@@ -78,8 +79,8 @@ def resume(
 ) -> None:
     """Go on with a paused or an interrupted campaign."""
     from rigctl import runner
-    from rigctl.campaign.locks import is_held, store_lock
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.session.locks import is_held, store_lock
+    from rigctl.campaign.store.store import Store
 
     if is_held(store_lock(store)):
         _request(store, "resume", as_json=as_json)
@@ -113,10 +114,10 @@ def answer(
     as_json: Json = False,
 ) -> None:
     """Answer what a running campaign asks the operator."""
-    from rigctl.campaign.locks import is_held, store_lock
-    from rigctl.campaign.questions import answer as answer_to
-    from rigctl.campaign.questions import open_question
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.session.locks import is_held, store_lock
+    from rigctl.campaign.session.questions import answer as answer_to
+    from rigctl.campaign.session.questions import open_question
+    from rigctl.campaign.store.store import Store
 
     with Store.open(store) as opened:
         question = open_question(opened) if is_held(store_lock(store)) else None
@@ -130,8 +131,8 @@ def answer(
 
 
 def _request(store: Path, kind: str, *, as_json: bool) -> None:
-    from rigctl.campaign.locks import is_held, store_lock
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.session.locks import is_held, store_lock
+    from rigctl.campaign.store.store import Store
 
     with Store.open(store) as opened:
         if not is_held(store_lock(store)):
@@ -186,7 +187,7 @@ def mark(
     as_json: Json = False,
 ) -> None:
     """Declare a run valid or invalid, with the reason."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
 
     with Store.open(store) as opened:
         opened.mark(run_id, valid, reason)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rigctl.cli.io import Json, Plugins, print_json, say, tell
-from rigctl.errors import ConfigError, DataError
+from rigctl.core.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from rigctl.effects.catalogue import Effect
@@ -28,8 +28,8 @@ def effects(
     as_json: Json = False,
 ) -> None:
     """The catalogue of physical effects, or one of them: equation, parameters, source."""
+    from rigctl.core.experiments import REGISTRY
     from rigctl.effects.catalogue import unknown_effect
-    from rigctl.experiments import REGISTRY
 
     for flaw in REGISTRY.flaws():
         tell(flaw)
@@ -57,8 +57,8 @@ def effects(
 
 def _known(plugins: Sequence[Path]) -> list[Effect]:
     """Every experiment's effects: an id may mean one thing here and another there."""
+    from rigctl.core.experiments import EXPERIMENTS
     from rigctl.effects.catalogue import catalogue
-    from rigctl.experiments import EXPERIMENTS
 
     found: list[Effect] = []
     if plugins:
@@ -132,6 +132,6 @@ def _draw(effect: Effect, path: Path) -> None:
             f"'{effect.id}' has no figure: no signature is drawn for effects of {experiment.id}; "
             "`rigctl report` draws what is left in a store's runs with and without it"
         )
-    from rigctl.report.figure_data import svg_document
+    from rigctl.report.figures.data import svg_document
 
     path.write_text(svg_document(experiment.load(experiment.signature)(effect)), encoding="utf-8")

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.cli.io import Json, StoreFile, print_json, say, tell, tell_if_unchecked
-from rigctl.errors import ConfigError
+from rigctl.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rigctl.campaign.recording import ImportReport
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
 
 SAY_EVERY_S = 2.0
 
@@ -27,7 +27,7 @@ def import_(
     as_json: Json = False,
 ) -> None:
     """Read a recording, ours or another laboratory's, into a store."""
-    from rigctl.campaign.bundle import import_bundle, import_report
+    from rigctl.campaign.bundle.bundle import import_bundle, import_report
     from rigctl.campaign.recording import ImportReport
 
     with import_bundle(bundle, store) as imported:
@@ -56,7 +56,7 @@ def import_(
 def _read(store: Store, report: ImportReport) -> str:
     """What was read: runs, or the rows of a table, which are one run."""
     from rigctl.campaign.recording import READINGS
-    from rigctl.experiments import of_readings
+    from rigctl.core.experiments import of_readings
     from rigctl.report.quantities import counted
 
     if of_readings(store.header.experiment):
@@ -92,8 +92,8 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a store as a bundle of plain files, or as one HDF5 file in DIR."""
-    from rigctl.campaign.bundle import write_bundle
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.bundle.bundle import write_bundle
+    from rigctl.campaign.store.store import Store
 
     if format_ not in {"bundle", "hdf5"}:
         raise ConfigError(f"--format {format_} is unknown; bundle or hdf5")
@@ -104,7 +104,7 @@ def export(
     written = directory
     with Store.open(store, readonly=True) as opened:
         if format_ == "hdf5":
-            from rigctl.campaign.hdf5 import write_hdf5
+            from rigctl.campaign.bundle.hdf5 import write_hdf5
 
             directory.mkdir(parents=True, exist_ok=True)
             written = directory / f"{store.stem}.h5"
@@ -118,7 +118,7 @@ def export(
 
 
 def _salvage(store: Path, directory: Path, format_: str, *, as_json: bool) -> None:
-    from rigctl.campaign.bundle import salvage_bundle
+    from rigctl.campaign.bundle.bundle import salvage_bundle
 
     if format_ != "bundle":
         raise ConfigError("--salvage writes a bundle; leave out --format")

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from rigctl.cli.io import Json, RigToml, number, print_json, say, tell
-from rigctl.errors import ConfigError
+from rigctl.core.errors import ConfigError
 
 app = typer.Typer()
 
@@ -29,7 +29,7 @@ def simulate(
     as_json: Json = False,
 ) -> None:
     """Serve a rig file's simulated instruments on loopback ports and pseudo-terminals until interrupted."""
-    from rigctl import config
+    from rigctl.files import config
     from rigctl.serving import Served
 
     with Served(config.read_rig(rig), measured=measured) as served:
@@ -52,7 +52,7 @@ def check(rig: RigToml, as_json: Json = False) -> None:
     """Connect to every instrument and ask who it is; moves nothing."""
     from dataclasses import asdict
 
-    from rigctl import config
+    from rigctl.files import config
     from rigctl.rig import Rig
 
     opened = Rig(config.read_rig(rig))
@@ -73,9 +73,9 @@ def check(rig: RigToml, as_json: Json = False) -> None:
 @app.command()
 def stop(rig: RigToml, as_json: Json = False) -> None:
     """Bring every instrument of a rig to rest; a program that uses one is told to leave."""
-    from rigctl import config
-    from rigctl.campaign.holders import Used, told_to_leave
+    from rigctl.campaign.session.holders import Used, told_to_leave
     from rigctl.core.making_safe import bring_to_rest, let_go
+    from rigctl.files import config
     from rigctl.rig import Rig
 
     file = config.read_rig(rig)
@@ -138,8 +138,8 @@ def move(
 @contextmanager
 def _stages(path: Path) -> Iterator[dict[str, Any]]:
     """The stages of a rig, in our hands; what ends the command stops them."""
-    from rigctl import config
     from rigctl.charge import in_charge
+    from rigctl.files import config
     from rigctl.rig import Rig
 
     rig = Rig(config.read_rig(path))

@@ -47,7 +47,7 @@ def say(text: str) -> None:
 @contextmanager
 def workbench(store: Path, plugins: Sequence[Path] | None) -> Iterator[Workbench]:
     """A store on the workbench, closed at the end."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
     from rigctl.workbench.bench import Workbench
 
     with Store.open(store) as opened:
@@ -56,7 +56,7 @@ def workbench(store: Path, plugins: Sequence[Path] | None) -> Iterator[Workbench
 
 def tell_if_unchecked(store: Path) -> None:
     """A line on stderr when a store has no checksums yet, so that damage in it cannot be seen."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
 
     with Store.open(store, readonly=True) as opened:
         if not opened.has_checksums:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell, workbench
-from rigctl.errors import DataError
+from rigctl.core.errors import DataError
 
 app = typer.Typer()
 
@@ -24,7 +24,7 @@ def next_(
 ) -> None:
     """The measurement that best separates what is ambiguous, or most tightens the result."""
     from rigctl import planning
-    from rigctl.config import parse_campaign
+    from rigctl.files.config import parse_campaign
     from rigctl.report.terminal_planning import print_recommendation
 
     with workbench(store, plugin) as bench:
@@ -59,8 +59,9 @@ def investigate(
     as_json: Json = False,
 ) -> None:
     """Measure, diagnose, ask, add, measure again, until the model is adequate or it is said what remains."""
-    from rigctl import config, runner
+    from rigctl import runner
     from rigctl.core.making_safe import ended_by_signals
+    from rigctl.files import config
     from rigctl.investigate import Settings
     from rigctl.investigate import investigate as carry_out
     from rigctl.report.terminal import ProgressBar

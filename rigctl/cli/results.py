@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rigctl.cli.io import Json, Plugins, StoreFile, print_json, say, tell, tell_if_unchecked, workbench
-from rigctl.errors import ConfigError
+from rigctl.core.errors import ConfigError
 
 app = typer.Typer()
 

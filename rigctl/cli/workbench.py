@@ -80,8 +80,8 @@ def fit(store: StoreFile, plugin: Plugins = None, as_json: Json = False) -> None
 @model.command()
 def show(store: StoreFile, as_json: Json = False) -> None:
     """The current version: its effects, what was chosen of them, and where they came from."""
-    from rigctl.campaign.store import Store
-    from rigctl.workbench.versions import current
+    from rigctl.campaign.store.store import Store
+    from rigctl.workbench.model.versions import current
 
     with Store.open(store, readonly=True) as opened:
         _print_versions([current(opened).as_json()], as_json=as_json, single=True)
@@ -110,8 +110,8 @@ def add(store: StoreFile, effect: Effects, plugin: Plugins = None, as_json: Json
 @model.command()
 def remove(store: StoreFile, effect: Effects, as_json: Json = False) -> None:
     """Take effects out: one new version each."""
-    from rigctl.campaign.store import Store
-    from rigctl.workbench.versions import remove_all
+    from rigctl.campaign.store.store import Store
+    from rigctl.workbench.model.versions import remove_all
 
     with Store.open(store) as opened:
         _print_versions([each.as_json() for each in remove_all(opened, effect)], as_json=as_json)

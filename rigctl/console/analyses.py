@@ -120,7 +120,7 @@ class Analyses:
 
 def in_one_line(error: BaseException) -> str:
     """What the operator is told of a failure."""
-    from rigctl.errors import RigError
+    from rigctl.core.errors import RigError
 
     if isinstance(error, RigError):
         return str(error)

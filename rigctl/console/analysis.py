@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rigctl.campaign.recording import RunRecord
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
 
 Plugins = Sequence[Path]
 Found = dict[str, Any]
@@ -23,8 +23,8 @@ FEW = 8
 
 def result(store: Path, plugins: Plugins) -> Found:
     """`rigctl result`, with the null vectors of axes as figures 15 to 17 show them, else with the report's tables."""
-    from rigctl import config
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
+    from rigctl.files import config
     from rigctl.kinds import kind_of
     from rigctl.workbench.bench import Workbench
 
@@ -43,14 +43,14 @@ def result(store: Path, plugins: Plugins) -> Found:
 
 def null_search(store: Path, plugins: Plugins) -> Found:
     """The signed response of the last mounting against angle, and its null, as figure 12 shows them."""
-    from rigctl.campaign.store import Store
+    from rigctl.analysis.plane import ARCSEC
+    from rigctl.campaign.origin import campaign_of, rig_file_of
+    from rigctl.campaign.store.store import Store
     from rigctl.effects.catalogue import chosen
-    from rigctl.experiments.sensing_axis.fit import NullPoint, RecordingFit, fit_recording
-    from rigctl.experiments.sensing_axis.model import RecordingModel
-    from rigctl.experiments.sensing_axis.reduction import observables, reduce_run
-    from rigctl.fitting.plane import ARCSEC
-    from rigctl.origin import campaign_of, rig_file_of
-    from rigctl.report.figure_null_search import by_frequency, response_plate
+    from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, fit_recording
+    from rigctl.experiments.sensing_axis.model.model import RecordingModel
+    from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
+    from rigctl.report.figures.sensing_axis.null_search import by_frequency, response_plate
 
     del plugins
     with Store.open(store, readonly=True) as opened:
@@ -98,8 +98,9 @@ def _last_mounting(store: Store) -> list[RunRecord]:
 
 def dry_run(campaign: Path, rig: Path | None, plugins: Plugins) -> Found:
     """`rigctl run --dry-run`."""
-    from rigctl import config, runner
-    from rigctl.errors import ConfigError
+    from rigctl import runner
+    from rigctl.core.errors import ConfigError
+    from rigctl.files import config
 
     file = config.read_campaign(campaign)
     if rig is None and not file.rig:
@@ -109,7 +110,7 @@ def dry_run(campaign: Path, rig: Path | None, plugins: Plugins) -> Found:
 
 def model(store: Path, plugins: Plugins) -> Found:
     """`rigctl model show`, with the catalogue beside it."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
     from rigctl.workbench.bench import Workbench
 
     with Store.open(store) as opened:
@@ -119,7 +120,7 @@ def model(store: Path, plugins: Plugins) -> Found:
 
 def fit(store: Path, plugins: Plugins) -> Found:
     """`rigctl fit`."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
     from rigctl.workbench.bench import Workbench
 
     with Store.open(store) as opened:
@@ -130,7 +131,7 @@ def fit(store: Path, plugins: Plugins) -> Found:
 
 def history(store: Path, plugins: Plugins) -> list[Found]:
     """`rigctl model history`."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
     from rigctl.workbench.bench import Workbench
 
     with Store.open(store) as opened:
@@ -139,7 +140,7 @@ def history(store: Path, plugins: Plugins) -> list[Found]:
 
 def diagnose(store: Path, plugins: Plugins) -> Found:
     """`rigctl diagnose`, with its sentences."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
     from rigctl.report.verdicts import inseparable_sentences, verdict_sentence
     from rigctl.workbench.bench import Workbench
 
@@ -150,7 +151,7 @@ def diagnose(store: Path, plugins: Plugins) -> Found:
 
 def recommend(store: Path, plugins: Plugins) -> Found:
     """`rigctl next`."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
     from rigctl.workbench.bench import Workbench
 
     with Store.open(store) as opened:
@@ -159,11 +160,11 @@ def recommend(store: Path, plugins: Plugins) -> Found:
 
 def residuals(store: Path, covariate: str, plugins: Plugins) -> Found:
     """`rigctl compare`, with the residuals of its figures against a covariate: "" is the one they follow most."""
-    from rigctl.campaign.store import Store
-    from rigctl.report.figure_residuals import axis_label, residual_plate
+    from rigctl.campaign.store.store import Store
+    from rigctl.report.figures.residuals import axis_label, residual_plate
     from rigctl.report.verdicts import comparison_sentence
     from rigctl.workbench.bench import Workbench
-    from rigctl.workbench.covariates import distinct
+    from rigctl.workbench.verdict.covariates import distinct
 
     with Store.open(store) as opened:
         found = Workbench(opened, plugins).compare()
@@ -188,7 +189,7 @@ def residuals(store: Path, covariate: str, plugins: Plugins) -> Found:
 
 def compare_with(store: Path, other: Path, plugins: Plugins) -> Found:
     """`rigctl compare --with`."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
     from rigctl.report.verdicts import transfer_sentence
     from rigctl.workbench.bench import Workbench
 
@@ -200,7 +201,7 @@ def compare_with(store: Path, other: Path, plugins: Plugins) -> Found:
 
 def add(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Found]:
     """`rigctl model add`."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
     from rigctl.workbench.bench import Workbench
 
     with Store.open(store) as opened:
@@ -209,7 +210,7 @@ def add(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Found]:
 
 def remove(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Found]:
     """`rigctl model remove`."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
     from rigctl.workbench.bench import Workbench
 
     with Store.open(store) as opened:

@@ -200,7 +200,7 @@ class Console(App[None]):
     def _open(self, path: Path) -> str:
         """Open a file; returns the screen on which it is seen."""
         from rigctl.console.start import kind_of
-        from rigctl.errors import RigError
+        from rigctl.core.errors import RigError
 
         if path.suffix != ".toml":
             self._watch(path)
@@ -346,7 +346,7 @@ class Console(App[None]):
 
     @work(thread=True, group="record")
     def _record(self, action: str, store: Path | None) -> None:
-        from rigctl.errors import RigError
+        from rigctl.core.errors import RigError
 
         state.record_action(self.directory, action)
         if store is not None:
@@ -548,7 +548,7 @@ class Console(App[None]):
 
     @work(thread=True, group="send")
     def _send(self, act: Callable[[], None]) -> None:
-        from rigctl.errors import RigError
+        from rigctl.core.errors import RigError
 
         try:
             act()
@@ -572,7 +572,7 @@ class Console(App[None]):
 
     @work(thread=True, exclusive=True, group="search")
     def _find(self, store: Path, search: Search, before: int) -> None:
-        from rigctl.errors import RigError
+        from rigctl.core.errors import RigError
 
         try:
             found = earlier(store, search, before)
@@ -611,4 +611,4 @@ class Console(App[None]):
 
 def _load_forms() -> None:
     """What the form needs takes most of a second to import."""
-    import rigctl.config  # noqa: F401
+    import rigctl.files.config  # noqa: F401

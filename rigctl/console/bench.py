@@ -19,9 +19,9 @@ from rigctl.console.messages import Noted, Stopped
 if TYPE_CHECKING:
     from textual.message import Message
 
-    from rigctl.config import RigFile
+    from rigctl.core.interfaces import Instrument, Reading
     from rigctl.core.making_safe import Rest
-    from rigctl.interfaces import Instrument, Reading
+    from rigctl.files.config import RigFile
     from rigctl.rig import Rig
 
 POLL_S = 0.1
@@ -110,7 +110,7 @@ class _Station:
 
     def raise_if_stopped(self, stops: int) -> None:
         """`MotionStopped` when it was stopped since `stops` was read: between two motions no instrument knows."""
-        from rigctl.errors import MotionStopped
+        from rigctl.core.errors import MotionStopped
 
         if self.stops != stops:
             raise MotionStopped(f"{self.name}: stopped before it had set out", instrument=self.name)
@@ -193,7 +193,7 @@ class LiveBench:
 
     def jog(self, name: str, step: float) -> None:
         """Move the stage by a step from where it says it is now: what is on the screen may be a moment old."""
-        from rigctl.errors import LimitError
+        from rigctl.core.errors import LimitError
 
         station = self._stations[name]
         stage: Any = station.instrument
@@ -252,7 +252,7 @@ class LiveBench:
         self._post(Stopped(self.bring_to_rest()))
 
     def _set_out(self, name: str, state: str, act: Callable[[], None]) -> None:
-        from rigctl.errors import LimitError, RigError
+        from rigctl.core.errors import LimitError, RigError
 
         station = self._stations[name]
         if station.state in {"moving", "homing"}:
@@ -281,7 +281,7 @@ class LiveBench:
         threading.Thread(target=carry_out, name=f"{state} {name}", daemon=True).start()
 
     def _attend(self, station: _Station) -> None:
-        from rigctl.errors import RigError
+        from rigctl.core.errors import RigError
 
         while not self._closing.is_set():
             station.busy_since_s = time.monotonic()
@@ -310,7 +310,7 @@ class LiveBench:
 
     def _bring_to_rest_first(self, station: _Station) -> None:
         """Whatever had it move, a crash or a lost connection among them: it moves when somebody here says so."""
-        from rigctl.interfaces import Stage
+        from rigctl.core.interfaces import Stage
 
         moved = isinstance(station.instrument, Stage) and station.instrument.is_moving()
         station.instrument.stop()
@@ -338,8 +338,8 @@ def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
 
     Moves nothing, and stops what moves.
     """
-    from rigctl import config
     from rigctl.charge import rig_of_ones_own
+    from rigctl.files import config
     from rigctl.rig import Rig
 
     file = config.read_rig(path)
@@ -354,8 +354,8 @@ def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
 
 def stop_from_outside(rig_toml: str, store: Path, post: Callable[[Message], object]) -> None:
     """`rigctl stop` of the rig of a campaign's store: second connections, every instrument on its own thread."""
-    from rigctl import config
     from rigctl.core.making_safe import bring_to_rest, let_go
+    from rigctl.files import config
     from rigctl.rig import Rig
 
     file = config.parse_rig(rig_toml, store)
@@ -367,7 +367,7 @@ def stop_from_outside(rig_toml: str, store: Path, post: Callable[[Message], obje
 
 
 def _limits(instrument: Instrument) -> Limits | None:
-    from rigctl.interfaces import LinearStage, RotationStage
+    from rigctl.core.interfaces import LinearStage, RotationStage
 
     if isinstance(instrument, RotationStage):
         turn = instrument.limits
@@ -379,7 +379,7 @@ def _limits(instrument: Instrument) -> Limits | None:
 
 
 def _readings(instrument: Instrument) -> Iterator[tuple[str, Reading]]:
-    from rigctl.interfaces import DisplacementMeter, LinearStage, RotationStage, Thermometer, Voltmeter
+    from rigctl.core.interfaces import DisplacementMeter, LinearStage, RotationStage, Thermometer, Voltmeter
 
     if isinstance(instrument, RotationStage):
         yield "angle", instrument.angle()

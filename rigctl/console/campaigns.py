@@ -80,9 +80,9 @@ def log_of(store: Path) -> Path:
 
 def request(store: Path, kind: Request) -> None:
     """`rigctl pause`, `resume` or `abort` of a campaign that runs; `RigError` when none does."""
-    from rigctl.campaign.locks import is_held, store_lock
-    from rigctl.campaign.store import Store
-    from rigctl.errors import RigError
+    from rigctl.campaign.session.locks import is_held, store_lock
+    from rigctl.campaign.store.store import Store
+    from rigctl.core.errors import RigError
 
     with Store.open(store) as opened:
         if not is_held(store_lock(store)):
@@ -92,8 +92,8 @@ def request(store: Path, kind: Request) -> None:
 
 def answer(store: Path, number: int, text: str) -> None:
     """`rigctl answer`."""
-    from rigctl.campaign.questions import answer as answer_to
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.session.questions import answer as answer_to
+    from rigctl.campaign.store.store import Store
 
     with Store.open(store) as opened:
         answer_to(opened, number, text)
@@ -101,7 +101,7 @@ def answer(store: Path, number: int, text: str) -> None:
 
 def note(store: Path, action: str) -> None:
     """Keep an operator's action in the store it was for."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
 
     with Store.open(store) as opened:
         opened.add_event("operator", {"action": action})

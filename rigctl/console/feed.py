@@ -15,10 +15,10 @@ from rigctl.console.messages import Noted, StoreSeen
 if TYPE_CHECKING:
     from textual.message import Message
 
-    from rigctl.campaign.questions import Question
     from rigctl.campaign.recording import ChannelInfo, RunRecord
-    from rigctl.campaign.store import Event, Store
-    from rigctl.interfaces import FloatArray
+    from rigctl.campaign.session.questions import Question
+    from rigctl.campaign.store.store import Event, Store
+    from rigctl.core.interfaces import FloatArray
 
 LOOK_S = 0.25
 EVENTS = 2000
@@ -93,7 +93,7 @@ class Feed:
                 self._changed.wait()
 
     def _follow(self, path: Path) -> None:
-        from rigctl.campaign.store import Store
+        from rigctl.campaign.store.store import Store
 
         with Store.open(path, readonly=True) as store:
             seen: object = None
@@ -108,7 +108,7 @@ class Feed:
 
 def _signs(path: Path) -> tuple[object, ...]:
     """What changes when somebody writes the store, or its campaign's process ends."""
-    from rigctl.campaign.locks import is_held, store_lock
+    from rigctl.campaign.session.locks import is_held, store_lock
 
     signs: list[object] = [is_held(store_lock(path))]
     for each in (path, path.with_name(path.name + "-wal")):
@@ -136,8 +136,8 @@ class _Watched:
 
     def look(self) -> StoreView:
         """The store as it is now."""
-        from rigctl.campaign.locks import is_held, store_lock
-        from rigctl.campaign.questions import open_question
+        from rigctl.campaign.session.locks import is_held, store_lock
+        from rigctl.campaign.session.questions import open_question
         from rigctl.campaign.status import status_in
 
         store = self._store

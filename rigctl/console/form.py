@@ -52,7 +52,7 @@ class Listing:
 
 def entries(text: str) -> list[Entry | Listing]:
     """The keys a campaign file may have, table by table, with what it says; what is not TOML says nothing."""
-    from rigctl.experiments import measured
+    from rigctl.core.experiments import measured
 
     data = _tables(text)
     found: list[Entry | Listing] = []
@@ -85,7 +85,7 @@ def _tables(text: str) -> dict[str, Any]:
 
 
 def _models(data: Mapping[str, Any]) -> dict[str, type[BaseModel]]:
-    from rigctl.config import CampaignFile, ModelTable
+    from rigctl.files.config import CampaignFile, ModelTable
     from rigctl.kinds import settings_of
 
     procedure = data.get("procedure", {})
@@ -123,8 +123,8 @@ def changed(text: str, entry: Entry, typed: str) -> str:
 
 def fault(text: str, path: Path) -> str:
     """The first thing that is wrong with a campaign file's text, without the file's name; "" when it is right."""
-    from rigctl import config
-    from rigctl.errors import ConfigError
+    from rigctl.core.errors import ConfigError
+    from rigctl.files import config
     from rigctl.kinds import settings_of
 
     try:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rigctl.campaign.store import Event
+    from rigctl.campaign.store.store import Event
 
 ALARMS = {
     "aborted",
@@ -66,7 +66,7 @@ def lines_of(events: Iterable[Event]) -> list[LogLine]:
 
 def earlier(store: Path, search: Search, before: int) -> list[LogLine]:
     """All events of a store with numbers below `before` that a search finds; `DataError`."""
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
 
     with Store.open(store, readonly=True) as opened:
         return [

@@ -21,8 +21,8 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
     if place is not None:
         check(place)
     from rigctl.console.app import Console
+    from rigctl.core.errors import Aborted
     from rigctl.core.making_safe import require_rest
-    from rigctl.errors import Aborted
 
     console = Console(place, plugins, leave_terminal=_leave_terminal)
     watch_terminal()
@@ -68,21 +68,21 @@ def check(place: Path) -> None:
     """Raise what the commands raise for a rig file, campaign file or store that cannot be used."""
     if place.suffix == ".toml":
         kind, text = kind_of(place)
-        from rigctl import config
+        from rigctl.files import config
 
         if kind == "rig":
             config.parse_rig(text, place)
         else:
             config.parse_campaign(text, place)
         return
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.store.store import Store
 
     Store.open(place, readonly=True).close()
 
 
 def kind_of(path: Path) -> tuple[str, str]:
     """Whether a TOML file is a `rig` or a `campaign`, and its text; `ConfigError` when it cannot be read."""
-    from rigctl.errors import ConfigError
+    from rigctl.core.errors import ConfigError
 
     try:
         text = path.read_text(encoding="utf-8")

@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from rigctl.clock import Clock
-from rigctl.interfaces import Instrument
+from rigctl.core.clock import Clock
+from rigctl.core.interfaces import Instrument
 
 DRIVER_CONTRACT = 1
 """Version of what is between this program and a driver: declaration, constructor, interfaces, simulator."""

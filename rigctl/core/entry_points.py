@@ -10,8 +10,8 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
+from rigctl.core.errors import ConfigError
 from rigctl.core.messages import one_line
-from rigctl.errors import ConfigError
 
 OURS = "rigctl"
 

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Literal, Protocol
 
-from rigctl.errors import Aborted, BadReply, LinkError, RigError
+from rigctl.core.errors import Aborted, BadReply, LinkError, RigError
 
 if TYPE_CHECKING:
-    from rigctl.interfaces import Instrument
+    from rigctl.core.interfaces import Instrument
 
 DEADLINE_S = 5.0
 """How long an instrument has to confirm: to connect, to brake, and to answer."""

@@ -11,9 +11,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.errors import ConfigError, DataError, RigError
-from rigctl.experiments import EXPERIMENTS
-from rigctl.experiments.declaration import Experiment
+from rigctl.core.errors import ConfigError, DataError, RigError
+from rigctl.core.experiments import EXPERIMENTS, Experiment
 
 FloatArray = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import math
 import re
 from collections.abc import Collection
 
+from rigctl.core.experiments import EXPERIMENTS
 from rigctl.effects.catalogue import SCOPES, Effect, experiment_of
-from rigctl.experiments import EXPERIMENTS
 
 _BASE = {
     *("m", "g", "s", "A", "K", "mol", "cd", "rad", "sr", "Hz", "N", "Pa", "J", "W", "C", "V", "F", "ohm", "Ohm", "Ω"),

@@ -13,6 +13,8 @@ from types import ModuleType
 from typing import Any
 
 from rigctl.core.bounds import PLUGIN_BYTES
+from rigctl.core.errors import ConfigError, PluginError
+from rigctl.core.experiments import EXPERIMENTS
 from rigctl.core.messages import one_line
 from rigctl.core.reading import read_regular
 from rigctl.effects.catalogue import Effect, FloatArray, catalogue, effects_in, line_of, said
@@ -20,8 +22,6 @@ from rigctl.effects.declaration import flaw_of_declaration
 from rigctl.effects.rehearsal import rehearse
 from rigctl.effects.trial import flaw_of_function
 from rigctl.effects.watch import CALL_PATIENCE_S, WATCH, Overdue
-from rigctl.errors import ConfigError, PluginError
-from rigctl.experiments import EXPERIMENTS
 
 
 @dataclass(frozen=True)

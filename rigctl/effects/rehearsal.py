@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from rigctl.core.bounds import MIB
-from rigctl.errors import ConfigError, PluginError
+from rigctl.core.errors import ConfigError, PluginError
 
 PATIENCE_S = 30.0
 """A file of effects takes a quarter of a second, one that compiles its functions ten."""

@@ -11,23 +11,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from rigctl.errors import ConfigError, DataError
-from rigctl.experiments import EXPERIMENTS, experiment_named
+from rigctl.core.errors import ConfigError, DataError
+from rigctl.core.experiments import EXPERIMENTS, experiment_named
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from rigctl.campaign.parts import Part
     from rigctl.campaign.recording import ChannelInfo, LaserInfo
-    from rigctl.campaign.session import Session
-    from rigctl.campaign.store import Store
-    from rigctl.config import CampaignFile
+    from rigctl.campaign.session.session import Session
+    from rigctl.campaign.store.parts import Part
+    from rigctl.campaign.store.store import Store
     from rigctl.effects.plugins import Plugin
-    from rigctl.report.figure_data import Plate
-    from rigctl.report.result_table import ResultTable
+    from rigctl.files.config import CampaignFile
+    from rigctl.report.figures.data import Plate
+    from rigctl.report.tables.result_table import ResultTable
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
-    from rigctl.workbench.recommend import Allowed
+    from rigctl.workbench.next.recommend import Allowed
     from rigctl.workbench.study import Proposal, Study
 
 Progress = Callable[[int, int], None]

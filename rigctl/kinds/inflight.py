@@ -6,27 +6,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rigctl import config
-from rigctl.errors import DataError, ProcedureError
-from rigctl.experiments.inflight import recorded
-from rigctl.experiments.inflight.monte_carlo import DRAW, Draw, tables
-from rigctl.experiments.inflight.result import calibration
+from rigctl.campaign.origin import rig_file_of
+from rigctl.core.errors import DataError, ProcedureError
+from rigctl.experiments.inflight.observe import recorded
+from rigctl.experiments.inflight.result.monte_carlo import DRAW, Draw, tables
+from rigctl.experiments.inflight.result.result import calibration
 from rigctl.experiments.inflight.study import InflightStudy
+from rigctl.files import config
 from rigctl.kinds import Drawn, inflight_campaign
-from rigctl.origin import rig_file_of
 
 if TYPE_CHECKING:
-    from rigctl.campaign.parts import Part
     from rigctl.campaign.recording import ChannelInfo, LaserInfo
-    from rigctl.campaign.store import Store
-    from rigctl.config import CampaignFile
+    from rigctl.campaign.store.parts import Part
+    from rigctl.campaign.store.store import Store
     from rigctl.effects.plugins import Plugin
+    from rigctl.files.config import CampaignFile
     from rigctl.kinds import Plan, Progress
-    from rigctl.report.figure_data import Plate
+    from rigctl.report.figures.data import Plate
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
     from rigctl.workbench.findings import ModelFit
-    from rigctl.workbench.recommend import Allowed
+    from rigctl.workbench.next.recommend import Allowed
     from rigctl.workbench.study import Proposal
 
 
@@ -97,7 +97,7 @@ def result(bench: Workbench) -> dict[str, Any]:
 
 def analyse(bench: Workbench) -> InflightResult:
     """A calibration fitted with its current model, or all draws of a Monte Carlo study; `DataError`."""
-    from rigctl.workbench.fit import fit
+    from rigctl.workbench.verdict.fit import fit
 
     draws = [Draw.from_json(document.data) for document in bench.store.documents(DRAW)]
     if draws:
@@ -112,8 +112,8 @@ def analyse(bench: Workbench) -> InflightResult:
 
 def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
     """Print the tables, and what is to be said of runs."""
-    from rigctl.report.inflight_tables import result_tables
-    from rigctl.report.terminal_tables import print_tables
+    from rigctl.report.tables.inflight import result_tables
+    from rigctl.report.tables.terminal import print_tables
 
     del reference
     print_tables(result_tables(found), found.get("remarks", ()))
@@ -121,8 +121,8 @@ def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
 
 def draw(bench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
     """The tables of the result with their figures."""
-    from rigctl.report.figure_inflight import contributions_plate, errors_plate, estimates_plate
-    from rigctl.report.inflight_tables import result_tables
+    from rigctl.report.figures.inflight.figures import contributions_plate, errors_plate, estimates_plate
+    from rigctl.report.tables.inflight import result_tables
 
     del lines_hz, found
     try:

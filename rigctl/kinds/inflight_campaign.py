@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from procedures.inflight import Calibration, Flight, MonteCarlo, calibrate, check
-from rigctl import config
+from procedures.inflight.calibration import Calibration, Flight, MonteCarlo, calibrate, check
 from rigctl.campaign.recording import ChannelInfo
-from rigctl.errors import ConfigError, LimitError
+from rigctl.core.errors import ConfigError, LimitError
+from rigctl.files import config
 from rigctl.kinds.inflight_monte_carlo import MonteCarloPlan
 from rigctl.rig import Rig
 
 if TYPE_CHECKING:
-    from rigctl.campaign.session import Session
-    from rigctl.workbench.recommend import Allowed
+    from rigctl.campaign.session.session import Session
+    from rigctl.workbench.next.recommend import Allowed
     from rigctl.workbench.study import Proposal
 
 ORBIT = ("orbit_period_s", "eccentricity")

@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from procedures.inflight import MonteCarlo
-from rigctl.experiments.inflight.baseline import Stretch
-from rigctl.experiments.inflight.joint import joint_estimate
-from rigctl.experiments.inflight.monte_carlo import Draw
-from rigctl.experiments.inflight.observed import own_sigma
-from rigctl.experiments.inflight.paper import FittedRun, paper_estimate
-from rigctl.experiments.inflight.parameters import NAMES
-from rigctl.experiments.inflight.series import INDEX, SERIES, Amplitudes, central, raw_series
-from rigctl.experiments.inflight.sessions import STIMULUS, Line, Session, session_of
-from rigctl.experiments.inflight.weights import response, weights
-from rigctl.interfaces import FloatArray, SatelliteEnsemble
+from procedures.inflight.calibration import MonteCarlo
+from rigctl.core.interfaces import FloatArray, SatelliteEnsemble
+from rigctl.experiments.inflight.model.baseline import Stretch
+from rigctl.experiments.inflight.model.joint import joint_estimate
+from rigctl.experiments.inflight.model.paper import FittedRun, paper_estimate
+from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.observe.observed import own_sigma
+from rigctl.experiments.inflight.observe.series import INDEX, SERIES, Amplitudes, central, raw_series
+from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session, session_of
+from rigctl.experiments.inflight.observe.weights import response, weights
+from rigctl.experiments.inflight.result.monte_carlo import Draw
 from rigctl.workbench.threads import one_thread
 
 CHUNK = 512

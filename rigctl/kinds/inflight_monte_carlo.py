@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from procedures.inflight import Flight, MonteCarlo, calibrate, check
-from rigctl.errors import ConfigError, LinkError
-from rigctl.experiments.inflight.monte_carlo import DRAW
-from rigctl.interfaces import SatelliteEnsemble
+from procedures.inflight.calibration import Flight, MonteCarlo, calibrate, check
+from rigctl.core.errors import ConfigError, LinkError
+from rigctl.core.interfaces import SatelliteEnsemble
+from rigctl.experiments.inflight.result.monte_carlo import DRAW
 
 if TYPE_CHECKING:
-    from rigctl.campaign.session import Session
+    from rigctl.campaign.session.session import Session
     from rigctl.kinds.inflight_draws import Unit
     from rigctl.rig import Rig
 

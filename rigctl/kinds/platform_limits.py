@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from procedures.bias_rejection import Plan
-from procedures.platform_tables import ListedRun, Procedure
-from rigctl import config
-from rigctl.errors import ConfigError, LimitError
+from procedures.rotating_platform.bias_rejection import Plan
+from procedures.rotating_platform.tables import ListedRun, Procedure
+from rigctl.core.errors import ConfigError, LimitError
+from rigctl.files import config
 from rigctl.kinds.rotating_platform import bench_of
 from rigctl.kinds.scan_limits import for_its_limits
 from rigctl.rig import Rig
-from rigctl.workbench.recommend import Allowed
+from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Proposal
 
 

@@ -6,33 +6,33 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from procedures import bias_rejection
-from procedures.platform_bench import TILT_Y, TILT_Z, PlatformBench
-from procedures.platform_tables import Procedure
-from rigctl import config
-from rigctl.campaign.bundle_layout import ROTATING_PLATFORM
+from procedures.rotating_platform import bias_rejection
+from procedures.rotating_platform.bench import TILT_Y, TILT_Z, PlatformBench
+from procedures.rotating_platform.tables import Procedure
+from rigctl.campaign.bundle.layout import ROTATING_PLATFORM
+from rigctl.campaign.origin import rig_file_of
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
-from rigctl.errors import ConfigError, DataError, ProcedureError
-from rigctl.experiments.rotating_platform.alignment import Value
-from rigctl.experiments.rotating_platform.bench_runs import flips, noise_records, scans
-from rigctl.experiments.rotating_platform.recorded import chains
-from rigctl.experiments.rotating_platform.result import PlatformResult, platform_result
-from rigctl.experiments.rotating_platform.store_reduction import reduction
+from rigctl.core.errors import ConfigError, DataError, ProcedureError
+from rigctl.core.interfaces import TimedRotationStage
+from rigctl.experiments.rotating_platform.observe.bench_runs import flips, noise_records, scans
+from rigctl.experiments.rotating_platform.observe.recorded import chains
+from rigctl.experiments.rotating_platform.observe.store_reduction import reduction
+from rigctl.experiments.rotating_platform.result.alignment import Value
+from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
-from rigctl.interfaces import TimedRotationStage
+from rigctl.files import config
 from rigctl.kinds import Drawn
-from rigctl.origin import rig_file_of
-from rigctl.workbench.fit import fit
+from rigctl.workbench.verdict.fit import fit
 
 if TYPE_CHECKING:
-    from rigctl.campaign.parts import Part
-    from rigctl.campaign.session import Session
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.session.session import Session
+    from rigctl.campaign.store.parts import Part
+    from rigctl.campaign.store.store import Store
     from rigctl.effects.plugins import Plugin
     from rigctl.kinds import Progress
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
-    from rigctl.workbench.recommend import Allowed
+    from rigctl.workbench.next.recommend import Allowed
     from rigctl.workbench.study import Proposal
 
 Q_A, Q_B = "q_a_v", "q_b_v"
@@ -210,7 +210,7 @@ def analyse(bench: Workbench) -> PlatformResult:
 
 def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
     """Print the recording's numbers and a table of its runs."""
-    from rigctl.report.terminal_platform import print_platform
+    from rigctl.report.tables.rotating_platform import print_platform
 
     del reference
     print_platform(found)
@@ -218,8 +218,8 @@ def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
 
 def draw(bench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
     """Figures 5, 7, 8, 9 and table 4 as far as the runs allow, the noise, and the tables of the result."""
-    from rigctl.report.figure_platform import plates_of
-    from rigctl.report.terminal_platform import tables
+    from rigctl.report.figures.rotating_platform.figures import plates_of
+    from rigctl.report.tables.rotating_platform import tables
 
     del lines_hz, found
     believed = chains(bench.store.header)

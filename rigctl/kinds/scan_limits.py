@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from procedures.bench import Bench, SetPoint
-from procedures.tables import Procedure
-from rigctl import config
-from rigctl.errors import ConfigError, LimitError
+from procedures.sensing_axis.bench import Bench, SetPoint
+from procedures.sensing_axis.tables import Procedure
+from rigctl.core.errors import ConfigError, LimitError
+from rigctl.files import config
 from rigctl.kinds.sensing_axis import bench_of
 from rigctl.rig import Rig
-from rigctl.workbench.recommend import Allowed
+from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Proposal
 
 _NOWHERE = "tcp://127.0.0.1:9"

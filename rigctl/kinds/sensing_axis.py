@@ -6,40 +6,40 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from procedures import sensing_axes
-from procedures.bench import Bench, SetPoint
-from procedures.mounting import Mounting, Seated, mounted_in
-from procedures.tables import Procedure, Targets
-from rigctl import config
+from procedures.sensing_axis import sensing_axes
+from procedures.sensing_axis.bench import Bench, SetPoint
+from procedures.sensing_axis.mounting import Mounting, Seated, mounted_in
+from procedures.sensing_axis.tables import Procedure, Targets
+from rigctl.analysis.plane import ARCSEC
+from rigctl.campaign.origin import rig_file_of
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
+from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.effects.catalogue import chosen
-from rigctl.errors import ConfigError, DataError, ProcedureError
-from rigctl.experiments.sensing_axis.budget import axis_budgets
-from rigctl.experiments.sensing_axis.fit import forecast
 from rigctl.experiments.sensing_axis.imagined import imagined
-from rigctl.experiments.sensing_axis.model import RecordingModel
-from rigctl.experiments.sensing_axis.recorded import recorded_faces, recorded_heads, recorded_package
-from rigctl.experiments.sensing_axis.reduction import ACCEL, LASER_PREFIX
-from rigctl.experiments.sensing_axis.result import SensingAxisResult
-from rigctl.experiments.sensing_axis.result import sensing_axes as axes_of
-from rigctl.experiments.sensing_axis.set_points import OVERHEAD_S, Limits
-from rigctl.experiments.sensing_axis.store_reduction import reduction
+from rigctl.experiments.sensing_axis.model.fit import forecast
+from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.observe.recorded import recorded_faces, recorded_heads, recorded_package
+from rigctl.experiments.sensing_axis.observe.reduction import ACCEL, LASER_PREFIX
+from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S, Limits
+from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
+from rigctl.experiments.sensing_axis.result.budget import axis_budgets
+from rigctl.experiments.sensing_axis.result.result import SensingAxisResult
+from rigctl.experiments.sensing_axis.result.result import sensing_axes as axes_of
 from rigctl.experiments.sensing_axis.study import STANDARD_G, SensingAxisStudy
-from rigctl.fitting.plane import ARCSEC
+from rigctl.files import config
 from rigctl.kinds import Drawn
-from rigctl.origin import rig_file_of
 from rigctl.workbench.study import Proposal
 
 if TYPE_CHECKING:
-    from rigctl.campaign.parts import Part
-    from rigctl.campaign.session import Session
-    from rigctl.campaign.store import Store
+    from rigctl.campaign.session.session import Session
+    from rigctl.campaign.store.parts import Part
+    from rigctl.campaign.store.store import Store
     from rigctl.effects.plugins import Plugin
     from rigctl.kinds import Progress
-    from rigctl.report.result_table import ResultTable
+    from rigctl.report.tables.result_table import ResultTable
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
-    from rigctl.workbench.recommend import Allowed
+    from rigctl.workbench.next.recommend import Allowed
 
 KINDS = {"readout": "accelerometer"}
 """What a channel measures where the instrument only knows what it reads."""
@@ -282,7 +282,7 @@ def uncertainties_of(store: Store) -> dict[str, dict[str, float]]:
 
 def null_vectors(bench: Workbench) -> dict[str, list[dict[str, Any]]]:
     """The null vectors about their planes as figures 15 to 17 show them, by axis."""
-    from rigctl.report.figure_plane import plane_plate
+    from rigctl.report.figures.sensing_axis.plane import plane_plate
 
     found = analyse(bench)
     settings = found.fit.model.package.axes
@@ -301,8 +301,8 @@ def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
 
 def draw(bench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
     """The axes with their figures, and the spectrum of what is left in the samples."""
-    from rigctl.report.figure_spectrum import spectrum_plates
-    from rigctl.report.figures import plates_of
+    from rigctl.report.figures.sensing_axis.figures import plates_of
+    from rigctl.report.figures.spectrum import spectrum_plates
 
     spectra = list(spectrum_plates(bench.store, lines_hz, found))
     try:
@@ -317,7 +317,7 @@ def draw(bench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> D
 def _tables(told: Mapping[str, Any]) -> list[ResultTable]:
     """Sensing axes and the angles between them, as far as there are any."""
     from rigctl.report.quantities import number, quantity
-    from rigctl.report.result_table import ResultTable
+    from rigctl.report.tables.result_table import ResultTable
 
     axes, angles = told["axes"], told["angles"]
     tables = []

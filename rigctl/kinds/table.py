@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rigctl.errors import ConfigError
+from rigctl.core.errors import ConfigError
 from rigctl.experiments.table.study import TableStudy
 from rigctl.kinds import Drawn, Plan
-from rigctl.workbench.fit import fit
+from rigctl.workbench.verdict.fit import fit
 
 if TYPE_CHECKING:
-    from rigctl.campaign.parts import Part
     from rigctl.campaign.recording import ChannelInfo, LaserInfo
-    from rigctl.campaign.store import Store
-    from rigctl.config import CampaignFile
+    from rigctl.campaign.store.parts import Part
+    from rigctl.campaign.store.store import Store
     from rigctl.effects.plugins import Plugin
+    from rigctl.files.config import CampaignFile
     from rigctl.kinds import Progress
     from rigctl.rig import Rig
     from rigctl.workbench.bench import Workbench
     from rigctl.workbench.findings import ModelFit
-    from rigctl.workbench.recommend import Allowed
+    from rigctl.workbench.next.recommend import Allowed
     from rigctl.workbench.study import Proposal
 
 

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.status import repeats_in
-from rigctl.errors import UNFIT, ConfigError, DataError
-from rigctl.experiments import of_readings
+from rigctl.core.errors import UNFIT, ConfigError, DataError
+from rigctl.core.experiments import of_readings
 from rigctl.kinds import Drawn, kind_of
 from rigctl.report import html
-from rigctl.report.figure_data import Plate
-from rigctl.report.figure_ladder import ladder_plate
-from rigctl.report.figure_ranking import ranking_plate
-from rigctl.report.figure_residuals import residual_plates
-from rigctl.report.figures import write_plates
+from rigctl.report.figures.data import Plate
+from rigctl.report.figures.ladder import ladder_plate
+from rigctl.report.figures.ranking import ranking_plate
+from rigctl.report.figures.residuals import residual_plates
+from rigctl.report.figures.sensing_axis.figures import write_plates
 from rigctl.report.quantities import counted, number, probability, quantity
 from rigctl.report.terminal import repeats_line
 from rigctl.report.terminal_workbench import fails, line_sentence, short_result
@@ -31,9 +31,9 @@ from rigctl.report.verdicts import (
     sizes,
     verdict_sentence,
 )
-from rigctl.workbench import versions
 from rigctl.workbench.bench import ALPHA, Workbench
 from rigctl.workbench.findings import Comparison
+from rigctl.workbench.model import versions
 
 SIDE_BY_SIDE = 3
 """Versions whose residuals stand side by side: the first, the last, and what lies between."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
-from rigctl.report.figure_data import Plate, svg_element
+from rigctl.report.figures.data import Plate, svg_element
 
 _STYLE = """
 :root { color-scheme: light dark;

@@ -8,22 +8,22 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import unknown_effect
-from rigctl.errors import ConfigError, DataError
 from rigctl.kinds import kind_of
 from rigctl.studies import study_of
-from rigctl.workbench import versions
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
+from rigctl.workbench.model import versions
+from rigctl.workbench.model.versions import ModelVersion, PluginFile
 from rigctl.workbench.study import Study, Term
-from rigctl.workbench.versions import ModelVersion, PluginFile
 
 if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
-    from rigctl.workbench.attempt import Attempt
-    from rigctl.workbench.recommend import Allowed
-    from rigctl.workbench.recommendation import Recommendation
-    from rigctl.workbench.transfer import Transfer
+    from rigctl.workbench.model.transfer import Transfer
+    from rigctl.workbench.next.recommend import Allowed
+    from rigctl.workbench.next.recommendation import Recommendation
+    from rigctl.workbench.verdict.attempt import Attempt
 
 ALPHA = 0.01
 
@@ -59,20 +59,20 @@ class Workbench:
 
     def compare(self, version: ModelVersion | None = None) -> Comparison:
         """A version's model, by default the current one, beside the data."""
-        from rigctl.workbench.compare import compared
+        from rigctl.workbench.verdict.compare import compared
 
         chosen = version or self.current
         return compared(self._attempt(chosen), chosen.version)
 
     def compare_with(self, other: Workbench) -> Transfer:
         """The current model on another store: does what was fitted here hold there?"""
-        from rigctl.workbench.transfer import transfer
+        from rigctl.workbench.model.transfer import transfer
 
         return transfer(self.study, other.study, self.current.terms)
 
     def fit(self, version: ModelVersion | None = None) -> ModelFit:
         """Fit a version, by default the current one, and keep the outcome."""
-        from rigctl.workbench.fit import fitted
+        from rigctl.workbench.verdict.fit import fitted
 
         chosen = version or self.current
         found = fitted(self._attempt(chosen))
@@ -81,7 +81,7 @@ class Workbench:
 
     def _attempt(self, version: ModelVersion) -> Attempt:
         """A version fitted, once: the runs of a workbench are those it found."""
-        from rigctl.workbench.attempt import Attempt
+        from rigctl.workbench.verdict.attempt import Attempt
 
         if version.version not in self._attempts:
             self._attempts[version.version] = Attempt(self.study, version.terms)
@@ -89,7 +89,7 @@ class Workbench:
 
     def diagnose(self, alpha: float = ALPHA, progress: Callable[[str], None] | None = None) -> Diagnosis:
         """Ask what the current model lacks, and keep the answer; adds nothing."""
-        from rigctl.workbench.diagnose import diagnose
+        from rigctl.workbench.verdict.diagnose import diagnose
 
         if not 0.0 < alpha < 1.0:
             raise ConfigError(f"alpha {alpha:g} is no level; give one between 0 and 1, such as {ALPHA:g}")
@@ -100,7 +100,7 @@ class Workbench:
 
     def _with_next(self, found: Diagnosis) -> Diagnosis:
         """What to measure where something is ambiguous; `recommend` tells it of everything else, in longer time."""
-        from rigctl.workbench.recommend import recommend
+        from rigctl.workbench.next.recommend import recommend
 
         if found.verdict != "ambiguous":
             return found
@@ -113,8 +113,8 @@ class Workbench:
 
     def recommend(self, progress: Callable[[str], None] | None = None, alpha: float = ALPHA) -> Recommendation:
         """What to measure next, after a diagnosis of the current model, with the rig that measured."""
-        from rigctl.workbench.diagnose import diagnose
-        from rigctl.workbench.recommend import recommend
+        from rigctl.workbench.next.recommend import recommend
+        from rigctl.workbench.verdict.diagnose import diagnose
 
         terms = self.current.terms
         found = diagnose(self.study, terms, alpha, progress=progress)
@@ -169,7 +169,7 @@ class Workbench:
 
         What is chosen may be there more than once: one head's error, then another's.
         """
-        from rigctl.workbench.choices import best, diagnosed
+        from rigctl.workbench.verdict.choices import best, diagnosed
 
         there = [term for term in terms if term.effect == effect]
         found = diagnosed(versions.last_diagnosis(self.store), effect)

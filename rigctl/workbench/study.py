@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.fitting.least_squares import Parameter
+from rigctl.analysis.least_squares import Parameter
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigctl.errors import LinkLost
+from rigctl.core.errors import LinkLost
 from simulators.clock import SimulationClock
 from simulators.faults.line import Occasions
 from simulators.faults.plan import FaultPlan

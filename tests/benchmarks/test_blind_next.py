@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.blind_next import promises, report, separated
 from rigctl.workbench.findings import Diagnosis, Rank
-from rigctl.workbench.questions import Question
-from rigctl.workbench.recommendation import Answer, Recommendation
+from rigctl.workbench.next.questions import Question
+from rigctl.workbench.next.recommendation import Answer, Recommendation
 from rigctl.workbench.study import Term
 
 

@@ -16,7 +16,7 @@ from benchmarks.blind_sampler import Design, sample_world
 from benchmarks.blind_sizes import yardstick
 from benchmarks.blind_trials import Asked, clopper_pearson, score, study
 from benchmarks.blind_world import Foreign, Truth, draw, record, sample
-from rigctl.campaign.bundle import read_bundle
+from rigctl.campaign.bundle.bundle import read_bundle
 from rigctl.workbench.findings import Diagnosis, Rank
 from rigctl.workbench.study import Term
 from simulators.worlds.bench_settings import isa_twin

@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.campaign.bundle import read_bundle
-from rigctl.errors import DataError
+from rigctl.campaign.bundle.bundle import read_bundle
+from rigctl.core.errors import DataError
 
 SENSING_TOML = """\
 format = 1

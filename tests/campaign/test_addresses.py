@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from rigctl.campaign import addresses
-from rigctl.campaign.addresses import Claim, claims_of, conflict
+from rigctl.campaign.session import addresses
+from rigctl.campaign.session.addresses import Claim, claims_of, conflict
 
 METER = "192.0.2.20"
 NAMES = {

@@ -14,13 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rigctl.campaign.bundle import import_bundle, import_report, read_bundle, salvage_bundle, write_bundle
-from rigctl.campaign.bundle_writer import LONG_RUN_VALUES
+from rigctl.campaign.bundle.bundle import import_bundle, import_report, read_bundle, salvage_bundle, write_bundle
+from rigctl.campaign.bundle.sample_file import csv_bytes
+from rigctl.campaign.bundle.writer import LONG_RUN_VALUES
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
-from rigctl.campaign.sample_file import csv_bytes
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DamagedStore, DataError
 from rigctl.core.numbers import MAGNITUDE_MAX
-from rigctl.errors import DamagedStore, DataError
 
 
 def plain(value):
@@ -395,7 +395,7 @@ def test_recording_names_an_unknown_run(sensing):
 
 
 def test_npz_can_be_read_by_numpy(tmp_path):
-    from rigctl.campaign.npz_file import npz_bytes
+    from rigctl.campaign.bundle.npz_file import npz_bytes
 
     columns = {"t_s": np.arange(3.0), "file": np.array([1.5, np.nan, -0.0])}
     with np.load(io.BytesIO(npz_bytes(columns)), allow_pickle=False) as archive:

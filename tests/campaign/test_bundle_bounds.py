@@ -11,7 +11,7 @@ import zlib
 import numpy as np
 import pytest
 
-from rigctl.campaign.bundle import read_bundle
+from rigctl.campaign.bundle.bundle import read_bundle
 from rigctl.core.bounds import COLUMNS
 
 GIB = 1 << 30

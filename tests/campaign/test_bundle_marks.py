@@ -1,6 +1,6 @@
 """Runs that are kept but not trusted, and what is said about the others."""
 
-from rigctl.campaign.bundle import import_bundle, import_report, read_bundle, write_bundle
+from rigctl.campaign.bundle.bundle import import_bundle, import_report, read_bundle, write_bundle
 
 
 def marked(path, run_id):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from rigctl.campaign.bundle import read_bundle
+from rigctl.campaign.bundle.bundle import read_bundle
 
 HEADER = [
     ("9.803", "-9.8", "line 7: constants.g_m_s2 is -9.8; write the local gravity, positive, in m/s2"),

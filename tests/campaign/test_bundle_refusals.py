@@ -7,8 +7,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from rigctl.campaign.bundle import import_bundle, read_bundle
-from rigctl.errors import DataError
+from rigctl.campaign.bundle.bundle import import_bundle, read_bundle
+from rigctl.core.errors import DataError
 
 HEADER_FLAWS = [
     ("format = 1", "format = ", "recording.toml, line 1: not TOML (Invalid value); mend the line"),

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from rigctl.campaign import locks
-from rigctl.campaign.control import Control, RequestWatcher, forget_requests
 from rigctl.campaign.recording import Header
+from rigctl.campaign.session import locks
+from rigctl.campaign.session.control import Control, RequestWatcher, forget_requests
 from rigctl.campaign.status import status_of
-from rigctl.campaign.store import Store
-from rigctl.errors import Aborted, DataError, LinkLost, RigError
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import Aborted, DataError, LinkLost, RigError
 
 PATIENCE_S = 10.0
 

@@ -5,9 +5,9 @@ import sqlite3
 import numpy as np
 import pytest
 
-from rigctl.campaign.bundle import read_bundle, salvage_bundle
-from rigctl.campaign.store import Store
-from rigctl.errors import DamagedStore, DataError
+from rigctl.campaign.bundle.bundle import read_bundle, salvage_bundle
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DamagedStore, DataError
 from tests.reliability import damaged_stores
 from tests.reliability.damaged_stores import HARMLESS, SILENT, told, verdict
 

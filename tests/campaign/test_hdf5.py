@@ -4,10 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
-from rigctl.campaign.hdf5 import write_hdf5
+from rigctl.campaign.bundle.hdf5 import write_hdf5
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
-from rigctl.campaign.store import Store
-from rigctl.errors import DataError
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DataError
 
 HEADER = Header(
     "sensing-axis",

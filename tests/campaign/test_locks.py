@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from rigctl import config
-from rigctl.campaign import holders, locks
-from rigctl.campaign.addresses import Claim
-from rigctl.errors import ConfigError, DataError, RigError
+from rigctl.campaign.session import holders, locks
+from rigctl.campaign.session.addresses import Claim
+from rigctl.core.errors import ConfigError, DataError, RigError
+from rigctl.files import config
 
 
 def in_another_process(action: Callable[[], bool]) -> bool:
@@ -196,7 +196,7 @@ def test_a_rig_file_that_names_one_instrument_twice_is_refused() -> None:
 IGNORES_TERM = """
 import signal, sys, time
 from pathlib import Path
-from rigctl.campaign import locks
+from rigctl.campaign.session import locks
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 with locks.held(Path(sys.argv[1]), "taken"):
     print("held", flush=True)

@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from rigctl.campaign.operator import SimulatedOperator, TerminalOperator, TypedLines
-from rigctl.campaign.operator_link import TcpOperatorLink
-from rigctl.clock import RealClock
-from rigctl.errors import Aborted, BadReply, ConfigError, LinkLost, LinkTimeout, ProcedureError
+from rigctl.campaign.session.operator import SimulatedOperator, TerminalOperator, TypedLines
+from rigctl.campaign.session.operator_link import TcpOperatorLink
+from rigctl.core.clock import RealClock
+from rigctl.core.errors import Aborted, BadReply, ConfigError, LinkLost, LinkTimeout, ProcedureError
 
 
 @dataclass

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.campaign import progress as module
-from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import Header
-from rigctl.campaign.store import Store
+from rigctl.campaign.session import progress as module
+from rigctl.campaign.session.progress import Progress
+from rigctl.campaign.store.store import Store
 
 
 @pytest.fixture

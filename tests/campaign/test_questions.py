@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.campaign.operator import TerminalOperator, TypedLines
-from rigctl.campaign.questions import Questions, answer, open_question
 from rigctl.campaign.recording import Header
-from rigctl.campaign.store import Store
-from rigctl.errors import DataError
+from rigctl.campaign.session.operator import TerminalOperator, TypedLines
+from rigctl.campaign.session.questions import Questions, answer, open_question
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DataError
 
 
 @pytest.fixture

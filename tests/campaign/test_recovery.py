@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.campaign.control import Control
-from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import Header
-from rigctl.campaign.recovery import ATTEMPTS, GIVE_UP_S, Apparatus
-from rigctl.campaign.run_writer import RunWriter
-from rigctl.campaign.session import Session
+from rigctl.campaign.session.control import Control
+from rigctl.campaign.session.progress import Progress
+from rigctl.campaign.session.recovery import ATTEMPTS, GIVE_UP_S, Apparatus
+from rigctl.campaign.session.session import Session
 from rigctl.campaign.status import status_in
-from rigctl.campaign.store import Store
-from rigctl.errors import (
+from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import (
     InstrumentError,
     LimitError,
     LinkLost,

@@ -15,18 +15,19 @@ from typing import Any
 
 import pytest
 
-from procedures import sensing_axes
-from rigctl import config, results, runner
-from rigctl.campaign.control import Control
-from rigctl.campaign.operator import Levelled, SimulatedOperator
-from rigctl.campaign.progress import Progress
-from rigctl.campaign.run_writer import RunWriter
-from rigctl.campaign.session import Session
+from procedures.sensing_axis import sensing_axes
+from rigctl import results, runner
+from rigctl.campaign.origin import truth_path
+from rigctl.campaign.session.control import Control
+from rigctl.campaign.session.operator import Levelled, SimulatedOperator
+from rigctl.campaign.session.progress import Progress
+from rigctl.campaign.session.session import Session
 from rigctl.campaign.status import status_of
-from rigctl.campaign.store import Store
-from rigctl.errors import Aborted, ProcedureError
+from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import Aborted, ProcedureError
+from rigctl.files import config
 from rigctl.kinds.sensing_axis import bench_of, plan_of
-from rigctl.origin import truth_path
 from rigctl.rig import Rig
 
 SLOW = (

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl import config, runner
-from rigctl.campaign.run_writer import RunWriter
-from rigctl.campaign.store import Store
+from rigctl import runner
+from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.campaign.store.store import Store
+from rigctl.files import config
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 YES = runner.Options(unattended=True, seed=5)

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.campaign.control import Control
-from rigctl.campaign.progress import Progress
 from rigctl.campaign.recording import Header, RunRecord
-from rigctl.campaign.run_writer import RunWriter
-from rigctl.campaign.session import Session
-from rigctl.campaign.store import Store
-from rigctl.errors import Aborted, DataError, LinkLost
+from rigctl.campaign.session.control import Control
+from rigctl.campaign.session.progress import Progress
+from rigctl.campaign.session.session import Session
+from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import Aborted, DataError, LinkLost
 
 
 @dataclass

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rigctl.campaign import schema
-from rigctl.campaign.header_json import header_to_json
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
-from rigctl.campaign.store import Store
-from rigctl.errors import DamagedStore, DataError
-from rigctl.interfaces import Identity
+from rigctl.campaign.store import schema
+from rigctl.campaign.store.header_json import header_to_json
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DamagedStore, DataError
+from rigctl.core.interfaces import Identity
 
 HEADER = Header(
     experiment="sensing-axis",
@@ -91,7 +91,7 @@ def committed_samples(store, column):
 
 def test_a_stream_is_committed_once_a_second_and_at_the_end(store, monkeypatch):
     now = [100.0]
-    monkeypatch.setattr("rigctl.campaign.run_writer.time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr("rigctl.campaign.store.run_writer.time", SimpleNamespace(monotonic=lambda: now[0]))
     seen = []
     with store.begin_run("k", "s", {}) as writer:
         for _ in range(5):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rigctl.campaign.recording import Header
-from rigctl.campaign.store import Store
-from rigctl.errors import DataError, RigError
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DataError, RigError
 from rigctl.rig import Rig
 from tests.reliability import power_cuts
 from tests.reliability.file_layer import FULL, IOERR_FSYNC, IOERR_WRITE, OK, READONLY, FileLayer, watched_files

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rigctl.campaign.recording import Header
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 
 ROOT = Path(__file__).parents[2]
 
@@ -18,7 +18,7 @@ WRITER = """
 import sys
 from pathlib import Path
 import numpy as np
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 
 first, last = int(sys.argv[2]), int(sys.argv[3])
 with Store.open(Path(sys.argv[1])) as store:
@@ -35,7 +35,7 @@ READER = """
 import sys
 from pathlib import Path
 import numpy as np
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 
 with Store.open(Path(sys.argv[1]), readonly=True) as store:
     seen = 0

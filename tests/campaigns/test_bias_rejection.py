@@ -14,16 +14,17 @@ import numpy as np
 import pytest
 
 from drivers.keysight_34465a import PacedVoltmeter, PacingVoltmeter
-from rigctl import config, runner
+from rigctl import runner
 from rigctl.campaign.recording import RunRecord
-from rigctl.campaign.run_writer import RunWriter
 from rigctl.campaign.status import status_of
-from rigctl.campaign.store import Store
-from rigctl.errors import ConfigError, InstrumentError, LimitError
-from rigctl.experiments.rotating_platform.patterns import custom_pattern, named_pattern
-from rigctl.interfaces import FloatArray
+from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import ConfigError, InstrumentError, LimitError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.observe.patterns import custom_pattern, named_pattern
+from rigctl.files import config
 from rigctl.kinds import rotating_platform
-from rigctl.report.terminal_platform import headline
+from rigctl.report.tables.rotating_platform import headline
 from rigctl.workbench.bench import Workbench
 from simulators.measured import from_file
 

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl import config, runner
-from rigctl.campaign.store import Store
+from rigctl import runner
+from rigctl.campaign.store.store import Store
+from rigctl.files import config
 
 RESULT_KEYS = {
     "coc", "uoaf", "std_hc_2sigma_arcsec", "theta_m_arcsec", "vectors", "covariance", "requirement_arcsec", "pass"

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl import config, runner
-from rigctl.campaign.parts import parts_of
-from rigctl.campaign.run_writer import RunWriter
+from rigctl import runner
 from rigctl.campaign.status import status_of
-from rigctl.campaign.store import Store
-from rigctl.errors import ConfigError, DataError, LimitError
+from rigctl.campaign.store.parts import parts_of
+from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import ConfigError, DataError, LimitError
+from rigctl.files import config
 
 FIRST = """\
 experiment = "sensing-axis"

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from rigctl import config, runner
+from rigctl import runner
 from rigctl.campaign.status import status_of
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
+from rigctl.files import config
 
 
 @pytest.mark.parametrize(("name", "with_lasers"), [("hidden-effect", 24), ("hidden-effect-near", 48)])

@@ -98,7 +98,8 @@ def serve(desk: Any) -> Callable[..., ServedRig]:
 @pytest.fixture(scope="session")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The store of the shipped one-axis campaign."""
-    from rigctl import config, runner
+    from rigctl import runner
+    from rigctl.files import config
 
     store = tmp_path_factory.mktemp("measured") / "one-axis.rig.sqlite"
     campaign = config.read_campaign(Path(__file__).parents[2] / "campaigns" / "one-axis.toml")

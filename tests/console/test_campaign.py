@@ -6,7 +6,7 @@ import signal
 from pathlib import Path
 from typing import Any
 
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 
 
 async def starts(seat: Any, *, unattended: bool) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rigctl.campaign.recording import Header
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 from rigctl.console import feed
 from rigctl.console.log_lines import Search, earlier
 from rigctl.console.messages import StoreSeen

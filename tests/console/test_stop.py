@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from rigctl.campaign.questions import Question
+from rigctl.campaign.session.questions import Question
 from rigctl.console import messages as say
 from rigctl.console.feed import StoreView
 from rigctl.console.start import watch_terminal

@@ -13,7 +13,7 @@ import pytest
 from rigctl.core import entry_points as registered
 from rigctl.core.declarations import DriverDeclaration
 from rigctl.core.entry_points import Registry
-from rigctl.errors import ConfigError
+from rigctl.core.errors import ConfigError
 from rigctl.rig import DRIVERS
 from simulators.benches import WORLDS
 
@@ -94,7 +94,8 @@ def test_only_what_a_rig_uses_is_imported() -> None:
     code = """
 import sys
 from pathlib import Path
-from rigctl import config, rig
+from rigctl import rig
+from rigctl.files import config
 rig.Rig(config.parse_rig('''[rig]
 name = "two"
 [instruments.a]

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import pytest
 
 from rigctl.core import making_safe
+from rigctl.core.errors import Aborted, BadReply, InstrumentError, LinkLost, LinkTimeout, OutOfStep, RigError
 from rigctl.core.making_safe import Rest, bring_to_rest, ended_by_signals, require_rest
-from rigctl.errors import Aborted, BadReply, InstrumentError, LinkLost, LinkTimeout, OutOfStep, RigError
 
 PATIENCE_S = 10.0
 

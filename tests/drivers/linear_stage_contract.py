@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from rigctl.clock import Clock
-from rigctl.errors import InstrumentError, LimitError, LinkError, MotionStopped
-from rigctl.interfaces import LinearStage
+from rigctl.core.clock import Clock
+from rigctl.core.errors import InstrumentError, LimitError, LinkError, MotionStopped
+from rigctl.core.interfaces import LinearStage
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 
 

@@ -19,8 +19,8 @@ from pydantic import ValidationError
 from drivers.aerotech_ensemble import AerotechEnsemble, EnsembleSettings
 from drivers.connect import connector
 from drivers.transport import Endpoint, InProcessTransport
-from rigctl.clock import RealClock
-from rigctl.errors import (
+from rigctl.core.clock import RealClock
+from rigctl.core.errors import (
     BadReply,
     InstrumentError,
     LimitError,
@@ -30,7 +30,7 @@ from rigctl.errors import (
     RigError,
     WrongInstrument,
 )
-from rigctl.interfaces import Channel, LinearStage, PacedRecorder
+from rigctl.core.interfaces import Channel, LinearStage, PacedRecorder
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEnsemble
 from simulators.aerotech_ensemble.status import AxisFault
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock

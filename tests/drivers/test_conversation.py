@@ -11,7 +11,7 @@ import pytest
 
 from drivers.conversation import Check, Conversation
 from drivers.transport import Transport, lost, timed_out
-from rigctl.errors import LinkLost, LinkTimeout, OutOfStep
+from rigctl.core.errors import LinkLost, LinkTimeout, OutOfStep
 
 PATIENCE_S = 10.0
 

@@ -23,8 +23,8 @@ from drivers.keysight_34465a import (
 )
 from drivers.scpi import ScpiLink
 from drivers.transport import InProcessTransport
-from rigctl.errors import BadReply, InstrumentError, LimitError, LinkLost, LinkTimeout, WrongInstrument
-from rigctl.interfaces import Instrument, PacedRecorder, PacingRecorder, StreamedRecorder, Thermometer, Voltmeter
+from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkLost, LinkTimeout, WrongInstrument
+from rigctl.core.interfaces import Instrument, PacedRecorder, PacingRecorder, StreamedRecorder, Thermometer, Voltmeter
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.keysight_34465a import MeterSettings, Simulated34465A
 from simulators.wiring import TriggerLine

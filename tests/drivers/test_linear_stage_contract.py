@@ -14,7 +14,7 @@ import pytest
 from drivers.aerotech_ensemble import AerotechEnsemble, EnsembleSettings
 from drivers.connect import connector
 from drivers.transport import InProcessTransport
-from rigctl.clock import RealClock
+from rigctl.core.clock import RealClock
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEnsemble
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from drivers.newport_esp301 import Esp301Settings, NewportEsp301
 from drivers.newport_esp301_line import QueuedError, parse_error
 from drivers.transport import InProcessTransport
-from rigctl.errors import BadReply, InstrumentError, LimitError, LinkTimeout, MotionStopped
-from rigctl.interfaces import Identity
+from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkTimeout, MotionStopped
+from rigctl.core.interfaces import Identity
 from simulators.clock import VirtualClock
 
 NO_ERROR = "0, 451322, NO ERROR DETECTED"

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from drivers.newport_xps import NewportXps, XpsSettings
 from drivers.newport_xps_socket import Reply, parse_reply
 from drivers.transport import InProcessTransport
-from rigctl.errors import BadReply, InstrumentError, LinkError, LinkTimeout, MotionStopped
-from rigctl.interfaces import Identity
+from rigctl.core.errors import BadReply, InstrumentError, LinkError, LinkTimeout, MotionStopped
+from rigctl.core.interfaces import Identity
 from simulators.clock import VirtualClock
 
 END = b",EndOfAPI"

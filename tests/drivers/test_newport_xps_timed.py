@@ -10,8 +10,8 @@ import pytest
 
 from drivers.newport_xps import NewportXps, XpsSettings, cycloid_peaks
 from drivers.transport import InProcessTransport
-from rigctl.errors import LimitError
-from rigctl.interfaces import TimedRotationStage
+from rigctl.core.errors import LimitError
+from rigctl.core.interfaces import TimedRotationStage
 from simulators.clock import VirtualClock
 from simulators.motion import MotionAxis
 from simulators.newport_xps import SimulatedXps, XpsSimulatorSettings

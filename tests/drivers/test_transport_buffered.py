@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.buffered import BufferedTransport
-from rigctl.clock import RealClock
-from rigctl.errors import LinkTimeout
+from rigctl.core.clock import RealClock
+from rigctl.core.errors import LinkTimeout
 
 
 class Pieces(BufferedTransport):

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.connect import connector
-from rigctl.clock import RealClock
-from rigctl.errors import ConfigError
+from rigctl.core.clock import RealClock
+from rigctl.core.errors import ConfigError
 
 CLOCK = RealClock()
 

@@ -17,8 +17,8 @@ from drivers.connect import connector
 from drivers.transport import Transport
 from drivers.transport_serial import SerialSettings, check_parity
 from drivers.transport_visa import VisaTransport
-from rigctl.clock import RealClock
-from rigctl.errors import LinkLost, LinkTimeout
+from rigctl.core.clock import RealClock
+from rigctl.core.errors import LinkLost, LinkTimeout
 from simulators.clock import ScaledClock
 from simulators.serve import Address, Server
 

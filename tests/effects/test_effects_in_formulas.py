@@ -11,11 +11,11 @@ import pytest
 
 from rigctl.campaign.recording import Header
 from rigctl.effects.catalogue import catalogue, chosen
-from rigctl.experiments.sensing_axis.components import observed, series_of
-from rigctl.experiments.sensing_axis.model import RecordingModel
-from rigctl.experiments.sensing_axis.observables import HARMONICS, Amplitudes, RunObservables
-from rigctl.experiments.sensing_axis.package import HeadSettings, Package
-from rigctl.experiments.sensing_axis.recorded import recorded_package
+from rigctl.experiments.sensing_axis.model.components import observed, series_of
+from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables
+from rigctl.experiments.sensing_axis.observe.recorded import recorded_package
+from rigctl.files.package import HeadSettings, Package
 
 G, GAIN, DC, THETA0, A, TILT = 9.8, 80.0, 0.7, 0.004, 5e-3, 5.0
 HEADS = {

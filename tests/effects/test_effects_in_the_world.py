@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigctl.analysis.least_squares import FitResult, least_squares
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
-from rigctl.fitting.least_squares import FitResult, least_squares
 from rigctl.workbench.study import Term
 
 NULL = "theta0[X,flag,1]"

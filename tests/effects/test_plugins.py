@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.core.errors import ConfigError
 from rigctl.effects.catalogue import catalogue, chosen
 from rigctl.effects.declaration import known_unit
 from rigctl.effects.plugins import Plugin, load
-from rigctl.errors import ConfigError
 
 GOOD = '''
 import numpy as np

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.core.errors import PluginError
 from rigctl.effects import plugins, rehearsal, watch
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import made_up
-from rigctl.errors import PluginError
 
 EFFECT = """
 import os, signal, sys, time

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rigctl.experiments.sensing_axis.package import HeadSettings, Package
-from rigctl.experiments.sensing_axis.reduction import ReducedRun, reduce_run
+from rigctl.experiments.sensing_axis.observe.reduction import ReducedRun, reduce_run
+from rigctl.files.package import HeadSettings, Package
 
 G = 9.803
 TILT = math.radians(5.0)

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from rigctl import config
-from rigctl.campaign.bundle_layout import Layout, layout_of
+from rigctl.campaign.bundle.layout import Layout, layout_of
 from rigctl.core import entry_points as registered
-from rigctl.errors import ConfigError, DataError
-from rigctl.experiments import CONTRACT, EXPERIMENTS, REGISTRY, Experiments, experiment_named
+from rigctl.core.errors import ConfigError, DataError
+from rigctl.core.experiments import CONTRACT, EXPERIMENTS, REGISTRY, Experiments, experiment_named
+from rigctl.files import config
 from rigctl.kinds import Kind, kind_of
 
 ROOT = Path(__file__).parents[2]
 OURS = ["sensing-axis", "rotating-platform", "inflight-calibration", "table"]
 
 MODULE = f"""\
-from rigctl.experiments.declaration import Experiment
+from rigctl.core.experiments import Experiment
 
 TUMBLE = Experiment("tumble-test", "lab", ("tumble_v",), "lab:run")
 TABLE = Experiment("table", "lab", ("twin_v",), "lab:run")

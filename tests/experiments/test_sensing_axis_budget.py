@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigctl.analysis.plane import ARCSEC, fit_plane
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.effects.catalogue import chosen
-from rigctl.experiments.sensing_axis.budget import AxisBudget, axis_budgets
-from rigctl.experiments.sensing_axis.fit import fit_recording
-from rigctl.experiments.sensing_axis.model import RecordingModel
-from rigctl.experiments.sensing_axis.reduction import observables
-from rigctl.experiments.sensing_axis.result import AxisResult, SensingAxisResult
-from rigctl.fitting.plane import ARCSEC, fit_plane
+from rigctl.experiments.sensing_axis.model.fit import fit_recording
+from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.observe.reduction import observables
+from rigctl.experiments.sensing_axis.result.budget import AxisBudget, axis_budgets
+from rigctl.experiments.sensing_axis.result.result import AxisResult, SensingAxisResult
 
 TRUE_AXIS = np.array([1.0, 0.002, 0.008])
 CERTIFIED = {
@@ -132,9 +132,9 @@ def test_certificates_that_are_not_there_contribute_nothing(result: SensingAxisR
 
 
 def test_a_recording_in_memory_needs_runs() -> None:
-    from rigctl.errors import ProcedureError
-    from rigctl.experiments.sensing_axis.recorded import recorded_heads, recorded_package
-    from rigctl.experiments.sensing_axis.result import sensing_axes
+    from rigctl.core.errors import ProcedureError
+    from rigctl.experiments.sensing_axis.observe.recorded import recorded_heads, recorded_package
+    from rigctl.experiments.sensing_axis.result.result import sensing_axes
 
     header = Header("sensing-axis", constants={"gain_v_per_m_s2": 80.0})
     empty = Recording(header, [RunRecord("1", "1", "", {}, valid=False)], {}, ImportReport(1))

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.effects.catalogue import chosen
-from rigctl.errors import ConfigError, DataError, ProcedureError
-from rigctl.experiments.sensing_axis.fit import RecordingFit, fit_recording, residuals_of
-from rigctl.experiments.sensing_axis.model import RecordingModel
-from rigctl.experiments.sensing_axis.reduction import ReducedRun, observables
+from rigctl.experiments.sensing_axis.model.fit import RecordingFit, fit_recording, residuals_of
+from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.observe.reduction import ReducedRun, observables
 
 EFFECTS = ("roll-gravity", "resonance")
 MOUNTINGS = [(axis, configuration) for axis in "XYZ" for configuration in ("pendulum", "flag")]
@@ -125,7 +125,7 @@ def test_mountings_share_gain_and_roll_but_not_nulls(make_run: Any, package: Any
 
 
 def test_lost_targets_are_left_out(make_run: Any, package: Any, heads: Any) -> None:
-    from rigctl.experiments.sensing_axis.reduction import reduce_run
+    from rigctl.experiments.sensing_axis.observe.reduction import reduce_run
 
     t = np.arange(2000) / 100.0
     x = 5.0 * np.sin(2 * np.pi * 0.6 * t)
@@ -138,7 +138,7 @@ def test_lost_targets_are_left_out(make_run: Any, package: Any, heads: Any) -> N
 
 
 def test_a_record_at_another_frequency_names_the_run() -> None:
-    from rigctl.experiments.sensing_axis.reduction import reduce_run
+    from rigctl.experiments.sensing_axis.observe.reduction import reduce_run
 
     t = np.arange(2000) / 100.0
     samples = {"t_s": t, "stage_x_mm": np.random.default_rng(1).standard_normal(2000), "accel_v": 0 * t}

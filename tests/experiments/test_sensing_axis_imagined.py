@@ -8,16 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl import config, runner
-from rigctl.campaign.store import Store
-from rigctl.experiments.sensing_axis import set_points
-from rigctl.experiments.sensing_axis.set_points import ROOM_S
-from rigctl.experiments.sensing_axis.store_reduction import reduction
+from rigctl import runner
+from rigctl.campaign.store.store import Store
+from rigctl.experiments.sensing_axis.observe import set_points
+from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S
+from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
+from rigctl.files import config
 from rigctl.kinds import sensing_axis
-from rigctl.workbench.attempt import Attempt
-from rigctl.workbench.imagined import Imagined
+from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.study import Plannable, Proposal, Term
+from rigctl.workbench.verdict.attempt import Attempt
 
 SCAN = """\
 experiment = "sensing-axis"

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from rigctl.analysis.lines import find_lines
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
-from rigctl.campaign.store import Store
-from rigctl.experiments.sensing_axis.store_reduction import line_scan, recipe, reduced, reduction
-from rigctl.signals.lines import find_lines
+from rigctl.campaign.store.store import Store
+from rigctl.experiments.sensing_axis.observe.store_reduction import line_scan, recipe, reduced, reduction
 
 HEADER = Header(
     "sensing-axis",

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl import config
+from rigctl.analysis.least_squares import FitResult, least_squares
 from rigctl.campaign.recording import Header, ImportReport, LaserInfo, Recording, RunRecord
+from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.plugins import load
-from rigctl.errors import ConfigError, DataError
 from rigctl.experiments.sensing_axis.study import SensingAxisModel, SensingAxisStudy
-from rigctl.fitting.least_squares import FitResult, least_squares
+from rigctl.files import config
 from rigctl.workbench.study import Candidate, Term
 
 G, GAIN, A = 9.803, 60.0, 5e-3

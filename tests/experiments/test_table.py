@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from rigctl.campaign.recording import READINGS, ChannelInfo, Header, ImportReport, Recording, RunRecord
+from rigctl.core.errors import ConfigError, DataError
+from rigctl.core.interfaces import FloatArray
 from rigctl.effects.catalogue import Effect
-from rigctl.errors import ConfigError, DataError
-from rigctl.experiments.table.model import TableModel, fitted
+from rigctl.experiments.table.model.model import TableModel, fitted
 from rigctl.experiments.table.study import TableStudy
-from rigctl.interfaces import FloatArray
 from rigctl.workbench.study import Term
 
 X = np.linspace(0.0, 10.0, 40)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.campaign.bundle import read_bundle
-from rigctl.experiments.table.model import fitted
-from rigctl.experiments.table.start import solve
+from rigctl.campaign.bundle.bundle import read_bundle
+from rigctl.experiments.table.model.model import fitted
+from rigctl.experiments.table.model.start import solve
 from rigctl.experiments.table.study import TableStudy
-from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.diagnose import diagnose
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ROWS = {

@@ -9,9 +9,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.errors import DataError
-from rigctl.experiments.table.expression import Expression, refuse_undefined
-from rigctl.experiments.table.syntax import FUNCTIONS, Binary, Call, Name, Negative, Node, Number, parse, write
+from rigctl.core.errors import DataError
+from rigctl.experiments.table.observe.expression import Expression, refuse_undefined
+from rigctl.experiments.table.observe.syntax import (
+    FUNCTIONS,
+    Binary,
+    Call,
+    Name,
+    Negative,
+    Node,
+    Number,
+    parse,
+    write,
+)
 
 NUMBERS = st.floats(0.0, 1e300, allow_nan=False, allow_infinity=False).map(Number)
 LEAVES = NUMBERS | st.sampled_from(["load_lb", "b0", "pi", "é_1", "exponent"]).map(Name)

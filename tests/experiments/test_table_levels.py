@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
+from rigctl.core.errors import DataError
 from rigctl.effects.plugins import load
-from rigctl.errors import DataError
 from rigctl.experiments.table.study import TableStudy
-from rigctl.report.figure_residuals import residual_plate
-from rigctl.workbench.compare import compare
-from rigctl.workbench.diagnose import diagnose
-from rigctl.workbench.fit import fit
-from rigctl.workbench.generic import _covariates
+from rigctl.report.figures.residuals import residual_plate
+from rigctl.workbench.model.transfer import transfer
 from rigctl.workbench.study import Proposal, Term
-from rigctl.workbench.transfer import transfer
+from rigctl.workbench.verdict.compare import compare
+from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.verdict.fit import fit
+from rigctl.workbench.verdict.generic import _covariates
 
 ROWS = 60
 X = np.linspace(0.0, 10.0, ROWS)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.inflight import MonteCarlo
-from rigctl.experiments.inflight.parameters import NAMES
+from procedures.inflight.calibration import MonteCarlo
+from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.kinds.inflight_draws import ReducedUnit, Unit, estimated, reduce_unit
 from simulators.worlds.satellite.ensemble import Ensemble
 from simulators.worlds.satellite.instrument import drawn

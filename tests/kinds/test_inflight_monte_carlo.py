@@ -16,16 +16,17 @@ import numpy as np
 import pytest
 from distributed import LocalCluster
 
-from procedures.inflight import MonteCarlo
-from rigctl import config, results, runner
+from procedures.inflight.calibration import MonteCarlo
+from rigctl import results, runner
+from rigctl.campaign.origin import truth_path
 from rigctl.campaign.status import status_of
-from rigctl.campaign.store import Store
-from rigctl.errors import ConfigError, LinkError
-from rigctl.experiments.inflight.monte_carlo import DRAW
-from rigctl.experiments.inflight.parameters import NAMES
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import ConfigError, LinkError
+from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.result.monte_carlo import DRAW
+from rigctl.files import config
 from rigctl.kinds import inflight_monte_carlo
 from rigctl.kinds.inflight_draws import NotWanted, Unit
-from rigctl.origin import truth_path
 from rigctl.rig import Rig
 from simulators.worlds.satellite.instrument import drawn
 from simulators.worlds.satellite.layout import COLUMNS

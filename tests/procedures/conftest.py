@@ -12,14 +12,14 @@ from typing import Any
 
 import pytest
 
-from procedures.bench import Bench
-from rigctl import config
-from rigctl.campaign.control import Control
-from rigctl.campaign.operator import SimulatedOperator
-from rigctl.campaign.progress import Progress
+from procedures.sensing_axis.bench import Bench
 from rigctl.campaign.recording import Header
-from rigctl.campaign.session import Session
-from rigctl.campaign.store import Store
+from rigctl.campaign.session.control import Control
+from rigctl.campaign.session.operator import SimulatedOperator
+from rigctl.campaign.session.progress import Progress
+from rigctl.campaign.session.session import Session
+from rigctl.campaign.store.store import Store
+from rigctl.files import config
 from rigctl.kinds.sensing_axis import bench_of
 from rigctl.rig import Rig
 

@@ -11,17 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procedures.inflight import TEN, Calibration, Flight, calibrate, check, on_grid
-from rigctl import config, runner
-from rigctl.campaign.bundle import read_bundle, write_bundle
-from rigctl.campaign.control import Control
-from rigctl.campaign.operator import SimulatedOperator
-from rigctl.campaign.progress import Progress
+from procedures.inflight.calibration import TEN, Calibration, Flight, calibrate, check, on_grid
+from rigctl import runner
+from rigctl.campaign.bundle.bundle import read_bundle, write_bundle
 from rigctl.campaign.recording import Header
-from rigctl.campaign.session import Session
-from rigctl.campaign.store import Store
-from rigctl.errors import Aborted, ConfigError, ImplausibleSample, LimitError, LinkLost
-from rigctl.interfaces import DragFreeSatellite, FlightSession, Stimulus
+from rigctl.campaign.session.control import Control
+from rigctl.campaign.session.operator import SimulatedOperator
+from rigctl.campaign.session.progress import Progress
+from rigctl.campaign.session.session import Session
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import Aborted, ConfigError, ImplausibleSample, LimitError, LinkLost
+from rigctl.core.interfaces import DragFreeSatellite, FlightSession, Stimulus
+from rigctl.files import config
 from rigctl.kinds.inflight_campaign import flight_of
 from rigctl.rig import Rig
 from rigctl.serving import Served

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procedures.angle_scan import AngleScan, line_fit_rad, minimum_of_modulus_rad
-from procedures.bench import Bench, SetPoint
-from procedures.mounting import Fixture, Mounting
-from procedures.null_search import NullSearch, NullSearchSettings
+from procedures.sensing_axis.angle_scan import AngleScan, line_fit_rad, minimum_of_modulus_rad
+from procedures.sensing_axis.bench import Bench, SetPoint
+from procedures.sensing_axis.mounting import Fixture, Mounting
+from procedures.sensing_axis.null_search import NullSearch, NullSearchSettings
+from rigctl.analysis.plane import ARCSEC
+from rigctl.core.errors import LimitError, ProcedureError
 from rigctl.effects.catalogue import chosen
-from rigctl.errors import LimitError, ProcedureError
-from rigctl.experiments.sensing_axis.reduction import observables, reduce_run
-from rigctl.fitting.plane import ARCSEC
+from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
 
 SETTINGS = NullSearchSettings(
     frequencies_hz=(0.3, 0.5, 0.6), amplitude_mm=5.0, sample_rate_hz=100.0, theta0_sigma_arcsec=2.0

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from drivers.keyence_lkg import KeyenceLkg
-from procedures.bench import SetPoint
-from rigctl.errors import NotRecovered
+from procedures.sensing_axis.bench import SetPoint
+from rigctl.core.errors import NotRecovered
 
 DURING_S = 1043.0
 """Rig time in the middle of the first run."""

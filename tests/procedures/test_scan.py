@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procedures import sensing_axes
-from procedures.mounting import Mounting, Seated
-from procedures.scan import stretches
-from procedures.tables import Procedure, Targets
+from procedures.sensing_axis import sensing_axes
+from procedures.sensing_axis.mounting import Mounting, Seated
+from procedures.sensing_axis.scan import stretches
+from procedures.sensing_axis.tables import Procedure, Targets
 from rigctl.effects.catalogue import chosen
 
 GRID: dict[str, Any] = {

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procedures.pace import TIMING_S
-from procedures.stream import RETRIES_S, Stream
-from rigctl.errors import Aborted, InstrumentError, LinkLost, OutOfStep, ProcedureError
-from rigctl.interfaces import FloatArray
+from procedures.rotating_platform.stream import RETRIES_S, Stream
+from rigctl.core.errors import Aborted, InstrumentError, LinkLost, OutOfStep, ProcedureError
+from rigctl.core.interfaces import FloatArray
 from simulators.clock import VirtualClock
 
 PERIOD_S, DELAY_S = 0.1, 0.003

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rigctl.campaign.recording import RunRecord
-from rigctl.campaign.store import Event, Store
+from rigctl.campaign.store.store import Event, Store
 from simulators.measured import Measurement, from_file
 
 FAULT = "fault "

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.campaign.bundle.salvage import Salvage
 from rigctl.campaign.recording import ChannelInfo, Header
-from rigctl.campaign.salvage import Salvage
-from rigctl.campaign.store import Store
-from rigctl.errors import DataError, RigError
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DataError, RigError
 
 PROMISE = "A store with a flipped bit, a zeroed block or a cut names the damage, or tells just what it told before."
 

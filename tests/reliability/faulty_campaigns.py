@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 from tests.reliability.accounted import unaccounted
 from tests.reliability.campaigns import SMALL_CAMPAIGNS, SmallCampaign
 from tests.reliability.commands import Outcome, Process, here

@@ -24,12 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from rigctl import config
-from rigctl.campaign.bundle import import_bundle, read_bundle, write_bundle
+from rigctl.campaign.bundle.bundle import import_bundle, read_bundle, write_bundle
 from rigctl.campaign.recording import RunSource
+from rigctl.core.errors import ConfigError, DataError, PluginError, RigError
 from rigctl.effects import plugins
-from rigctl.errors import ConfigError, DataError, PluginError, RigError
 from rigctl.experiments.table.study import TableStudy
+from rigctl.files import config
 from tests.reliability.valid_files import ODD_TEXT, ODD_TOML, Bundle, bundles, effects, shipped
 
 PROMISE = (

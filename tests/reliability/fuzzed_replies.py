@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from drivers.transport import InProcessTransport
-from rigctl import config, interfaces
-from rigctl.errors import RigError
+from rigctl.core import interfaces
+from rigctl.core.errors import RigError
+from rigctl.files import config
 from rigctl.rig import build_simulation, drivers_of
 from simulators.clock import VirtualClock
 from tests.reliability.campaigns import SHIPPED

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from rigctl import results
-from rigctl.campaign.store import Store
-from rigctl.errors import DataError, RigError
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DataError, RigError
 from tests.reliability.campaigns import SMALL_CAMPAIGNS, SmallCampaign
 from tests.reliability.commands import Outcome, Process, here, until
 from tests.reliability.served import served

@@ -17,11 +17,11 @@ from unittest.mock import patch
 
 import numpy as np
 
-from rigctl.campaign import synced
 from rigctl.campaign.recording import Header
-from rigctl.campaign.store import Store
-from rigctl.errors import RigError
-from rigctl.interfaces import FloatArray
+from rigctl.campaign.store import synced
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import RigError
+from rigctl.core.interfaces import FloatArray
 from tests.reliability.file_layer import FileLayer, Step, watched_files
 
 PROMISE = "After a power cut at any step of its writing a store opens, with all its finished runs, and goes on."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from rigctl import config
+from rigctl.files import config
 from rigctl.rig import drivers_of, simulator_of
 from simulators.faults import FaultPlan, random_plans
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 from simulators.measured import from_file
 
 FloatArray = NDArray[np.float64]

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.effects.catalogue import chosen
-from rigctl.experiments.sensing_axis import budget
-from rigctl.experiments.sensing_axis.package import HeadSettings, Package
-from rigctl.experiments.sensing_axis.result import SensingAxisResult, sensing_axes
+from rigctl.experiments.sensing_axis.result import budget
+from rigctl.experiments.sensing_axis.result.result import SensingAxisResult, sensing_axes
+from rigctl.files.package import HeadSettings, Package
 
 G, RHO1, AMPLITUDE_M = 9.803, 9.7e-5, 5e-3
 TRUE_AXES = {"X": (1.0, 0.002, 0.008), "Y": (-0.006, 1.0, -0.002), "Z": (-0.012, 0.0024, 1.0)}

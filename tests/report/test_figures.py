@@ -12,12 +12,12 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from rigctl.errors import DataError
-from rigctl.experiments.sensing_axis.budget import axis_budgets
-from rigctl.report.figure_budget import budget_plate
-from rigctl.report.figure_null_search import representative, response_plate
-from rigctl.report.figure_plane import plane_plate
-from rigctl.report.figures import write_figures
+from rigctl.core.errors import DataError
+from rigctl.experiments.sensing_axis.result.budget import axis_budgets
+from rigctl.report.figures.sensing_axis.budget import budget_plate
+from rigctl.report.figures.sensing_axis.figures import write_figures
+from rigctl.report.figures.sensing_axis.null_search import representative, response_plate
+from rigctl.report.figures.sensing_axis.plane import plane_plate
 
 ARCSEC_PER_RAD = 648000.0 / math.pi
 ROLL_UM_S2_PER_MM = 9.7e-5 * 9.803 * 1e3

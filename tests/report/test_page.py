@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.campaign.bundle import import_bundle
-from rigctl.campaign.store import Store
+from rigctl.campaign.bundle.bundle import import_bundle
+from rigctl.campaign.store.store import Store
 from rigctl.report import html
 from rigctl.report.document import write_report
-from rigctl.report.figure_nulls import NullRow, draw_nulls
-from rigctl.report.figure_residuals import CROWDED, ResidualRow, draw_residuals
+from rigctl.report.figures.residuals import CROWDED, ResidualRow, draw_residuals
+from rigctl.report.figures.sensing_axis.nulls import NullRow, draw_nulls
 from rigctl.report.quantities import p_value
 from rigctl.workbench.bench import Workbench
 

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from benchmarks.platform_sampler import SampledRun, record
 from rigctl.cli import app
+from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import catalogue
-from rigctl.errors import DataError
-from rigctl.report.figure_platform_signature import signature_plate
+from rigctl.report.figures.rotating_platform.signature import signature_plate
 from simulators.worlds.platform_settings import PlatformSettings
 
 RUNS = [

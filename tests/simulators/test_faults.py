@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from drivers.transport import InProcessTransport
-from rigctl.errors import LinkLost, LinkTimeout
+from rigctl.core.errors import LinkLost, LinkTimeout
 from simulators.clock import VirtualClock
 from simulators.faults import FaultPlan, FaultyInstrument
 from simulators.faults.when import Event, Occasion, Spell

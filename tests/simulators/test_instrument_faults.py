@@ -16,8 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.transport import InProcessTransport
-from rigctl import config
-from rigctl.errors import ConfigError, LinkLost, LinkTimeout
+from rigctl.core.errors import ConfigError, LinkLost, LinkTimeout
+from rigctl.files import config
 from rigctl.rig import DRIVERS, Rig, build_simulation, simulator_of
 from simulators.clock import VirtualClock
 from simulators.declaration import Wiring

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl import config
-from rigctl.errors import ConfigError
+from rigctl.core.errors import ConfigError
+from rigctl.files import config
 from rigctl.rig import Rig
 from rigctl.serving import Served
 from simulators.measured import Measured, Measurement, from_file, into_file, joined

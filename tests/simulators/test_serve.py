@@ -14,7 +14,7 @@ import pytest
 import pyvisa
 import serial
 
-from rigctl.errors import ConfigError
+from rigctl.core.errors import ConfigError
 from simulators.clock import ScaledClock
 from simulators.faults import Event, FaultPlan, FaultyInstrument
 from simulators.faults.wire import Exchange

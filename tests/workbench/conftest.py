@@ -11,8 +11,8 @@ import pytest
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
-from rigctl.errors import ProcedureError
-from rigctl.fitting.least_squares import Parameter
+from rigctl.analysis.least_squares import Parameter
+from rigctl.core.errors import ProcedureError
 from rigctl.workbench.study import Candidate, FloatArray, Line, NoisePool, NotTestable, Observations, Series, Term
 
 ANGLES_DEG = (-60.0, -40.0, -20.0, -5.0, 5.0, 20.0, 40.0, 60.0)

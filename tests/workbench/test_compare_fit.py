@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rigctl.errors import DataError, ProcedureError
-from rigctl.workbench.compare import TRENDS, WORST, compare
-from rigctl.workbench.fit import fit
+from rigctl.core.errors import DataError, ProcedureError
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.compare import TRENDS, WORST, compare
+from rigctl.workbench.verdict.fit import fit
 
 SEEDS = range(80)
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.report.figure_residuals import residual_plates
-from rigctl.workbench.compare import compare
-from rigctl.workbench.covariates import distinct
+from rigctl.report.figures.residuals import residual_plates
+from rigctl.workbench.verdict.compare import compare
+from rigctl.workbench.verdict.covariates import distinct
 
 RNG = np.random.default_rng(2)
 ANGLE = RNG.uniform(-20.0, 20.0, 40)

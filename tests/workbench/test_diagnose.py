@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from rigctl.cli.io import print_json
-from rigctl.workbench.diagnose import diagnose
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.study import Candidate, FloatArray, NotTestable, Term
+from rigctl.workbench.verdict.diagnose import diagnose
 
 SINGLE = ("roll", "pitch", "lag", "resonance", "square", "hysteresis", "tilt")
 PAIRS = (("roll", "lag"), ("hysteresis", "square"), ("pitch", "tilt"), ("late-gain", "roll"), ("resonance", "square"))

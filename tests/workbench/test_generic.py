@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.workbench.attempt import Attempt
 from rigctl.workbench.findings import Unexplained
-from rigctl.workbench.generic import POLYNOMIAL, Generic
 from rigctl.workbench.study import FloatArray, NoisePool, Observations, Series
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.generic import POLYNOMIAL, Generic
 
 SEEDS = 6
 COMPONENTS = ("nu in-phase", "nu quadrature", "DC")

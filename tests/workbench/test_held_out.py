@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.workbench.held_out import HeldOut
-from rigctl.workbench.noise import orthonormal
 from rigctl.workbench.study import FloatArray, NoisePool, Observations, Series
+from rigctl.workbench.verdict.held_out import HeldOut
+from rigctl.workbench.verdict.noise import orthonormal
 
 
 def observations(blocks: int, runs: int) -> Observations:
@@ -144,7 +144,7 @@ def test_blocks_that_only_know_themselves_say_nothing() -> None:
 
 
 def test_the_noise_of_a_fit_comes_out_as_one_on_the_made_up_experiment(made_up: Any) -> None:
-    from rigctl.workbench.attempt import Attempt
+    from rigctl.workbench.verdict.attempt import Attempt
 
     squares = np.array([Attempt(made_up.study(seed), ()).held_out.error() ** 2 for seed in range(25)])
     assert squares.mean() == pytest.approx(1.0, abs=4.0 * squares.std() / 5.0 + 0.02)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from rigctl.workbench.noise import Correlation, Noise, NoiseEstimator, felt, orthonormal, saturated
 from rigctl.workbench.study import FloatArray, IntArray, NoisePool, Observations, Series
+from rigctl.workbench.verdict.noise import Correlation, Noise, NoiseEstimator, felt, orthonormal, saturated
 
 MINUTE = 60.0
 

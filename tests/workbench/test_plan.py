@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from rigctl.workbench.plan import COMPANY, Plan, runs_needed, shuffled
-from rigctl.workbench.rig_time import RigTime, total_s
+from rigctl.workbench.next.plan import COMPANY, Plan, runs_needed, shuffled
+from rigctl.workbench.next.rig_time import RigTime, total_s
 from rigctl.workbench.study import FloatArray, Proposal
 
 

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rigctl.fitting.least_squares import Parameter
-from rigctl.workbench.diagnose import diagnose
+from rigctl.analysis.least_squares import Parameter
 from rigctl.workbench.findings import Diagnosis
-from rigctl.workbench.promise import LEVEL, PROMISE
-from rigctl.workbench.recommend import recommend
-from rigctl.workbench.recommendation import Recommendation
+from rigctl.workbench.next.promise import LEVEL, PROMISE
+from rigctl.workbench.next.recommend import recommend
+from rigctl.workbench.next.recommendation import Recommendation
 from rigctl.workbench.study import (
     Candidate,
     FloatArray,
@@ -29,6 +28,7 @@ from rigctl.workbench.study import (
     Series,
     Term,
 )
+from rigctl.workbench.verdict.diagnose import diagnose
 
 Column = Callable[[FloatArray, FloatArray], FloatArray]
 

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from rigctl.workbench.score import (
+from rigctl.workbench.study import FloatArray
+from rigctl.workbench.verdict.score import (
     Projector,
     contained,
     corrected,
@@ -18,7 +19,6 @@ from rigctl.workbench.score import (
     trials,
     trials_of,
 )
-from rigctl.workbench.study import FloatArray
 
 
 def known(rows: int) -> FloatArray:

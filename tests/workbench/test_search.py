@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rigctl.errors import ConfigError
-from rigctl.workbench.score import contained, likeness
-from rigctl.workbench.search import CATALOGUE_SHARE, LINES_SHARE, SHAPES_SHARE, Search, corrected_for
+from rigctl.core.errors import ConfigError
 from rigctl.workbench.study import FloatArray, Line, Term
+from rigctl.workbench.verdict.score import contained, likeness
+from rigctl.workbench.verdict.search import CATALOGUE_SHARE, LINES_SHARE, SHAPES_SHARE, Search, corrected_for
 
 
 def searched(study: Any, terms: tuple[Term, ...] = (), alpha: float = 0.01, seed: int = 0) -> Search:

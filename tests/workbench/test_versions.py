@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from rigctl.campaign.recording import Header
-from rigctl.campaign.store import Store
-from rigctl.errors import ConfigError
-from rigctl.workbench import versions
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import ConfigError
+from rigctl.workbench.model import versions
+from rigctl.workbench.model.versions import ModelVersion, PluginFile
 from rigctl.workbench.study import Term
-from rigctl.workbench.versions import ModelVersion, PluginFile
 
 CAMPAIGN = """\
 experiment = "sensing-axis"

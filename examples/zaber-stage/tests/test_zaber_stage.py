@@ -14,7 +14,7 @@ from zaber_stage.messages import checksum, command, parse_reply
 from zaber_stage.simulator import SimulatedZaber, ZaberSimulatorSettings
 
 from drivers.transport import InProcessTransport
-from rigctl.errors import BadReply, InstrumentError, MotionStopped, OutOfStep, WrongInstrument
+from rigctl.core.errors import BadReply, InstrumentError, MotionStopped, OutOfStep, WrongInstrument
 from simulators.clock import SimulationClock, VirtualClock
 from simulators.faults.mishaps import FollowingError
 from simulators.motion import MotionAxis

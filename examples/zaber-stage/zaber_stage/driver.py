@@ -15,10 +15,10 @@ from typing import Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.transport import Connect
-from rigctl.clock import Clock
+from rigctl.core.clock import Clock
 from rigctl.core.declarations import USUAL_BAUD, DriverDeclaration, Use
-from rigctl.errors import InstrumentError, LimitError, LinkLost, MotionStopped, WrongInstrument
-from rigctl.interfaces import Identity, LinearLimits, Reading
+from rigctl.core.errors import InstrumentError, LimitError, LinkLost, MotionStopped, WrongInstrument
+from rigctl.core.interfaces import Identity, LinearLimits, Reading
 from zaber_stage.line import ZaberLine
 
 SPEED_UNIT, ACCELERATION_UNIT = 1.6384, 1.6384e-4
@@ -55,7 +55,7 @@ class ZaberSettings(BaseModel):
 
 
 class ZaberLinear:
-    """One axis of a Zaber device; implements `rigctl.interfaces.LinearStage`."""
+    """One axis of a Zaber device; implements `rigctl.core.interfaces.LinearStage`."""
 
     def __init__(self, name: str, settings: ZaberSettings, connect: Connect, clock: Clock) -> None:
         self.name = name

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from drivers.conversation import Check, Conversation
 from drivers.numbers import whole
 from drivers.transport import Connect, Transport
-from rigctl.errors import BadReply, InstrumentError
+from rigctl.core.errors import BadReply, InstrumentError
 from zaber_stage.messages import END, Reply, command, parse_reply
 
 CHECK = 99

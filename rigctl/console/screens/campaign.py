@@ -309,8 +309,8 @@ def response_picture(where: str, rows: list[Mapping[str, Any]], sigma_arcsec: fl
 
 def launch_fault(launch: Launch) -> Fault | None:
     """What speaks against a launch, as far as the files say at a glance; the rest the campaign's process tells."""
-    from rigctl import config
-    from rigctl.errors import ConfigError
+    from rigctl.core.errors import ConfigError
+    from rigctl.files import config
 
     try:
         file = config.read_campaign(launch.campaign)

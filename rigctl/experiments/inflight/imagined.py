@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigctl.experiments.inflight.grid import Grid
-from rigctl.experiments.inflight.reduction import ReducedRun, reduce_run
-from rigctl.experiments.inflight.sessions import Line
-from rigctl.experiments.inflight.weights import templates, weights
-from rigctl.interfaces import FloatArray
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.inflight.observe.grid import Grid
+from rigctl.experiments.inflight.observe.reduction import ReducedRun, reduce_run
+from rigctl.experiments.inflight.observe.sessions import Line
+from rigctl.experiments.inflight.observe.weights import templates, weights
 
 _FOLLOWS = (
     *(Line(1, orbital) for orbital in range(-3, 4)),

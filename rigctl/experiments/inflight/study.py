@@ -12,22 +12,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rigctl.analysis.least_squares import Parameter
 from rigctl.campaign.recording import KeepsReductions, RunSource
+from rigctl.core.errors import ConfigError, DataError
+from rigctl.core.interfaces import FloatArray
 from rigctl.effects.catalogue import Effect, catalogue, unknown_effect
-from rigctl.errors import ConfigError, DataError
-from rigctl.experiments.inflight.baseline import NUISANCES, Baseline, Stretch
-from rigctl.experiments.inflight.flight import Reducer
-from rigctl.experiments.inflight.found import level_found, line_found, loudness, pulses_found
 from rigctl.experiments.inflight.imagined import stronger
-from rigctl.experiments.inflight.kept_scan import scan_from_bytes, scan_to_bytes
-from rigctl.experiments.inflight.observed import Observed, observed
-from rigctl.experiments.inflight.parameters import NAMES
-from rigctl.experiments.inflight.recorded import RECIPE, Reduction, orbit_period_of, reduced_without, reduction
-from rigctl.experiments.inflight.reduction import ReducedRun
-from rigctl.experiments.inflight.samples import RunScan, covered, scan
-from rigctl.experiments.inflight.weights import ComplexArray
-from rigctl.fitting.least_squares import Parameter
-from rigctl.interfaces import FloatArray
+from rigctl.experiments.inflight.model.baseline import NUISANCES, Baseline, Stretch
+from rigctl.experiments.inflight.model.flight import Reducer
+from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.observe.found import level_found, line_found, loudness, pulses_found
+from rigctl.experiments.inflight.observe.kept_scan import scan_from_bytes, scan_to_bytes
+from rigctl.experiments.inflight.observe.observed import Observed, observed
+from rigctl.experiments.inflight.observe.recorded import (
+    RECIPE,
+    Reduction,
+    orbit_period_of,
+    reduced_without,
+    reduction,
+)
+from rigctl.experiments.inflight.observe.reduction import ReducedRun
+from rigctl.experiments.inflight.observe.samples import RunScan, covered, scan
+from rigctl.experiments.inflight.observe.weights import ComplexArray
 from rigctl.workbench.study import (
     Candidate,
     Line,

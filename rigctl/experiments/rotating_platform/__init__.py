@@ -1,17 +1,17 @@
 """Telling acceleration from an accelerometer's own bias by half turns back and forth (Lenoir et al. 2013)."""
 
-from rigctl.experiments.declaration import Experiment
+from rigctl.core.experiments import Experiment
 
 EXPERIMENT = Experiment(
     id="rotating-platform",
     application="rigctl.kinds.rotating_platform",
-    tables={"procedure": "procedures.platform_tables:Procedure"},
-    columns="rigctl.campaign.bundle_layout:ROTATING_PLATFORM",
+    tables={"procedure": "procedures.rotating_platform.tables:Procedure"},
+    columns="rigctl.campaign.bundle.layout:ROTATING_PLATFORM",
     # force_m_s2 acts along a sensing axis, reading_m_s2 is the calibrated reading, bias included.
     points=("platform_angle_rad", "force_m_s2", "reading_m_s2"),
     scopes=("recording", "channel"),
-    effects="rigctl.effects.rotating_platform",
+    effects="rigctl.experiments.rotating_platform.effects",
     trial_run="rigctl.experiments.rotating_platform.trial_run:trial_run",
-    signature="rigctl.report.figure_platform_signature:signature_plate",
+    signature="rigctl.report.figures.rotating_platform.signature:signature_plate",
     rank=2,
 )

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.errors import ConfigError
-from rigctl.experiments.rotating_platform.cells import Cells, cells_of
-from rigctl.experiments.rotating_platform.observables import ChannelRun, channel_run
-from rigctl.experiments.rotating_platform.patterns import Pattern, named_pattern
-from rigctl.experiments.rotating_platform.recorded import CHANNELS, Chains
-from rigctl.experiments.rotating_platform.reducer import Reducer
-from rigctl.experiments.rotating_platform.run_noise import RunNoise
-from rigctl.experiments.rotating_platform.store_reduction import PlatformRun
-from rigctl.interfaces import FloatArray
+from rigctl.core.errors import ConfigError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.observe.cells import Cells, cells_of
+from rigctl.experiments.rotating_platform.observe.observables import ChannelRun, channel_run
+from rigctl.experiments.rotating_platform.observe.patterns import Pattern, named_pattern
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
+from rigctl.experiments.rotating_platform.observe.reducer import Reducer
+from rigctl.experiments.rotating_platform.observe.run_noise import RunNoise
+from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
 from rigctl.workbench.study import Proposal
 
 PATTERNS = ("b", "c")

@@ -11,18 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.analysis.lines import FoundLine
 from rigctl.campaign.recording import RunSource
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
 from rigctl.effects.catalogue import Effect, catalogue, unknown_effect
 from rigctl.effects.plugins import Plugin
-from rigctl.errors import DataError
 from rigctl.experiments.rotating_platform.imagined import imagined_channels, options
-from rigctl.experiments.rotating_platform.lines import Spectra, found_lines
-from rigctl.experiments.rotating_platform.model import Placed, PlatformModel, Recorded, placed, slopes_at_zero
-from rigctl.experiments.rotating_platform.observables import channel_runs
-from rigctl.experiments.rotating_platform.recorded import chains
-from rigctl.experiments.rotating_platform.store_reduction import reduction, refined_line, scan
-from rigctl.interfaces import FloatArray
-from rigctl.signals.lines import FoundLine
+from rigctl.experiments.rotating_platform.model.model import Placed, PlatformModel, Recorded, placed, slopes_at_zero
+from rigctl.experiments.rotating_platform.observe.lines import Spectra, found_lines
+from rigctl.experiments.rotating_platform.observe.observables import channel_runs
+from rigctl.experiments.rotating_platform.observe.recorded import chains
+from rigctl.experiments.rotating_platform.observe.store_reduction import reduction, refined_line, scan
 from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Proposal, Term
 
 LINE = "line"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from rigctl.core.interfaces import FloatArray
 from rigctl.effects.trial import AnyColumns
-from rigctl.experiments.rotating_platform.chain import PlatformRuns
-from rigctl.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.model.chain import PlatformRuns
 
 
 def trial_run(point: str) -> PlatformRuns:

@@ -1,18 +1,21 @@
 """Finding an accelerometer's sensing axes by the two-phase null search (Lucente et al. 2022)."""
 
-from rigctl.experiments.declaration import Experiment
+from rigctl.core.experiments import Experiment
 
 EXPERIMENT = Experiment(
     id="sensing-axis",
     application="rigctl.kinds.sensing_axis",
-    tables={"procedure": "procedures.tables:Procedure", "targets": "procedures.tables:Targets"},
-    columns="rigctl.campaign.bundle_layout:SENSING_AXIS",
+    tables={
+        "procedure": "procedures.sensing_axis.tables:Procedure",
+        "targets": "procedures.sensing_axis.tables:Targets",
+    },
+    columns="rigctl.campaign.bundle.layout:SENSING_AXIS",
     # motion_m and angle_rad are those of sensor and cube alike, null_rad is theta0, which only the sensor has;
     # specific_force_m_s2 is what varies along the sensing axis, laser_m what one head reads of the motion.
     points=("motion_m", "angle_rad", "null_rad", "specific_force_m_s2", "sensor_output_v", "laser_m"),
     scopes=("recording", "axis", "axis-configuration", "head"),
-    effects="rigctl.effects.sensing_axis",
+    effects="rigctl.experiments.sensing_axis.effects",
     trial_run="rigctl.experiments.sensing_axis.trial_run:trial_run",
-    signature="rigctl.report.figure_signature:signature_plate",
+    signature="rigctl.report.figures.sensing_axis.signature:signature_plate",
     rank=1,
 )

@@ -12,27 +12,27 @@ from typing import Any
 
 import numpy as np
 
-from rigctl import config
+from rigctl.analysis.least_squares import Parameter, Prior
+from rigctl.analysis.lines import FoundLine, LineScan, find_lines
+from rigctl.analysis.plane import fit_plane
 from rigctl.campaign.recording import RunSource
+from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.effects.catalogue import Effect, catalogue, unknown_effect
 from rigctl.effects.plugins import Plugin
-from rigctl.errors import ConfigError, DataError, ProcedureError
-from rigctl.experiments.sensing_axis.chain import FloatArray, Origins
-from rigctl.experiments.sensing_axis.components import Stacked, observed, stacked
-from rigctl.experiments.sensing_axis.fit import mountings_of, null_point
 from rigctl.experiments.sensing_axis.imagined import imagined
-from rigctl.experiments.sensing_axis.model import RecordingModel, origins_of
-from rigctl.experiments.sensing_axis.observables import RunObservables
-from rigctl.experiments.sensing_axis.package import HeadSettings, Package
-from rigctl.experiments.sensing_axis.parameters import family_of
-from rigctl.experiments.sensing_axis.recorded import recorded_heads, recorded_package
-from rigctl.experiments.sensing_axis.reduction import ACCEL
-from rigctl.experiments.sensing_axis.set_points import Limits, options
-from rigctl.experiments.sensing_axis.store_reduction import Reduction, line_scan, reduction
-from rigctl.experiments.sensing_axis.testable import untestable
-from rigctl.fitting.least_squares import Parameter, Prior
-from rigctl.fitting.plane import fit_plane
-from rigctl.signals.lines import FoundLine, LineScan, find_lines
+from rigctl.experiments.sensing_axis.model.chain import FloatArray, Origins
+from rigctl.experiments.sensing_axis.model.components import Stacked, observed, stacked
+from rigctl.experiments.sensing_axis.model.fit import mountings_of, null_point
+from rigctl.experiments.sensing_axis.model.model import RecordingModel, origins_of
+from rigctl.experiments.sensing_axis.model.parameters import family_of
+from rigctl.experiments.sensing_axis.model.testable import untestable
+from rigctl.experiments.sensing_axis.observe.observables import RunObservables
+from rigctl.experiments.sensing_axis.observe.recorded import recorded_heads, recorded_package
+from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
+from rigctl.experiments.sensing_axis.observe.set_points import Limits, options
+from rigctl.experiments.sensing_axis.observe.store_reduction import Reduction, line_scan, reduction
+from rigctl.files import config
+from rigctl.files.package import HeadSettings, Package
 from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Observations, Proposal, Term
 
 STANDARD_G = 9.80665

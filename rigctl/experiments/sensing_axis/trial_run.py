@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.interfaces import FloatArray
 from rigctl.effects.trial import AnyColumns
-from rigctl.experiments.sensing_axis.chain import Origins, Runs, periodic_motion
-from rigctl.interfaces import FloatArray
+from rigctl.experiments.sensing_axis.model.chain import Origins, Runs, periodic_motion
 
 
 def trial_run(point: str) -> Runs:

@@ -1,6 +1,6 @@
 """Anybody's calibration: a table of readings, and an expression for what is believed of them."""
 
-from rigctl.experiments.declaration import Experiment
+from rigctl.core.experiments import Experiment
 
 EXPERIMENT = Experiment(
     id="table",

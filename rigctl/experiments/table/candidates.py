@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.errors import DataError
-from rigctl.experiments.table.forms import Form
-from rigctl.experiments.table.pieces import PluginPiece
-from rigctl.experiments.table.start import span_of
-from rigctl.interfaces import FloatArray
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.table.model.forms import Form
+from rigctl.experiments.table.model.pieces import PluginPiece
+from rigctl.experiments.table.model.start import span_of
 from rigctl.workbench.study import Candidate, NotTestable, Term
 
 _HELD = 1e-7

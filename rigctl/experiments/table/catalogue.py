@@ -6,11 +6,11 @@ from itertools import combinations
 
 import numpy as np
 
+from rigctl.core.errors import ConfigError
 from rigctl.effects.catalogue import unknown_effect
-from rigctl.errors import ConfigError
-from rigctl.experiments.table.forms import Drift, Form, Interaction, Level, Power
-from rigctl.experiments.table.readings import Column, Readings
-from rigctl.experiments.table.scanned import Exponential, Periodic, Scanned, Step
+from rigctl.experiments.table.model.forms import Drift, Form, Interaction, Level, Power
+from rigctl.experiments.table.model.scanned import Exponential, Periodic, Scanned, Step
+from rigctl.experiments.table.observe.readings import Column, Readings
 
 
 def generic(readings: Readings) -> dict[str, Form]:

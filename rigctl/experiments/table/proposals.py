@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigctl.experiments.table.readings import Category, Column, Readings
-from rigctl.interfaces import FloatArray
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.table.observe.readings import Category, Column, Readings
 from rigctl.workbench.study import Proposal
 
 BEYOND = 0.2

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 from rigctl.campaign.recording import RunSource
+from rigctl.core.errors import ConfigError, DataError
+from rigctl.core.interfaces import FloatArray
 from rigctl.effects.catalogue import Effect
-from rigctl.errors import ConfigError, DataError
 from rigctl.experiments.table.candidates import candidate_of, plugin_candidate
 from rigctl.experiments.table.catalogue import base_of, generic, next_id, why_not
-from rigctl.experiments.table.model import TableModel, fitted
-from rigctl.experiments.table.pieces import ColumnPiece, Piece, PluginPiece
+from rigctl.experiments.table.model.model import TableModel, fitted
+from rigctl.experiments.table.model.pieces import ColumnPiece, Piece, PluginPiece
+from rigctl.experiments.table.model.scanned import Scanned
+from rigctl.experiments.table.model.start import POINTS_MAX, baseline_start, place, solve, span_of
+from rigctl.experiments.table.observe.readings import Readings, declares_noise, read
 from rigctl.experiments.table.proposals import options, with_proposals
-from rigctl.experiments.table.readings import Readings, declares_noise, read
-from rigctl.experiments.table.scanned import Scanned
-from rigctl.experiments.table.start import POINTS_MAX, baseline_start, place, solve, span_of
-from rigctl.interfaces import FloatArray
 from rigctl.workbench.study import (
     Candidate,
     Line,

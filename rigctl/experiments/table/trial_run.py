@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rigctl.core.interfaces import FloatArray
 from rigctl.effects.trial import AnyColumns
-from rigctl.interfaces import FloatArray
 
 _READINGS = 24
 

@@ -7,13 +7,13 @@ import pytest
 from typer.testing import CliRunner
 
 from rigctl import Campaign
-from rigctl.campaign.bundle import write_bundle
+from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
-from rigctl.campaign.store import Store
+from rigctl.campaign.store.store import Store
 from rigctl.cli import app
-from rigctl.experiments.inflight.monte_carlo import DRAW
-from rigctl.experiments.inflight.parameters import NAMES
-from rigctl.experiments.inflight.published import published
+from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.result.monte_carlo import DRAW
+from rigctl.experiments.inflight.result.published import published
 from rigctl.experiments.inflight.study import InflightStudy
 
 STEP_S = 8.0

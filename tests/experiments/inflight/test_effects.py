@@ -5,7 +5,7 @@ import pytest
 
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.effects.catalogue import catalogue
-from rigctl.experiments.inflight.parameters import NAMES
+from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.study import InflightStudy
 
 ORBIT_S, STEP_S = 5950.0, 4.0
@@ -123,7 +123,7 @@ def test_data_move_as_the_derivative_says(flight, instrument, plain, name):
 
 def test_the_oblateness_of_the_earth_is_a_harmonic_field():
     """Its part of the gradient has no trace, and is symmetric, for any direction of the pole."""
-    from rigctl.experiments.inflight.flight import trial_run
+    from rigctl.experiments.inflight.model.flight import trial_run
 
     run = trial_run("gradient_1_s2")
     pole = np.array([0.3, -0.2, 0.9])

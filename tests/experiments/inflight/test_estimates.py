@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from rigctl.experiments.inflight.baseline import Stretch
-from rigctl.experiments.inflight.joint import joint_estimate
-from rigctl.experiments.inflight.paper import FittedRun, paper_estimate
-from rigctl.experiments.inflight.parameters import NAMES
-from rigctl.experiments.inflight.series import Sums
-from rigctl.experiments.inflight.sessions import session_of
-from rigctl.experiments.inflight.weights import level_weights, weights
+from rigctl.experiments.inflight.model.baseline import Stretch
+from rigctl.experiments.inflight.model.joint import joint_estimate
+from rigctl.experiments.inflight.model.paper import FittedRun, paper_estimate
+from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.observe.series import Sums
+from rigctl.experiments.inflight.observe.sessions import session_of
+from rigctl.experiments.inflight.observe.weights import level_weights, weights
 
 NOISE, KNEE_HZ = 1.2e-12, 0.0
 TOLERANCE = np.array([1e-9, 1e-9, 1e-9, 3e-6, 3e-6, 2e-7, 1e-8, 1e-8, 1.0, 1.0])

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
+from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import effect
 from rigctl.effects.plugins import Plugin
-from rigctl.errors import DataError
-from rigctl.experiments.inflight.parameters import NAMES
-from rigctl.experiments.inflight.result import calibration
+from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.result.result import calibration
 from rigctl.experiments.inflight.study import InflightStudy
-from rigctl.workbench.diagnose import diagnose
-from rigctl.workbench.fit import fit
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.verdict.fit import fit
 
 WARM_K = 1e-3
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from rigctl.errors import DataError
-from rigctl.experiments.inflight.monte_carlo import Draw, budget, tables
-from rigctl.experiments.inflight.parameters import NAMES
-from rigctl.experiments.inflight.published import published
+from rigctl.core.errors import DataError
+from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.result.monte_carlo import Draw, budget, tables
+from rigctl.experiments.inflight.result.published import published
 
 
 def test_table_3_is_table_2_times_the_drivers():

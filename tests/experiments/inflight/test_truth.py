@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rigctl.experiments.inflight.parameters import NAMES, of_masses
+from rigctl.experiments.inflight.model.parameters import NAMES, of_masses
 from simulators.worlds.satellite.instrument import drawn, exact_truth, paper_truth
 from simulators.worlds.satellite.settings import SatelliteSettings
 

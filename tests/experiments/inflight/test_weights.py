@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rigctl.errors import DataError
-from rigctl.experiments.inflight.weights import DROPPED_S, amplitudes, band_pass, response, templates, weights
+from rigctl.core.errors import DataError
+from rigctl.experiments.inflight.observe.weights import DROPPED_S, amplitudes, band_pass, response, templates, weights
 
 STEP_S = 2.0
 T_S = np.arange(29750) * STEP_S

@@ -5,8 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.errors import DataError
-from rigctl.experiments.rotating_platform.alignment import Value, angle_scan, axes, flip, tilt_regression, wobble
+from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.result.alignment import (
+    Value,
+    angle_scan,
+    axes,
+    flip,
+    tilt_regression,
+    wobble,
+)
 
 G = 9.81
 GAIN_A, GAIN_B = 846.73, 804.32

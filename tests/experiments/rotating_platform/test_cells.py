@@ -11,14 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.platform_sampler import SampledRun, sampled
-from rigctl.errors import DataError
-from rigctl.experiments.rotating_platform import cells as module
-from rigctl.experiments.rotating_platform.cells import BEFORE, FAULTS, Cells, cells_of
-from rigctl.experiments.rotating_platform.estimators import weights
-from rigctl.experiments.rotating_platform.motion import motion_of
-from rigctl.experiments.rotating_platform.patterns import named_pattern
-from rigctl.experiments.rotating_platform.recorded import Chains, chains
-from rigctl.experiments.rotating_platform.reducer import Reducer
+from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.model.motion import motion_of
+from rigctl.experiments.rotating_platform.observe import cells as module
+from rigctl.experiments.rotating_platform.observe.cells import BEFORE, FAULTS, Cells, cells_of
+from rigctl.experiments.rotating_platform.observe.estimators import weights
+from rigctl.experiments.rotating_platform.observe.patterns import named_pattern
+from rigctl.experiments.rotating_platform.observe.recorded import Chains, chains
+from rigctl.experiments.rotating_platform.observe.reducer import Reducer
 from simulators.worlds.platform_settings import PlatformSettings
 
 FloatArray = NDArray[np.float64]

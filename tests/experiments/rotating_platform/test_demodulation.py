@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.errors import DataError
-from rigctl.experiments.rotating_platform.demodulation import FAULTS, Demodulator, PeriodSums, sums_of
-from rigctl.experiments.rotating_platform.dwell_sums import dwell_sums, line_sums
-from rigctl.experiments.rotating_platform.estimates import estimates
-from rigctl.experiments.rotating_platform.estimators import ESTIMATORS, OUTPUTS, weights
-from rigctl.experiments.rotating_platform.patterns import ROTATIONS, custom_pattern, named_pattern
+from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.observe.demodulation import FAULTS, Demodulator, PeriodSums, sums_of
+from rigctl.experiments.rotating_platform.observe.dwell_sums import dwell_sums, line_sums
+from rigctl.experiments.rotating_platform.observe.estimates import estimates
+from rigctl.experiments.rotating_platform.observe.estimators import ESTIMATORS, OUTPUTS, weights
+from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, custom_pattern, named_pattern
 
 NAMES = sorted(ROTATIONS)
 

@@ -2,12 +2,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.errors import ConfigError
-from rigctl.experiments.rotating_platform.design import designs
-from rigctl.experiments.rotating_platform.noise import Q_FLEX_NOISE_V, PowerLawNoise
-from rigctl.experiments.rotating_platform.patterns import ROTATIONS, named_pattern
-from rigctl.experiments.rotating_platform.precision import continuous_precision
-from rigctl.experiments.rotating_platform.separation import require
+from rigctl.core.errors import ConfigError
+from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V, PowerLawNoise
+from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, named_pattern
+from rigctl.experiments.rotating_platform.result.design import designs
+from rigctl.experiments.rotating_platform.result.precision import continuous_precision
+from rigctl.experiments.rotating_platform.result.separation import require
 
 NOISE = Q_FLEX_NOISE_V.in_units_of(846.73)
 

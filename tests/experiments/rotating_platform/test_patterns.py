@@ -3,8 +3,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from rigctl.errors import ConfigError
-from rigctl.experiments.rotating_platform.patterns import (
+from rigctl.core.errors import ConfigError
+from rigctl.experiments.rotating_platform.observe.patterns import (
     ROTATIONS,
     Dwell,
     Pattern,

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from benchmarks.platform_sampler import SampledRun, sampled
+from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import catalogue
 from rigctl.effects.plugins import load
-from rigctl.errors import ConfigError, DataError
-from rigctl.experiments.rotating_platform.noise import Q_FLEX_NOISE_V
+from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V
 from rigctl.experiments.rotating_platform.study import PlatformStudy
-from rigctl.workbench.compare import compare
-from rigctl.workbench.diagnose import diagnose
-from rigctl.workbench.fit import fit
-from rigctl.workbench.recommend import recommend
+from rigctl.workbench.next.recommend import recommend
 from rigctl.workbench.study import Plannable, Term
+from rigctl.workbench.verdict.compare import compare
+from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.verdict.fit import fit
 from simulators.worlds.platform_effects import EFFECTS
 from simulators.worlds.platform_settings import PlatformSettings
 

@@ -6,14 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from rigctl.errors import DataError
-from rigctl.experiments.rotating_platform.covariance import covariance, covariance_of_mean
-from rigctl.experiments.rotating_platform.demodulation import sums_of
-from rigctl.experiments.rotating_platform.estimates import estimates
-from rigctl.experiments.rotating_platform.estimators import ESTIMATORS, OUTPUTS, weights
-from rigctl.experiments.rotating_platform.noise import Q_FLEX_NOISE_V, PowerLawNoise
-from rigctl.experiments.rotating_platform.patterns import ROTATIONS, custom_pattern, named_pattern
-from rigctl.experiments.rotating_platform.precision import (
+from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.observe.covariance import covariance, covariance_of_mean
+from rigctl.experiments.rotating_platform.observe.demodulation import sums_of
+from rigctl.experiments.rotating_platform.observe.estimates import estimates
+from rigctl.experiments.rotating_platform.observe.estimators import ESTIMATORS, OUTPUTS, weights
+from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V, PowerLawNoise
+from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, custom_pattern, named_pattern
+from rigctl.experiments.rotating_platform.result.precision import (
     continuous_precision,
     mean_of_periods,
     measured_precision,

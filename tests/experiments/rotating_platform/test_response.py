@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.errors import DataError
-from rigctl.experiments.rotating_platform.demodulation import sums_of
-from rigctl.experiments.rotating_platform.estimates import estimates
-from rigctl.experiments.rotating_platform.estimators import ESTIMATORS, OUTPUTS
-from rigctl.experiments.rotating_platform.noise import Q_FLEX_NOISE_V
-from rigctl.experiments.rotating_platform.patterns import custom_pattern, named_pattern
-from rigctl.experiments.rotating_platform.response import expected_sine, following, measured_sine, transfer
+from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.model.response import expected_sine, following, measured_sine, transfer
+from rigctl.experiments.rotating_platform.observe.demodulation import sums_of
+from rigctl.experiments.rotating_platform.observe.estimates import estimates
+from rigctl.experiments.rotating_platform.observe.estimators import ESTIMATORS, OUTPUTS
+from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V
+from rigctl.experiments.rotating_platform.observe.patterns import custom_pattern, named_pattern
 
 HOUR_S = 3600.0
 TILT = 1.0 / 825.0

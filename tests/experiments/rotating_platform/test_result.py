@@ -10,13 +10,13 @@ import pytest
 
 from benchmarks.platform_sampler import Columns, SampledRun, sampled
 from rigctl.campaign.recording import ImportReport, Recording, RunRecord
-from rigctl.experiments.rotating_platform.alignment import Value
-from rigctl.experiments.rotating_platform.bench_runs import flips, noise_records, scans
-from rigctl.experiments.rotating_platform.published import AMPLITUDE_RATIO
-from rigctl.experiments.rotating_platform.recorded import chains
-from rigctl.experiments.rotating_platform.result import PlatformResult, platform_result
+from rigctl.experiments.rotating_platform.observe.bench_runs import flips, noise_records, scans
+from rigctl.experiments.rotating_platform.observe.recorded import chains
+from rigctl.experiments.rotating_platform.result.alignment import Value
+from rigctl.experiments.rotating_platform.result.published import AMPLITUDE_RATIO
+from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
-from rigctl.workbench.fit import fit
+from rigctl.workbench.verdict.fit import fit
 from simulators.worlds.platform_settings import PlatformSettings
 
 SILENT: dict[str, Any] = {

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from rigctl.errors import DataError
-from rigctl.experiments.rotating_platform.patterns import named_pattern
-from rigctl.experiments.rotating_platform.run_noise import Scatter, likelihood, run_noise
+from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.observe.patterns import named_pattern
+from rigctl.experiments.rotating_platform.observe.run_noise import Scatter, likelihood, run_noise
 
 NO_BINS = Scatter(np.zeros((0, 600)), np.zeros(0), np.zeros(0))
 

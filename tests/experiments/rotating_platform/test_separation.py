@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.errors import ConfigError
-from rigctl.experiments.rotating_platform.estimators import ESTIMATORS, OUTPUTS, weights
-from rigctl.experiments.rotating_platform.patterns import ROTATIONS, custom_pattern, named_pattern
-from rigctl.experiments.rotating_platform.separation import conditions, require, separation
+from rigctl.core.errors import ConfigError
+from rigctl.experiments.rotating_platform.observe.estimators import ESTIMATORS, OUTPUTS, weights
+from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, custom_pattern, named_pattern
+from rigctl.experiments.rotating_platform.result.separation import conditions, require, separation
 
 NAMES = sorted(ROTATIONS)
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.errors import DataError
-from rigctl.experiments.rotating_platform.noise import Q_FLEX_NOISE_V, PowerLawNoise
-from rigctl.experiments.rotating_platform.noise_fit import fit_noise
-from rigctl.experiments.rotating_platform.spectrum import TAPERS, expected, noise_spectrum
+from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V, PowerLawNoise
+from rigctl.experiments.rotating_platform.observe.noise_fit import fit_noise
+from rigctl.experiments.rotating_platform.observe.spectrum import TAPERS, expected, noise_spectrum
 
 RATE_HZ = 10.0
 

@@ -1,0 +1,1 @@
+"""Campaigns on the turntable: the two-phase null search and its scans."""

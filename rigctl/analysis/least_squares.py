@@ -1,0 +1,351 @@
+"""Nonlinear least squares whose result says whether to trust it.
+
+`residuals(p)` are whitened: (data - model) / sigma, so that chi-squared is their square sum and the
+covariance is the inverse of J^T J as it stands. Gauss-Newton steps by singular value decomposition of the
+column-scaled Jacobian, damped (Levenberg-Marquardt) only where the full step does not descend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.decomposition import svd
+from rigctl.core.errors import ProcedureError
+from rigctl.core.interfaces import FloatArray
+
+Verdict = Literal["converged", "ill-conditioned", "at-limit", "not-converged"]
+BoolArray = NDArray[np.bool_]
+IndexArray = NDArray[np.intp]
+Function = Callable[[FloatArray], FloatArray]
+
+_RELATIVE_STEP = float(np.finfo(float).eps ** (1.0 / 3.0))
+_STEP_IN_SIGMA = 0.5
+# The step that is left would lower chi-squared by less: a ten-thousandth of a sigma, or rounding.
+_CHI2_LEFT, _CHI2_ROUNDING = 1e-8, 1e-13
+_NULL_SHARE = 1e-5
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A Gaussian belief about a parameter; it counts as one more datum."""
+
+    mean: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a fit: where to start and what is known of it.
+
+    `step` is the finite-difference step in the parameter's own unit (by default half its sigma, the
+    others held, once that is known). A parameter with `fixed` keeps its start.
+    """
+
+    name: str
+    start: float
+    step: float | None = None
+    lower: float = -np.inf
+    upper: float = np.inf
+    prior: Prior | None = None
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """Values, covariance and whether to trust them.
+
+    `residuals` are the whitened data - model at the solution, `jacobian` (data, parameters) their
+    derivative; `chi2` and `dof` count the priors as data. `covariance` has zeros for fixed parameters. What
+    the data cannot determine is NaN, never a number: the parameters in the null space of a singular
+    problem (verdict `ill-conditioned`) and the covariance of those at a limit (`at-limit`).
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    residuals: FloatArray
+    jacobian: FloatArray
+    dof: int
+    chi2: float
+    verdict: Verdict
+    reason: str
+    iterations: int
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a larger chi-squared if model and sigmas are right; NaN when dof is 0."""
+        if self.dof <= 0:
+            return float("nan")
+        from scipy.special import gammaincc
+
+        return float(gammaincc(0.5 * self.dof, 0.5 * self.chi2))
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """Reduced chi-squared; NaN without degrees of freedom."""
+        return self.chi2 / self.dof if self.dof > 0 else float("nan")
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation matrix; NaN rows for fixed and undetermined parameters."""
+        sigma = np.sqrt(np.diag(self.covariance))
+        sigma = np.where(sigma > 0.0, sigma, np.nan)
+        return np.asarray(self.covariance / np.outer(sigma, sigma))
+
+    def value(self, name: str) -> float:
+        """Value of a parameter; NaN when undetermined."""
+        return float(self.values[self._index(name)])
+
+    def sigma(self, name: str) -> float:
+        """Standard uncertainty of a parameter; 0 when fixed, NaN when undetermined."""
+        index = self._index(name)
+        return float(np.sqrt(self.covariance[index, index]))
+
+    def _index(self, name: str) -> int:
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise ProcedureError(f"no parameter {name!r} in this fit: it has {', '.join(self.names)}") from None
+
+
+def least_squares(
+    residuals: Function,
+    parameters: Sequence[Parameter],
+    *,
+    jacobian: Function | None = None,
+    max_iterations: int = 50,
+    rcond: float = 1e-8,
+) -> FitResult:
+    """Minimise the square sum of `residuals(p)` plus priors over the free parameters.
+
+    `residuals` takes all parameters, fixed ones included, and gives (data,) whitened data - model;
+    `jacobian(p)` gives d residuals / d p, (data, parameters), dense however it was built (by default central
+    differences). `rcond` is the relative singular value of the column-scaled Jacobian below which a
+    direction counts as undetermined. Raises `ProcedureError` for non-finite residuals at the start, two
+    parameters of one name, or a start outside its limits; otherwise the verdict says how it went.
+    """
+    problem = _Problem(residuals, tuple(parameters), jacobian, rcond)
+    p = problem.start()
+    state = problem.linearise(p, problem.extended(p), None)
+    damping, iterations, verdict = 0.0, 0, "not-converged"
+    while iterations < max_iterations:
+        if state.predicted_fall <= _CHI2_LEFT + _CHI2_ROUNDING * state.chi2:
+            verdict = "converged"
+            break
+        iterations += 1
+        trial = problem.clipped(state.p + state.step(damping))
+        # A step too far may leave the model's domain or overflow: it is then refused like any other ascent.
+        with np.errstate(all="ignore"):
+            r = problem.extended(trial)
+            descends = bool(r @ r < state.chi2)
+        if descends:
+            damping = 0.0 if damping < 1e-3 else damping / 10.0
+            state = problem.linearise(trial, r, state)
+        elif damping > 1e8:
+            break
+        else:
+            damping = max(10.0 * damping, 1e-3)
+    return problem.result(state, verdict == "converged", iterations)
+
+
+@dataclass(frozen=True)
+class _State:
+    """The linearised problem at `p` without the columns of held parameters.
+
+    The Jacobian's active columns are U s Vt scale; `projected` is U^T r.
+    """
+
+    p: FloatArray
+    r: FloatArray
+    J: FloatArray
+    active: IndexArray
+    scale: FloatArray
+    projected: FloatArray
+    s: FloatArray
+    Vt: FloatArray
+    rank: int
+
+    @property
+    def chi2(self) -> float:
+        return float(self.r @ self.r)
+
+    @property
+    def predicted_fall(self) -> float:
+        return float(np.sum(self.projected[: self.rank] ** 2))
+
+    def step(self, damping: float) -> FloatArray:
+        """Step over all parameters; nothing moves along the null space."""
+        s = self.s[: self.rank]
+        filtered = s / (s**2 + damping * (self.s[0] ** 2 if s.size else 1.0))
+        scaled = -self.Vt[: self.rank].T @ (filtered * self.projected[: self.rank])
+        step = np.zeros(self.p.size)
+        step[self.active] = scaled / self.scale
+        return step
+
+    def covariance(self) -> FloatArray:
+        """Pseudo-inverse of J^T J over the active parameters."""
+        root = (self.Vt[: self.rank].T / self.s[: self.rank]) / self.scale[:, None]
+        return np.asarray(root @ root.T)
+
+
+class _Problem:
+    def __init__(
+        self, residuals: Function, parameters: tuple[Parameter, ...], jacobian: Function | None, rcond: float
+    ) -> None:
+        self.parameters = parameters
+        self.names = tuple(each.name for each in parameters)
+        self._residuals, self._jacobian, self._rcond = residuals, jacobian, rcond
+        self.lower = np.array([each.lower for each in parameters])
+        self.upper = np.array([each.upper for each in parameters])
+        self.free = np.array([not each.fixed for each in parameters], dtype=bool)
+        self.with_prior = [i for i, each in enumerate(parameters) if each.prior is not None and not each.fixed]
+        priors = [each.prior for each in parameters if each.prior is not None and not each.fixed]
+        self.prior_mean = np.array([each.mean for each in priors])
+        self.prior_sigma = np.array([each.sigma for each in priors])
+
+    def start(self) -> FloatArray:
+        p = np.array([each.start for each in self.parameters], dtype=np.float64)
+        if len(set(self.names)) < len(self.names):
+            raise ProcedureError("two parameters of a fit share a name: rename one")
+        for each in self.parameters:
+            if not each.lower <= each.start <= each.upper:
+                raise ProcedureError(
+                    f"start {each.start:g} of {each.name} is outside [{each.lower:g}, {each.upper:g}]"
+                )
+            if each.prior is not None and not each.prior.sigma > 0.0:
+                raise ProcedureError(f"prior of {each.name} has sigma {each.prior.sigma:g}: fix it instead")
+        if not np.isfinite(self.extended(p)).all():
+            raise ProcedureError("residuals are not finite at the start of the fit: check data and start values")
+        return p
+
+    def clipped(self, p: FloatArray) -> FloatArray:
+        return np.asarray(np.clip(p, self.lower, self.upper))
+
+    def extended(self, p: FloatArray) -> FloatArray:
+        """Residuals with those of the priors (mean - p) / sigma appended."""
+        data = np.asarray(self._residuals(p), dtype=np.float64).ravel()
+        return np.concatenate([data, (self.prior_mean - p[self.with_prior]) / self.prior_sigma])
+
+    def linearise(self, p: FloatArray, r: FloatArray, before: _State | None) -> _State:
+        J = self._derivative(p, r, before)
+        at_limit = self._pushed_to_limit(p, J.T @ r)
+        active = np.flatnonzero(self.free & ~at_limit)
+        columns = J[:, active]
+        norms = np.linalg.norm(columns, axis=0)
+        scale = np.where(norms > 0.0, norms, 1.0)
+        Q, R = np.linalg.qr(columns / scale)
+        U, s, Vt = svd(R, full=True)
+        rank = int(np.sum(s > self._rcond * s[0])) if s.size and s[0] > 0.0 else 0
+        return _State(p, r, J, active, scale, U.T @ (Q.T @ r), s, Vt, rank)
+
+    def result(self, state: _State, converged: bool, iterations: int) -> FitResult:
+        n = len(self.parameters)
+        data = state.r.size - len(self.with_prior)
+        values, covariance = state.p.copy(), np.zeros((n, n))
+        covariance[np.ix_(state.active, state.active)] = state.covariance()
+        limited = np.setdiff1d(np.flatnonzero(self.free), state.active)
+        null = state.Vt[state.rank :]
+        lost = state.active[np.abs(null).max(axis=0, initial=0.0) > _NULL_SHARE]
+        values[lost] = np.nan
+        for i in (*lost, *limited):
+            covariance[i, :] = covariance[:, i] = np.nan
+        verdict, reason = self._verdict(converged, iterations, limited, state, null)
+        return FitResult(
+            self.names,
+            values,
+            covariance,
+            state.r[:data],
+            state.J[:data],
+            state.r.size - state.rank - limited.size,
+            state.chi2,
+            verdict,
+            reason,
+            iterations,
+        )
+
+    def _derivative(self, p: FloatArray, r: FloatArray, before: _State | None) -> FloatArray:
+        data = r.size - len(self.with_prior)
+        J = np.zeros((r.size, p.size))
+        if self._jacobian is not None:
+            J[:data] = self._jacobian(p)
+        else:
+            steps = self._steps(p, before)
+            for i in np.flatnonzero(self.free):
+                J[:data, i] = self._difference(p, int(i), steps[i], data)
+        J[np.arange(data, r.size), self.with_prior] = -1.0 / self.prior_sigma
+        if not np.isfinite(J).all():
+            bad = self.names[int(np.flatnonzero(~np.isfinite(J).all(axis=0))[0])]
+            raise ProcedureError(f"the derivative with respect to {bad} is not finite: check its start and step")
+        return J
+
+    def _steps(self, p: FloatArray, before: _State | None) -> FloatArray:
+        steps = _RELATIVE_STEP * np.maximum(np.abs(p), 1.0)
+        if before is not None:
+            # Its sigma with the others held: the full one is boundless where columns are nearly parallel.
+            norms = np.linalg.norm(before.J, axis=0)
+            steps = np.where(norms > 0.0, _STEP_IN_SIGMA / np.where(norms > 0.0, norms, 1.0), steps)
+        for i, each in enumerate(self.parameters):
+            if each.step is not None:
+                steps[i] = each.step
+        return steps
+
+    def _difference(self, p: FloatArray, i: int, step: float, data: int) -> FloatArray:
+        """Central difference, one-sided at a limit."""
+        up, down = p.copy(), p.copy()
+        up[i] = min(p[i] + step, self.upper[i])
+        down[i] = max(p[i] - step, self.lower[i])
+        rise = self.extended(up)[:data] - self.extended(down)[:data]
+        return np.asarray(rise / (up[i] - down[i]))
+
+    def _pushed_to_limit(self, p: FloatArray, gradient: FloatArray) -> BoolArray:
+        low = (p <= self.lower) & (gradient > 0.0)
+        high = (p >= self.upper) & (gradient < 0.0)
+        return np.asarray((low | high) & self.free)
+
+    def _verdict(
+        self, converged: bool, iterations: int, limited: IndexArray, state: _State, null: FloatArray
+    ) -> tuple[Verdict, str]:
+        if len(null):
+            directions = "; ".join(self._direction(row, state) for row in _reduced(null))
+            return (
+                "ill-conditioned",
+                f"the data leave undetermined: {directions}; fix one or measure otherwise",
+            )
+        if not converged:
+            return "not-converged", (
+                f"chi-squared {state.chi2:.6g} after {iterations} steps could still fall by "
+                f"{state.predicted_fall:.2g}: check start values and model"
+            )
+        if limited.size:
+            at = ", ".join(f"{self.names[i]} = {state.p[i]:g}" for i in limited)
+            return "at-limit", f"pushed against a limit: {at}"
+        return "converged", f"converged in {iterations} steps"
+
+    def _direction(self, row: FloatArray, state: _State) -> str:
+        """Name a direction of the null space by its parameters, the largest share first."""
+        order = [i for i in np.argsort(-np.abs(row)) if abs(row[i]) > _NULL_SHARE * np.abs(row).max()]
+        steps = row / state.scale
+        terms = [_term(steps[i] / steps[order[0]], self.names[state.active[i]]) for i in order]
+        return " ".join(terms).removeprefix("+ ")
+
+
+def _term(coefficient: float, name: str) -> str:
+    size = f"{abs(coefficient):.3g} "
+    return f"{'-' if coefficient < 0.0 else '+'} {'' if size == '1 ' else size}{name}"
+
+
+def _reduced(null: FloatArray) -> FloatArray:
+    """Mix the rows of a null space so that each names as few parameters as it can (Gauss-Jordan)."""
+    rows = null.copy()
+    for k in range(len(rows)):
+        pivot = int(np.argmax(np.abs(rows[k])))
+        rows[k] /= rows[k, pivot]
+        for other in range(len(rows)):
+            if other != k:
+                rows[other] -= rows[other, pivot] * rows[k]
+    return rows

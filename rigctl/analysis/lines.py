@@ -1,0 +1,444 @@
+"""Steady lines of unknown frequency in the residual spectra of many runs: the mains, a machine.
+
+A line has the same amplitude in every run and a phase of its own there, so the runs' powers at its frequency add,
+in units of each run's noise (the detector that is best for a weak line of unknown phase). Their noise level is
+taken from the neighbouring frequencies. A bump of the noise raises the power too, but its power is exponentially
+distributed over the runs (Rayleigh amplitudes), that of a line is not (Rice): Bartlett's statistic, log of the mean
+minus mean of the logs, tells them apart whatever the level (Bartlett 1937; it is independent of the sum). Where a
+bump may be narrower than the neighbourhood a line must show by it, elsewhere it must not contradict it.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special, stats
+from scipy.ndimage import median_filter, uniform_filter1d
+
+from rigctl.analysis.noise import Spectrum
+from rigctl.analysis.sine_fit import HarmonicBasis
+from rigctl.core.interfaces import FloatArray
+
+MAX_BINS = 2**17
+_OVERSAMPLING = 2.0
+_MASKED_HARMONICS = 12
+_CLEAR_BINS = 1.5
+_LEVEL_CELLS, _FEWEST_CELLS = 201, 31
+_WHOLE_BIN = 0.8
+_FIRST_BIN = 8
+_NEIGHBOURS, _SHOULDER = (6, 24), 2
+_TRIMMED = 0.125
+# Standard deviations by which the next neighbours must exceed the wider ones to be believed instead.
+_BULGE = 2.0
+# No bump of the ground's noise is narrower than a thirtieth of its frequency: below, the neighbours may miss it.
+_NARROWEST_BUMP = 1.0 / 30.0
+_CONTRADICTED = 1e-4
+_BEYOND_FLOATS = -600.0
+# Of the logarithm of a run's power, from its own noise level being an estimate.
+_LEVEL_VARIANCE = np.pi**2 / 6.0 / _LEVEL_CELLS
+
+
+@dataclass(frozen=True)
+class FoundLine:
+    """A steady line: amplitude with its standard uncertainty, in the samples' unit.
+
+    `p_value` is that of noise alone, corrected for all frequencies tried. `held_out_error_ratio` is the error at the
+    line, predicted from the other half of the recording, after over before. `aliases_hz` are the lowest true
+    frequencies that would look the same at the sampling rates there were.
+    """
+
+    frequency_hz: float
+    amplitude: float
+    sigma: float
+    p_value: float
+    held_out_error_ratio: float
+    aliases_hz: tuple[float, ...]
+
+
+class ScannedRun(NamedTuple):
+    """One run's part of a scan, on frequencies `step_hz` apart from zero; `sums` as in `LineScan`."""
+
+    step_hz: float
+    duration_s: float
+    sample_rate_hz: float
+    sums: FloatArray
+
+
+def scanned(basis: HarmonicBasis, residuals: FloatArray, noise: Spectrum) -> ScannedRun | None:
+    """What one run adds to a scan: `residuals`, shape (samples,), of a fit with `basis` and their spectrum.
+
+    None for a run without a uniform time grid or without noise.
+    """
+    if not basis.uniform or (noise.weight > _WHOLE_BIN).sum() < _FEWEST_CELLS or not np.median(noise.psd) > 0.0:
+        return None
+    step_hz = 2.0 ** np.floor(np.log2(1.0 / (_OVERSAMPLING * basis.duration_s)))
+    length = max(basis.grid_length, round(1.0 / (step_hz * basis.sample_period_s)))
+    on_grid = np.zeros(basis.grid_length)
+    on_grid[basis.grid_index] = residuals
+    transform = np.fft.rfft(on_grid, length)[:MAX_BINS]
+    frequency_hz = np.arange(transform.size) * step_hz
+    power = (transform.real**2 + transform.imag**2) * (2.0 / basis.samples) ** 2
+    seconds = basis.samples * basis.sample_period_s
+    whole = noise.weight > _WHOLE_BIN
+    # The digamma unbiases the logarithm of a mean of exponentials.
+    logs = np.log(np.maximum(noise.psd[whole], np.finfo(float).tiny)) - special.digamma(noise.weight[whole])
+    logs += np.log(noise.weight[whole])
+    level = np.exp(uniform_filter1d(logs, _LEVEL_CELLS, mode="reflect"))
+    inverse = np.interp(frequency_hz, noise.frequency_hz[whole], 0.5 * seconds / level)
+    power *= inverse
+    use = np.ones(transform.size)
+    harmonics = basis.frequency_hz * np.arange(_MASKED_HARMONICS + 1)
+    half = _CLEAR_BINS / basis.duration_s
+    for centre in (*harmonics, *basis.lines_hz):
+        use[max(0, int(np.ceil((centre - half) / step_hz))) : int((centre + half) / step_hz) + 1] = 0.0
+    use[frequency_hz > 0.5 / basis.sample_period_s - half] = 0.0
+    logarithm = np.log(np.maximum(power, np.finfo(float).tiny))
+    sums = np.stack([use, use * power, use * logarithm, use * inverse])
+    return ScannedRun(float(step_hz), basis.duration_s, 1.0 / basis.sample_period_s, sums)
+
+
+@dataclass
+class LineScan:
+    """Sums over runs, by group: the runs that share their noise, in two halves for held-out tests.
+
+    `groups` maps (pool, half) to sums of shape (4, bins): runs, power in units of the run's noise, its logarithm,
+    inverse noise power (1 / unit^2); frequencies are `step_hz` apart from zero.
+    """
+
+    step_hz: float = 0.0
+    longest_s: float = 0.0
+    shortest_s: float = np.inf
+    rates_hz: tuple[float, ...] = ()
+    groups: dict[tuple[str, int], FloatArray] = field(default_factory=dict)
+    runs: dict[str, tuple[str, int]] = field(default_factory=dict)
+
+    def to_bytes(self) -> bytes:
+        """For keeping: a JSON head, then the sums, bit for bit."""
+        head = {
+            "step_hz": self.step_hz,
+            "longest_s": self.longest_s,
+            "shortest_s": self.shortest_s,
+            "rates_hz": self.rates_hz,
+            "groups": [[pool, half, sums.shape[1]] for (pool, half), sums in self.groups.items()],
+            "runs": self.runs,
+        }
+        return b"\n".join(
+            [json.dumps(head).encode(), b"".join(s.astype("<f8").tobytes() for s in self.groups.values())]
+        )
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> LineScan:
+        """What `to_bytes` was given."""
+        line, _, rest = data.partition(b"\n")
+        head = json.loads(line)
+        groups, at = {}, 0
+        for pool, half, bins in head["groups"]:
+            sums = np.frombuffer(rest, dtype="<f8", count=4 * bins, offset=at).astype(np.float64)
+            groups[pool, half] = sums.reshape(4, bins)
+            at += sums.nbytes
+        runs = {run_id: (pool, half) for run_id, (pool, half) in head["runs"].items()}
+        times = head["step_hz"], head["longest_s"], head["shortest_s"]
+        return cls(*times, tuple(head["rates_hz"]), groups, runs)
+
+    def add(self, run_id: str, group: tuple[str, int], run: ScannedRun | None) -> None:
+        """Add a run; one without a spectrum is only remembered."""
+        self.runs[run_id] = group
+        if run is not None:
+            self.longest_s = max(self.longest_s, run.duration_s)
+            self.shortest_s = min(self.shortest_s, run.duration_s)
+            self.rates_hz = tuple(sorted({*self.rates_hz, float(f"{run.sample_rate_hz:.6g}")}))
+            self._sum(group, run, 1.0)
+
+    def remove(self, run_id: str, run: ScannedRun | None) -> None:
+        """Take a run out that had been added."""
+        group = self.runs.pop(run_id)
+        if run is not None:
+            self._sum(group, run, -1.0)
+
+    def _sum(self, group: tuple[str, int], run: ScannedRun, sign: float) -> None:
+        if not self.step_hz:
+            self.step_hz = run.step_hz
+        if run.step_hz < self.step_hz:
+            self.groups = {key: _on_grid(sums, self.step_hz, run.step_hz) for key, sums in self.groups.items()}
+            self.step_hz = run.step_hz
+        part = _on_grid(run.sums, run.step_hz, self.step_hz)
+        have = self.groups.get(group)
+        bins = part.shape[1] if have is None else max(part.shape[1], have.shape[1])
+        total = np.zeros((4, bins)) if have is None or have.shape[1] < bins else have
+        if have is not None and total is not have:
+            total[:, : have.shape[1]] = have
+        total[:, : part.shape[1]] += sign * part
+        self.groups[group] = total
+
+
+def find_lines(scan: LineScan, alpha: float = 0.01, most: int = 5) -> list[FoundLine]:
+    """The steady lines in a scan, strongest evidence first; false ones with a probability of `alpha` together.
+
+    True frequencies up to the lowest of the runs' Nyquist frequencies are tried.
+    """
+    if not scan.groups or not np.isfinite(scan.shortest_s):
+        return []
+    pools = _pools(scan)
+    if not pools:
+        return []
+    found: list[FoundLine] = []
+    test = _Test(scan, pools)
+    while len(found) < most:
+        at = test.most_significant()
+        if at is None or test.p_corrected(at) >= alpha:
+            break
+        line = test.line_at(at)
+        if line is not None and line.p_value < alpha:
+            found.append(line)
+        test.leave_out(at)
+    return found
+
+
+@dataclass
+class _Pool:
+    """One pool's normalised mean power (1: noise), on the scan's frequencies, and what stands behind it."""
+
+    halves: tuple[FloatArray, ...]
+    runs: FloatArray
+    level: FloatArray
+    level_variance: FloatArray
+    excess: FloatArray
+    log_ratio: FloatArray
+    sensitivity: FloatArray
+
+
+class _Test:
+    def __init__(self, scan: LineScan, pools: list[_Pool]) -> None:
+        self.scan, self.pools = scan, pools
+        self._looks = 0
+        bins = pools[0].runs.size
+        self.frequency_hz = np.arange(bins) * scan.step_hz
+        per_bin = 1.0 / (scan.shortest_s * scan.step_hz)
+        self.open = np.sum([pool.runs for pool in pools], axis=0) >= 1.0
+        self.open[: int(_FIRST_BIN * per_bin)] = False
+        highest = 0.5 * min(scan.rates_hz) - _FIRST_BIN / scan.shortest_s
+        self.open[self.frequency_hz > highest] = False
+        self.trials = int(self.open.sum())
+        self._evaluate()
+
+    def _evaluate(self) -> None:
+        """Power weighted by how much of a line each pool would show, and its probability under noise."""
+        weight = np.array([pool.sensitivity * pool.runs for pool in self.pools])
+        total = weight.sum(axis=0) + np.finfo(float).tiny
+        runs = np.array([pool.runs for pool in self.pools])
+        excess = np.array([pool.excess for pool in self.pools])
+        self.power = 1.0 + (weight * excess).sum(axis=0) / total
+        squares = (weight**2 / np.maximum(runs, 1.0)).sum(axis=0) + np.finfo(float).tiny
+        self.to_amplitude = total / squares
+        self.squares = squares
+        self.shape = total**2 / squares
+        spread = (weight**2 * np.array([pool.level_variance for pool in self.pools])).sum(axis=0)
+        self.level_shape = total**2 / np.maximum(spread, np.finfo(float).tiny)
+        self.log_p = np.zeros(self.power.size)
+        tried = self.open & (self.power > 1.0)
+        power, shape = self.power[tried], self.shape[tried]
+        # The tail grows by what each run's own noise level is uncertain by (saddle point of the sum).
+        # It is an expansion: for a line as strong as tens of levels it would grow beyond what it corrects.
+        known = stats.f.logsf(power, 2 * shape, 2 * self.level_shape[tried])
+        tail = np.minimum(0.5 * _LEVEL_VARIANCE * shape * (power - 1.0) ** 2, -0.5 * known)
+        self.log_p[tried] = known + tail
+
+    def most_significant(self) -> int | None:
+        if not self.open.any():
+            return None
+        log_p = np.where(self.open, self.log_p, np.inf)
+        # Probabilities beyond the range of floats are all alike: there the power tells.
+        likeliest = log_p <= max(float(log_p.min()), _BEYOND_FLOATS)
+        at = int(np.argmax(np.where(likeliest, self.power, -np.inf)))
+        if log_p[at] >= 0.0:
+            return None
+        while 0 < at < self.power.size - 1 and (step := int(np.argmax(self.power[at - 1 : at + 2])) - 1):
+            at += step
+        return at
+
+    def p_corrected(self, at: int) -> float:
+        return float(-np.expm1(self.trials * np.log1p(-min(np.exp(self.log_p[at]), 0.5))))
+
+    def line_at(self, at: int) -> FoundLine | None:
+        """The line there; None where the runs' powers are those of a bump."""
+        bump, contradicted = self._shape_of_powers(at)
+        if contradicted < _CONTRADICTED:
+            return None
+        p_value = self.p_corrected(at)
+        frequency_hz = float(self.frequency_hz[at])
+        if frequency_hz * _NARROWEST_BUMP * self.scan.shortest_s < 3.0:
+            # A bump is wider than a bin: each further look at one is given half the level.
+            self._looks += 1
+            p_value = max(p_value, min(1.0, bump * 2.0 ** (1 + self._looks)))
+        shift, peak = _vertex(self.power[at - 1 : at + 2])
+        square = max((peak - 1.0) * self.to_amplitude[at], np.finfo(float).tiny)
+        amplitude = float(np.sqrt(square))
+        seen = sum(
+            float(pool.runs[at])
+            * float(pool.sensitivity[at]) ** 2
+            * (1.0 + 2.0 * square * float(pool.sensitivity[at]))
+            for pool in self.pools
+        )
+        sigma = float(np.sqrt(seen) / self.squares[at] / (2.0 * amplitude))
+        frequency_hz += shift * self.scan.step_hz
+        return FoundLine(frequency_hz, amplitude, sigma, p_value, self._held_out(at), self._aliases(frequency_hz))
+
+    def _shape_of_powers(self, at: int) -> tuple[float, float]:
+        """p of Bartlett's statistic for exponential powers (small: a line) and for a line's (small: none)."""
+        statistic, dof, correction, expected, variance = 0.0, 0.0, 0.0, 0.0, 0.0
+        for pool in self.pools:
+            n = float(pool.runs[at])
+            if n < 2.0:
+                continue
+            ratio = max(float(pool.excess[at]), 1e-6)
+            statistic += n * float(pool.log_ratio[at])
+            dof += n - 1.0
+            correction += 1.0 / n
+            mean, scatter = _log_ratio_of_rice(ratio)
+            expected += (n - 1.0) * (mean + 0.5 * _LEVEL_VARIANCE)
+            variance += n * (scatter + _LEVEL_VARIANCE)
+        if dof <= 0.0:
+            return 1.0, 1.0
+        groups = sum(float(pool.runs[at]) >= 2.0 for pool in self.pools)
+        bartlett = 2.0 * statistic / (1.0 + (correction + groups / dof) / 6.0 / groups)
+        bump = float(stats.chi2.cdf(bartlett, dof))
+        return bump, float(stats.norm.sf((statistic - expected) / np.sqrt(variance)))
+
+    def _held_out(self, at: int) -> float:
+        """Error of the power at the line in one half, predicted from the other, after over before; 1 for one half."""
+        before = runs = left = 0.0
+        for test in (0, 1):
+            seen = square = 0.0
+            for pool in self.pools:
+                n, power = _half(pool, 1 - test, at)
+                seen += n * float(pool.sensitivity[at]) ** 2
+                square += float(pool.sensitivity[at]) * n * (power - 1.0)
+            if seen <= 0.0:
+                continue
+            square = max(square / seen, 0.0)
+            unexplained = 0.0
+            for pool in self.pools:
+                n, power = _half(pool, test, at)
+                before, runs = before + n * power, runs + n
+                unexplained += n * (power - 1.0 - square * float(pool.sensitivity[at]))
+            left += abs(unexplained)
+        return float(np.sqrt((runs + left) / before)) if before > 0.0 else 1.0
+
+    def _aliases(self, frequency_hz: float) -> tuple[float, ...]:
+        """The next frequencies that every sampling rate folds to this one."""
+        slowest = self.scan.rates_hz[0]
+        width = 1.0 / self.scan.longest_s
+        same = []
+        for k in range(1, 40):
+            for true in (k * slowest - frequency_hz, k * slowest + frequency_hz):
+                folded = [abs(true - round(true / rate) * rate) for rate in self.scan.rates_hz]
+                if all(abs(each - frequency_hz) < width for each in folded):
+                    same.append(float(true))
+        return tuple(same[:4])
+
+    def leave_out(self, at: int) -> None:
+        """Close the frequencies a line at `at` spreads to, and take its side lobes off."""
+        apart = np.abs(self.frequency_hz - self.frequency_hz[at])
+        self.open[apart < 3.0 / self.scan.shortest_s] = False
+        # The harmonics' fit moves some of a strong line's side lobes about.
+        lobes = np.minimum(1.0, 3.0 / np.maximum(np.pi * apart * self.scan.shortest_s, 1e-9) ** 2)
+        for pool in self.pools:
+            pool.excess = pool.excess - max(float(pool.excess[at]), 0.0) * lobes
+        self._evaluate()
+
+
+def _pools(scan: LineScan) -> list[_Pool]:
+    by_pool: dict[str, list[FloatArray]] = {}
+    bins = min(sums.shape[1] for sums in scan.groups.values())
+    for half in (0, 1):
+        for name in sorted({pool for pool, _ in scan.groups}):
+            sums = scan.groups.get((name, half))
+            by_pool.setdefault(name, []).append(np.zeros((4, bins)) if sums is None else sums[:, :bins])
+    return [_pool(halves, scan) for halves in by_pool.values() if sum(h[0].max() for h in halves) > 0.5]
+
+
+def _pool(halves: list[FloatArray], scan: LineScan) -> _Pool:
+    runs, power, logarithm, inverse = sum(halves[1:], halves[0])
+    runs = np.where(runs > 0.5, runs, 0.0)
+    safe = np.maximum(runs, 1.0)
+    mean = np.where(runs > 0.0, power / safe, np.nan)
+    level, variance = _level(mean, safe, max(1, round(1.0 / (scan.longest_s * scan.step_hz))))
+    excess = np.where(runs > 0.0, mean / level - 1.0, 0.0)
+    log_ratio = np.where(runs > 0.0, np.log(np.maximum(mean, 1e-300)) - logarithm / safe, 0.0)
+    return _Pool(tuple(halves), runs, level, variance, excess, log_ratio, inverse / safe / level)
+
+
+def _level(mean: FloatArray, runs: FloatArray, stride: int) -> tuple[FloatArray, FloatArray]:
+    """The noise level at every frequency from its neighbours on both sides, and its relative variance.
+
+    The wide neighbourhood's, or the narrow one's where the noise bulges there; after the median's slope is taken off.
+    """
+    known = np.isfinite(mean) & (mean > 0.0)
+    everywhere = np.arange(mean.size)
+    if not known.any():
+        return np.ones(mean.size), np.ones(mean.size)
+    at = np.arange(0, mean.size, stride)
+    # The mean of the logarithm of a mean of n exponentials, and its variance: n differs between neighbours.
+    logs = np.log(mean[known]) - special.digamma(runs[known]) + np.log(runs[known])
+    log_mean = np.interp(at, everywhere[known], logs)
+    one = np.interp(at, everywhere[known], special.polygamma(1, runs[known]))
+    slope = median_filter(log_mean, 2 * _NEIGHBOURS[-1] + 1, mode="nearest")
+    narrow, wide = (_neighbourhood(log_mean - slope, width) for width in _NEIGHBOURS)
+    narrow_variance, wide_variance = (_neighbourhood(one, width) / (2 * (width - _SHOULDER)) for width in _NEIGHBOURS)
+    bulge = narrow - wide > _BULGE * np.sqrt(narrow_variance)
+    log_level = np.where(bulge, narrow, wide) + slope
+    variance = np.where(bulge, narrow_variance, wide_variance)
+    return np.exp(np.interp(everywhere, at, log_level)), np.interp(everywhere, at, variance)
+
+
+def _neighbourhood(values: FloatArray, width: int) -> FloatArray:
+    """Mean of the neighbours up to `width` bins away on both sides without the next two, extremes left out."""
+    padded = np.pad(values, width, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * width + 1)
+    offsets = np.r_[0 : width - _SHOULDER, width + _SHOULDER + 1 : 2 * width + 1]
+    return np.asarray(stats.trim_mean(windows[:, offsets], _TRIMMED, axis=1))
+
+
+def _log_ratio_of_rice(ratio: float) -> tuple[float, float]:
+    """Expectation of log(mean) - log(u), and the variance it has per run, for powers u of a line in noise.
+
+    u is Gamma(1 + J) with J a Poisson number of mean `ratio`, the line's power over the noise's.
+    """
+    numbers = np.arange(int(ratio + 10.0 * np.sqrt(ratio) + 30.0))
+    weight = stats.poisson.pmf(numbers, ratio)
+    digamma = special.digamma(1.0 + numbers)
+    mean, mean_log = 1.0 + ratio, float(weight @ digamma)
+    variance_log = float(weight @ (special.polygamma(1, 1.0 + numbers) + digamma**2)) - mean_log**2
+    covariance = float(weight @ ((1.0 + numbers) * special.digamma(2.0 + numbers))) - mean * mean_log
+    variance = (1.0 + 2.0 * ratio) / mean**2
+    return float(np.log(mean)) - mean_log, variance_log - 2.0 * covariance / mean + variance
+
+
+def _half(pool: _Pool, half: int, at: int) -> tuple[float, float]:
+    """Runs of a half there, and their mean power in units of the noise."""
+    runs, power = float(pool.halves[half][0, at]), float(pool.halves[half][1, at])
+    return (runs, power / runs / float(pool.level[at])) if runs > 0.5 else (0.0, 1.0)
+
+
+def _vertex(values: FloatArray) -> tuple[float, float]:
+    """Place, in steps from the middle, and height of the parabola through three values."""
+    if values.size < 3:
+        return 0.0, float(values.max())
+    left, middle, right = (float(each) for each in values)
+    bend = left - 2.0 * middle + right
+    if bend >= 0.0:
+        return 0.0, middle
+    shift = float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5))
+    return shift, middle - 0.25 * (left - right) * shift
+
+
+def _on_grid(sums: FloatArray, step_hz: float, wanted_hz: float) -> FloatArray:
+    """Sums at frequencies `wanted_hz` apart, interpolated."""
+    if step_hz == wanted_hz:
+        return sums
+    ratio = step_hz / wanted_hz
+    place = np.arange(min(MAX_BINS, int((sums.shape[1] - 1) * ratio) + 1)) / ratio
+    return np.stack([np.interp(place, np.arange(sums.shape[1]), row) for row in sums])

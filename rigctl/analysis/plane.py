@@ -1,0 +1,184 @@
+"""The sensing axis as the normal of the non-sensitivity plane.
+
+The motion vectors found at the nulls span a plane through the origin; its normal is the sensing axis.
+Lucente et al. 2022 (Planetary and Space Science 211) solve z = -a'x - b'y (eq. 12), which fails for a
+normal near the xy-plane; here the total-least-squares normal, and eq. 12 as a cross-check where defined.
+
+Arrays are (n, 3), rows are points; angles are in rad unless the name says arcsec.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.analysis.decomposition import svd
+from rigctl.core.errors import ProcedureError
+from rigctl.core.interfaces import FloatArray
+
+ARCSEC = np.pi / 648000.0
+"""One second of arc in rad."""
+
+# Below this |z| of the normal the coefficients of z = -a'x - b'y exceed 5 and weight the scatter wrongly.
+_MIN_NORMAL_Z = 0.2
+# Vectors of one configuration differ by the mounting's milliradians: a line through them is no plane.
+_MIN_SPREAD = 0.05
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A unit vector and its covariance (3, 3) [rad^2], singular along itself, of `dof` degrees of freedom."""
+
+    unit: FloatArray
+    covariance: FloatArray
+    dof: float = np.inf
+
+    def rotated(self, rotation: FloatArray) -> Axis:
+        """Give the same axis in another frame; `rotation` (3, 3) takes vectors there (`uoaf_from_coc`)."""
+        return Axis(rotation @ self.unit, rotation @ self.covariance @ rotation.T, self.dof)
+
+
+@dataclass(frozen=True)
+class AxisAngle:
+    """Angle between two axes and its standard uncertainty [rad]."""
+
+    rad: float
+    sigma_rad: float
+
+
+@dataclass(frozen=True)
+class PlaneFit:
+    """The plane through the origin nearest to the vectors, and how well it is known.
+
+    `half_cone_rad` (n,) are the vectors' angles out of the plane, positive on the side of the normal.
+    `sigma_hc_rad` is their standard deviation (eq. 16, n - 1), `theta_m_rad` their mean (eq. 19).
+    `normal_equations_axis` is the axis of eq. 12, None where it is not defined, for the reason in
+    `normal_equations_reason`.
+    """
+
+    axis: Axis
+    half_cone_rad: FloatArray
+    sigma_hc_rad: float
+    theta_m_rad: float
+    normal_equations_axis: FloatArray | None
+    normal_equations_reason: str
+
+    @property
+    def normal(self) -> FloatArray:
+        """The unit normal, on the side of the nominal axis."""
+        return self.axis.unit
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the unit normal [rad^2], with n - 2 degrees of freedom."""
+        return self.axis.covariance
+
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom of the covariance: n - 2."""
+        return self.axis.dof
+
+    @property
+    def vectors(self) -> int:
+        """Number of vectors."""
+        return self.half_cone_rad.size
+
+    @property
+    def std_hc_2sigma_arcsec(self) -> float:
+        """Half-cone deviation at 2 sigma, as the paper's Table 1 gives it."""
+        return 2.0 * self.sigma_hc_rad / ARCSEC
+
+    @property
+    def theta_m_arcsec(self) -> float:
+        """Mean angle out of the plane (eq. 19)."""
+        return self.theta_m_rad / ARCSEC
+
+
+def fit_plane(vectors: FloatArray, nominal_axis: FloatArray, weights: FloatArray | None = None) -> PlaneFit:
+    """Fit the plane through the origin to `vectors`, shape (n, 3), of any length and either sign.
+
+    Only directions count: vectors are normalised first. `nominal_axis` (3,) settles the normal's sign;
+    `weights` (n,) are relative inverse variances of the out-of-plane angles. The covariance is the scatter
+    s^2 = sum w theta^2 / (n - 2) times the inverse of the in-plane second moments. Raises `ProcedureError`
+    for fewer than three vectors, vectors that are not finite or zero, all (nearly) parallel, or a nominal
+    axis lying in the plane.
+    """
+    units = _unit_rows(vectors)
+    n = units.shape[0]
+    weight = _checked_weights(weights, n)
+    _, singular, rows = svd(units * np.sqrt(weight)[:, None])
+    if singular[1] < _MIN_SPREAD * singular[0]:
+        raise ProcedureError("all motion vectors are parallel: a plane needs both pendulum and flag mountings")
+    if singular[2] > 0.5 * singular[1]:
+        raise ProcedureError("the motion vectors span no plane: check axis, configuration and frame of each")
+    normal = rows[2] * _sign_towards(nominal_axis, rows[2])
+    half_cone = np.arcsin(np.clip(units @ normal, -1.0, 1.0))
+    scatter = float(weight @ half_cone**2) / (n - 2)
+    covariance = scatter * (rows[:2].T / singular[:2] ** 2) @ rows[:2]
+    theta_m = float(half_cone.mean())
+    cross_check, reason = _normal_equations(units, normal)
+    return PlaneFit(
+        Axis(normal, covariance, float(n - 2)),
+        half_cone,
+        float(np.sqrt(np.sum((half_cone - theta_m) ** 2) / (n - 1))),
+        theta_m,
+        cross_check,
+        reason,
+    )
+
+
+def angle_between(a: Axis, b: Axis) -> AxisAngle:
+    """Give the angle between two independent axes with its sigma from their covariances."""
+    cosine = float(a.unit @ b.unit)
+    sine = float(np.linalg.norm(np.cross(a.unit, b.unit)))
+    if sine < 1e-9:
+        # Parallel: the direction of the difference is not defined, so the worst one counts.
+        sigma = float(np.sqrt(np.linalg.eigvalsh(a.covariance + b.covariance)[-1]))
+    else:
+        towards_b, towards_a = (b.unit - cosine * a.unit) / sine, (a.unit - cosine * b.unit) / sine
+        variance = towards_b @ a.covariance @ towards_b + towards_a @ b.covariance @ towards_a
+        sigma = float(np.sqrt(variance))
+    return AxisAngle(float(np.arctan2(sine, cosine)), sigma)
+
+
+def _unit_rows(vectors: FloatArray) -> FloatArray:
+    vectors = np.asarray(vectors, dtype=np.float64)
+    if vectors.ndim != 2 or vectors.shape[1] != 3:
+        raise ProcedureError(f"motion vectors have shape {vectors.shape}: rows of three components expected")
+    if vectors.shape[0] < 3:
+        raise ProcedureError(f"the plane and its scatter need at least three motion vectors, not {vectors.shape[0]}")
+    lengths = np.linalg.norm(vectors, axis=1)
+    bad = np.flatnonzero(~(np.isfinite(lengths) & (lengths > 0.0)))
+    if bad.size:
+        raise ProcedureError(f"motion vector {bad[0]} is zero or not finite: mark its mounting invalid")
+    return np.asarray(vectors / lengths[:, None])
+
+
+def _checked_weights(weights: FloatArray | None, n: int) -> FloatArray:
+    if weights is None:
+        return np.ones(n)
+    weights = np.asarray(weights, dtype=np.float64)
+    if weights.shape != (n,) or not (np.isfinite(weights).all() and (weights > 0.0).all()):
+        raise ProcedureError(f"weights must be {n} positive numbers, one per vector")
+    return np.asarray(weights * (n / weights.sum()))
+
+
+def _sign_towards(nominal_axis: FloatArray, normal: FloatArray) -> float:
+    nominal = np.asarray(nominal_axis, dtype=np.float64)
+    along = float(nominal @ normal)
+    if not abs(along) > 0.1 * float(np.linalg.norm(nominal)):
+        raise ProcedureError(
+            "the nominal axis lies in the plane of the motion vectors: check which axis these mountings belong to"
+        )
+    return 1.0 if along > 0.0 else -1.0
+
+
+def _normal_equations(units: FloatArray, normal: FloatArray) -> tuple[FloatArray | None, str]:
+    """Solve z = -a'x - b'y by the normal equations (eq. 12); the axis is (a', b', 1) normalised."""
+    if abs(normal[2]) < _MIN_NORMAL_Z:
+        return None, f"eq. 12 is not defined: the normal is within {_MIN_NORMAL_Z:g} of the xy-plane"
+    horizontal, vertical = units[:, :2], units[:, 2]
+    a, b = np.linalg.solve(horizontal.T @ horizontal, -horizontal.T @ vertical)
+    axis = np.array([a, b, 1.0]) / np.sqrt(a * a + b * b + 1.0)
+    return axis * (1.0 if axis @ normal > 0.0 else -1.0), ""

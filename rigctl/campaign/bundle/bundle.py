@@ -1,0 +1,137 @@
+"""Bundles, the exchange format: in, out, and between them and a store."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from rigctl.campaign.bundle.files import open_bundle
+from rigctl.campaign.bundle.reader import BundleReader
+from rigctl.campaign.bundle.salvage import HEADER_LOST, Salvage
+from rigctl.campaign.bundle.writer import RunWithSamples, padded, whole_directory, write_readings, write_runs
+from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord, RunSource
+from rigctl.campaign.store import synced
+from rigctl.campaign.store.store import Store
+from rigctl.core.errors import DataError
+from rigctl.core.experiments import of_readings
+from rigctl.core.interfaces import FloatArray
+
+_PIECE = 1 << 20
+
+__all__ = ["import_bundle", "import_report", "read_bundle", "salvage_bundle", "write_bundle"]
+
+
+def read_bundle(path: Path) -> Recording:
+    """The recording in the directory or .zip at `path`, all of it in memory.
+
+    `DataError`, one line with file, line and mend, for what cannot be accepted; runs that cannot be used and
+    remarks are in the recording's `report`.
+    """
+    with open_bundle(path) as files:
+        reader = BundleReader(files)
+        runs = list(reader.runs())
+    columns = {record.run_id: samples for record, samples in runs}
+    return Recording(reader.header, tuple(record for record, _ in runs), columns, reader.report)
+
+
+def import_bundle(path: Path, store_path: Path) -> Store:
+    """A new store with the recording in the bundle at `path`; `import_report` tells what was found.
+
+    Runs are read one at a time. `DataError` as `read_bundle`, and when `store_path` exists; then nothing is left.
+    """
+    if store_path.exists():
+        raise DataError(f"{store_path}: exists already; name another store")
+    if not store_path.parent.is_dir():
+        raise DataError(f"{store_path}: no such directory; make it first")
+    partial = store_path.with_name(f".{store_path.name}.{os.getpid()}")
+    try:
+        with open_bundle(path) as files:
+            _fill(partial, BundleReader(files))
+        partial.rename(store_path)
+    except BaseException:
+        for suffix in ("", "-wal", "-shm", synced.SUFFIX):
+            partial.with_name(partial.name + suffix).unlink(missing_ok=True)
+        raise
+    return Store.open(store_path)
+
+
+def _fill(path: Path, reader: BundleReader) -> None:
+    with Store.create(path, reader.header) as store:
+        for record, samples in reader.runs():
+            with store.begin_run(record.key, record.step, record.conditions, record.run_id) as writer:
+                for piece in _pieces(samples):
+                    writer.append(piece)
+                writer.finish(valid=record.valid, reason=record.reason)
+        store.add_event("import", asdict(reader.report))
+
+
+def _pieces(samples: Mapping[str, FloatArray]) -> Iterator[dict[str, FloatArray]]:
+    """The columns of a run cut alike, so that a long run can be read again piece by piece."""
+    longest = max((column.size for column in samples.values()), default=0)
+    for first in range(0, max(longest, 1), _PIECE):
+        yield {name: column[first : first + _PIECE] for name, column in samples.items()}
+
+
+def import_report(store: Store) -> ImportReport | None:
+    """What was found when the store was imported; None for one that was recorded."""
+    events = store.events("import")
+    if not events:
+        return None
+    data = events[0].data
+    invalid = tuple((run_id, reason) for run_id, reason in data["invalid"])
+    return ImportReport(data["runs"], invalid, tuple(data["warnings"]))
+
+
+def write_bundle(source: RunSource, directory: Path) -> None:
+    """Write the recording or store as a bundle to `directory`, which does not exist or is empty.
+
+    `DataError`, and `DamagedStore` for a run that is not as it was written; then nothing is left.
+    """
+    _write(source, ((record, source.samples(record.run_id)) for record in source.runs()), directory)
+
+
+@dataclass(frozen=True)
+class Salvaged:
+    """What became of the runs of a store: the run_id of each that was saved, a line for each that was not."""
+
+    saved: tuple[str, ...]
+    lost: tuple[str, ...]
+
+
+def salvage_bundle(store: Path, directory: Path) -> Salvaged:
+    """Write every run of a store that is as it was written, whatever became of the rest of the file, as a bundle.
+
+    What there is of runs that were cut off comes too, marked invalid. `DataError` when there is nothing to save;
+    then nothing is left.
+    """
+    salvage = Salvage(store)
+    header = salvage.header or Header(salvage.guessed, extra={"salvaged": HEADER_LOST})
+    saved: list[str] = []
+    _write(Recording(header, (), {}, ImportReport(0)), _saved(salvage, header, saved), directory)
+    return Salvaged(tuple(saved), (*(() if salvage.header else (HEADER_LOST,)), *salvage.lost))
+
+
+def _saved(salvage: Salvage, header: Header, saved: list[str]) -> Iterator[RunWithSamples]:
+    channels = set(header.channels)
+    for record, samples in salvage.runs():
+        if record.state == "finished":
+            channels |= samples.keys()
+            saved.append(record.run_id)
+            yield record, samples
+        elif "t_s" in samples:
+            saved.append(record.run_id)
+            yield _cut_off(record), padded(samples, sorted(channels))
+        else:
+            salvage.lost.append(f"run {record.run_id}: {record.state}, without samples")
+
+
+def _write(source: RunSource, runs: Iterator[RunWithSamples], directory: Path) -> None:
+    with whole_directory(directory) as partial:
+        write = write_readings if of_readings(source.header.experiment) else write_runs
+        write(source, runs, partial)
+
+
+def _cut_off(record: RunRecord) -> RunRecord:
+    return replace(record, valid=False, reason=f"interrupted: {record.reason or 'cut off'}")

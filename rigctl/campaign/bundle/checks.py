@@ -1,0 +1,205 @@
+"""Whether the samples of a run can be what its row in runs.csv says."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigctl.campaign.bundle.layout import Layout
+from rigctl.campaign.bundle.sample_file import SampleFile
+from rigctl.campaign.recording import ChannelInfo
+from rigctl.core.interfaces import FloatArray
+from rigctl.core.plausible import possible_range
+from rigctl.core.units import unit_of_column
+
+JITTER = 0.05
+"""A step of time may differ from the median step by this fraction: what rounding in a text file may do."""
+
+DRIFT = 0.25
+"""No sample is further than this fraction of a step from an evenly spaced time base."""
+
+GAP = 1.5
+"""A step of time longer than this many median steps is a gap."""
+
+RATE_TOLERANCE = 0.01
+
+STEP_MIN_S, STEP_MAX_S = 1e-9, 1e6
+"""What a recorder of motion takes between two samples: a nanosecond to twelve days."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Why a run cannot be used, and what else is to be said about it."""
+
+    invalid: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def check_samples(
+    layout: Layout,
+    conditions: Mapping[str, Any],
+    file: SampleFile,
+    channels: Mapping[str, ChannelInfo],
+    constants: Mapping[str, float],
+    *,
+    declared_valid: bool,
+) -> Findings:
+    """What is wrong with the samples of a run.
+
+    `DataError` for what cannot be a recording: columns missing, a time base that is none, a run shorter than
+    its period, a column in another unit than its name says.
+    A run its recorder had given up already may be short or empty.
+    """
+    _require_columns(file, layout.samples_of(conditions))
+    t_s = file.columns["t_s"]
+    step_s = _require_time(file, t_s)
+    invalid: list[str] = []
+    remarks: list[str] = []
+    if short := _too_short(t_s, step_s, layout.period_of(conditions)):
+        if declared_valid:
+            raise file.place.error(f"{short}; record longer, remove the run, or set its valid to 0")
+        remarks.append(short)
+    masked = [
+        *_time_base(t_s, step_s),
+        *_missing(file, [name for name in layout.samples_of(conditions) if name not in {"t_s", "moving"}]),
+        *_saturated(file, channels, _moving(file)),
+        *_impossible(file),
+    ]
+    (remarks if layout.handles_missing else invalid).extend(masked)
+    invalid.extend(_wholly_missing(file, layout.samples_of(conditions)) if layout.handles_missing else ())
+    remarks.extend(_rate(conditions, step_s))
+    if declared_valid and not invalid:
+        units = layout.units_of(conditions, file.columns, constants)
+        if units.slip:
+            raise file.place.error(units.slip, 1 if file.text is not None else None)
+        remarks.extend(units.remarks)
+    return Findings(tuple(invalid), tuple(remarks))
+
+
+def _require_columns(file: SampleFile, names: Sequence[str]) -> None:
+    for name in names:
+        if name in file.columns:
+            continue
+        line = 1 if file.text is not None else None
+        near = difflib.get_close_matches(name, [c for c in file.columns if c not in names], n=1)
+        mend = f"rename {near[0]}" if near else "add it"
+        raise file.place.error(f"column {name} is missing; {mend} (there are {', '.join(file.columns)})", line)
+
+
+def _require_time(file: SampleFile, t_s: FloatArray) -> float:
+    """The median step [s], 0 for a single sample."""
+    if not np.isfinite(t_s).all():
+        at = int(np.argmin(np.isfinite(t_s)))
+        raise file.error(f"t_s is {t_s[at]}; write the time of every sample", at)
+    steps = np.diff(t_s)
+    if (steps <= 0).any():
+        at = int(np.argmax(steps <= 0)) + 1
+        raise file.error(
+            f"time does not go on: t_s {t_s[at]:.9g} follows {t_s[at - 1]:.9g}; sort or repair the samples", at
+        )
+    step_s = float(np.median(steps)) if steps.size else 0.0
+    if steps.size and not STEP_MIN_S <= step_s <= STEP_MAX_S:
+        raise file.error(f"samples are {step_s:.4g} s apart, as no recorder takes them; write t_s in seconds", 0)
+    return step_s
+
+
+def _too_short(t_s: FloatArray, step_s: float, period_s: float) -> str | None:
+    duration_s = t_s[-1] - t_s[0] + step_s if t_s.size else 0.0
+    if t_s.size and duration_s >= period_s * (1 - 1e-6):
+        return None
+    if not t_s.size:
+        return "no samples"
+    return f"{duration_s:.6g} s is too short: one period takes {period_s:.6g} s"
+
+
+def _time_base(t_s: FloatArray, step_s: float) -> list[str]:
+    if t_s.size < 3:
+        return []
+    steps = np.diff(t_s)
+    gaps = steps > GAP * step_s
+    if gaps.any():
+        lost = int(np.sum(np.rint(steps[gaps] / step_s) - 1))
+        first = int(np.argmax(gaps))
+        return [
+            f"{int(gaps.sum())} gap{'s' if gaps.sum() > 1 else ''} in t_s, about {lost} samples, "
+            f"first after {t_s[first]:.9g} s"
+        ]
+    even = np.linspace(t_s[0], t_s[-1], t_s.size)
+    uneven = np.append(np.abs(steps - step_s) > JITTER * step_s, False)
+    uneven |= np.abs(t_s - even) > DRIFT * step_s
+    if uneven.any():
+        first = int(np.argmax(uneven))
+        return [f"t_s is not equally spaced (median step {step_s:.9g} s), first at {t_s[first]:.9g} s"]
+    return []
+
+
+def _missing(file: SampleFile, names: Sequence[str]) -> list[str]:
+    found = []
+    for name in names:
+        bad = ~np.isfinite(file.columns[name])
+        if bad.any():
+            first = file.where(int(np.argmax(bad)))
+            found.append(f"{name}: {int(bad.sum())} of {bad.size} samples missing, first in {first}")
+    return found
+
+
+def _wholly_missing(file: SampleFile, names: Sequence[str]) -> list[str]:
+    return [f"{name}: no sample has a value" for name in names if not np.isfinite(file.columns[name]).any()]
+
+
+def _moving(file: SampleFile) -> FloatArray:
+    """1 where the platform turns; all 0 where nothing was said of it."""
+    moving = file.columns.get("moving")
+    if moving is None:
+        return np.zeros_like(file.columns["t_s"])
+    wrong = (moving != 0) & (moving != 1)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        raise file.error(f"moving is {moving[at]:g}; write 1 or 0", at)
+    return moving
+
+
+def _saturated(file: SampleFile, channels: Mapping[str, ChannelInfo], moving: FloatArray) -> list[str]:
+    found = []
+    for name, channel in channels.items():
+        if channel.full_scale is None or name not in file.columns:
+            continue
+        past = (np.abs(file.columns[name]) >= channel.full_scale) & (moving == 0)
+        if past.any():
+            first = file.where(int(np.argmax(past)))
+            found.append(
+                f"{name}: {int(past.sum())} of {past.size} samples saturated "
+                f"(full scale {channel.full_scale:g} {channel.unit}), first in {first}"
+            )
+    return found
+
+
+def _impossible(file: SampleFile) -> list[str]:
+    """Readings that their unit cannot have, such as a temperature below absolute zero."""
+    found = []
+    for name, values in file.columns.items():
+        unit = unit_of_column(name)
+        low, high = possible_range(unit)
+        wrong = (values < low) | (values > high)
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            found.append(f"{name}: {values[at]:g} in {file.where(at)} can be no reading in {unit}")
+    return found
+
+
+def _rate(conditions: Mapping[str, Any], step_s: float) -> list[str]:
+    """A sampling rate in runs.csv that the samples do not have."""
+    said = {
+        "sample_rate_hz": 1 / step_s if step_s else math.nan,
+        "sample_period_s": step_s if step_s else math.nan,
+    }
+    return [
+        f"{name} is {conditions[name]:.6g}, the samples have {measured:.6g}"
+        for name, measured in said.items()
+        if abs(conditions.get(name, math.nan) / measured - 1) > RATE_TOLERANCE
+    ]

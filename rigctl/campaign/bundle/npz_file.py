@@ -1,0 +1,116 @@
+"""The samples of a run as .npz: what each array is to be is read, and bounded, before any of it."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterator, Mapping
+from typing import BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.campaign.bundle.place import Place
+from rigctl.campaign.bundle.unpacking import UNREADABLE, open_zip
+from rigctl.campaign.recording import flaw_of_column
+from rigctl.core.bounds import COLUMNS, RUN_VALUES, SAMPLES
+from rigctl.core.interfaces import FloatArray
+from rigctl.core.numbers import MAGNITUDE_MAX, measurable
+
+_ZIP_TIME = (1980, 1, 1, 0, 0, 0)
+_PIECE = 1 << 20
+_MEND = "write it with numpy.savez, one array per column"
+
+
+def read_npz(place: Place, file: BinaryIO) -> dict[str, FloatArray]:
+    """The columns, of equal length; `DataError` for anything but arrays of real numbers in one dimension."""
+    with open_zip(place, file, COLUMNS, _MEND) as archive:
+        members = [member for member in archive.infolist() if not member.is_dir()]
+        if not members:
+            raise place.error(f"no arrays in it; {_MEND}")
+        try:
+            shapes = {_column_of(place, member): _announced(place, archive, member) for member in members}
+            _require_equal(place, shapes)
+            return {_column_of(place, member): _values(place, archive, member) for member in members}
+        except (MemoryError, *UNREADABLE) as error:
+            raise place.error(f"not readable arrays of numbers ({error or 'out of memory'}); {_MEND}") from error
+
+
+def _column_of(place: Place, member: zipfile.ZipInfo) -> str:
+    name = member.filename.removesuffix(".npy")
+    if flaw := flaw_of_column(name):
+        raise place.error(f"the name of column {name!r} {flaw}; {_MEND}")
+    return name
+
+
+def _header(place: Place, member: zipfile.ZipInfo, file: BinaryIO) -> tuple[int, np.dtype[np.generic]]:
+    """Samples and type, from the first bytes; leaves `file` where the numbers begin."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(file)
+    name = _column_of(place, member)
+    if len(shape) != 1 or dtype.kind not in "fiub" or dtype.itemsize > 8:
+        raise place.error(f"column {name} is {len(shape)}-dimensional {dtype}; {_MEND}")
+    if not 0 <= shape[0] <= SAMPLES:
+        raise place.error(f"column {name} has {shape[0]} samples, but at most {SAMPLES} are read; split the run")
+    if shape[0] * dtype.itemsize > member.file_size:
+        raise place.error(f"column {name} promises {shape[0]} samples and holds fewer; {_MEND}")
+    return shape[0], dtype
+
+
+def _announced(place: Place, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    with archive.open(member) as file:
+        return _header(place, member, cast("BinaryIO", file))[0]
+
+
+def _require_equal(place: Place, shapes: Mapping[str, int]) -> None:
+    if sum(shapes.values()) > RUN_VALUES:
+        raise place.error(
+            f"{sum(shapes.values())} numbers in one run, but at most {RUN_VALUES} are read; split the run"
+        )
+    if len(set(shapes.values())) > 1:
+        listed = ", ".join(f"{name} {length}" for name, length in shapes.items())
+        raise place.error(f"columns differ in length ({listed}); {_MEND}")
+
+
+def _values(place: Place, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> FloatArray:
+    with archive.open(member) as file:
+        size, dtype = _header(place, member, cast("BinaryIO", file))
+        values = np.empty(size)
+        at = 0
+        for piece in _pieces(cast("BinaryIO", file), size, dtype):
+            values[at : at + piece.size] = piece
+            at += piece.size
+    if not measurable(values):
+        at = int(np.argmax(np.abs(np.nan_to_num(values, nan=0.0)) > MAGNITUDE_MAX))
+        raise place.error(
+            f"sample {at + 1} of column {_column_of(place, member)} is {values[at]:g},"
+            " which nobody can have measured; mend it, or write nan for a missing value"
+        )
+    return values
+
+
+def _pieces(file: BinaryIO, size: int, dtype: np.dtype[np.generic]) -> Iterator[NDArray[np.generic]]:
+    missing = size * dtype.itemsize
+    while missing:
+        piece = b""
+        while len(piece) < min(_PIECE, missing):
+            more = file.read(min(_PIECE, missing) - len(piece))
+            if not more:
+                raise EOFError("it ends before its last sample")
+            piece += more
+        missing -= len(piece)
+        yield np.frombuffer(piece, dtype)
+    if file.read(1):
+        raise ValueError("bytes after the last sample")
+
+
+def npz_bytes(columns: Mapping[str, FloatArray]) -> bytes:
+    """The columns as numpy.savez writes them, whatever they are called; the same columns give the same bytes."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        for name, column in columns.items():
+            array = io.BytesIO()
+            np.lib.format.write_array(array, column, allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy", _ZIP_TIME), array.getvalue())
+    return data.getvalue()

@@ -1,0 +1,255 @@
+"""A bundle, run by run: what its files say, checked, in the words of `rigctl.campaign.recording`."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rigctl.campaign.bundle.checks import check_samples
+from rigctl.campaign.bundle.csv_table import CsvTable, numbers_or_text, read_table
+from rigctl.campaign.bundle.files import HEADER_FILE, BundleFiles
+from rigctl.campaign.bundle.layout import Field, Layout, face, layout_of, number
+from rigctl.campaign.bundle.recording_toml import read_header
+from rigctl.campaign.bundle.sample_file import SUFFIXES, SampleFile, read_sample_file
+from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id
+from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
+from rigctl.core.interfaces import FloatArray
+from rigctl.core.numbers import decimal_or_missing, is_missing
+from rigctl.core.plausible import doubt_of_constant
+
+RunWithSamples = tuple[RunRecord, Mapping[str, FloatArray]]
+
+PATTERN_COLUMNS = ("pattern", "period_s", "dwell_index", "sign_cos_theta", "start_s", "stop_s")
+STEP = "import"
+
+
+class BundleReader:
+    """Reads one bundle once: `header` at once, `runs` one after the other, then `report`."""
+
+    def __init__(self, files: BundleFiles) -> None:
+        self._files = files
+        self._warnings: list[str] = []
+        self._invalid: list[tuple[str, str]] = []
+        self._count = 0
+        self.header = read_header(
+            files.place(HEADER_FILE), files.read(HEADER_FILE, TOML_BYTES, "a bundle says there what it holds")
+        )
+        self._layout = layout_of(self.header.experiment)
+        if self._layout is not None and self._layout.patterns and "patterns.csv" in files.names:
+            patterns = _read_patterns(
+                read_table(files.place("patterns.csv"), files.read("patterns.csv", TABLE_BYTES), TABLE_ROWS)
+            )
+            self.header = replace(self.header, extra={**self.header.extra, "patterns": patterns})
+
+    @property
+    def report(self) -> ImportReport:
+        """What was found; complete when all of `runs` has been read."""
+        return ImportReport(self._count, tuple(self._invalid), tuple(self._warnings))
+
+    def runs(self) -> Iterator[RunWithSamples]:
+        """Every run with its samples; `DataError` for the first thing that cannot be accepted."""
+        runs = self._readings() if self._layout is None else self._measured(self._layout)
+        for record, samples in runs:
+            self._count += 1
+            if not record.valid:
+                self._invalid.append((record.run_id, record.reason))
+            yield record, samples
+
+    def _measured(self, layout: Layout) -> Iterator[RunWithSamples]:
+        data = self._files.read("runs.csv", TABLE_BYTES, "add it, one row per run")
+        table = read_table(self._files.place("runs.csv"), data, RUNS)
+        rows = _run_rows(table, layout, self._warnings)
+        self._warn_of_the_header(layout)
+        seen: set[str] = set()
+        for line, (run_id, conditions) in zip(table.lines, rows, strict=True):
+            if layout.patterns:
+                self._require_dwells(table, line, conditions)
+            file = read_sample_file(self._files, run_id, line)
+            seen.update(file.columns)
+            yield self._checked(layout, run_id, conditions, file), file.columns
+        self._warn_of_strangers({run_id for run_id, _ in rows}, seen)
+
+    def _checked(self, layout: Layout, run_id: str, row: Mapping[str, Any], file: SampleFile) -> RunRecord:
+        conditions = {name: value for name, value in row.items() if name not in {"valid", "reason"}}
+        declared = row.get("valid", True) is not False
+        findings = check_samples(
+            layout, conditions, file, self.header.channels, self.header.constants, declared_valid=declared
+        )
+        said = str(row.get("reason", ""))
+        reasons = [said] if said else [] if declared else ["marked invalid in runs.csv"]
+        reasons += [found for found in (*findings.invalid, *findings.remarks) if found not in said]
+        self._warnings += [f"{file.place.file}: {remark}" for remark in findings.remarks]
+        valid = declared and not findings.invalid
+        return RunRecord(run_id, run_id, STEP, conditions, valid, "; ".join(reasons))
+
+    def _readings(self) -> Iterator[RunWithSamples]:
+        place = self._files.place("readings.csv")
+        table = read_table(
+            place, self._files.read("readings.csv", TABLE_BYTES, "add it, one row per reading"), TABLE_ROWS
+        )
+        if not table.rows:
+            raise place.error("no readings; add a row per reading", 1)
+        samples: dict[str, FloatArray] = {}
+        texts: dict[str, list[str]] = {}
+        for name in table.header:
+            values, remark = numbers_or_text(table, name)
+            self._warnings += [remark] if remark else []
+            if values and isinstance(values[0], float):
+                samples[name] = np.array(values, dtype=np.float64)
+            else:
+                texts[name] = table.column(name)
+        self._require_question(table, samples)
+        yield RunRecord(READINGS, READINGS, STEP, texts), samples
+
+    def _require_question(self, table: CsvTable, samples: Mapping[str, FloatArray]) -> None:
+        spec = self.header.table
+        assert spec is not None
+        for key, name, numeric in (
+            ("response", spec.response, True),
+            ("order", spec.order, True),
+            ("block", spec.block, False),
+        ):
+            if name is None:
+                continue
+            if name not in table.header:
+                raise table.place.error(
+                    f"column {name} is missing, which [table] {key} names; {_rename(name, table.header)}", 1
+                )
+            if numeric and name not in samples:
+                line, text = next(
+                    (n, t) for n, t in zip(table.lines, table.column(name), strict=True) if not _is_number(t)
+                )
+                raise table.place.error(
+                    f"column {name} holds {text!r}, but [table] {key} needs numbers; leave a missing value empty",
+                    line,
+                )
+
+    def _require_dwells(self, table: CsvTable, line: int, conditions: Mapping[str, Any]) -> None:
+        if conditions["pattern"] != "custom":
+            return
+        patterns = self.header.extra.get("patterns")
+        if patterns is None:
+            raise table.place.error("a custom pattern, but no patterns.csv; add it, one row per dwell", line)
+        period_s = conditions["modulation_period_s"]
+        periods = [
+            period for name, period in zip(patterns["pattern"], patterns["period_s"], strict=True) if name == "custom"
+        ]
+        if not any(math.isclose(period, period_s, rel_tol=1e-9) for period in periods):
+            raise table.place.error(
+                f"patterns.csv has no dwells of pattern custom with period_s {period_s:g}; add them", line
+            )
+
+    def _warn_of_the_header(self, layout: Layout) -> None:
+        place = self._files.place(HEADER_FILE)
+        for name, value in self.header.constants.items():
+            if doubt := doubt_of_constant(name, value):
+                self._warnings.append(str(place.error(f"[constants] {name} {doubt}")))
+        for name in layout.constants:
+            if name not in self.header.constants:
+                self._warnings.append(str(place.error(f"[constants] has no {name}; add it before you fit")))
+
+    def _warn_of_strangers(self, run_ids: set[str], columns: set[str]) -> None:
+        for name in sorted(self._files.names):
+            suffix = next((s for s in SUFFIXES if name.endswith(s)), None)
+            if name.startswith("runs/") and suffix and name[5 : -len(suffix)] not in run_ids:
+                self._warnings.append(str(self._files.place(name).error("not in runs.csv, left out")))
+        place = self._files.place(HEADER_FILE)
+        for kind, names in (("channels", self.header.channels), ("lasers", self.header.lasers)):
+            for name in names:
+                if name not in columns:
+                    self._warnings.append(str(place.error(f"[{kind}.{name}] is a column of no run file")))
+
+
+def _run_rows(table: CsvTable, layout: Layout, warnings: list[str]) -> list[tuple[str, dict[str, Any]]]:
+    """The run_id and the other columns of every row of runs.csv."""
+    for name in ("run_id", *(name for name, field in layout.fields.items() if field.required)):
+        if name not in table.header:
+            raise table.place.error(f"column {name} is missing; {_rename(name, table.header)}", 1)
+    run_ids = _run_ids(table)
+    columns = {name: _column(table, name, layout, warnings) for name in table.header if name != "run_id"}
+    rows = [{name: values[i] for name, values in columns.items()} for i in range(len(run_ids))]
+    for line, row in zip(table.lines, rows, strict=True):
+        if flaw := layout.flaw_of_run(row):
+            raise table.place.error(flaw, line)
+    return list(zip(run_ids, rows, strict=True))
+
+
+def _run_ids(table: CsvTable) -> list[str]:
+    seen: dict[str, int] = {}
+    for line, run_id in zip(table.lines, table.column("run_id"), strict=True):
+        if flaw := flaw_of_run_id(run_id):
+            raise table.place.error(f"run_id {run_id!r} {flaw}; give the run another", line)
+        if run_id in seen:
+            raise table.place.error(
+                f"run_id {run_id} is in line {seen[run_id]} already; give every run its own", line
+            )
+        seen[run_id] = line
+    return list(seen)
+
+
+def _column(table: CsvTable, name: str, layout: Layout, warnings: list[str]) -> list[Any]:
+    field = layout.fields.get(name)
+    if name.startswith("laser_") and name.endswith("_face"):
+        field = Field(face, missing="")
+    if name == "reason":
+        return table.column(name)
+    if field is not None:
+        return [
+            _value(table, line, name, field, text) for line, text in zip(table.lines, table.column(name), strict=True)
+        ]
+    values, remark = numbers_or_text(table, name)
+    warnings += [remark] if remark else []
+    return list(values)
+
+
+def _value(table: CsvTable, line: int, name: str, field: Field, text: str) -> Any:
+    if is_missing(text):
+        if field.required:
+            raise table.place.error(f"{name} is missing; write it", line)
+        return field.missing
+    try:
+        return field.parse(text)
+    except ValueError as expected:
+        raise table.place.error(f"{name} is {text!r}; write {expected}", line) from None
+
+
+def _read_patterns(table: CsvTable) -> dict[str, list[Any]]:
+    """The columns of patterns.csv: a dwell per row."""
+    for name in PATTERN_COLUMNS:
+        if name not in table.header:
+            raise table.place.error(f"column {name} is missing; {_rename(name, table.header)}", 1)
+    columns: dict[str, list[Any]] = {"pattern": table.column("pattern")}
+    for name in PATTERN_COLUMNS[1:]:
+        field = Field(number, required=True)
+        columns[name] = [
+            _value(table, line, name, field, text) for line, text in zip(table.lines, table.column(name), strict=True)
+        ]
+    for line, sign, start, stop, period in zip(
+        table.lines, *(columns[name] for name in ("sign_cos_theta", "start_s", "stop_s", "period_s")), strict=True
+    ):
+        if sign not in {1.0, -1.0}:
+            raise table.place.error(f"sign_cos_theta is {sign:g}; write +1 or -1", line)
+        if not 0 <= start < stop <= period:
+            raise table.place.error(
+                f"a dwell from {start:g} to {stop:g} s does not lie in a period of {period:g} s; mend its times",
+                line,
+            )
+    return {**columns, **{n: table.column(n) for n in table.header if n not in PATTERN_COLUMNS}}
+
+
+def _rename(name: str, header: tuple[str, ...]) -> str:
+    near = difflib.get_close_matches(name, header, n=1)
+    return f"rename {near[0]}" if near else f"add it (there are {', '.join(header)})"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        decimal_or_missing(text)
+    except ValueError:
+        return False
+    return True

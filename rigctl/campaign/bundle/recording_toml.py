@@ -1,0 +1,182 @@
+"""The header of a bundle: recording.toml to a `Header` and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from datetime import UTC, date, datetime, time
+from typing import Any
+
+from rigctl.campaign.bundle.layout import FACES
+from rigctl.campaign.bundle.place import Place
+from rigctl.campaign.bundle.toml_document import TomlDocument, parse_toml, to_toml
+from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo, TableSpec
+from rigctl.core.experiments import EXPERIMENTS, of_readings
+from rigctl.core.messages import either
+from rigctl.core.numbers import MAGNITUDE_MAX
+from rigctl.core.plausible import flaw_of_constant
+from rigctl.core.units import same_unit, unit_of_column
+
+FORMAT = 1
+TILT_MAX_DEG = 90.0
+_NAMED = {"format", "experiment", "title", "started", "constants", "channels", "lasers"}
+_ELSEWHERE = {"patterns"}
+
+
+def read_header(place: Place, data: bytes) -> Header:
+    """Parse recording.toml; `DataError` with line and mend for anything it must not hold."""
+    document = parse_toml(place, data)
+    _require_format(document)
+    experiment = document.data.get("experiment")
+    if not isinstance(experiment, str) or experiment not in EXPERIMENTS:
+        what = "is missing" if experiment is None else f"{experiment!r} is unknown"
+        raise document.error(("experiment",), f"{what}; write {either(EXPERIMENTS)}")
+    extra = {name: _json(value) for name, value in document.data.items() if name not in _NAMED}
+    if of_readings(experiment):
+        extra["table"] = _table_spec(document)
+    return Header(
+        experiment=experiment,
+        title=_text(document, ("title",), document.data.get("title", "")),
+        started=_started(document),
+        constants={
+            name: _constant(document, name, value) for name, value in _section(document, ("constants",)).items()
+        },
+        channels={name: _channel(document, name) for name in _section(document, ("channels",))},
+        lasers={name: _laser(document, name) for name in _section(document, ("lasers",))},
+        extra=extra,
+    )
+
+
+def header_to_toml(header: Header) -> str:
+    """The text of recording.toml."""
+    named = {
+        "format": FORMAT,
+        "experiment": header.experiment,
+        "title": header.title,
+        "started": datetime.fromisoformat(header.started) if header.started else None,
+        "constants": header.constants,
+        "channels": {name: _known_first(channel) for name, channel in header.channels.items()},
+        "lasers": {name: _known_first(laser) for name, laser in header.lasers.items()},
+    }
+    extra = {name: value for name, value in header.extra.items() if name not in _NAMED | _ELSEWHERE}
+    said = {name: value for name, value in named.items() if value not in (None, "", {})}
+    return to_toml({**said, **extra})
+
+
+def _known_first(info: ChannelInfo | LaserInfo) -> dict[str, Any]:
+    values = asdict(info)
+    extra = values.pop("extra")
+    return {**{name: value for name, value in values.items() if value not in (None, "")}, **extra}
+
+
+def _require_format(document: TomlDocument) -> None:
+    number = document.data.get("format")
+    if number is None:
+        raise document.error(("format",), f"is missing; write format = {FORMAT} in the first line")
+    if number != FORMAT or isinstance(number, bool):
+        raise document.error(
+            ("format",), f"= {number!r} is not read by this program; write {FORMAT}, or update rigctl"
+        )
+
+
+def _started(document: TomlDocument) -> str:
+    value = document.data.get("started")
+    if value is None:
+        return ""
+    try:
+        when = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
+        if when.tzinfo is None:
+            raise document.error(("started",), f"{value} has no time zone; write UTC with a Z at its end")
+        return when.astimezone(UTC).isoformat().replace("+00:00", "Z")
+    except (ValueError, OverflowError):
+        raise document.error(("started",), f"{value!r} is no time; write e.g. 2026-11-21T01:00:00Z") from None
+
+
+def _constant(document: TomlDocument, name: str, value: object) -> float:
+    number = _number(document, ("constants", name), value)
+    if flaw := flaw_of_constant(name, number):
+        raise document.error(("constants", name), flaw)
+    return number
+
+
+def _channel(document: TomlDocument, name: str) -> ChannelInfo:
+    keys = ("channels", name)
+    values = dict(_section(document, keys))
+    promised = unit_of_column(name)
+    unit = _text(document, (*keys, "unit"), values.pop("unit", promised))
+    if promised and not same_unit(unit, promised):
+        raise document.error(
+            (*keys, "unit"), f"{unit!r} contradicts the column's name; write {promised!r}, or rename the column"
+        )
+    numbers = {
+        key: _number(document, (*keys, key), values.pop(key))
+        for key in ("noise_rms", "full_scale", "latency_s")
+        if key in values
+    }
+    if not numbers.get("full_scale", 1.0) > 0:
+        raise document.error((*keys, "full_scale"), "is not positive; write the largest reading, or leave it out")
+    if not numbers.get("noise_rms", 0.0) >= 0:
+        raise document.error((*keys, "noise_rms"), "is negative; write the rms of one sample, or leave it out")
+    kind = _text(document, (*keys, "kind"), values.pop("kind", ""))
+    return ChannelInfo(unit, kind, **numbers, extra=_json(values))
+
+
+def _laser(document: TomlDocument, name: str) -> LaserInfo:
+    keys = ("lasers", name)
+    values = dict(_section(document, keys))
+    face = values.pop("face", None)
+    if face is not None and face not in FACES:
+        raise document.error((*keys, "face"), f"{face!r} is no face; write {', '.join(FACES[:-1])} or {FACES[-1]}")
+    tilt = values.pop("tilt_deg", None)
+    tilt_deg = None if tilt is None else _number(document, (*keys, "tilt_deg"), tilt)
+    if tilt_deg is not None and abs(tilt_deg) >= TILT_MAX_DEG:
+        raise document.error(
+            (*keys, "tilt_deg"), f"is {tilt_deg:g}, with which the beam misses its face; write less than 90"
+        )
+    return LaserInfo(face, tilt_deg, _json(values))
+
+
+def _table_spec(document: TomlDocument) -> dict[str, Any]:
+    known = list(TableSpec.__dataclass_fields__)
+    values = _section(document, ("table",))
+    for name in values:
+        if name not in known:
+            raise document.error(("table", name), f"is unknown; the keys are {', '.join(known)}")
+    for name in ("response", "baseline"):
+        if name not in values:
+            raise document.error(("table",), f"has no {name}; add it")
+    start = _section(document, ("table", "start"))
+    texts = {k: _text(document, ("table", k), v) for k, v in values.items() if k != "start"}
+    return {**texts, "start": {k: _number(document, ("table", "start", k), v) for k, v in start.items()}}
+
+
+def _section(document: TomlDocument, keys: tuple[str, ...]) -> Mapping[str, Any]:
+    value: Any = document.data
+    for key in keys:
+        value = value.get(key, {})
+        if not isinstance(value, dict):
+            raise document.error(keys, f"is {value!r}; make it a table [{'.'.join(keys)}]")
+    return value  # type: ignore[no-any-return]
+
+
+def _text(document: TomlDocument, keys: tuple[str, ...], value: object) -> str:
+    if not isinstance(value, str):
+        raise document.error(keys, f"is {value!r}, not a text; put it in quotes")
+    return value
+
+
+def _number(document: TomlDocument, keys: tuple[str, ...], value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise document.error(keys, f"is {value!r}, not a number; write it without quotes or unit")
+    if not abs(value) <= MAGNITUDE_MAX:
+        raise document.error(keys, "is no quantity; write a number, or leave it out")
+    return float(value)
+
+
+def _json(value: Any) -> Any:
+    """A TOML value as JSON can keep it: times become ISO 8601 text."""
+    if isinstance(value, dict):
+        return {name: _json(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_json(item) for item in value]
+    return value.isoformat() if isinstance(value, datetime | date | time) else value

@@ -1,0 +1,154 @@
+"""The samples of one run as a file: .csv, .csv.gz or .npz in, .csv out; 64-bit floats bit for bit."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.campaign.bundle.csv_table import check_header, check_width, decode, rows_with_lines
+from rigctl.campaign.bundle.files import BundleFiles
+from rigctl.campaign.bundle.npz_file import read_npz
+from rigctl.campaign.bundle.place import Place
+from rigctl.campaign.bundle.unpacking import gunzipped
+from rigctl.core.bounds import NPZ_BYTES, RUN_TEXT_BYTES, RUN_VALUES, SAMPLES
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.core.numbers import NotMeasurable, decimal_or_missing, measurable
+
+SUFFIXES = (".csv", ".csv.gz", ".npz")
+_PIECE = 1 << 22
+_SHORTEN = "write it as .npz, or split the run"
+
+
+@dataclass(frozen=True)
+class SampleFile:
+    """The columns of a run, each of shape (samples,), and where they were read."""
+
+    place: Place
+    columns: Mapping[str, FloatArray]
+    text: str | None
+
+    def line_of(self, sample: int) -> int | None:
+        """The line of the file that holds `sample`; None where there are no lines."""
+        if self.text is None:
+            return None
+        for index, (line, _) in enumerate(rows_with_lines(self.place, self.text)):
+            if index == sample + 1:
+                return line
+        return None
+
+    def where(self, sample: int) -> str:
+        """The same in words."""
+        line = self.line_of(sample)
+        return f"sample {sample + 1}" if line is None else f"line {line}"
+
+    def error(self, message: str, sample: int) -> DataError:
+        """A `DataError` about one sample; `message` says what is wrong and the mend."""
+        return DataError(f"{self.place.file}, {self.where(sample)}: {message}")
+
+
+def read_sample_file(files: BundleFiles, run_id: str, row: int) -> SampleFile:
+    """The samples of a run; `row` is its line in runs.csv.
+
+    `DataError` when there is no file or more than one, or it holds anything but columns of numbers of equal length.
+    """
+    found = [name for suffix in SUFFIXES if (name := f"runs/{run_id}{suffix}") in files.names]
+    runs = files.place("runs.csv")
+    if not found:
+        raise runs.error(f"runs/{run_id}.csv is missing; add it, or remove run {run_id}", row)
+    if len(found) > 1:
+        raise runs.error(f"run {run_id} has both {' and '.join(found)}; remove all but one", row)
+    (name,) = found
+    place = files.place(name)
+    if name.endswith(".npz"):
+        with files.open(name, NPZ_BYTES, shorten="split the run") as file:
+            return SampleFile(place, read_npz(place, file), None)
+    data = files.read(name, RUN_TEXT_BYTES, shorten=_SHORTEN)
+    if name.endswith(".gz"):
+        data = gunzipped(place, data, RUN_TEXT_BYTES, _SHORTEN)
+    text = decode(place, data)
+    del data
+    return SampleFile(place, _read_csv(place, text), text)
+
+
+def _read_csv(place: Place, text: str) -> dict[str, FloatArray]:
+    line, header = next(rows_with_lines(place, text), (1, None))
+    if header is None:
+        raise place.error("empty; write the column names in the first line", line)
+    check_header(place, line, header)
+    pieces = [np.empty((0, len(header)))]
+    for before, piece in _pieces(text, line):
+        values = _fast(piece, len(header))
+        pieces.append(_careful(place, piece, before, header) if values is None else values)
+    samples = sum(len(piece) for piece in pieces)
+    if samples > SAMPLES or samples * len(header) > RUN_VALUES:
+        raise place.error(f"{samples} samples of {len(header)} columns are too many; split the run")
+    return {name: np.concatenate([piece[:, i] for piece in pieces]) for i, name in enumerate(header)}
+
+
+def _pieces(text: str, header_line: int) -> Iterator[tuple[int, str]]:
+    """What follows the header, cut between lines, each piece with the number of lines before it.
+
+    Piece by piece, because numbers take less room than their text; at once where a quoted field may hold a line end.
+    """
+    before, at = header_line, 0
+    for _ in range(header_line):
+        at = text.find("\n", at) + 1 or len(text)
+    longest = len(text) if text.find('"', at) >= 0 else _PIECE
+    while at < len(text):
+        end = text.find("\n", at + longest) + 1 or len(text)
+        piece = text[at:end]
+        yield before, piece
+        before, at = before + piece.count("\n"), end
+
+
+def _fast(text: str, width: int) -> FloatArray | None:
+    """All numbers at once; None where a field is missing or wrong, which `_careful` sorts out."""
+    if not text.strip():
+        return np.empty((0, width))
+    try:
+        values = np.loadtxt(io.StringIO(text), dtype=np.float64, delimiter=",", comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return values if values.shape[1] == width and measurable(values) else None
+
+
+def _careful(place: Place, text: str, before: int, header: list[str]) -> FloatArray:
+    values: list[list[float]] = []
+    for line, fields in rows_with_lines(place, text, before):
+        check_width(place, line, fields, header)
+        try:
+            values.append([decimal_or_missing(field) for field in fields])
+        except ValueError:
+            raise _text_among_numbers(place, line, fields, header) from None
+    return np.array(values, dtype=np.float64).reshape(-1, len(header))
+
+
+def _text_among_numbers(place: Place, line: int, fields: list[str], header: list[str]) -> Exception:
+    for name, field in zip(header, fields, strict=True):
+        try:
+            decimal_or_missing(field)
+        except NotMeasurable:
+            return place.error(
+                f"column {name} holds {field}, which nobody can have measured;"
+                " mend it, or leave a missing value empty",
+                line,
+            )
+        except ValueError:
+            return place.error(
+                f"column {name} holds {field!r}, not a number; leave a missing value empty or write nan", line
+            )
+    raise AssertionError(fields)
+
+
+def csv_bytes(columns: Mapping[str, FloatArray]) -> bytes:
+    """The columns, of equal length, as CSV whose numbers read back bit for bit; NaN is `nan`."""
+    header = io.StringIO()
+    csv.writer(header, lineterminator="").writerow(columns)
+    fields = [map(float.__repr__, column.tolist()) for column in columns.values()]
+    lines = [header.getvalue(), *map(",".join, zip(*fields, strict=True)), ""]
+    return "\n".join(lines).encode()

@@ -1,0 +1,119 @@
+"""A recording as the files of a bundle."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigctl.campaign.bundle.files import HEADER_FILE
+from rigctl.campaign.bundle.npz_file import npz_bytes
+from rigctl.campaign.bundle.recording_toml import header_to_toml
+from rigctl.campaign.bundle.sample_file import csv_bytes
+from rigctl.campaign.recording import RunRecord, RunSource
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+
+LONG_RUN_VALUES = 1_000_000
+"""A run with more numbers than this is written as .npz: a spreadsheet could not open it anyway."""
+
+RunWithSamples = tuple[RunRecord, Mapping[str, FloatArray]]
+
+
+@contextmanager
+def whole_directory(directory: Path) -> Iterator[Path]:
+    """A directory to write in that takes its name only when all is written; `DataError` if the name is in use."""
+    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+        raise DataError(f"{directory}: exists and is not an empty directory; name another")
+    try:
+        directory.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", dir=directory.parent))
+    except OSError as error:
+        raise DataError(f"{directory}: cannot be made ({error.strerror}); name another place") from error
+    try:
+        yield partial
+        partial.chmod(0o755)
+        partial.replace(directory)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+
+
+def write_runs(source: RunSource, runs: Iterator[RunWithSamples], directory: Path) -> None:
+    """recording.toml, runs.csv, one file per run and, where there are custom patterns, patterns.csv."""
+    (directory / HEADER_FILE).write_text(header_to_toml(source.header), encoding="utf-8")
+    (directory / "runs").mkdir()
+    records = []
+    for record, samples in runs:
+        _write_samples(directory / "runs", record.run_id, samples)
+        records.append(record)
+    _write_table(directory / "runs.csv", *_run_table(records))
+    if patterns := source.header.extra.get("patterns"):
+        _write_table(directory / "patterns.csv", list(patterns), zip(*patterns.values(), strict=True))
+
+
+def write_readings(source: RunSource, runs: Iterator[RunWithSamples], directory: Path) -> None:
+    """recording.toml and readings.csv of a `table` recording."""
+    (directory / HEADER_FILE).write_text(header_to_toml(source.header), encoding="utf-8")
+    for record, samples in runs:
+        columns: dict[str, Sequence[Any]] = {name: column.tolist() for name, column in samples.items()}
+        columns |= record.conditions
+        _write_table(directory / "readings.csv", list(columns), zip(*columns.values(), strict=True))
+
+
+def _run_table(records: Sequence[RunRecord]) -> tuple[list[str], Iterator[list[Any]]]:
+    names = list(dict.fromkeys(name for record in records for name in record.conditions))
+    reason = ["reason"] if any(record.reason for record in records) else []
+    rows = (
+        [
+            record.run_id,
+            *(record.conditions.get(name) for name in names),
+            int(record.valid),
+            *([record.reason] if reason else []),
+        ]
+        for record in records
+    )
+    return ["run_id", *names, "valid", *reason], rows
+
+
+def _write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([_field(value) for value in row] for row in rows)
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _field(value: object) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    if isinstance(value, bool):
+        return str(int(value))
+    if isinstance(value, str | int | float):
+        return str(value)
+    return json.dumps(value)
+
+
+def _write_samples(directory: Path, run_id: str, samples: Mapping[str, FloatArray]) -> None:
+    long = sum(column.size for column in samples.values()) > LONG_RUN_VALUES
+    suffix, data = (".npz", npz_bytes(samples)) if long else (".csv", csv_bytes(samples))
+    (directory / f"{run_id}{suffix}").write_bytes(data)
+
+
+def padded(samples: Mapping[str, FloatArray], channels: Iterable[str]) -> dict[str, FloatArray]:
+    """The columns of a run that was cut off, all of `channels` and as long as t_s: what had not come is NaN."""
+    length = samples["t_s"].size
+    columns = {**samples, **{name: np.empty(0) for name in channels if name not in samples}}
+    return {
+        name: np.append(column[:length], np.full(max(0, length - column.size), np.nan))
+        for name, column in columns.items()
+    }

@@ -1,0 +1,1 @@
+"""One SQLite file per campaign: runs, events, models and fits, every row with its checksum."""

@@ -1,0 +1,393 @@
+"""A campaign on disk: one SQLite file that keeps every step and survives being killed at any instant.
+
+One process writes, others read at the same time (write-ahead log). A `Store` belongs to the thread that
+opened it; another thread or process opens its own. Samples are 64-bit floats, kept bit for bit.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from rigctl.campaign.recording import Header, RunRecord, flaw_of_run_id
+from rigctl.campaign.store import ledger, schema, synced
+from rigctl.campaign.store.checked_rows import CheckedRows, Row, seal
+from rigctl.campaign.store.header_json import dumps, header_from_json, header_to_json, utc_now
+from rigctl.campaign.store.ledger import Mark
+from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray, Identity
+
+_WITH_REDUCTIONS = 2
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened: `time` is UTC, ISO 8601; `rig_time_s` where the rig's clock was known."""
+
+    id: int
+    time: str
+    rig_time_s: float | None
+    kind: str
+    data: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Document:
+    """Something worked out from the runs: a model version, a fit, a diagnosis."""
+
+    id: int
+    time: str
+    kind: str
+    data: dict[str, Any]
+
+
+class Store:
+    """An open campaign file; `close` it, or use it in `with`."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path = path
+        self._connection = connection
+        self._rows = CheckedRows(connection, path)
+        self.header = _header(self._rows)
+
+    @classmethod
+    def create(cls, path: Path, header: Header) -> Store:
+        """A new campaign file, whole from the moment it is there; `DataError` if `path` exists or cannot be made."""
+        partial = path.with_name(f".{path.name}.{os.getpid()}.new")
+        try:
+            os.close(os.open(partial, os.O_CREAT | os.O_TRUNC, 0o644))
+            with schema.database_errors(path), closing(schema.connect(partial, readonly=False)) as connection:
+                schema.prepare_for_writing(connection)
+                with schema.transaction(connection, durable=True):
+                    connection.execute(f"PRAGMA application_id = {schema.APPLICATION_ID}")
+                    schema.migrate(connection, schema.MIGRATIONS)
+                    connection.execute("INSERT INTO header (data) VALUES (?)", (header_to_json(header),))
+                    seal(connection)
+            _publish(partial, path)
+        except FileExistsError as error:
+            raise DataError(f"{path}: exists already; name another store, or `rigctl resume` this one") from error
+        except OSError as error:
+            raise DataError(f"{path}: cannot be made ({error.strerror}); check the directory") from error
+        finally:
+            partial.unlink(missing_ok=True)
+        return cls.open(path)
+
+    @classmethod
+    def open(cls, path: Path, *, readonly: bool = False) -> Store:
+        """An existing campaign file, brought to the current schema unless `readonly`.
+
+        `DataError` when it is missing, not a store, or of a newer schema; `DamagedStore` when it is not what was
+        written.
+        """
+        if not path.is_file():
+            raise DataError(f"{path}: no such store; check the name, or make one with `rigctl run` or `import`")
+        noted = synced.read(path)
+        if noted is not None and not readonly:
+            # Whoever opens it for writing and closes it again takes away a log of which not all was read.
+            with closing(schema.connect(path, readonly=True)) as connection:
+                _require_whole(connection, path, noted)
+        connection = schema.connect(path, readonly=readonly)
+        try:
+            with schema.database_errors(path):
+                connection.execute(f"PRAGMA query_only = {int(readonly)}")
+                _require_whole(connection, path, noted)
+                schema.bring_up(connection, path, readonly=readonly, seal=seal)
+                if not readonly:
+                    schema.require_index(connection, path)
+            return cls(path, connection)
+        except BaseException:
+            connection.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        self._rows.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # Runs
+
+    def begin_run(self, key: str, step: str, conditions: Mapping[str, Any], run_id: str | None = None) -> RunWriter:
+        """Begin an acquisition; `key` is the procedure's own name for it, `run_id` by default a number.
+
+        A key that was begun before and never finished may begin again: the earlier attempt stays as
+        interrupted. `DataError` when the key is finished already, or `run_id` is taken or cannot name a file.
+        """
+        if run_id is not None and (flaw := flaw_of_run_id(run_id)):
+            raise DataError(f"run_id {run_id!r} {flaw}; give it another")
+        with self._rows.writing():
+            for run in self._rows.rows("runs", "WHERE key = ? AND state <> 'interrupted'", (key,)):
+                if run[7] == "finished":
+                    raise DataError(f"{self.path}: {key} is recorded already; give the run another key")
+                self._rows.end_run(*run[:6], "cut off", "interrupted", None)
+            number, name = self._next_run(run_id)
+            record = RunRecord(name, key, step, dict(conditions), state="acquiring")
+            self._rows.begin_run(number, name, key, step, dumps(record.conditions), 1, "", record.state, None)
+        return RunWriter(self._rows, number, record)
+
+    def _next_run(self, run_id: str | None) -> tuple[int, str]:
+        (number,) = self._connection.execute("SELECT COALESCE(MAX(number), 0) + 1 FROM runs").fetchone()
+        taken = "SELECT 1 FROM runs WHERE run_id = ?"
+        if run_id is None:
+            while self._connection.execute(taken, (str(number),)).fetchone():
+                number += 1
+            return number, str(number)
+        if self._connection.execute(taken, (run_id,)).fetchone():
+            raise DataError(f"{self.path}: run {run_id} exists already; give the run another run_id")
+        return number, run_id
+
+    def run_by_key(self, key: str) -> RunRecord | None:
+        """The finished run the procedure calls `key`; None when there is none."""
+        found = self._rows.rows("runs", "WHERE key = ? AND state = 'finished'", (key,))
+        return _record(found[0]) if found else None
+
+    def runs(self, *, valid_only: bool = False, skip: int = 0) -> list[RunRecord]:
+        """The finished runs in the order they were begun; those after the first `skip`, if any are skipped.
+
+        `DamagedStore` when one is not as it was written, or, of all runs, when one is missing.
+        """
+        if skip:
+            found = self._rows.rows("runs", "WHERE state = 'finished' ORDER BY number LIMIT -1 OFFSET ?", (skip,))
+        else:
+            found = self._rows.whole("runs", "ORDER BY number")
+        records = (_record(row) for row in found)
+        return [run for run in records if run.state == "finished" and (run.valid or not valid_only)]
+
+    def run_counts(self) -> tuple[int, int]:
+        """How many runs are finished, and how many of them are declared invalid; cheap."""
+        found = self._rows.read("SELECT COUNT(*), COALESCE(SUM(NOT valid), 0) FROM runs WHERE state = 'finished'")
+        return int(found[0][0]), int(found[0][1])
+
+    def interrupted_runs(self) -> list[RunRecord]:
+        """Runs begun and never finished: cut off or, while a campaign is at it, still `acquiring`."""
+        return [_record(row) for row in self._rows.rows("runs", "WHERE state <> 'finished' ORDER BY number")]
+
+    def samples(self, run_id: str) -> dict[str, FloatArray]:
+        """The columns of a run, each of shape (samples,), in the order they first came.
+
+        An interrupted run's columns may differ in length. `DataError` for an unknown run, `DamagedStore` when a
+        finished run's are not as they were written.
+        """
+        chunks: dict[str, list[bytes]] = {}
+        for name, data in self._rows.samples(self._run(run_id)):
+            chunks.setdefault(name, []).append(data)
+        return {
+            name: np.frombuffer(bytearray(b"".join(parts)), dtype="<f8").astype(np.float64, copy=False)
+            for name, parts in chunks.items()
+        }
+
+    def sample_chunks(self, run_id: str) -> Iterator[dict[str, FloatArray]]:
+        """The columns of a run piece by piece, as they were written, each piece of one length in all columns.
+
+        What the columns of an interrupted run do not share is left out. `DataError` for an unknown run,
+        `DamagedStore` as `samples`, before the first piece.
+        """
+        run = self._run(run_id)
+        waiting: dict[str, list[FloatArray]] = {name: [] for name, _ in self._rows.samples(run)}
+        for name, data in self._rows.chunks(run):
+            waiting[name].append(np.frombuffer(data, dtype="<f8").astype(np.float64))
+            if all(waiting.values()):
+                columns = {each: np.concatenate(parts) for each, parts in waiting.items()}
+                count = min(column.size for column in columns.values())
+                yield {each: column[:count] for each, column in columns.items()}
+                waiting = {each: [column[count:]] if column.size > count else [] for each, column in columns.items()}
+
+    def last_samples(self, run_id: str, count: int) -> dict[str, FloatArray]:
+        """At most the last `count` of every column, not verified, without reading the whole of a long run."""
+        chunks: dict[str, list[bytes]] = {}
+        lengths: dict[str, int] = {}
+        with closing(self._rows.chunks(self._run(run_id), "DESC")) as latest:
+            for name, data in latest:
+                if name in chunks and min(lengths.values()) >= count:
+                    break
+                chunks.setdefault(name, []).append(data)
+                lengths[name] = lengths.get(name, 0) + len(data) // 8
+        return {
+            name: np.frombuffer(b"".join(reversed(parts)), dtype="<f8")[-count:].astype(np.float64)
+            for name, parts in reversed(chunks.items())
+        }
+
+    def mark(self, run_id: str, valid: bool, reason: str) -> None:
+        """Declare a finished run valid or not; its samples stay.
+
+        `DataError` for an interrupted run and for an unknown one, naming the nearest.
+        """
+        run = self._run(run_id)
+        if run[7] != "finished":
+            raise DataError(f"{self.path}: run {run_id} is {run[7]}, it is never used; name a finished run")
+        with self._rows.writing(durable=True):
+            self._rows.mark_run(*run[:5], int(valid), reason, *run[7:9])
+            self._rows.append(
+                "events", utc_now(), None, "mark", dumps({"run_id": run_id, "valid": valid, "reason": reason})
+            )
+
+    def _run(self, run_id: str) -> Row:
+        found = self._rows.rows("runs", "WHERE run_id = ?", (run_id,))
+        if not found:
+            raise DataError(f"{self.path}: no run {run_id}; {self._nearest(run_id)}")
+        return found[0]
+
+    def _nearest(self, run_id: str) -> str:
+        known = [name for (name,) in self._rows.read("SELECT run_id FROM runs ORDER BY number")]
+        if not known:
+            return "it has no runs yet"
+        return f"the nearest are {', '.join(difflib.get_close_matches(run_id, known, n=3, cutoff=0.0))}"
+
+    # Events, requests, status
+
+    def add_event(self, kind: str, data: Mapping[str, Any], rig_time_s: float | None = None) -> int:
+        """Keep that something happened, now; returns its number, durable."""
+        rig_time = None if rig_time_s is None else float(rig_time_s)
+        with self._rows.writing(durable=True):
+            return self._rows.append_event(kind, data, rig_time)
+
+    def events(self, kind: str | None = None, *, after: int = 0) -> list[Event]:
+        """All events in order, or those of one kind, or those after event number `after`.
+
+        `DamagedStore` when one is not as it was written, or, without `after`, when one is missing.
+        """
+        if after:
+            found = self._rows.rows("events", "WHERE id > ? ORDER BY id", (after,))
+        else:
+            found = self._rows.whole("events", "ORDER BY id")
+        return [_event(row) for row in found if kind in (None, row[3])]
+
+    def last_event(self, kind: str) -> Event | None:
+        """The latest event of a kind."""
+        found = self._rows.rows("events", "WHERE kind = ? ORDER BY id DESC LIMIT 1", (kind,))
+        return _event(found[0]) if found else None
+
+    def add_request(self, kind: str) -> int:
+        """Ask the campaign, from any process, for something: `pause`, `abort`, `resume`."""
+        with self._rows.writing():
+            number = self._connection.execute("INSERT INTO requests (kind) VALUES (?)", (kind,)).lastrowid
+            assert number is not None
+            return number
+
+    def take_request(self) -> str | None:
+        """The oldest request, so that nobody else gets it; None, at the cost of one look-up, without one."""
+        open_request = "SELECT id FROM requests WHERE taken = 0 ORDER BY id LIMIT 1"
+        if not self._rows.read(open_request):
+            return None
+        with self._rows.writing():
+            found = self._connection.execute(
+                f"UPDATE requests SET taken = 1 WHERE id = ({open_request}) RETURNING kind"  # noqa: S608
+            ).fetchone()
+        return None if found is None else str(found[0])
+
+    def set_status(self, status: Mapping[str, Any], *, durable: bool = False) -> None:
+        """Replace what `status` returns; `durable`: on stable storage when this returns."""
+        with self._rows.writing(durable=durable):
+            self._rows.put("status", 1, dumps(status))
+
+    def status(self) -> dict[str, Any]:
+        """What the campaign last said of itself; empty when it has not."""
+        found = self._rows.rows("status")
+        return dict(json.loads(found[0][1])) if found else {}
+
+    def set_identity(self, name: str, identity: Identity | Mapping[str, Any]) -> None:
+        """Keep who answered as instrument `name`."""
+        data = asdict(identity) if isinstance(identity, Identity) else dict(identity)
+        with self._rows.writing(durable=True):
+            self._rows.replace("identities", name, dumps(data))
+
+    def identities(self) -> dict[str, dict[str, Any]]:
+        """Who answered, by instrument name."""
+        return {row[0]: json.loads(row[1]) for row in sorted(self._rows.whole("identities", "NOT INDEXED"))}
+
+    # Documents
+
+    def add_document(self, kind: str, data: Mapping[str, Any]) -> int:
+        """Keep something worked out from the runs; returns its number, durable."""
+        with self._rows.writing(durable=True):
+            return self._rows.append("documents", utc_now(), kind, dumps(data))
+
+    def documents(self, kind: str | None = None) -> list[Document]:
+        """The documents of one kind, or all, oldest first; `DamagedStore` as `events`."""
+        return [
+            Document(number, time, name, json.loads(data))
+            for number, time, name, data, _ in self._rows.whole("documents", "ORDER BY id")
+            if kind in (None, name)
+        ]
+
+    # Reductions
+
+    def keep_reductions(self, recipe: str, blobs: Mapping[str, bytes]) -> None:
+        """Keep what was worked out from samples by `recipe`, by run_id or another name; replaces what was there."""
+        with self._rows.writing():
+            for name, data in blobs.items():
+                self._rows.put("reductions", recipe, name, data)
+
+    def reduction(self, recipe: str, name: str) -> bytes | None:
+        """What is kept by `recipe` under one name; None for nothing, or for what is not as it was written."""
+        found = self._rows.undamaged("reductions", "WHERE recipe = ? AND name = ?", (recipe, name))
+        return next((bytes(row[2]) for row in found), None)
+
+    def reduced_names(self, recipe: str) -> set[str]:
+        """The names of everything kept by `recipe` as it was written; none in a file from before there were any."""
+        if schema.schema_version(self._connection) < _WITH_REDUCTIONS:
+            return set()
+        return {row[1] for row in self._rows.undamaged("reductions", "WHERE recipe = ?", (recipe,))}
+
+    @property
+    def readonly(self) -> bool:
+        """Whether the file was opened for reading only."""
+        return bool(self._rows.read("PRAGMA query_only")[0][0])
+
+    @property
+    def has_checksums(self) -> bool:
+        """False for a file made before there were any, until it is opened for writing."""
+        return self._rows.summed
+
+
+def _require_whole(connection: sqlite3.Connection, path: Path, noted: Mark | None) -> None:
+    """Raise unless this is a store, its tables are declared as they should be and its last changes are there."""
+    with schema.database_errors(path):
+        schema.require_store(connection, path)
+        schema.require_readable(connection, path)
+        schema.require_tables(connection, path)
+        if noted is not None and schema.has_checksums(connection):
+            synced.require_all(path, noted, ledger.mark(connection))
+
+
+def _header(rows: CheckedRows) -> Header:
+    found = rows.rows("header")
+    if not found:
+        raise rows.damaged("the header is missing")
+    return header_from_json(found[0][1])
+
+
+def _publish(partial: Path, path: Path) -> None:
+    """Give a finished file its name; `FileExistsError` rather than over a store that somebody made meanwhile."""
+    try:
+        os.link(partial, path)
+    except FileExistsError:
+        raise
+    except OSError as error:  # a file system without hard links, where the name can only be looked for
+        if path.exists():
+            raise FileExistsError(path) from error
+        partial.rename(path)
+
+
+def _record(row: Row) -> RunRecord:
+    _, run_id, key, step, conditions, valid, reason, state, *_ = row
+    return RunRecord(run_id, key, step, json.loads(conditions), bool(valid), reason, state)
+
+
+def _event(row: Row) -> Event:
+    number, time, rig_time_s, kind, data, *_ = row
+    return Event(number, time, rig_time_s, kind, json.loads(data))

@@ -1,0 +1,407 @@
+"""What a procedure may ask of an instrument.
+
+Units are in the names: degrees for angles, millimetres for positions, as on the instruments' panels; times
+are rig seconds. All calls raise `rigctl.core.errors.LinkError` when the wire fails and
+`rigctl.core.errors.InstrumentError` when the instrument refuses; set-points outside the limits raise
+`rigctl.core.errors.LimitError` before a byte is sent. `stop` may be called at any time from any thread, any
+number of times; a blocked motion then raises `rigctl.core.errors.MotionStopped`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who answered: as the instrument says it."""
+
+    model: str
+    serial: str
+    firmware: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A value with its unit and the rig time it was taken; NaN when the instrument has no valid value."""
+
+    value: float
+    unit: str
+    time_s: float
+
+
+@runtime_checkable
+class Instrument(Protocol):
+    """Anything with a wire. The constructor touches nothing: `open` connects, `close` ends."""
+
+    name: str
+
+    def open(self) -> None:
+        """Connect and check that the right model answers; `WrongInstrument` otherwise. Moves nothing."""
+        ...
+
+    def close(self) -> None:
+        """Disconnect; may be called twice."""
+        ...
+
+    def identify(self) -> Identity:
+        """Ask the instrument who it is."""
+        ...
+
+    def confirm_in_step(self) -> None:
+        """Make sure that no reply is outstanding or surplus on any connection.
+
+        Looks for unread bytes, asks one question whose reply cannot be mistaken, looks again. Raises `OutOfStep`
+        (after resynchronising) or another `LinkError`. Called before a run is called valid.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Bring it to rest: motion halted, acquisition ended. Any thread, any time, any number of times.
+
+        Connects if it is not connected, and returns only when the instrument has answered that it is at rest;
+        raises `LinkError` or `InstrumentError` otherwise.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class RotationLimits:
+    """Soft limits of a rotation stage."""
+
+    angle_min_deg: float
+    angle_max_deg: float
+    speed_deg_s: float
+    acceleration_deg_s2: float
+
+
+@dataclass(frozen=True)
+class LinearLimits:
+    """Soft limits of a linear stage; positions are relative to home."""
+
+    position_min_mm: float
+    position_max_mm: float
+    speed_mm_s: float
+    acceleration_mm_s2: float
+
+
+@runtime_checkable
+class Stage(Instrument, Protocol):
+    """An axis that can be moved."""
+
+    def home(self) -> None:
+        """Enable it and find the reference, returns when done; only what is still to be done of it."""
+        ...
+
+    def is_homed(self) -> bool:
+        """True when positions are referenced and the axis is ready to move."""
+        ...
+
+    def is_moving(self) -> bool:
+        """True while the axis moves, whoever had it move."""
+        ...
+
+    def safety_stop(self) -> str:
+        """Which safety device has stopped the axis, such as an emergency stop or a limit switch; "" for none.
+
+        It says so until the axis is homed or enabled anew.
+        """
+        ...
+
+
+@runtime_checkable
+class RotationStage(Stage, Protocol):
+    """A rotary axis."""
+
+    limits: RotationLimits
+
+    def move_to(self, angle_deg: float) -> None:
+        """Move and return when the stage has arrived and settled (its own motion-done)."""
+        ...
+
+    def angle(self) -> Reading:
+        """The encoder's angle now [deg]; may be called while a move blocks another thread."""
+        ...
+
+
+@runtime_checkable
+class TimedRotationStage(RotationStage, Protocol):
+    """A rotary axis that can be told how long a motion takes."""
+
+    def turn_to(self, angle_deg: float, duration_s: float) -> None:
+        """As `move_to`, the motion itself lasting `duration_s`; `LimitError` when that is too fast for its limits."""
+        ...
+
+
+@runtime_checkable
+class LinearStage(Stage, Protocol):
+    """A linear axis that can be moved and oscillated."""
+
+    limits: LinearLimits
+
+    def move_to(self, position_mm: float) -> None:
+        """Move and return when arrived."""
+        ...
+
+    def oscillate(self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float) -> None:
+        """Start a sinusoid about `centre_mm` that lasts at least `duration_s`; returns once it runs.
+
+        `amplitude_mm` is half the peak-to-peak travel. The axis first goes where the motion starts.
+        Replaces an oscillation that is running. Ends by itself after the duration, or with `rest`.
+        """
+        ...
+
+    def rest(self) -> None:
+        """End an oscillation smoothly and return when the axis stands still."""
+        ...
+
+    def position(self) -> Reading:
+        """The encoder's position now [mm]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column of a run as an instrument delivers it."""
+
+    name: str
+    unit: str
+    kind: str
+    latency_s: float = 0.0
+    full_scale: float | None = None
+
+
+@runtime_checkable
+class PacedRecorder(Protocol):
+    """Records one row per trigger edge that comes from outside."""
+
+    name: str
+
+    def channels(self) -> tuple[Channel, ...]:
+        """The columns `collect` delivers, in order."""
+        ...
+
+    def longest_record(self, period_s: float) -> int:
+        """Most samples of one record at this period; `LimitError` when it is not that fast. Sends nothing."""
+        ...
+
+    def arm(self, samples: int, period_s: float) -> None:
+        """Clear and wait for `samples` edges, `period_s` apart; `LimitError` if the memory cannot hold them."""
+        ...
+
+    def collect(self) -> FloatArray:
+        """The recorded rows, shape (samples, channels), after the last edge; NaN where there was no value.
+
+        Raises `InstrumentError` when fewer edges than armed for have been recorded.
+        """
+        ...
+
+
+@runtime_checkable
+class StreamedRecorder(PacedRecorder, Protocol):
+    """Follows the trigger edges for as long as somebody fetches: its memory is no limit."""
+
+    def follow(self, samples: int, period_s: float) -> None:
+        """As `arm`, for a record that is fetched while it comes; `LimitError` beyond the instrument's longest."""
+        ...
+
+    def fetch(self) -> FloatArray:
+        """The rows recorded since the last call, shape (n, channels), n may be 0; NaN where overloaded.
+
+        Raises `InstrumentError` when rows were lost because nobody fetched them in time.
+        """
+        ...
+
+
+@runtime_checkable
+class PacingRecorder(Protocol):
+    """Records on its own sample timer and gives the trigger edges all the others record on."""
+
+    name: str
+
+    def channels(self) -> tuple[Channel, ...]:
+        """The columns `fetch` delivers, in order."""
+        ...
+
+    def longest_record(self, period_s: float) -> int:
+        """Most samples of one record at this period; `LimitError` when it is not that fast. Sends nothing."""
+        ...
+
+    def start(self, samples: int, period_s: float) -> float:
+        """Clear, start the train of edges, and return the rig time of the start."""
+        ...
+
+    def fetch(self) -> FloatArray:
+        """The rows recorded since the last call, shape (n, channels), n may be 0; NaN where overloaded."""
+        ...
+
+
+@runtime_checkable
+class DisplacementMeter(Instrument, PacedRecorder, Protocol):
+    """A controller with one or more displacement heads."""
+
+    def displacements(self) -> tuple[Reading, ...]:
+        """The value of each head now [mm], NaN when out of range or without a target."""
+        ...
+
+
+@runtime_checkable
+class Voltmeter(Instrument, Protocol):
+    """Single voltage readings."""
+
+    def voltage(self) -> Reading:
+        """One reading now [V]; NaN when overloaded."""
+        ...
+
+
+@runtime_checkable
+class Thermometer(Instrument, Protocol):
+    """Single temperature readings."""
+
+    def temperature(self) -> Reading:
+        """One reading now [degC]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Stimulus:
+    """`amplitude` cos(2 pi `frequency_hz` t + `phase_rad`), t = 0 at the perigee at which a session begins.
+
+    `drag-free`: the common acceleration that control is to make [m/s2]. `attitude`: an angle taken from what the star
+    tracker says [rad]. `masses`: the growth of the off-centring along the masses' own axis, half by each, and
+    `mass-1`, `mass-2`: the displacement of one [m].
+    """
+
+    target: Literal["none", "drag-free", "attitude", "masses", "mass-1", "mass-2"] = "none"
+    axis: Literal["x", "y", "z"] = "x"
+    amplitude: float = 0.0
+    frequency_hz: float = 0.0
+    phase_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class FlightSession:
+    """What a satellite is told to do; `hold` is what drag-free control keeps at rest: a mass, or the mean of both."""
+
+    duration_s: float
+    stimulus: Stimulus = Stimulus()
+    hold: Literal["both", "mass-1", "mass-2"] = "both"
+
+
+@runtime_checkable
+class DragFreeSatellite(Instrument, Protocol):
+    """A satellite with a differential accelerometer, by its ground segment."""
+
+    @property
+    def sample_period_s(self) -> float:
+        """Between two rows of telemetry."""
+        ...
+
+    def channels(self) -> tuple[Channel, ...]:
+        """The columns `fetch` delivers, in order; `t_s`, since perigee, is the first."""
+        ...
+
+    def check(self, session: FlightSession) -> None:
+        """`LimitError` for a session that is beyond the satellite's limits; sends nothing."""
+        ...
+
+    def begin(self, session: FlightSession) -> float:
+        """Have a session carried out from a perigee to come; returns the rig time of that. Ends the one before."""
+        ...
+
+    def fetch(self) -> FloatArray:
+        """The rows that came down since the last call, shape (n, channels), n may be 0; NaN where some are lost."""
+        ...
+
+
+class SatelliteEnsemble(Protocol):
+    """Simulated satellites that differ as instruments do, by number; several are flown at once. Can be pickled."""
+
+    at_once: int
+    """As many as are flown in about the time of one."""
+    sample_period_s: float
+    columns: tuple[str, ...]
+    complete: bool
+    """Whether every sample comes down."""
+
+    def telemetry(
+        self, draws: Sequence[int], run: int, session: FlightSession, chunk: int
+    ) -> Iterator[NDArray[np.float64]]:
+        """A session of some draws, shape (samples, columns, draws), `chunk` samples at a time, the last ones fewer.
+
+        `run` is the key of its randomness beside the draw's number: what comes does not depend on the other draws.
+        A chunk is there until the next is asked for: all may be in the same memory.
+        """
+        ...
+
+    def truths(self, draw: int) -> Mapping[str, Mapping[str, float]]:
+        """What a calibration should find: parameters by name, of `exact_truth` and `paper_truth`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """A voltage in time: `offset_v` + `amplitude_v` times a shape that runs from -1 to 1.
+
+    Sine and triangle begin at `phase_deg` of their period: at 0 they pass the offset upwards, at 90 they are at the
+    top.
+    """
+
+    shape: Literal["constant", "sine", "triangle"] = "constant"
+    offset_v: float = 0.0
+    amplitude_v: float = 0.0
+    """Half of peak to peak."""
+    period_s: float = math.inf
+    phase_deg: float = 0.0
+
+    @property
+    def peak_v(self) -> float:
+        """The largest magnitude it reaches."""
+        return abs(self.offset_v) + abs(self.amplitude_v)
+
+    def volts(self, elapsed_s: FloatArray) -> FloatArray:
+        """The voltage at times since its start, same shape."""
+        if self.shape == "constant":
+            return np.full_like(elapsed_s, self.offset_v)
+        turns = elapsed_s / self.period_s + self.phase_deg / 360.0
+        if self.shape == "sine":
+            return self.offset_v + self.amplitude_v * np.sin(2.0 * np.pi * turns)
+        return self.offset_v + self.amplitude_v * (1.0 - 4.0 * np.abs((turns + 0.25) % 1.0 - 0.5))
+
+
+@dataclass(frozen=True)
+class Started:
+    """Waveforms as the instrument took them, by channel, and the rig time at which all of them began."""
+
+    start_s: float
+    waveforms: Mapping[str, Waveform]
+
+
+@runtime_checkable
+class VoltageSource(Instrument, Protocol):
+    """Slow voltages on several outputs. `stop` disconnects them all."""
+
+    def channels(self) -> tuple[Channel, ...]:
+        """The outputs, as columns of a run; `full_scale` is the largest voltage that may be asked for."""
+        ...
+
+    def start(self, waveforms: Mapping[str, Waveform]) -> Started:
+        """Set and connect every output and begin all waveforms at once; returns when they run.
+
+        An output that is not named gives 0 V. May be called again at any time. `LimitError` for an unknown output or
+        a waveform it cannot make, before a byte is sent; what the instrument rounded is in what is returned.
+        """
+        ...
+
+    def require_running(self) -> None:
+        """`InstrumentError` unless every output is connected and set as `start` returned it."""
+        ...

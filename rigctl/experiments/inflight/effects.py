@@ -1,0 +1,393 @@
+"""Effects of an in-flight calibration, in SI, in the order in which they act.
+
+What acts alike on both masses does not show: their difference is compared, and a parameter with `_d` is half of mass
+1 less mass 2. T is the gravity gradient, n the orbit's angular frequency, Delta the way from mass 1 to mass 2. Sizes
+are those plausible for the instrument of Hardy et al. (arXiv 1707.07630).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rigctl.effects.catalogue import FloatArray, effect
+
+if TYPE_CHECKING:
+    from rigctl.experiments.inflight.model.flight import FlightRun
+
+EARTH_RADIUS_M, EARTH_M3_S2, LIGHT_M_S, EARTH_ORBIT_M_S = 6378137.0, 3.986004418e14, 299792458.0, 29780.0
+
+_TURN_Y = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+"""What turning the orbit from X to Z does to a direction, per radian."""
+
+
+def _turned(tensor: FloatArray, generator: FloatArray) -> FloatArray:
+    """The change of T when directions change by `generator`, (3, 3) or (3, 3, n)."""
+    if generator.ndim == 2:
+        generator = generator[:, :, None]
+    return np.asarray(
+        np.einsum("ijn,jkn->ikn", np.broadcast_to(generator, tensor.shape), tensor)
+        - np.einsum("ijn,jkn->ikn", tensor, np.broadcast_to(generator, tensor.shape))
+    )
+
+
+def _attitude_error(run: FlightRun, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    """The change of T in the satellite's frame when its true attitude is the estimated one less (x, y, z)."""
+    zero = np.zeros_like(run.t)
+    x, y, z = zero + x, zero + y, zero + z
+    return _turned(run.gradient, np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]))
+
+
+@effect(
+    "tracker-bias",
+    on="gradient_1_s2",
+    parameters={"s_x": "rad", "s_y": "rad", "s_z": "rad"},
+    typical={"s_x": 1e-4, "s_y": 1e-4, "s_z": 1e-4},
+    source="star tracker's alignment, 1e-4 rad; plausible 1e-5 to 1e-3 rad",
+)
+def tracker_bias(run: FlightRun, s_x: FloatArray, s_y: FloatArray, s_z: FloatArray) -> FloatArray:
+    """The star tracker is askew: the true attitude is less by s, and T is turned; a_c12, a_c13, Dx, Dz take it up."""
+    return _attitude_error(run, s_x, s_y, s_z)
+
+
+@effect(
+    "tracker-aberration",
+    on="gradient_1_s2",
+    parameters={"orbital": "1", "annual": "1"},
+    typical={"orbital": 1.0, "annual": 1.0},
+    source="v/c of satellite (2.5e-5 rad) and Earth (1e-4 rad), 1 where it is not corrected",
+)
+def tracker_aberration(run: FlightRun, orbital: FloatArray, annual: FloatArray) -> FloatArray:
+    """Aberration of starlight left in: an attitude error at f_orb, and a constant one about Y."""
+    cosine, sine = np.cos(run.orbital * run.t), np.sin(run.orbital * run.t)
+    speed = 7.1e6 * run.orbital / LIGHT_M_S
+    constant = EARTH_ORBIT_M_S / LIGHT_M_S
+    return _attitude_error(run, 0.0 * cosine, annual * constant + orbital * speed * cosine, orbital * speed * sine)
+
+
+@effect(
+    "orbit-dating",
+    on="gradient_1_s2",
+    parameters={"delay": "s"},
+    typical={"delay": 1.0},
+    source="time tags of orbit and accelerations; plausible 0.01 to 10 s",
+)
+def orbit_dating(run: FlightRun, delay: FloatArray) -> FloatArray:
+    """The orbit is dated wrongly: T is that of a later time, Dx goes into Dz and back."""
+    return np.asarray(delay * np.gradient(run.gradient, run.t, axis=2))
+
+
+@effect(
+    "orbit-precession",
+    on="gradient_1_s2",
+    parameters={"perigee_rate": "rad/s", "eccentricity_rate": "1/s"},
+    typical={"perigee_rate": 2e-7, "eccentricity_rate": 1e-10},
+    source="motion of perigee, 1 degree a day; plausible 1e-8 to 1e-5 rad/s",
+)
+def orbit_precession(run: FlightRun, perigee_rate: FloatArray, eccentricity_rate: FloatArray) -> FloatArray:
+    """Perigee and eccentricity move during a session: the phase of 2 f_orb drifts, the line at f_orb grows."""
+    mean = run.orbital * run.t
+    # Over ten orbits the angle reaches hundredths: its square counts.
+    angle, none, one = perigee_rate * run.t, np.zeros_like(mean), np.ones_like(mean)
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, none, -s], [none, one, none], [s, none, c]])
+    precessed = np.einsum("ijn,jkn,lkn->iln", turn, run.gradient, turn) - run.gradient
+    grown = 2.0 * np.sin(mean) * _turned(run.gradient, _TURN_Y) + 3.0 * np.cos(mean) * run.gradient
+    return np.asarray(precessed + eccentricity_rate * run.t * grown)
+
+
+@effect(
+    "gravity-j2",
+    on="gradient_1_s2",
+    parameters={"j_xx": "1", "j_zz": "1", "j_yy": "1", "j_xz": "1", "j_xy": "1", "j_yz": "1"},
+    typical={"j_xx": 1e-3, "j_zz": 1e-3, "j_yy": 1e-3, "j_xz": 1e-3, "j_xy": 1e-3, "j_yz": 1e-3},
+    source="J2 = 1.083e-3, times the products of the components of the Earth's pole",
+)
+def gravity_j2(
+    run: FlightRun,
+    j_xx: FloatArray,
+    j_zz: FloatArray,
+    j_yy: FloatArray,
+    j_xz: FloatArray,
+    j_xy: FloatArray,
+    j_yz: FloatArray,
+) -> FloatArray:
+    """The Earth is flat at its poles: T differs by J2 (R/a)^2; j_kl is J2 times the pole's components k and l."""
+    # The orbit's eccentricity changes what is small by a hundredth.
+    cosine, sine = np.cos(run.orbital * run.t), np.sin(run.orbital * run.t)
+    u = np.array([cosine, np.zeros_like(cosine), sine])
+    axis_m = (EARTH_M3_S2 / run.orbital**2) ** (1.0 / 3.0)
+    factor = -0.5 * (run.orbital * EARTH_RADIUS_M / axis_m) ** 2
+    products = np.array([[j_xx, j_xy, j_xz], [j_xy, j_yy, j_yz], [j_xz, j_yz, j_zz]], dtype=np.float64)
+    along = np.einsum("ij,jn->in", products, u)
+    latitude = np.einsum("in,in->n", u, along)
+    trace = np.trace(products)
+    eye, outer = np.eye(3)[:, :, None], u[:, None] * u[None]
+    return np.asarray(
+        factor
+        * (
+            6.0 * products[:, :, None]
+            - 30.0 * (along[:, None] * u[None] + u[:, None] * along[None])
+            + (3.0 * trace - 15.0 * latitude) * eye
+            + (105.0 * latitude - 15.0 * trace) * outer
+        )
+    )
+
+
+@effect(
+    "thermal-off-centring",
+    on="off_centring_m",
+    parameters={"beta": "m/K"},
+    typical={"beta": 1e-7},
+    source="expansion of the electrodes' holder; plausible 1e-8 to 1e-5 m/K",
+    needs=("temperature",),
+)
+def thermal_off_centring(run: FlightRun, beta: FloatArray) -> FloatArray:
+    """The masses' centres part with the temperature: Txx times it, at f_orb and 3 f_orb."""
+    warmer = run.temperature.mean(axis=0)
+    made = np.zeros_like(run.signal)
+    made[0] = beta * (warmer - warmer.mean())
+    return made
+
+
+@effect(
+    "wire-stiffness",
+    on="mass_force_m_s2",
+    parameters={"stiffness_1": "1/s2", "stiffness_2": "1/s2", "loss_1": "1/s2", "loss_2": "1/s2"},
+    typical={"stiffness_1": 2.5e-3, "stiffness_2": 7e-4, "loss_1": 2.5e-5, "loss_2": 7e-6},
+    source="wire and electrodes as a spring kappa/m, loss kappa/(m Q); kappa 1e-4 to 1e-2 N/m, Q 50 to 1000",
+)
+def wire_stiffness(
+    run: FlightRun, stiffness_1: FloatArray, stiffness_2: FloatArray, loss_1: FloatArray, loss_2: FloatArray
+) -> FloatArray:
+    """A spring with loss holds a moved mass: its own channel gains kappa/m x, and a quadrature."""
+    made = np.zeros_like(run.signal)
+    if run.stimulus > 0.0:
+        for mass, (stiffness, loss) in enumerate(((stiffness_1, loss_1), (stiffness_2, loss_2))):
+            made[mass] = stiffness * run.moved[mass] + loss / run.stimulus * run.moved_speed[mass]
+    return made
+
+
+@effect(
+    "cubic-stiffness",
+    on="mass_force_m_s2",
+    parameters={"cubic_1": "1/(m2 s2)", "cubic_2": "1/(m2 s2)"},
+    typical={"cubic_1": 3e5, "cubic_2": 1e5},
+    source="a hundredth of the linear stiffness over the motion",
+)
+def cubic_stiffness(run: FlightRun, cubic_1: FloatArray, cubic_2: FloatArray) -> FloatArray:
+    """The spring stiffens with the cube of the motion: a line at three times the stimulus."""
+    return np.stack([cubic_1 * run.moved[0] ** 3, cubic_2 * run.moved[1] ** 3])
+
+
+@effect(
+    "charge",
+    on="mass_force_m_s2",
+    parameters={"charging_d": "m/s3"},
+    typical={"charging_d": 1e-16},
+    source="bad contact of the grounding wire, q < 1e-12 C; plausible 1e-18 to 1e-15 m/s3",
+)
+def charge(run: FlightRun, charging_d: FloatArray) -> FloatArray:
+    """A mass charges up in its field: the difference of the forces drifts steadily."""
+    return run.along_x(charging_d * run.t, -charging_d * run.t)
+
+
+@effect(
+    "magnetic",
+    on="mass_force_m_s2",
+    parameters={"once_cos_d": "m/s2", "once_sin_d": "m/s2", "twice_cos_d": "m/s2", "twice_sin_d": "m/s2"},
+    typical={"once_cos_d": 1e-14, "once_sin_d": 1e-14, "twice_cos_d": 1e-14, "twice_sin_d": 1e-14},
+    source="remanent moment in the field's gradient (f_orb), susceptibility in its square's (2 f_orb); to 1e-13",
+)
+def magnetic(
+    run: FlightRun,
+    once_cos_d: FloatArray,
+    once_sin_d: FloatArray,
+    twice_cos_d: FloatArray,
+    twice_sin_d: FloatArray,
+) -> FloatArray:
+    """The Earth's field pulls at the masses: lines at f_orb and, like the gradient's, at 2 f_orb."""
+    angle = run.orbital * run.t
+    force = once_cos_d * np.cos(angle) + once_sin_d * np.sin(angle)
+    force = force + twice_cos_d * np.cos(2.0 * angle) + twice_sin_d * np.sin(2.0 * angle)
+    return run.along_x(force, -force)
+
+
+@effect(
+    "spring-noise",
+    on="mass_force_m_s2",
+    parameters={"kappa_over_q": "N/m"},
+    typical={"kappa_over_q": 1e-5},
+    source="4 kB T kappa/(m^2 Q w): 2e-11 m/s2/rtHz at 0.34 mHz for 1e-3 N/m, Q 100, 0.4 kg",
+    scanned=True,
+)
+def spring_noise(run: FlightRun, kappa_over_q: FloatArray) -> FloatArray:
+    """Thermal noise of a spring with loss: noise that grows to low frequencies; it is measured in each run."""
+    del kappa_over_q
+    return np.zeros_like(run.signal)
+
+
+@effect(
+    "thrust-quantisation",
+    on="mass_force_m_s2",
+    parameters={"step": "m/s2"},
+    typical={"step": 1e-10},
+    source="smallest step of the thrusters, 0.1 uN",
+    scanned=True,
+)
+def thrust_quantisation(run: FlightRun, step: FloatArray) -> FloatArray:
+    """Thrust comes in steps: it moves both masses alike, and shows in the common channel only."""
+    del step
+    return np.zeros_like(run.signal)
+
+
+@effect(
+    "mass-drift",
+    on="mass_force_m_s2",
+    parameters={"rate": "m/s"},
+    typical={"rate": 4e-11},
+    source="gas that is used up, 0.1 mm a month",
+    scanned=True,
+)
+def mass_drift(run: FlightRun, rate: FloatArray) -> FloatArray:
+    """The satellite's centre of mass wanders: it moves both masses alike, and shows in the common channel only."""
+    del rate
+    return np.zeros_like(run.signal)
+
+
+@effect(
+    "moved-mass-reaction",
+    on="mass_force_m_s2",
+    parameters={"mass_ratio": "1"},
+    typical={"mass_ratio": 6e-3},
+    source="1.7 kg of 300 kg",
+    scanned=True,
+)
+def moved_mass_reaction(run: FlightRun, mass_ratio: FloatArray) -> FloatArray:
+    """The satellite recoils from a moved mass: it moves both masses alike, and shows in the common channel only."""
+    del mass_ratio
+    return np.zeros_like(run.signal)
+
+
+@effect(
+    "thermal-bias",
+    on="measured_m_s2",
+    parameters={"lambda_d": "m/(s2 K)"},
+    typical={"lambda_d": 2e-9},
+    source="4e-9 m/s2/K of a sensor, 7e-11 of its electronics",
+    needs=("temperature",),
+)
+def thermal_bias(run: FlightRun, lambda_d: FloatArray) -> FloatArray:
+    """The sensors' bias goes with their temperature: a line at f_orb, and at 2 f_orb one that Dx and Dz take up."""
+    return run.along_x(lambda_d * run.temperature[0], -lambda_d * run.temperature[1])
+
+
+@effect(
+    "thermal-gain",
+    on="measured_m_s2",
+    parameters={"kappa_d": "1/K", "level_d": "m/(s2 K)"},
+    typical={"kappa_d": 1e-4, "level_d": 1e-12},
+    source="1e-6 to 1e-4 /K; `level_d` is what the gain does to the constant acceleration, which nobody knows",
+    needs=("temperature",),
+)
+def thermal_gain(run: FlightRun, kappa_d: FloatArray, level_d: FloatArray) -> FloatArray:
+    """The sensors' gain goes with their temperature: sidebands of the stimulus, f_orb away."""
+    varying = run.measured[:, 0] - run.measured[:, 0].mean(axis=1, keepdims=True)
+    warmer = run.temperature - run.temperature.mean(axis=1, keepdims=True)
+    first, second = (kappa_d * varying + level_d) * warmer
+    return run.along_x(first, -second)
+
+
+@effect(
+    "sensor-skew",
+    on="measured_m_s2",
+    parameters={"delay": "s"},
+    typical={"delay": 1e-2},
+    source="sampling of the two sensors, 10 ms",
+)
+def sensor_skew(run: FlightRun, delay: FloatArray) -> FloatArray:
+    """The two sensors are sampled one after the other: half the delay times the rate of the common acceleration."""
+    rate = 0.5 * delay * np.gradient(run.common, run.t, axis=1)
+    return np.stack([rate, -rate])
+
+
+@effect(
+    "cubic-electrode",
+    on="measured_m_s2",
+    parameters={"k3_1": "s4/m2", "k3_2": "s4/m2"},
+    typical={"k3_1": 4e8, "k3_2": 4e8},
+    source="K3 C^2 of 1e-6",
+)
+def cubic_electrode(run: FlightRun, k3_1: FloatArray, k3_2: FloatArray) -> FloatArray:
+    """The sensors' output has a cubic part: a line at three times the stimulus, and a share of a'_d11."""
+    varying = run.measured[:, 0] - run.measured[:, 0].mean(axis=1, keepdims=True)
+    return run.along_x(k3_1 * varying[0] ** 3, k3_2 * varying[1] ** 3)
+
+
+@effect(
+    "cross-quadratic",
+    on="measured_m_s2",
+    parameters={"k_xy_d": "s2/m"},
+    typical={"k_xy_d": 100.0},
+    source="100 s2/m",
+)
+def cross_quadratic(run: FlightRun, k_xy_d: FloatArray) -> FloatArray:
+    """Acceleration along Y changes the gain along X: with what is constant along X, a part of a_d12."""
+    product = k_xy_d * run.measured[:, 0] * run.measured[:, 1]
+    return run.along_x(product[0], -product[1])
+
+
+@effect(
+    "bias-drift",
+    on="measured_m_s2",
+    parameters={"rate_d": "m/s3", "curvature_d": "m/s4"},
+    typical={"rate_d": 1e-16, "curvature_d": 1e-21},
+    source="1e-13 to 1e-12 m/s2 an orbit",
+)
+def bias_drift(run: FlightRun, rate_d: FloatArray, curvature_d: FloatArray) -> FloatArray:
+    """The sensors' bias drifts during a session, and its rate too."""
+    drift = rate_d * run.t + curvature_d * run.t**2
+    return run.along_x(drift, -drift)
+
+
+@effect(
+    "glitches",
+    on="measured_m_s2",
+    parameters={"amplitude": "m/s2"},
+    typical={"amplitude": 1e-9},
+    source="crackling of the satellite's walls, e^(-t/3 s) - e^(-t/1 s), 1e-10 to 1e-8 m/s2, 1 to 30 an orbit",
+    scanned=True,
+)
+def glitches(run: FlightRun, amplitude: FloatArray) -> FloatArray:
+    """Short pulses in both sensors: they are found in the samples, and what they cover is left out."""
+    del amplitude
+    return np.zeros_like(run.signal)
+
+
+@effect(
+    "noise-level",
+    on="measured_m_s2",
+    parameters={"change": "1"},
+    typical={"change": 0.5},
+    source="a factor of 2",
+    scanned=True,
+)
+def noise_level(run: FlightRun, change: FloatArray) -> FloatArray:
+    """The noise is louder at times: it is measured in each run, and found by comparing stretches."""
+    del change
+    return np.zeros_like(run.signal)
+
+
+@effect(
+    "steady-line",
+    on="measured_m_s2",
+    parameters={"amplitude": "m/s2", "frequency": "Hz"},
+    typical={"amplitude": 1e-13, "frequency": 1e-2},
+    source="clanks of tanks and wheels, thermal cycles of heaters",
+    scanned=True,
+)
+def steady_line(run: FlightRun, amplitude: FloatArray, frequency: FloatArray) -> FloatArray:
+    """A line between those of orbit and stimulus, from whatever source: found in the samples, it moves no other."""
+    del amplitude, frequency
+    return np.zeros_like(run.signal)

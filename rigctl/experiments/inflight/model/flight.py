@@ -1,0 +1,245 @@
+"""A run as effects see it: time, what is recorded, what was moved; and what effects do to a run's amplitudes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.effects.catalogue import Effect
+from rigctl.effects.trial import AnyColumns
+from rigctl.experiments.inflight.observe.reduction import ReducedRun
+from rigctl.experiments.inflight.observe.series import GRADIENTS, INDEX, SERIES
+from rigctl.experiments.inflight.observe.sessions import Session, moved_axis, moved_shares
+from rigctl.experiments.inflight.observe.weights import ComplexArray, amplitudes, weights
+
+MEASURED_POINT, FORCE_POINT, GRADIENT_POINT, PLACE_POINT = (
+    "measured_m_s2",
+    "mass_force_m_s2",
+    "gradient_1_s2",
+    "off_centring_m",
+)
+
+_MADE_UP = 240
+
+
+@dataclass(frozen=True)
+class FlightRun:
+    """One run, thinned to some seconds a sample: what an effect's function is given.
+
+    SI, axes before samples: `measured` (2, 3, n) of masses 1 and 2 along x, y, z; `gradient` (3, 3, n) from orbit and
+    attitude telemetry; `attitude`, `angular_acceleration` (3, n); `moved` and `moved_speed` (2, 3, n), how far the
+    session displaces each mass. `t` counts from perigee, `orbital` and `stimulus` are angular frequencies (stimulus 0
+    without one), `temperature` (2, n) is what the sensors' thermometers say, NaN without. `signal` is the value so
+    far at the point where the effect acts: the recorded one.
+    """
+
+    session: str
+    t: FloatArray
+    orbital: float
+    stimulus: float
+    amplitude: float
+    measured: FloatArray
+    gradient: FloatArray
+    attitude: FloatArray
+    angular_acceleration: FloatArray
+    moved: FloatArray
+    moved_speed: FloatArray
+    temperature: FloatArray
+    columns: Mapping[str, FloatArray]
+    signal: FloatArray
+
+    @property
+    def common(self) -> FloatArray:
+        """Mean of both masses, (3, n)."""
+        return np.asarray(self.measured.mean(axis=0))
+
+    def column(self, name: str) -> FloatArray:
+        """A column of the run, or of runs.csv, shape (n,)."""
+        if name not in self.columns:
+            raise DataError(f"there is no column {name} in these runs; they have {', '.join(self.columns)}")
+        return self.columns[name]
+
+    def along_x(self, mass_1: FloatArray, mass_2: FloatArray) -> FloatArray:
+        """Two series as something that acts along x, (2, 3, n)."""
+        made = np.zeros((2, 3, len(self.t)))
+        made[0, 0], made[1, 0] = mass_1, mass_2
+        return made
+
+
+def flight_run(run: ReducedRun, point: str) -> FlightRun:
+    """A reduced run for effects at a point."""
+    grid, session = run.coarse, run.session
+    c = grid.columns
+    measured = np.array([[c[f"m{mass}_{axis}"] for axis in "xyz"] for mass in (1, 2)])
+    gradient = np.array([[c[f"t_{''.join(sorted(i + j))}"] for j in "xyz"] for i in "xyz"])
+    moved, speed = _moved(session, grid.t_s)
+    signal = {
+        MEASURED_POINT: measured,
+        FORCE_POINT: measured,
+        GRADIENT_POINT: gradient,
+        PLACE_POINT: moved[1] - moved[0],
+    }[point]
+    missing = np.full(len(grid.t_s), np.nan)
+    return FlightRun(
+        session=session.name,
+        t=grid.t_s,
+        orbital=2.0 * np.pi * session.orbital_hz,
+        stimulus=2.0 * np.pi * session.frequency_hz,
+        amplitude=session.amplitude,
+        measured=measured,
+        gradient=gradient,
+        attitude=np.array([c.get(f"att_{axis}", missing) for axis in "xyz"]),
+        angular_acceleration=np.array([c[f"dw_{axis}"] for axis in "xyz"]),
+        moved=moved,
+        moved_speed=speed,
+        temperature=np.array([c.get(f"temperature_{mass}_k", missing) for mass in (1, 2)]),
+        columns={**_conditions(run), **c},
+        signal=signal,
+    )
+
+
+def trial_run(point: str) -> FlightRun:
+    """A run of a moved mass, every column filled, to try effects out on."""
+    rng = np.random.default_rng(1)
+    session = Session("k2c_1", 5950.0, 4.0, 9e-3, 9e-6)
+    t_s = np.linspace(0.0, 50.0 * _MADE_UP, _MADE_UP)
+    angle = 2.0 * np.pi * session.orbital_hz * t_s
+    u = np.array([np.cos(angle), np.zeros_like(angle), np.sin(angle)])
+    gradient = 1.1e-6 * (3.0 * u[:, None] * u[None] - np.eye(3)[:, :, None])
+    measured = 1e-8 * rng.standard_normal((2, 3, _MADE_UP))
+    moved, speed = _moved(session, t_s)
+    return FlightRun(
+        session=session.name,
+        t=t_s,
+        orbital=2.0 * np.pi * session.orbital_hz,
+        stimulus=2.0 * np.pi * session.frequency_hz,
+        amplitude=session.amplitude,
+        measured=measured,
+        gradient=gradient,
+        attitude=1e-5 * rng.standard_normal((3, _MADE_UP)),
+        angular_acceleration=1e-8 * rng.standard_normal((3, _MADE_UP)),
+        moved=moved + 0.5 * moved[::-1],
+        moved_speed=speed + 0.5 * speed[::-1],
+        temperature=1e-3 * rng.standard_normal((2, _MADE_UP)),
+        columns=AnyColumns((_MADE_UP,)),
+        signal={
+            MEASURED_POINT: measured,
+            FORCE_POINT: measured,
+            GRADIENT_POINT: gradient,
+            PLACE_POINT: moved[1] - moved[0],
+        }[point],
+    )
+
+
+def _conditions(run: ReducedRun) -> dict[str, FloatArray]:
+    """Numbers of runs.csv as columns."""
+    count = len(run.coarse.t_s)
+    return {
+        name: np.full(count, float(value)) for name, value in run.conditions.items() if isinstance(value, int | float)
+    }
+
+
+def _moved(session: Session, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    moved, speed = np.zeros((2, 2, 3, len(t_s)))
+    if session.moves_masses:
+        w = 2.0 * np.pi * session.frequency_hz
+        quarter = replace(session, phase_rad=session.phase_rad + 0.5 * np.pi)
+        for mass, share in enumerate(moved_shares(session)):
+            moved[mass, moved_axis(session)] = share * session.injected(t_s)
+            speed[mass, moved_axis(session)] = share * w * quarter.injected(t_s)
+    return moved, speed
+
+
+class Reducer:
+    """What an effect adds, through the reduction of the measurement: one run's halves."""
+
+    def __init__(self, run: ReducedRun) -> None:
+        self._run = run
+
+    def changes(self, effect: Effect, parameters: Mapping[str, float]) -> list[ComplexArray]:
+        """What an effect does to the amplitudes of all series, (lines, series) per half.
+
+        `DataError` when it is no number somewhere.
+        """
+        flight = self._flight(effect.on)
+        added = np.asarray(effect(flight, **parameters), dtype=np.float64)
+        try:
+            added = np.broadcast_to(added, flight.signal.shape)
+        except ValueError:
+            raise DataError(
+                f"effect '{effect.id}' returns shape {added.shape}, which does not fit run.signal's "
+                f"{flight.signal.shape}"
+            ) from None
+        present = self._run.coarse.present
+        if not np.isfinite(added[..., present]).all():
+            raise DataError(f"effect '{effect.id}' is no number in run {self._run.run_id}")
+        made = _IN_SERIES[effect.on](flight, np.where(present, added, 0.0))
+        return self._reduced(made)
+
+    def _flight(self, point: str) -> FlightRun:
+        if point not in self._flights:
+            self._flights[point] = flight_run(self._run, point)
+        return self._flights[point]
+
+    @cached_property
+    def _flights(self) -> dict[str, FlightRun]:
+        return {}
+
+    @cached_property
+    def _rows(self) -> list[tuple[slice, FloatArray]]:
+        """Samples and weights of each half of the thinned run."""
+        run, found = self._run, []
+        for half in run.halves:
+            inside = (run.coarse.t_s >= half.start_s) & (run.coarse.t_s < half.stop_s)
+            where = slice(int(np.argmax(inside)), int(len(inside) - np.argmax(inside[::-1])))
+            part = run.coarse.part(where)
+            frequencies = [run.session.frequency_of(line) for line in half.lines]
+            found.append((where, weights(part.t_s, frequencies, part.present)))
+        return found
+
+    def _reduced(self, series: Mapping[str, FloatArray]) -> list[ComplexArray]:
+        found = []
+        for where, rows in self._rows:
+            table = np.zeros((len(rows) // 2, len(SERIES)), dtype=np.complex128)
+            for name, values in series.items():
+                table[:, INDEX[name]] = amplitudes(rows, values[where])
+            found.append(table)
+        return found
+
+
+def _in_measured(_: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
+    common, apart = added.mean(axis=0), added[0] - added[1]
+    made = {"m1": added[0, 0], "m2": added[1, 0], "y": common[1], "z": common[2]}
+    return made | {f"own {axis}": apart[i] for i, axis in enumerate("xyz")}
+
+
+def _in_force(_: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
+    # What pushes both alike is one more common acceleration, which the baseline has.
+    apart = added[0] - added[1]
+    return {f"force {axis}": -apart[i] for i, axis in enumerate("xyz")}
+
+
+def _in_gradient(run: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
+    # The true gradient is the recorded one and what is added: what is recorded lacks it.
+    made = {name: -added["xyz".index(name[2]), "xyz".index(name[3])] for name in GRADIENTS}
+    wave = (run.moved[1] - run.moved[0]).sum(axis=0)
+    wave = -wave if run.session == "k2c_1" else wave
+    return made | {f"moved g_{name}": wave * made[f"t_{name}"] for name in ("xx", "xy", "xz", "yy", "zz")}
+
+
+def _in_place(run: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
+    force = np.einsum("ijn,jn->in", run.gradient, added)
+    return {f"force {axis}": -force[i] for i, axis in enumerate("xyz")}
+
+
+_IN_SERIES: Mapping[str, Callable[[FlightRun, FloatArray], dict[str, FloatArray]]] = {
+    MEASURED_POINT: _in_measured,
+    FORCE_POINT: _in_force,
+    GRADIENT_POINT: _in_gradient,
+    PLACE_POINT: _in_place,
+}

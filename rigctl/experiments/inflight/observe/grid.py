@@ -1,0 +1,124 @@
+"""A run's columns on an evenly spaced grid, with what is missing, and thinned to a few seconds a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.inflight.observe.series import NEEDED
+from rigctl.experiments.inflight.observe.weights import BoolArray, taper
+
+THINNED_S = 4.0
+"""Step of thinned columns: effects and the noise near the lines are slower by far."""
+
+_STAGES = 4
+_SHIFT = 0.25
+_WHOLE, _PART = 0.999, 0.3
+"""How much of the kernel must have met samples: all of it, or where some are missing a part."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Columns of shape (samples,) at times `t_s`, zero where `present` is False."""
+
+    t_s: FloatArray
+    columns: Mapping[str, FloatArray]
+    present: BoolArray
+
+    @property
+    def step_s(self) -> float:
+        """Between two samples."""
+        return float(self.t_s[1] - self.t_s[0])
+
+    @property
+    def duration_s(self) -> float:
+        """From the first sample to one step after the last."""
+        return len(self.t_s) * self.step_s
+
+    def part(self, where: slice) -> Grid:
+        """A stretch of it."""
+        return Grid(
+            self.t_s[where], {name: column[where] for name, column in self.columns.items()}, self.present[where]
+        )
+
+
+def grid_of(run_id: str, samples: Mapping[str, FloatArray]) -> Grid:
+    """The columns of a run on the grid of its times; a sample lacks where a needed column has no number.
+
+    Raises `DataError` for missing columns and for times that fit no grid.
+    """
+    absent = [name for name in ("t_s", *NEEDED) if name not in samples]
+    if absent:
+        raise DataError(f"run {run_id}: column {absent[0]} is missing; add it")
+    t_s = samples["t_s"]
+    if len(t_s) < 2:
+        raise DataError(f"run {run_id}: {len(t_s)} samples are too few")
+    step_s = _step(t_s)
+    place = np.rint((t_s - t_s[0]) / step_s).astype(np.intp)
+    if np.max(np.abs(t_s - t_s[0] - place * step_s)) > _SHIFT * step_s:
+        raise DataError(f"run {run_id}: t_s is on no grid of {step_s:g} s; record evenly, gaps may stay")
+    present = np.zeros(int(place[-1]) + 1, dtype=bool)
+    present[place] = np.all([np.isfinite(samples[name]) for name in NEEDED], axis=0)
+    whole = len(present) == len(t_s) and bool(present.all())
+    columns = {name: column if whole else _placed(column, place, present) for name, column in samples.items()}
+    del columns["t_s"]
+    return Grid(t_s[0] + np.arange(len(present)) * step_s, columns, present)
+
+
+def _step(t_s: FloatArray) -> float:
+    """The median step, made exact by what lies between the ends."""
+    median = float(np.median(np.diff(t_s)))
+    return float((t_s[-1] - t_s[0]) / round((t_s[-1] - t_s[0]) / median))
+
+
+def _placed(column: FloatArray, place: FloatArray, present: BoolArray) -> FloatArray:
+    made = np.zeros(len(present))
+    made[place] = column
+    return np.where(present, made, 0.0)
+
+
+def thinned(grid: Grid) -> Grid:
+    """Averages under a smooth bell about every few seconds; the same for all columns, so that what is linear holds.
+
+    The bell (a boxcar with itself, four times) keeps read-out noise from folding down to the lines.
+    """
+    every = max(round(THINNED_S / grid.step_s), 1)
+    kernel = np.ones(1)
+    for _ in range(_STAGES):
+        kernel = np.convolve(kernel, np.ones(every) / every)
+    whole = bool(grid.present.all())
+    weight = np.ones(len(grid.t_s)) if whole else taper(grid.present, grid.step_s)
+    met = signal.upfirdn(kernel, weight, down=every)
+    used = met > (_WHOLE if whole else _PART)
+    share = np.where(used, met, 1.0)
+    columns = {
+        name: np.where(used, signal.upfirdn(kernel, weight * _filled(column), down=every) / share, 0.0)
+        for name, column in grid.columns.items()
+    }
+    places = np.flatnonzero(used)
+    if len(places) < 2:
+        raise DataError("too few samples are left between the gaps")
+    kept = slice(int(places[0]), int(places[-1]) + 1)
+    t_s = grid.t_s[0] + (np.arange(len(met)) * every - 0.5 * (len(kernel) - 1)) * grid.step_s
+    return Grid(t_s, columns, used).part(kept)
+
+
+def _filled(column: FloatArray) -> FloatArray:
+    """Without holes: a laboratory's own column may lack a number where the needed ones have theirs."""
+    there = np.isfinite(column)
+    if there.all() or not there.any():
+        return np.where(there, column, 0.0)
+    place = np.arange(len(column))
+    return np.interp(place, place[there], column[there])
+
+
+def thinning_gain(f_hz: FloatArray, step_s: float, thinned_step_s: float) -> FloatArray:
+    """What thinning leaves of a line's amplitude."""
+    every = max(round(thinned_step_s / step_s), 1)
+    x = np.pi * np.asarray(f_hz) * step_s
+    return np.asarray((np.sin(every * x) / (every * np.sin(np.where(x == 0.0, 1.0, x)))) ** _STAGES)

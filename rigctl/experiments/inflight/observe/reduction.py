@@ -1,0 +1,202 @@
+"""A run reduced: amplitudes of all series at its lines, for the whole run and for its halves, and thinned columns."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.inflight.observe.between_lines import BetweenLines, between_lines
+from rigctl.experiments.inflight.observe.grid import Grid, grid_of, thinned
+from rigctl.experiments.inflight.observe.series import Amplitudes, Sums
+from rigctl.experiments.inflight.observe.sessions import (
+    FEWEST_ORBITS,
+    STIMULUS,
+    Line,
+    Session,
+    resolution_remark,
+    session_of,
+)
+from rigctl.experiments.inflight.observe.weights import level_weights, weights
+
+VERSION = 8
+"""Of what is kept: counted up whenever other numbers would come out."""
+
+HALVES = 2
+_CHUNK = 1 << 15
+_REMARKED = 1e-4
+
+
+@dataclass(frozen=True)
+class ReducedStretch:
+    """Amplitudes at `lines`; `spread` (lines,) is the standard uncertainty of one component in noise of unit density
+    (one-sided, per Hz)."""
+
+    start_s: float
+    stop_s: float
+    lines: tuple[Line, ...]
+    amplitudes: Amplitudes
+    spread: FloatArray
+
+
+@dataclass(frozen=True)
+class ReducedRun:
+    """A run: `whole` at the lines of the published estimate, `halves` at all that are observed; `between` them the
+    noise; `coarse` are thinned columns for effects, `remarks` what is to be said of it."""
+
+    run_id: str
+    session: Session
+    conditions: Mapping[str, Any]
+    whole: ReducedStretch
+    halves: tuple[ReducedStretch, ...]
+    between: BetweenLines
+    coarse: Grid
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def duration_s(self) -> float:
+        """Of all of it."""
+        return self.whole.stop_s - self.whole.start_s
+
+
+def reduce_run(
+    run_id: str, conditions: Mapping[str, Any], samples: Mapping[str, FloatArray], orbit_period_s: float
+) -> ReducedRun:
+    """Reduce a run; `DataError` when it is too short, too patchy or not a session at all."""
+    grid = grid_of(run_id, samples)
+    session = session_of(run_id, conditions, orbit_period_s, grid.step_s)
+    orbits = grid.duration_s / orbit_period_s
+    if orbits < HALVES * FEWEST_ORBITS:
+        raise DataError(
+            f"run {run_id}: {orbits:.3g} orbits are too short to tell its lines apart; "
+            f"record at least {HALVES * FEWEST_ORBITS:g}"
+        )
+    if session.frequency_hz >= 0.4 / grid.step_s:
+        raise DataError(
+            f"run {run_id}: samples every {grid.step_s:g} s are too few for a stimulus of {session.frequency_hz:g} Hz"
+        )
+    try:
+        middle = len(grid.t_s) // HALVES
+        parts = [grid.part(where) for where in (slice(0, middle), slice(middle, None))]
+        coarse = thinned(grid)
+        return ReducedRun(
+            run_id,
+            session,
+            dict(conditions),
+            _stretch(session, grid, session.fitted_lines()),
+            tuple(_stretch(session, part, session.reduced_lines(part.duration_s)) for part in parts),
+            between_lines(session, coarse),
+            coarse,
+            _remarks(session, grid, conditions),
+        )
+    except DataError as error:
+        raise DataError(f"run {run_id}: {error}") from error
+
+
+def _stretch(session: Session, grid: Grid, lines: Sequence[Line]) -> ReducedStretch:
+    frequencies = tuple(session.frequency_of(line) for line in lines)
+    known = tuple(session.frequency_of(line) for line in session.reduced_lines(grid.duration_s))
+    if bool(grid.present.all()):
+        rows, level = _rows(float(grid.t_s[0]), grid.step_s, len(grid.t_s), frequencies, known)
+    else:
+        rows, level = weights(grid.t_s, frequencies, grid.present), level_weights(grid.t_s, known, grid.present)
+    sums = Sums(session, rows, level)
+    for start in range(0, len(grid.t_s), _CHUNK):
+        part = grid.part(slice(start, start + _CHUNK))
+        sums.add(part.t_s, part.columns)
+    square = np.sum(rows**2, axis=1)
+    spread = np.sqrt(0.5 * (square[0::2] + square[1::2]) / (2.0 * grid.step_s))
+    return ReducedStretch(
+        float(grid.t_s[0]), float(grid.t_s[0]) + grid.duration_s, tuple(lines), sums.amplitudes(), spread
+    )
+
+
+@lru_cache(maxsize=3)
+def _rows(
+    start_s: float, step_s: float, count: int, lines_hz: tuple[float, ...], known_hz: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Weights of whole stretches, which sessions share; a few at a time: they are large."""
+    t_s = np.asarray(start_s + np.arange(count) * step_s, dtype=np.float64)
+    return weights(t_s, lines_hz), level_weights(t_s, known_hz)
+
+
+def _remarks(session: Session, grid: Grid, conditions: Mapping[str, Any]) -> tuple[str, ...]:
+    found = []
+    missing = 1.0 - float(np.mean(grid.present))
+    if missing > 0.0:
+        found.append(f"{100.0 * missing:.2g} % of its samples are missing: lines are fitted on those there are")
+    if session.frequency_hz > 0.0 and (remark := resolution_remark(session, grid.duration_s)):
+        found.append(remark)
+    declared = conditions.get("orbits")
+    orbits = grid.duration_s / session.orbit_period_s
+    if isinstance(declared, int | float) and declared > 0.0 and abs(orbits / declared - 1.0) > _REMARKED:
+        found.append(f"it has {orbits:.5g} orbits, not the {declared:g} it is said to have")
+    if STIMULUS not in session.reduced_lines(grid.duration_s / HALVES) and session.moves_masses:
+        found.append("its stimulus is too close to a line of the orbit to be told apart")
+    return tuple(found)
+
+
+# As bytes, for the store
+
+
+def to_bytes(run: ReducedRun) -> bytes:
+    """Everything but the conditions; amplitudes bit for bit, thinned columns to single precision."""
+    head = {
+        "orbit_period_s": run.session.orbit_period_s,
+        "sample_period_s": run.session.sample_period_s,
+        "remarks": run.remarks,
+        "columns": list(run.coarse.columns),
+        "stretches": [
+            {
+                "start_s": each.start_s,
+                "stop_s": each.stop_s,
+                "lines": [[line.harmonic, line.orbital] for line in each.lines],
+                "mean_square": each.amplitudes.mean_square,
+                "apart": each.amplitudes.apart,
+            }
+            for each in (run.whole, *run.halves)
+        ],
+    }
+    arrays: dict[str, Any] = {"t_s": run.coarse.t_s, "present": run.coarse.present}
+    arrays["f_hz"], arrays["bins"] = run.between.f_hz, run.between.bins
+    columns = np.array(list(run.coarse.columns.values()))
+    arrays["levels"] = np.nanmean(np.where(run.coarse.present, columns, np.nan), axis=1)
+    # What varies needs six digits; a thermometer's 290 K would use them up.
+    arrays["coarse"] = (columns - arrays["levels"][:, None]).astype(np.float32)
+    for number, each in enumerate((run.whole, *run.halves)):
+        arrays[f"table_{number}"], arrays[f"spread_{number}"] = each.amplitudes.table, each.spread
+    made = io.BytesIO()
+    np.savez(made, head=np.frombuffer(json.dumps(head).encode(), dtype=np.uint8), **arrays)
+    return made.getvalue()
+
+
+def from_bytes(data: bytes, run_id: str, conditions: Mapping[str, Any]) -> ReducedRun:
+    """The run that `to_bytes` was given, with the conditions it has now."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        head = json.loads(bytes(arrays["head"]))
+        stretches = [
+            ReducedStretch(
+                each["start_s"],
+                each["stop_s"],
+                tuple(Line(*line) for line in each["lines"]),
+                Amplitudes(arrays[f"table_{number}"], each["mean_square"], each["apart"]),
+                arrays[f"spread_{number}"],
+            )
+            for number, each in enumerate(head["stretches"])
+        ]
+        varying = np.where(arrays["present"], arrays["coarse"].astype(np.float64) + arrays["levels"][:, None], 0.0)
+        columns = dict(zip(head["columns"], varying, strict=True))
+        coarse = Grid(arrays["t_s"], columns, arrays["present"])
+        between = BetweenLines(arrays["f_hz"], arrays["bins"])
+    session = session_of(run_id, conditions, head["orbit_period_s"], head["sample_period_s"])
+    whole, *halves = stretches
+    return ReducedRun(
+        run_id, session, dict(conditions), whole, tuple(halves), between, coarse, tuple(head["remarks"])
+    )

@@ -1,0 +1,275 @@
+"""What the baseline leaves in the samples themselves: pulses, steady lines between the known ones, unsteady noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import ndimage, signal, stats
+
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.inflight.model.baseline import SHARED, coefficients
+from rigctl.experiments.inflight.observe.grid import Grid, grid_of
+from rigctl.experiments.inflight.observe.reduction import ReducedRun
+from rigctl.experiments.inflight.observe.series import NEEDED, raw_series
+from rigctl.experiments.inflight.observe.weights import BoolArray, taper, templates
+
+RISE_S, FALL_S = 1.0, 3.0
+THRESHOLD_SIGMA = 6.0
+BEFORE_S, AFTER_S = 3.0, 30.0
+"""What a pulse covers."""
+
+EDGE_S = 12.0
+"""So near to a gap or an end no pulse is told from it."""
+
+STRETCH_S = 200.0
+"""The noise's level is looked at in stretches so long."""
+
+_CHUNK = 1 << 15
+_FITTED_S = 4.0
+_SPECTRUM_S = 1024.0
+_LOWEST_ORBITS = 9.0
+_NEAR_BINS = 60
+_HIGHEST = 0.45
+"""Of the sampling rate: read-out noise is steep at the end of the spectrum."""
+_PULSE_S = 60.0
+_STEADY_S = 600.0
+_QUIETEST = 0.5
+"""Of what a run's spectrum says: noise is no less than that at any time."""
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """Pulses of one run: when they begin [s], their amplitudes [m/s2] in the difference along the axis that shows
+    them best, and how many sigmas they are; `trials` independent places were looked at."""
+
+    at_s: FloatArray
+    amplitude: FloatArray
+    sigma: FloatArray
+    trials: float
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The strongest line of a run between those that are known: amplitude [m/s2] with its sigma, and how likely noise
+    makes one so strong anywhere."""
+
+    run_id: str
+    frequency_hz: float
+    amplitude: float
+    sigma: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class RunScan:
+    """One run's samples looked through; `levels` are variances of what is left, stretch by stretch, (stretches,)."""
+
+    run_id: str
+    pulses: Pulses
+    peak: Peak | None
+    levels: FloatArray
+    level_at_s: FloatArray
+
+
+def scan(run: ReducedRun, samples: Mapping[str, FloatArray], values: FloatArray) -> RunScan:
+    """Look through a run with the baseline at `values`."""
+    grid = grid_of(run.run_id, {name: samples[name] for name in ("t_s", *NEEDED)})
+    left = _without_lines(run, grid, residual(run, grid, values))
+    rate_hz = 1.0 / grid.step_s
+    levels, at_s = _levels(left, grid)
+    f_hz, density = _density(left, grid.present, rate_hz)
+    pulses = [_pulses(left, grid, f_hz, density)]
+    for axis in "yz":
+        beside = _without_lines(run, grid, across(grid, axis))
+        # Where no noise is, rounding is none: a sensor is hardly better across its axis than along it.
+        noise = np.maximum(_density(beside, grid.present, rate_hz)[1], float(np.min(density)))
+        pulses.append(_pulses(beside, grid, f_hz, noise))
+    return RunScan(run.run_id, _together(pulses), _peak(run, left, grid), levels, at_s)
+
+
+def across(grid: Grid, axis: str) -> FloatArray:
+    """The masses' difference along Y or Z, less what they have in common; zero where samples miss.
+
+    The ratio of their gains follows from the steps of what shakes both: the thrusters' noise, above all lines.
+    """
+    one, two = grid.columns[f"m1_{axis}"], grid.columns[f"m2_{axis}"]
+    apart, common = one - two, 0.5 * (one + two)
+    both = grid.present[1:] & grid.present[:-1]
+    apart_steps, common_steps = np.diff(apart)[both], np.diff(common)[both]
+    power = float(common_steps @ common_steps)
+    ratio = float(apart_steps @ common_steps) / power if power > 0.0 else 0.0
+    left = apart - ratio * common
+    return np.where(grid.present, left - left[grid.present].mean(), 0.0)
+
+
+def residual(run: ReducedRun, grid: Grid, values: FloatArray) -> FloatArray:
+    """Left side less right side of the baseline, sample by sample; zero where samples miss."""
+    c = coefficients(run.session, run.whole.amplitudes, values[:SHARED, None])[:, 0]
+    means = {name: float(column[grid.present].mean()) for name, column in grid.columns.items() if name[0] == "m"}
+    found = np.zeros(len(grid.t_s))
+    for start in range(0, len(found), _CHUNK):
+        part = grid.part(slice(start, start + _CHUNK))
+        columns = {name: column - means.get(name, 0.0) for name, column in part.columns.items()}
+        found[start : start + _CHUNK] = raw_series(run.session, part.t_s, columns) @ c
+    return np.where(grid.present, found, 0.0)
+
+
+def covered(grid_t_s: FloatArray, at_s: FloatArray) -> BoolArray:
+    """Which samples pulses cover."""
+    found = np.zeros(len(grid_t_s), dtype=bool)
+    for begin_s in at_s:
+        found |= (grid_t_s > begin_s - BEFORE_S) & (grid_t_s < begin_s + AFTER_S)
+    return found
+
+
+def unsteadiness(levels: Sequence[FloatArray]) -> float:
+    """How likely steady noise scatters so: levels of neighbouring stretches are alike where the noise goes slowly."""
+    logs = np.log(np.concatenate([each[each > 0.0] for each in levels]))
+    spread = float(np.var(logs))
+    apart = float(0.5 * np.mean(np.diff(logs) ** 2))
+    return float(stats.norm.sf((1.0 - apart / spread) * np.sqrt(len(logs))))
+
+
+def _without_lines(run: ReducedRun, grid: Grid, left: FloatArray) -> FloatArray:
+    """Less the run's lines, a constant and a slope, fitted to a few seconds a sample."""
+    session = run.session
+    lines_hz = [session.frequency_of(line) for line in session.reduced_lines(grid.duration_s)]
+    every = max(round(_FITTED_S / grid.step_s), 1)
+    count = len(left) // every
+    means = np.where(grid.present, left, 0.0)[: count * every].reshape(count, every).mean(axis=1)
+    weight = grid.present[: count * every].reshape(count, every).all(axis=1)
+    at_s = grid.t_s[: count * every].reshape(count, every).mean(axis=1)
+    design = np.vstack([templates(at_s, lines_hz), np.ones_like(at_s), at_s - at_s.mean()])
+    weighted = design * weight
+    found = np.linalg.lstsq(weighted @ design.T, weighted @ means, rcond=None)[0]
+    # A mean over a few samples leaves so much of a line.
+    x = np.pi * np.array(lines_hz) * grid.step_s
+    found[:-2] /= np.repeat(np.sin(every * x) / (every * np.sin(x)), 2)
+    cleared = np.empty_like(left)
+    for start in range(0, len(left), _CHUNK):
+        here = slice(start, start + _CHUNK)
+        t_s = grid.t_s[here]
+        cleared[here] = (
+            left[here] - found[:-2] @ templates(t_s, lines_hz) - found[-2] - found[-1] * (t_s - at_s.mean())
+        )
+    return np.where(grid.present, cleared, 0.0)
+
+
+def _density(left: FloatArray, present: BoolArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    length = min(round(_SPECTRUM_S * rate_hz), len(left))
+    share = max(float(np.mean(present)), 1e-3)
+    f_hz, density = signal.welch(left, rate_hz, nperseg=length, average="median")
+    return f_hz, np.asarray(density / share)
+
+
+def _pulses(left: FloatArray, grid: Grid, f_hz: FloatArray, density: FloatArray) -> Pulses:
+    """By a filter matched to the pulse and the noise's spectrum."""
+    count = len(left)
+    since_s = np.arange(round(_PULSE_S / grid.step_s)) * grid.step_s
+    shape = np.zeros(count)
+    shape[: len(since_s)] = np.exp(-since_s / FALL_S) - np.exp(-since_s / RISE_S)
+    at_hz = np.fft.rfftfreq(count, grid.step_s)
+    noise = np.interp(at_hz, f_hz, np.maximum(density, 1e-3 * np.median(density)))
+    template = np.fft.rfft(shape)
+    share = np.conj(template) / noise
+    share[at_hz < _LOWEST_ORBITS / _SPECTRUM_S] = 0.0
+    # sigma of the estimate: 1 / sqrt(4 sum |H|^2 / S df), H the transform of the pulse in time.
+    information = 4.0 * float(np.sum(np.real(share * template))) * grid.step_s / count
+    # Neither an abrupt edge nor what wraps around is a pulse.
+    weight = taper(grid.present, grid.step_s)
+    seen = ndimage.minimum_filter1d(weight, 2 * round(EDGE_S / grid.step_s) + 1, mode="constant") == 1.0
+    estimate = np.fft.irfft(np.fft.rfft(weight * left) * share, count)
+    estimate *= 2.0 * grid.step_s / information
+    sigmas = estimate * np.sqrt(information)
+    sigmas = np.where(seen, sigmas / _scale(sigmas, seen, round(_STEADY_S / grid.step_s)), 0.0)
+    apart = max(round(AFTER_S / grid.step_s), 1)
+    peaks, _ = signal.find_peaks(np.abs(sigmas), height=THRESHOLD_SIGMA, distance=apart)
+    band = np.abs(share * template)
+    width_hz = float(np.sum(band) ** 2 / np.sum(band**2)) / (count * grid.step_s)
+    trials = 2.0 * width_hz * grid.duration_s
+    return Pulses(grid.t_s[peaks], estimate[peaks], np.abs(sigmas[peaks]), trials)
+
+
+def _together(found: Sequence[Pulses]) -> Pulses:
+    """Of several channels: what hits all of them at once counts once, where it stands out most."""
+    at_s, amplitude, sigma = (
+        np.concatenate([getattr(each, name) for each in found]) for name in ("at_s", "amplitude", "sigma")
+    )
+    kept: list[int] = []
+    for place in np.argsort(-sigma, kind="stable"):
+        if all(abs(at_s[place] - at_s[other]) > AFTER_S for other in kept):
+            kept.append(int(place))
+    kept.sort(key=lambda place: float(at_s[place]))
+    return Pulses(at_s[kept], amplitude[kept], sigma[kept], sum(each.trials for each in found))
+
+
+def _scale(sigmas: FloatArray, seen: BoolArray, count: int) -> FloatArray:
+    """How much the filter's output scatters about each sample, by medians: noise may be louder at times."""
+    edges = np.append(np.arange(0, max(len(sigmas) - count // 2, 1), count), len(sigmas))
+    middles, scales = [], []
+    for start, stop in pairwise(edges.tolist()):
+        here = np.abs(sigmas[start:stop][seen[start:stop]])
+        if len(here) > count // 4:
+            middles.append(0.5 * (start + stop))
+            scales.append(float(np.median(here)) / 0.6745)
+    if not scales:
+        return np.ones(len(sigmas))
+    return np.maximum(np.interp(np.arange(len(sigmas)), middles, scales), _QUIETEST)
+
+
+def _peak(run: ReducedRun, left: FloatArray, grid: Grid) -> Peak | None:
+    window = np.hanning(len(left)) * grid.present
+    f_hz = np.fft.rfftfreq(len(left), grid.step_s)
+    power = np.abs(np.fft.rfft(window * left)) ** 2
+    session, width_hz = run.session, 1.0 / grid.duration_s
+    known = [session.frequency_of(line) for line in session.reduced_lines(grid.duration_s)]
+    known += [k * session.orbital_hz for k in range(1, 9)]
+    known += [h * session.frequency_hz + j * session.orbital_hz for h in (1, 2, 3, 4) for j in range(-4, 5)]
+    free = f_hz > 0.4 * session.orbital_hz
+    for line_hz in known:
+        free &= np.abs(f_hz - line_hz) > 2.5 * width_hz
+    power, f_hz = power[free], f_hz[free]
+    around, stood_for = _around(power)
+    used = (f_hz > session.orbital_hz) & (f_hz < _HIGHEST / grid.step_s)
+    if not used.any():
+        return None
+    # Of a power over the mean of so many others, all exponentially distributed.
+    p_values = np.where(used, np.exp(-stood_for * np.log1p(power / around / stood_for)), 1.0)
+    place = int(np.argmin(p_values))
+    p_value = float(-np.expm1(np.count_nonzero(used) * np.log1p(-min(p_values[place], 1.0 - 1e-16))))
+    scale = 2.0 / float(np.sum(window))
+    return Peak(
+        run.run_id,
+        float(f_hz[place]),
+        float(scale * np.sqrt(power[place])),
+        float(scale * np.sqrt(0.5 * around[place])),
+        p_value,
+    )
+
+
+def _around(power: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The level around each bin, by a median, which a line does not lift; and how many bins it is worth.
+
+    Between half and twice the frequency where that is less than the usual stretch.
+    """
+    around = ndimage.median_filter(power, 2 * _NEAR_BINS + 1, mode="nearest")
+    stood_for = np.full(len(power), float(_NEAR_BINS))
+    for place in range(min(_NEAR_BINS, len(power))):
+        near = power[place // 2 : 2 * place + 3]
+        around[place], stood_for[place] = np.median(near), max(0.5 * len(near), 1.0)
+    return np.maximum(around / np.log(2.0), np.finfo(float).tiny), stood_for
+
+
+def _levels(left: FloatArray, grid: Grid) -> tuple[FloatArray, FloatArray]:
+    """Mean squares of steps from sample to sample, which nothing slow enters."""
+    count = round(STRETCH_S / grid.step_s)
+    steps = np.diff(left, append=left[-1])
+    both = grid.present & np.append(grid.present[1:], False)
+    stretches = len(left) // count
+    there = both[: stretches * count].reshape(stretches, count).sum(axis=1)
+    power = np.where(both, steps**2, 0.0)[: stretches * count].reshape(stretches, count).sum(axis=1)
+    at_s = grid.t_s[: stretches * count : count]
+    return np.where(there > 0.5 * count, power / np.maximum(there, 1), 0.0), at_s

@@ -1,0 +1,158 @@
+"""From samples to complex amplitudes of lines: one weight per sample and line, z = W s.
+
+Published chain: subtract the mean, band-pass (second-order Butterworth high-pass at half the lowest fitted frequency,
+second-order low-pass at twice the highest), drop the first 200 s of data and templates, fit all lines jointly. Every
+step is linear, so that the whole chain is one vector per line, its adjoint applied to the templates: no filtered
+series is ever made, and samples may come in chunks.
+
+A filter has no meaning across a gap. Where samples are missing the lines are fitted without it, beside a constant, a
+slope and slow waves, by least squares with weights that go smoothly to nothing at the edges of each gap. The
+sensor's read-out noise grows as f^2, to a thousand times the noise at the lines; an abrupt edge would let it in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, signal
+
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+
+ComplexArray = NDArray[np.complex128]
+BoolArray = NDArray[np.bool_]
+
+DROPPED_S = 200.0
+TAPER_S = 12.0
+"""Weights rise over so long from the edge of a gap."""
+
+FEWEST_SAMPLES = 0.3
+"""Part of a stretch's samples that must be there."""
+
+_SINGULAR = 1e-6
+_AT_ONCE = 1 << 16
+
+
+def band_pass(lowest_hz: float, highest_hz: float, sample_rate_hz: float) -> FloatArray:
+    """The published band-pass for lines between two frequencies, as second-order sections."""
+    high_pass = signal.butter(2, 0.5 * lowest_hz, "highpass", fs=sample_rate_hz, output="sos")
+    if 2.0 * highest_hz >= 0.45 * sample_rate_hz:
+        return np.asarray(high_pass)
+    low_pass = signal.butter(2, 2.0 * highest_hz, "lowpass", fs=sample_rate_hz, output="sos")
+    return np.vstack([high_pass, low_pass])
+
+
+def templates(t_s: FloatArray, lines_hz: Sequence[float], single: bool = False) -> FloatArray:
+    """Cosine and sine of each line, rows cos 1, sin 1, cos 2, ...; shape (2 lines, samples)."""
+    made = np.empty((2 * len(lines_hz), len(t_s)), dtype=np.float32 if single else np.float64)
+    for number, f_hz in enumerate(lines_hz):
+        angle = 2.0 * np.pi * f_hz * t_s
+        made[2 * number] = np.cos(angle)
+        made[2 * number + 1] = np.sin(angle)
+    return made
+
+
+def weights(
+    t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | None = None, *, single: bool = False
+) -> FloatArray:
+    """Rows w with w s = c, s of each line: s = c cos + s sin; shape (2 lines, samples).
+
+    `t_s` (samples,) is evenly spaced; `present` (samples,) says which samples there are, all by default. Rows are
+    zero where there is none, and every row is orthogonal to a constant. Raises `DataError` when the samples that are
+    there cannot tell the lines apart.
+
+    `single`: of whole stretches, in single precision, for half the memory. Rounding is alike for all series, but a
+    row then lets some 1e-8 of a constant through: whoever uses it takes the levels' part out.
+    """
+    if present is None or bool(np.all(present)):
+        return _filtered(t_s, lines_hz, single)
+    return _tapered(t_s, lines_hz, present)
+
+
+def level_weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | None = None) -> FloatArray:
+    """Weights of the constant beside the lines, shape (samples,).
+
+    The plain mean of a stretch without whole periods, or with gaps, contains a part of each line: 1e-10 m/s2 of
+    5e-8, by which quadratic factors would move the linear ones.
+    """
+    weight = np.ones(len(t_s)) if present is None or bool(np.all(present)) else taper(present, float(t_s[1] - t_s[0]))
+    design = np.vstack([np.ones_like(t_s), templates(t_s, lines_hz)])
+    weighted = design * weight
+    along = np.linalg.solve(weighted @ design.T, np.eye(len(design), 1)[:, 0])
+    return np.asarray(along @ weighted)
+
+
+def amplitudes(rows: FloatArray, series: FloatArray) -> ComplexArray:
+    """Complex amplitudes c - i s from the rows of `weights` and series (samples, k); shape (lines, k)."""
+    parts = rows @ series
+    return np.asarray(parts[0::2] - 1j * parts[1::2])
+
+
+def response(row: FloatArray, step_s: float, density: Callable[[FloatArray], FloatArray]) -> float:
+    """Standard deviation of w s for one row of `weights`, in noise of a one-sided density of frequency [Hz].
+
+    It is not that of the density at the line: dropping 200 s leaves the published rows an edge, through which a
+    density that grows with frequency comes in.
+    """
+    count = fft.next_fast_len(2 * len(row), real=True)
+    power = np.abs(fft.rfft(row, count)[1:]) ** 2
+    step_hz = 1.0 / (count * step_s)
+    return float(np.sqrt(power @ density(step_hz * np.arange(1.0, len(power) + 1.0)) * step_hz))
+
+
+def _filtered(t_s: FloatArray, lines_hz: Sequence[float], single: bool) -> FloatArray:
+    step_s = float(t_s[1] - t_s[0])
+    sections = band_pass(min(lines_hz), max(lines_hz), 1.0 / step_s)
+    dropped = round(DROPPED_S / step_s)
+    # In place and row by row: those of forty orbits are hundreds of megabytes.
+    rows = templates(t_s, lines_hz, single)
+    for row in rows:
+        row[:] = signal.sosfilt(sections, row - row.mean(dtype=np.float64))
+    rows[:, :dropped] = 0.0
+    parts = [slice(start, start + _AT_ONCE) for start in range(0, rows.shape[1], _AT_ONCE)]
+    normal = np.sum([part @ part.T for part in (rows[:, where].astype(np.float64) for where in parts)], axis=0)
+    for row in rows:
+        row[:] = signal.sosfilt(sections, row[::-1].astype(np.float64))[::-1]
+    for where in parts:
+        rows[:, where] = _solved(normal, rows[:, where].astype(np.float64))
+    for row in rows:
+        row -= row.mean(dtype=np.float64)
+    return rows
+
+
+def _tapered(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray) -> FloatArray:
+    weight = taper(present, float(t_s[1] - t_s[0]))
+    if np.count_nonzero(weight) < FEWEST_SAMPLES * len(t_s):
+        raise DataError(f"{100.0 * np.mean(weight > 0.0):.0f} % of the samples are there, too few to fit lines")
+    lines = templates(t_s, lines_hz)
+    design = np.vstack([lines, _slow(t_s, min(lines_hz))])
+    weighted = design * weight
+    return _solved(weighted @ design.T, weighted)[: len(lines)]
+
+
+def _slow(t_s: FloatArray, lowest_hz: float) -> FloatArray:
+    """A constant, a slope and waves well below the lowest line; shape (k, samples)."""
+    duration_s = float(t_s[-1] - t_s[0])
+    x = 2.0 * (t_s - t_s[0]) / duration_s - 1.0
+    waves = [k / duration_s for k in range(1, 4) if k / duration_s < 0.55 * lowest_hz]
+    return np.vstack([np.ones_like(x), x, x**2, templates(t_s, waves)])
+
+
+def taper(present: BoolArray, step_s: float) -> FloatArray:
+    """Weights from 0 to 1 by the distance to the nearest gap or end, as a raised cosine; 0 on missing samples."""
+    gaps = np.flatnonzero(~np.concatenate([[False], present, [False]])) - 1
+    place = np.arange(len(present))
+    following = np.searchsorted(gaps, place)
+    nearest = np.minimum(place - gaps[following - 1], gaps[np.minimum(following, len(gaps) - 1)] - place)
+    rise = np.clip((nearest - 0.5) * step_s / TAPER_S, 0.0, 1.0)
+    return np.where(present, 0.5 - 0.5 * np.cos(np.pi * rise), 0.0)
+
+
+def _solved(normal: FloatArray, rows: FloatArray) -> FloatArray:
+    size = np.sqrt(np.diag(normal))
+    values = np.linalg.eigvalsh(normal / np.outer(size, size))
+    if not values[0] > _SINGULAR * values[-1]:
+        raise DataError("the samples cannot tell the lines apart: record longer, or choose another frequency")
+    return np.asarray(np.linalg.solve(normal, rows))

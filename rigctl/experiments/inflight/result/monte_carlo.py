@@ -1,0 +1,127 @@
+"""Many simulated calibrations against what they should have found: the paper's tables 2 and 3."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.inflight.model.parameters import NAMES, UNITS
+from rigctl.experiments.inflight.result.published import published
+
+DRAW = "calibration-draw"
+"""Kind of the documents that hold one draw each: see `Draw.as_json`."""
+
+ESTIMATES, TRUTHS = ("paper", "joint"), ("paper_truth", "exact_truth")
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One simulated calibration: estimates with their sigmas and truths, each by parameter name.
+
+    `estimates` has "paper" and "joint", `truths` "paper_truth" and "exact_truth".
+    """
+
+    number: int
+    estimates: Mapping[str, Mapping[str, float]]
+    sigmas: Mapping[str, Mapping[str, float]]
+    truths: Mapping[str, Mapping[str, float]]
+
+    def as_json(self) -> dict[str, Any]:
+        """As a store keeps it."""
+        return {
+            "draw": self.number,
+            "estimates": {name: dict(values) for name, values in self.estimates.items()},
+            "sigmas": {name: dict(values) for name, values in self.sigmas.items()},
+            "truths": {name: dict(values) for name, values in self.truths.items()},
+        }
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Draw:
+        """The draw that `as_json` told of; `DataError` when something is missing."""
+        try:
+            return cls(int(data["draw"]), data["estimates"], data["sigmas"], data["truths"])
+        except KeyError as error:
+            raise DataError(f"a draw of the study has no {error.args[0]}; run it again") from error
+
+
+def tables(draws: Sequence[Draw]) -> dict[str, Any]:
+    """Keys of `rigctl result --json` for a Monte Carlo study; `DataError` without draws.
+
+    Errors are |estimate - truth|: their worst, mean and standard deviation. `analytic_sigma` beside each row is the
+    mean of the estimates' own sigmas, `rms` the root mean square of the joint and the paper's errors.
+    """
+    if not draws:
+        raise DataError("the study has no draws yet; run it")
+    errors = {
+        (estimate, truth): np.abs(_values(draws, "estimates", estimate) - _values(draws, "truths", truth))
+        for estimate in ESTIMATES
+        for truth in TRUTHS
+    }
+    sigmas = {estimate: np.nanmean(_values(draws, "sigmas", estimate), axis=0) for estimate in ESTIMATES}
+    return {
+        "draws": len(draws),
+        "table2": {
+            name: {
+                "unit": unit,
+                "objective": published().rows[name].objective,
+                "reference": {key: getattr(published().rows[name], key) for key in ("worst", "mean", "std")},
+                **{
+                    estimate: {
+                        **{truth: _summary(errors[estimate, truth][:, place]) for truth in TRUTHS},
+                        "analytic_sigma": float(sigmas[estimate][place]),
+                    }
+                    for estimate in ESTIMATES
+                },
+                "over_objective": float(
+                    np.mean(errors["paper", "paper_truth"][:, place] > published().rows[name].objective)
+                ),
+            }
+            for place, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
+        },
+        "table3": budget(errors["paper", "paper_truth"]),
+    }
+
+
+def budget(errors: FloatArray) -> dict[str, Any]:
+    """Table 3 from errors (draws, 10): each times its driver, and their linear totals; before calibration beside."""
+    paper = published()
+    scale = np.array([paper.rows[name].per_unit_m_s2 for name in NAMES])
+    worst, mean = errors.max(axis=0) * scale, errors.mean(axis=0) * scale
+    return {
+        "total_worst_m_s2": float(worst.sum()),
+        "total_mean_m_s2": float(mean.sum()),
+        "reference": {"total_worst_m_s2": paper.total_worst_m_s2, "total_mean_m_s2": paper.total_mean_m_s2},
+        "limit_m_s2": paper.limit_m_s2,
+        "before_m_s2": paper.before_m_s2,
+        "rows": {
+            name: {
+                "worst_m_s2": float(worst[place]),
+                "mean_m_s2": float(mean[place]),
+                "before_m_s2": paper.rows[name].before_m_s2,
+                "term": paper.rows[name].term,
+            }
+            for place, name in enumerate(NAMES)
+        },
+    }
+
+
+def _values(draws: Sequence[Draw], group: str, which: str) -> FloatArray:
+    """Shape (draws, 10)."""
+    try:
+        return np.array([[float(getattr(draw, group)[which][name]) for name in NAMES] for draw in draws])
+    except KeyError as error:
+        raise DataError(f"a draw of the study has no {which} of {error.args[0]}; run it again") from error
+
+
+def _summary(errors: FloatArray) -> dict[str, float]:
+    return {
+        "worst": float(errors.max()),
+        "mean": float(errors.mean()),
+        "std": float(errors.std()),
+        "rms": float(np.sqrt(np.mean(errors**2))),
+    }

@@ -1,0 +1,1 @@
+"""What the observables should be: baseline and effects."""

@@ -1,0 +1,192 @@
+"""From the laboratory's acceleration to a reading: the chain on which the baseline and every effect act.
+
+All cells of all runs of a recording are predicted at once, channel by channel: arrays have the shape (cells,).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from rigctl.core.errors import ConfigError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.model.motion import Motion, motion_of
+from rigctl.experiments.rotating_platform.observe.cells import BESIDE_S, Cells
+
+REFERENCE_C = 22.0
+"""Where the thermal bias is zero."""
+
+_RINGS_S = 12.0
+
+
+@dataclass
+class PlatformRuns:
+    """What an effect may ask of the runs it acts on, in SI; `signal` is the value at its point of the chain so far.
+
+    Arrays have the shape (cells,), NaN where unknown. `channel` is "z" (sensor A) or "y" (sensor B); `t` the time of
+    the recording, `within` that from the middle of the run; `cos` and `sin` of the angle, `direction` that of the
+    last turn (+1, -1; 0 before the first), `since` the time since it (infinite before), `speed_squared` and `turning`
+    the square of the angular rate and the angular acceleration while it counts although the platform moves.
+    `a_y` and `a_z` are the laboratory's accelerations, `c_y` and `c_z` what was commanded, `along` and `across` the
+    acceleration along the sensing axis and at a right angle to it, `period` that of the modulation.
+    """
+
+    channel: str
+    t: FloatArray
+    within: FloatArray
+    cos: FloatArray
+    sin: FloatArray
+    since: FloatArray
+    direction: FloatArray
+    speed_squared: FloatArray
+    turning: FloatArray
+    c_y: FloatArray
+    c_z: FloatArray
+    temperature: FloatArray
+    period: FloatArray
+    g: float
+    cells: Sequence[Cells] = ()
+    columns: Mapping[str, FloatArray] = field(default_factory=dict)
+    a_y: FloatArray = field(default_factory=lambda: np.zeros(0))
+    a_z: FloatArray = field(default_factory=lambda: np.zeros(0))
+    along: FloatArray = field(default_factory=lambda: np.zeros(0))
+    across: FloatArray = field(default_factory=lambda: np.zeros(0))
+    signal: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def warmer(self) -> FloatArray:
+        """Temperature above `REFERENCE_C` [K]."""
+        return self.temperature - REFERENCE_C
+
+    def column(self, name: str) -> FloatArray:
+        """A laboratory's own column of runs.csv; `ConfigError` when the recording has none."""
+        if name not in self.columns:
+            known = ", ".join(sorted(self.columns)) or "none"
+            raise ConfigError(f"no column '{name}' of numbers in runs.csv; columns beyond the format's own: {known}")
+        return self.columns[name]
+
+    def decay(self, time_s: float) -> FloatArray:
+        """exp(-since / `time_s`), averaged over the samples of each cell."""
+        if not self.cells:
+            return np.asarray(np.exp(-self.since / time_s))
+        return np.concatenate([_decay(each, time_s) for each in self.cells])
+
+    def late(self, delay_s: float) -> tuple[FloatArray, FloatArray]:
+        """`speed_squared` and `turning` with the motion `delay_s` later than the samples say."""
+        if not self.cells:
+            return self.speed_squared, self.turning
+        return _joined([_about_turns(each, _Late(delay_s)) for each in self.cells])
+
+    def ringing(self, cutoff_hz: float) -> tuple[FloatArray, FloatArray]:
+        """What an elliptic filter with its pass band up to `cutoff_hz` makes of `speed_squared` and `turning`."""
+        if not self.cells:
+            return self.speed_squared, self.turning
+        return _joined([_about_turns(each, _Ringing(cutoff_hz)) for each in self.cells])
+
+    def at(self, **changes: Any) -> PlatformRuns:
+        """The same runs at another point of the chain."""
+        other = object.__new__(PlatformRuns)
+        other.__dict__.update(self.__dict__, **changes)
+        return other
+
+
+def off_stop(cells: Cells) -> FloatArray:
+    """Square of the angular rate and angular acceleration where samples count though the platform moves, (2, cells).
+
+    After a turn they are those of the law behind the recorded angle; differences of angles are good to a per cent.
+    """
+    seen = cells.state[:, 3:5].T
+    known = np.isin(cells.kind, list(_courses(cells))) & (cells.since_s < BESIDE_S)
+    return np.where(seen.any(axis=0) & known, _about_turns(cells, _Late(0.0)), seen)
+
+
+def _decay(cells: Cells, time_s: float) -> FloatArray:
+    rate_hz, ends_s = cells.sample_rate_hz, _ends_s(cells)
+    # Where a mask is too short the first samples are of the turn itself.
+    first = np.maximum(cells.since, np.ceil(ends_s * rate_hz - 0.5).astype(np.int64))
+    samples = np.maximum(cells.since + cells.count - first, 0.0)
+    step = 1.0 / (rate_hz * time_s)
+    # A geometric series over the samples, each taken half a step after its beginning.
+    series = np.expm1(-step * samples) / np.expm1(-step) / cells.count
+    with np.errstate(under="ignore"):
+        return np.asarray(np.exp((ends_s - first / rate_hz) / time_s - 0.5 * step) * series)
+
+
+def _ends_s(cells: Cells) -> FloatArray:
+    """When each cell's last turn was over, from the end of its mask [s]; 0 where the angle does not tell."""
+    ends_s = np.zeros(len(cells.followed))
+    for number, course in _courses(cells).items():
+        motion = _motion(course.tobytes(), cells.turn_before, cells.sample_rate_hz)
+        ends_s[number] = motion.last_s if motion.is_cycloid else 0.0
+    return np.asarray(ends_s[cells.kind])
+
+
+@dataclass(frozen=True)
+class _Late:
+    delay_s: float
+
+    def __call__(self, motion: Motion, times_s: FloatArray) -> FloatArray:
+        return motion.forces(times_s - self.delay_s)
+
+    @property
+    def lasts_s(self) -> float:
+        return BESIDE_S + self.delay_s
+
+
+@dataclass(frozen=True)
+class _Ringing:
+    cutoff_hz: float
+
+    def __call__(self, motion: Motion, times_s: FloatArray) -> FloatArray:
+        return motion.filtered(self.cutoff_hz, times_s)
+
+    @property
+    def lasts_s(self) -> float:
+        return min(_RINGS_S, 60.0 / self.cutoff_hz)
+
+
+def _joined(parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    both = np.concatenate(parts, axis=1)
+    return both[0], both[1]
+
+
+def _about_turns(cells: Cells, seen: Callable[[Motion, FloatArray], FloatArray]) -> FloatArray:
+    """Means over the cells of what `seen` makes of the motion after each turn, shape (2, cells)."""
+    found = np.zeros((2, cells.since.size))
+    for number, course in _courses(cells).items():
+        sums = _sums_after(course.tobytes(), cells.turn_before, cells.sample_rate_hz, seen)
+        last = sums.shape[1] - 1
+        own = np.flatnonzero((cells.kind == number) & (cells.since < last))
+        stop = np.minimum(cells.since[own] + cells.count[own].astype(np.int64), last)
+        found[:, own] = (sums[:, stop] - sums[:, cells.since[own]]) / cells.count[own]
+    return found
+
+
+def _courses(cells: Cells) -> dict[int, FloatArray]:
+    """The course of every kind of turn that a cell follows; one that was not seen whole is as another of its run."""
+    seen = {(way, end): course for (way, end), course in zip(cells.turn_kinds.tolist(), cells.turns, strict=True)}
+    found: dict[int, FloatArray] = {}
+    for number, (way, end) in enumerate(cells.followed):
+        if way and seen:
+            like = next((kind for kind in seen if kind[0] == way), next(iter(seen)))
+            found[number] = seen.get((way, end), way * like[0] * seen[like])
+    return found
+
+
+@lru_cache(maxsize=1024)
+def _motion(turn: bytes, before: int, rate_hz: float) -> Motion:
+    return motion_of(np.frombuffer(turn), before, rate_hz)
+
+
+@lru_cache(maxsize=1024)
+def _sums_after(turn: bytes, before: int, rate_hz: float, seen: Any) -> FloatArray:
+    """Running sums over the samples after the mask's end, shape (2, samples + 1)."""
+    motion = _motion(turn, before, rate_hz)
+    samples = math.ceil(seen.lasts_s * rate_hz)
+    values = seen(motion, (np.arange(samples) + 0.5) / rate_hz)
+    return np.concatenate([np.zeros((2, 1)), np.cumsum(values, axis=1)], axis=1)

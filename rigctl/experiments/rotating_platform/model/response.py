@@ -1,0 +1,179 @@
+"""What a pattern makes of an external acceleration that varies: sines (fig. 8, eq. 16) and triangles (fig. 7).
+
+Lenoir, Christophe, Reynaud, Measurement 46 (2013) 1411. A bias that follows an external sine is a leak, and by how
+much it lags depends on where in its window a value is stamped. Eq. 16 stamps at the start and lags 12.5 min, the
+printed 17.5 min are those of the end; here it is the centre, 15 min, unless said otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.observe.estimators import Estimator, weights
+from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
+
+MINUTE_S = 60.0
+
+_FEWEST_PERIODS, _MAX_CONDITION = 6, 30.0
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """What the outputs (`estimators.OUTPUTS`) show of exp(2 pi i f t), t being their centre; complex, shape (4,).
+
+    `external` of an acceleration outside, `bias` of a bias that varies so.
+    """
+
+    external: NDArray[np.complex128]
+    bias: NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Shift:
+    """By how much a response lags the external signal [min], its values stamped at a place of their window."""
+
+    start_min: float
+    centre_min: float
+    end_min: float
+
+
+@dataclass(frozen=True)
+class SineResponse:
+    """Mean acceleration and bias under an external sine: twice the amplitudes [m/s2], and how the bias lags.
+
+    The sigmas are from the scatter about the sines, 0 where there is none.
+    """
+
+    accel_pp: float
+    bias_pp: float
+    accel_pp_sigma: float
+    bias_pp_sigma: float
+    shift: Shift
+
+
+@dataclass(frozen=True)
+class Following:
+    """How the outputs follow an external signal that varies, all over the periods.
+
+    `accel_error` and `slope_error` are output minus external: mean and standard deviation, as of the others.
+    `slope_plateau` is the median magnitude of the acceleration's slope; `bias_slope_correlation`, of the bias's slope
+    with the true one of the external acceleration, is 0 for a pattern that separates slopes (NaN: none varies).
+    """
+
+    accel_error: tuple[float, float]
+    slope_error: tuple[float, float]
+    slope_plateau: float
+    bias: tuple[float, float]
+    bias_pp: float
+    bias_slope: tuple[float, float]
+    bias_slope_correlation: float
+
+
+def transfer(sampled: SampledPattern, frequency_hz: float, estimator: Estimator = "projection") -> Transfer:
+    """What the outputs show of an external acceleration and of a bias at a frequency."""
+    wave = np.exp(2j * np.pi * frequency_hz * sampled.time_s)
+    seen = weights(sampled, estimator)
+    return Transfer(seen @ (sampled.sign * wave), seen @ (np.abs(sampled.sign) * wave))
+
+
+def expected_sine(
+    sampled: SampledPattern, amplitude_m_s2: float, external_period_s: float, estimator: Estimator = "projection"
+) -> SineResponse:
+    """The response to an external sine without noise; eq. 16 for pattern a, on the masked samples."""
+    gain = transfer(sampled, 1.0 / external_period_s, estimator).external
+    shift = _shift(sampled, -float(np.angle(gain[2])), external_period_s)
+    accel, bias = 2.0 * amplitude_m_s2 * np.abs(gain[[0, 2]])
+    return SineResponse(float(accel), float(bias), 0.0, 0.0, shift)
+
+
+def measured_sine(
+    sampled: SampledPattern,
+    accel_mean: FloatArray,
+    bias_mean: FloatArray,
+    external_period_s: float,
+    phase_rad: float = 0.0,
+) -> SineResponse:
+    """The response in what the periods gave, shape (periods,) each; NaN are left out.
+
+    The external signal is sin(2 pi t / T + `phase_rad`), t from the first period's start. Raises `DataError` when the
+    periods do not tell the sine.
+    """
+    accel, bias = (_sine(sampled, values, external_period_s) for values in (accel_mean, bias_mean))
+    shift = _shift(sampled, phase_rad - bias.phase_rad, external_period_s)
+    return SineResponse(2.0 * accel.amplitude, 2.0 * bias.amplitude, 2.0 * accel.sigma, 2.0 * bias.sigma, shift)
+
+
+def following(
+    accel_mean: FloatArray,
+    accel_slope: FloatArray,
+    bias_mean: FloatArray,
+    bias_slope: FloatArray,
+    true_mean: FloatArray,
+    true_slope: FloatArray,
+) -> Following:
+    """How the outputs follow the external acceleration, all of shape (periods,); periods with NaN are left out.
+
+    What is true of a period is what its kept samples of the external signal say: `bias_mean` and `bias_slope` of that
+    signal demodulated by projection, since it is not modulated. Raises `DataError` for fewer than two periods.
+    """
+    table = np.stack([accel_mean, accel_slope, bias_mean, bias_slope, true_mean, true_slope])
+    table = table[:, np.isfinite(table).all(axis=0)]
+    if table.shape[1] < 2:
+        raise DataError(f"{table.shape[1]} valid periods do not show how they follow a signal: record more")
+    accel, slope, bias, drift, true, true_drift = table
+    spread = float(drift.std() * true_drift.std())
+    covariance = float(((drift - drift.mean()) * (true_drift - true_drift.mean())).mean())
+    return Following(
+        accel_error=_mean_and_scatter(accel - true),
+        slope_error=_mean_and_scatter(slope - true_drift),
+        slope_plateau=float(np.median(np.abs(slope))),
+        bias=_mean_and_scatter(bias),
+        bias_pp=float(np.ptp(bias)),
+        bias_slope=_mean_and_scatter(drift),
+        bias_slope_correlation=covariance / spread if spread > 0.0 else math.nan,
+    )
+
+
+@dataclass(frozen=True)
+class _Sine:
+    amplitude: float
+    sigma: float
+    phase_rad: float
+
+
+def _sine(sampled: SampledPattern, values: FloatArray, external_period_s: float) -> _Sine:
+    """A level, a trend and a sine of known period fitted to values stamped at their centres."""
+    period_s = sampled.pattern.period_s
+    seen = np.isfinite(values)
+    time_s = ((np.arange(values.size) + 0.5) * period_s + sampled.centre_s)[seen]
+    angle = 2.0 * np.pi * time_s / external_period_s
+    trend = np.linspace(-1.0, 1.0, values.size)[seen]
+    columns = np.stack([np.sin(angle), np.cos(angle), np.ones_like(angle), trend], axis=1)
+    if time_s.size < _FEWEST_PERIODS or not np.linalg.cond(columns) < _MAX_CONDITION:
+        raise DataError(
+            f"{time_s.size} valid periods of {period_s:g} s do not tell a sine of {external_period_s:g} s: record "
+            "longer, or modulate faster"
+        )
+    found, *_ = np.linalg.lstsq(columns, values[seen])
+    scatter = float(((values[seen] - columns @ found) ** 2).sum()) / (time_s.size - columns.shape[1])
+    return _Sine(
+        math.hypot(found[0], found[1]), math.sqrt(2.0 * scatter / time_s.size), math.atan2(found[1], found[0])
+    )
+
+
+def _shift(sampled: SampledPattern, lag_rad: float, external_period_s: float) -> Shift:
+    """The lag, within half a period of the signal, for values stamped at start, centre and end of their window."""
+    centre_s = math.remainder(lag_rad, 2.0 * math.pi) * external_period_s / (2.0 * math.pi)
+    before_s = 0.5 * sampled.pattern.period_s + sampled.centre_s
+    after_s = 0.5 * sampled.pattern.period_s - sampled.centre_s
+    return Shift((centre_s - before_s) / MINUTE_S, centre_s / MINUTE_S, (centre_s + after_s) / MINUTE_S)
+
+
+def _mean_and_scatter(values: FloatArray) -> tuple[float, float]:
+    return float(values.mean()), float(values.std(ddof=1))

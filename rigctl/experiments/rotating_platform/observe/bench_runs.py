@@ -1,0 +1,178 @@
+"""Runs that are not modulated: scans over the angle, flips, noise records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigctl.campaign.recording import RunRecord, RunSource
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.observe.noise_fit import NoiseFit, fit_noise
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS, Chains
+from rigctl.experiments.rotating_platform.observe.spectrum import NoiseSpectrum, noise_spectrum
+from rigctl.experiments.rotating_platform.observe.store_reduction import chunks_of
+from rigctl.experiments.rotating_platform.result.alignment import Axes, Fitted, angle_scan, axes, flip
+
+_FEWEST = 8
+_STRETCHES = 8
+_LONGEST = 1 << 22
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A scan: angles at which the platform rested [rad], mean readings by channel [m/s2], fits, and the two axes."""
+
+    run_id: str
+    theta_rad: FloatArray
+    readings_m_s2: dict[str, FloatArray]
+    fits: dict[str, Fitted]
+    axes: Axes
+
+    def as_json(self) -> dict[str, Any]:
+        """Within `rigctl result --json`."""
+        found: dict[str, Any] = {"run_id": self.run_id}
+        for channel, fit in self.fits.items():
+            found[channel] = {name: {"value": fit.value(name), "sigma": fit.sigma(name)} for name in fit.names}
+        found["amplitude_ratio"] = vars(self.axes.amplitude_ratio)
+        found["nonorthogonality_rad"] = vars(self.axes.nonorthogonality_rad)
+        return found
+
+
+@dataclass(frozen=True)
+class NoiseRecord:
+    """The spectrum of a noise record in one channel, two-sided, [V2/Hz], and the form of eq. 1 fitted to it."""
+
+    run_id: str
+    channel: str
+    spectrum: NoiseSpectrum
+    fit: NoiseFit
+
+    def as_json(self) -> dict[str, Any]:
+        """Within `rigctl result --json`."""
+        noise, sigmas = self.fit.noise, self.fit.sigmas
+        names = ("white_v2_hz", "coefficient_v2_hz", "exponent")
+        values = (noise.white, noise.coefficient, noise.exponent)
+        return {
+            "run_id": self.run_id,
+            "channel": self.channel,
+            **{
+                name: {"value": value, "sigma": sigma if math.isfinite(sigma) else None}
+                for name, value, sigma in zip(names, values, sigmas, strict=True)
+            },
+        }
+
+
+def scans(source: RunSource, chains: Chains) -> tuple[list[Scan], dict[str, str]]:
+    """All scans of a recording, and by run_id why one tells nothing."""
+    found, left_out = [], {}
+    for record in _of(source, "scan"):
+        try:
+            found.append(_scan(source, record, chains))
+        except DataError as error:
+            left_out[record.run_id] = f"run {record.run_id}: {error}"
+    return found, left_out
+
+
+@dataclass(frozen=True)
+class Flipped:
+    """What turning a sensor over tells: of itself, and with the `amplifier` (None: not known) of its chain.
+
+    Scale factors in V s2/m and electrical biases in V.
+    """
+
+    sensor: Fitted
+    amplifier: float | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Within `rigctl result --json`."""
+        told = {name: (self.sensor.value(name), self.sensor.sigma(name)) for name in self.sensor.names}
+        found: dict[str, Any] = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in told.items()}
+        if self.amplifier is None:
+            return {"sensor": found, "chain": None}
+        k = self.amplifier
+        chain = {name: {"value": k * value, "sigma": k * sigma} for name, (value, sigma) in told.items()}
+        return {"sensor": found, "chain": chain}
+
+
+def flips(source: RunSource, chains: Chains) -> dict[str, Flipped]:
+    """Scale factor and electrical bias of each sensor from flips, by channel; none without both directions."""
+    records = _of(source, "flip")
+    signs = [float(record.conditions["g_sign"]) for record in records]
+    if len(set(signs)) < 2:
+        return {}
+    found = {}
+    for channel in CHANNELS:
+        try:
+            read = [_read(source, record.run_id, READINGS[channel]) for record in records]
+            readings = np.array([samples.mean() for samples in read])
+            sigma_v = None if len(signs) > 2 else np.array([_scatter(samples) for samples in read])
+            fitted = flip(signs, readings, chains.g_m_s2, sigma_v)
+            found[channel] = Flipped(fitted, chains.amplifier.get(channel))
+        except DataError:
+            continue
+    return found
+
+
+def noise_records(source: RunSource) -> tuple[list[NoiseRecord], dict[str, str]]:
+    """The spectra of all noise records, and by run_id why one has none."""
+    found, left_out = [], {}
+    for record in _of(source, "noise"):
+        rate_hz = float(record.conditions["sample_rate_hz"])
+        for channel in CHANNELS:
+            samples = _column(source, record.run_id, READINGS[channel])[:_LONGEST]
+            try:
+                spectrum = noise_spectrum(samples, rate_hz)
+                found.append(NoiseRecord(record.run_id, channel, spectrum, fit_noise(spectrum)))
+            except DataError as error:
+                left_out[record.run_id] = f"run {record.run_id}: {error}"
+    return found, left_out
+
+
+def _of(source: RunSource, pattern: str) -> Sequence[RunRecord]:
+    return [record for record in source.runs(valid_only=True) if record.conditions["pattern"] == pattern]
+
+
+def _scan(source: RunSource, record: RunRecord, chains: Chains) -> Scan:
+    samples = source.samples(record.run_id)
+    if "theta_deg" not in samples:
+        raise DataError("a scan needs the column theta_deg; add it")
+    theta = np.deg2rad(samples["theta_deg"])
+    moving = samples.get("moving", np.concatenate([[0.0], np.abs(np.diff(theta)) > 1e-6]))
+    rests = (moving == 0.0) & np.isfinite(theta)
+    edges = np.flatnonzero(np.concatenate([[True], rests[1:] != rests[:-1]]))
+    stops = np.append(edges[1:], theta.size)
+    read = np.all([np.isfinite(samples[READINGS[channel]]) for channel in CHANNELS], axis=0)
+    at_rest = [slice(int(a), int(b)) for a, b in zip(edges, stops, strict=True) if rests[a]]
+    dwells = [each for each in at_rest if np.count_nonzero(read[each]) >= _FEWEST]
+    angles = np.array([float(theta[each].mean()) for each in dwells])
+    readings = {
+        channel: np.array([float(np.nanmean(samples[READINGS[channel]][each])) for each in dwells])
+        / chains.gain_v_per_m_s2[channel]
+        for channel in CHANNELS
+    }
+    fits = {channel: angle_scan(angles, readings[channel]) for channel in CHANNELS}
+    return Scan(record.run_id, angles, readings, fits, axes(fits["y"], fits["z"]))
+
+
+def _column(source: RunSource, run_id: str, name: str) -> FloatArray:
+    return np.concatenate([chunk[name] for chunk in chunks_of(source, run_id)])
+
+
+def _read(source: RunSource, run_id: str, name: str) -> FloatArray:
+    """The samples that there are; `DataError` when they are too few for a mean with its scatter."""
+    column = _column(source, run_id, name)
+    samples = column[np.isfinite(column)]
+    if len(samples) < _FEWEST * _STRETCHES:
+        raise DataError(f"run {run_id} has {len(samples)} samples of {name}, too few; measure it again")
+    return samples
+
+
+def _scatter(samples: FloatArray) -> float:
+    """Standard uncertainty of a mean from those of its stretches: what changes more slowly is not in it."""
+    stretches = np.array_split(samples, _STRETCHES)
+    return float(np.std([each.mean() for each in stretches], ddof=1)) / math.sqrt(_STRETCHES)

@@ -1,0 +1,174 @@
+"""The general uncertainty formula: covariances of what is estimated, from the spectrum of the noise.
+
+An output sum_k w_k m_k of the samples of a period has the variance
+
+    Var = integral of S2(f) |W(f)|^2 df,  W(f) = sum_k w_k exp(-2 pi i f k / f_s),
+
+over both signs of f up to the Nyquist frequency, S2 being the two-sided density. Everything is folded onto one
+interval of 1/tau: the phase between successive periods depends on the place in it only. There the sum over all
+harmonics but the lowest is smooth, and a dozen Fourier transforms tell it; next to f = 0, where the density may
+diverge, the transform of the weights is.
+
+`sided` says which density is given: 2 for one over both signs of f, as that of Lenoir, Christophe, Reynaud,
+Measurement 46 (2013) 1411, eq. 1; 1 for the usual estimates over positive frequencies.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.polynomial import chebyshev, legendre
+from numpy.typing import NDArray
+
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.observe.noise import Density
+
+ComplexArray = NDArray[np.complex128]
+Sided = Literal[1, 2]
+
+# Errors of 1e-9: of the sum over harmonics, which varies as 1 / (1 + x)^2, and of one turn of the transform.
+_HARMONIC_NODES, _TRANSFORM_NODES = 12, 32
+_NODES = 8
+# Next to zero in steps of 4, where the density may diverge.
+_GRADING = 20
+_ZERO = 1e-9
+_COLUMNS = 2**14
+
+
+def two_sided(density: Density, sided: Sided, frequency_hz: FloatArray) -> FloatArray:
+    """The two-sided density."""
+    return 0.5 * sided * density(frequency_hz)
+
+
+def covariance(
+    weights: FloatArray,
+    sample_rate_hz: float,
+    density: Density,
+    *,
+    sided: Sided = 2,
+    lags: int = 0,
+    from_hz: float = 0.0,
+) -> FloatArray:
+    """Covariance of the outputs of one period with those of the same and of later ones.
+
+    `weights` are those of a period's samples in each output, shape (outputs, samples). Gives shape (lags + 1,
+    outputs, outputs): [j, a, b] is the covariance of output a with output b of j periods before. `from_hz`, below one
+    over the period, leaves out what a record of finite length does not hold; without it an output that passes
+    diverging noise has an infinite variance, and covariances with others that are NaN. Raises `DataError` for a
+    `from_hz` beyond.
+    """
+    folded = _fold(weights, sample_rate_hz, density, sided, from_hz, lags + 1)
+    phase = np.exp(2j * np.pi * np.arange(lags + 1)[:, None] * folded.place)
+    return folded.integral(phase)
+
+
+def covariance_of_mean(
+    weights: FloatArray,
+    sample_rate_hz: float,
+    density: Density,
+    periods: int,
+    *,
+    sided: Sided = 2,
+    from_hz: float = 0.0,
+) -> FloatArray:
+    """Covariance of the outputs' means over `periods` successive periods, shape (outputs, outputs).
+
+    Their correlation is in it, that over the whole record too. Arguments, infinities and errors as for `covariance`.
+    """
+    folded = _fold(weights, sample_rate_hz, density, sided, from_hz, periods)
+    place = folded.place
+    kernel = (np.sin(np.pi * periods * place) / (periods * np.sin(np.pi * place))) ** 2
+    return np.asarray(folded.integral(kernel[None].astype(np.complex128))[0])
+
+
+@dataclass(frozen=True)
+class _Folded:
+    """The cross-spectra of the outputs folded onto one interval 1/tau, as quadrature.
+
+    `place` in it, shape (nodes,); `values` with their shares, shape (nodes, outputs, outputs); `divergent` outputs.
+    """
+
+    place: FloatArray
+    values: ComplexArray
+    divergent: NDArray[np.bool_]
+
+    def integral(self, kernel: ComplexArray) -> FloatArray:
+        """Over kernels of shape (kernels, nodes); shape (kernels, outputs, outputs)."""
+        found = np.tensordot(kernel, self.values, axes=1).real
+        found[:, self.divergent[:, None] | self.divergent] = np.nan
+        found[:, self.divergent, self.divergent] = np.inf
+        return np.asarray(found)
+
+
+def _fold(
+    weights: FloatArray, sample_rate_hz: float, density: Density, sided: Sided, from_hz: float, panels: int
+) -> _Folded:
+    """Cross-spectra with nodes for kernels that make up to `panels` turns over the interval."""
+    width_hz = sample_rate_hz / weights.shape[1]
+    if not 0.0 <= from_hz < width_hz:
+        raise DataError(f"from_hz is {from_hz:g}: it must be below one over the period, {width_hz:g} Hz")
+    even = np.linspace(0.0, 1.0, panels + 1)
+    place, share = _composite(even)
+    smooth = _harmonics(weights, width_hz, density, sided, place) * share[:, None, None]
+    lowest = max(from_hz / width_hz, 4.0**-_GRADING)
+    edges = np.union1d(even, 4.0 ** -np.arange(float(_GRADING)))
+    low, low_share = _composite(np.append(lowest, edges[edges > lowest]))
+    transform = _transform(weights, low)
+    value = 2.0 * low_share * two_sided(density, sided, low * width_hz)
+    singular = np.einsum("f,af,bf->fab", value, transform.conj(), transform)
+    divergent = np.zeros(len(weights), dtype=np.bool_)
+    if from_hz == 0.0 and _diverges(density, width_hz):
+        divergent = np.abs(weights.sum(axis=1)) > _ZERO * np.abs(weights).sum(axis=1)
+    values = np.concatenate([smooth, singular]) * width_hz
+    return _Folded(np.concatenate([place, low]), values, divergent)
+
+
+def _composite(edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gauss's nodes and shares on each interval between `edges`."""
+    nodes, shares = legendre.leggauss(_NODES)
+    width = np.diff(edges)[:, None]
+    return (edges[:-1, None] + 0.5 * width * (nodes + 1.0)).ravel(), (0.5 * width * shares).ravel()
+
+
+def _harmonics(
+    weights: FloatArray, width_hz: float, density: Density, sided: Sided, place: FloatArray
+) -> ComplexArray:
+    """Sum over all intervals but the two next to zero, by its Legendre series; shape (places, outputs, outputs)."""
+    samples = weights.shape[1]
+    nodes, shares = legendre.leggauss(_HARMONIC_NODES)
+    order, interval = np.arange(_HARMONIC_NODES), np.arange(1, samples - 1)
+    series = np.zeros((_HARMONIC_NODES, len(weights), len(weights)), dtype=np.complex128)
+    for node, share in zip(nodes, shares, strict=True):
+        x = 0.5 * (node + 1.0)
+        shifted = weights * np.exp(-2j * np.pi * x * np.arange(samples) / samples)
+        transform = np.fft.fft(shifted)[:, 1:-1]
+        frequency_hz = np.minimum(interval + x, samples - interval - x) * width_hz
+        matrix = (transform.conj() * two_sided(density, sided, frequency_hz)) @ transform.T
+        polynomials = legendre.legvander(np.array([node]), _HARMONIC_NODES - 1)[0]
+        series += ((order + 0.5) * share * polynomials)[:, None, None] * matrix
+    return np.asarray(np.tensordot(legendre.legvander(2.0 * place - 1.0, _HARMONIC_NODES - 1), series, axes=1))
+
+
+def _transform(weights: FloatArray, place: FloatArray) -> ComplexArray:
+    """W between zero and one over the period, shape (outputs, places), by its Chebyshev series."""
+    samples = weights.shape[1]
+    nodes = chebyshev.chebpts1(_TRANSFORM_NODES)
+    cycles = 0.5 * (nodes + 1.0) / samples
+    found = np.zeros((_TRANSFORM_NODES, len(weights)), dtype=np.complex128)
+    for start in range(0, samples, _COLUMNS):
+        part = weights[:, start : start + _COLUMNS]
+        index = np.arange(start, start + part.shape[1])
+        found += np.exp(-2j * np.pi * cycles[:, None] * index) @ part.T
+    series = chebyshev.chebvander(nodes, _TRANSFORM_NODES - 1).T @ found * (2.0 / _TRANSFORM_NODES)
+    series[0] *= 0.5
+    return np.asarray((chebyshev.chebvander(2.0 * place - 1.0, _TRANSFORM_NODES - 1) @ series).T)
+
+
+def _diverges(density: Density, width_hz: float) -> bool:
+    """Whether the density goes as 1/f or steeper where f goes to zero."""
+    high, low = density(width_hz * 4.0 ** -np.array([_GRADING - 1.0, _GRADING]))
+    return bool(high > 0.0 and math.log(low / high) >= math.log(4.0) * (1.0 - _ZERO))

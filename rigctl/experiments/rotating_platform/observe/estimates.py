@@ -1,0 +1,102 @@
+"""Acceleration and bias, mean and slope, per modulation period from its sums."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.observe.demodulation import BoolArray, CountArray, PeriodSums
+from rigctl.experiments.rotating_platform.observe.estimators import Estimator
+from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
+
+FEWEST_SAMPLES = 0.5
+"""Part of a period's samples that must be left for it to count."""
+
+
+@dataclass(frozen=True)
+class PeriodEstimates:
+    """What each period and channel gives: arrays of shape (periods, channels), NaN where a period is invalid.
+
+    Means have the unit of the samples, slopes that unit per second, both for external acceleration and for the bias
+    of the device, at the mean time of the pattern's kept samples. `refitted` are the periods with faults, which were
+    fitted jointly to what is left of them; `invalid` those with less than half their samples, or fewer than two of
+    one sign.
+    `faults`, shape (periods, channels, 3), are the samples left out by `demodulation.FAULTS`.
+    """
+
+    estimator: Estimator
+    accel_mean: FloatArray
+    accel_slope: FloatArray
+    bias_mean: FloatArray
+    bias_slope: FloatArray
+    refitted: BoolArray
+    invalid: BoolArray
+    faults: CountArray
+
+    def __len__(self) -> int:
+        return len(self.accel_mean)
+
+    def output(self, name: str) -> FloatArray:
+        """One of `estimators.OUTPUTS`."""
+        return np.asarray(getattr(self, name))
+
+
+def estimates(sampled: SampledPattern, sums: PeriodSums, estimator: Estimator = "projection") -> PeriodEstimates:
+    """Estimate every period; those with faults by the joint fit, whatever `estimator` says (`estimators`)."""
+    moments = _about_the_centre(sampled, sums.values)
+    joint, solvable = _joint(moments)
+    faulty = sums.faults.any(axis=-1)
+    enough = moments[..., 0].sum(axis=-1) >= FEWEST_SAMPLES * sampled.kept
+    valid = enough & solvable
+    found = joint if estimator == "joint-ls" else np.where(faulty, joint, _projection(moments))
+    accel_mean, accel_slope, bias_mean, bias_slope = np.where(valid, found, np.nan)
+    return PeriodEstimates(
+        estimator, accel_mean, accel_slope, bias_mean, bias_slope, faulty & valid, ~valid, sums.faults
+    )
+
+
+def _about_the_centre(sampled: SampledPattern, values: FloatArray) -> FloatArray:
+    """The five sums with t in s from the centre in the place of u, shape (periods, channels, 2, 5)."""
+    count, time, square, level, ramp = np.moveaxis(values, -1, 0)
+    scale, centre = 2.0 * sampled.sample_rate_hz, sampled.centre_s
+    time, square, ramp = time / scale, square / scale**2, ramp / scale
+    return np.stack(
+        [
+            count,
+            time - centre * count,
+            square - 2.0 * centre * time + centre**2 * count,
+            level,
+            ramp - centre * level,
+        ],
+        axis=-1,
+    )
+
+
+def _projection(moments: FloatArray) -> FloatArray:
+    """The four outputs, shape (4, periods, channels)."""
+    plus, minus = moments[..., 0, :], moments[..., 1, :]
+    total, signed = plus + minus, plus - minus
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.stack(
+            [
+                signed[..., 3] / total[..., 0],
+                signed[..., 4] / total[..., 2],
+                total[..., 3] / total[..., 0],
+                total[..., 4] / total[..., 2],
+            ]
+        )
+
+
+def _joint(moments: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The four outputs from a line through the samples of either sign, and where both lines are determined."""
+    count, time, square, level, ramp = np.moveaxis(moments, -1, 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = time / count
+        slope = (ramp - mean * level) / (square - mean * time)
+        at_centre = level / count - mean * slope
+    lines = np.stack([at_centre, slope])
+    plus, minus = lines[..., 0], lines[..., 1]
+    return 0.5 * np.concatenate([plus - minus, plus + minus]), (count >= 2.0).all(axis=-1)

@@ -1,0 +1,272 @@
+"""From a run's cells to its observables, for one channel: what is linear in the readings, applied to anything.
+
+Every period gives mean and slope of acceleration and bias by the joint fit (`estimates`); what it leaves is resolved
+in time after each turn and before the next, dwells at 0 and at half a turn apart, and averaged over the run.
+Readings, the baseline's columns and an effect's are all reduced alike.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.observe.cells import BEFORE, NO_BIN, BoolArray, Cells, IndexArray
+from rigctl.experiments.rotating_platform.observe.estimates import FEWEST_SAMPLES
+from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern, custom_pattern
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
+
+MOST_GROUPS = 120
+"""A longer run's periods are averaged in so many groups of successive ones."""
+
+_FEWEST_TIMES = 4
+_REDUNDANT = 2
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Stretch of time after a turn (or before the next) at one of the stops."""
+
+    number: int
+    sign: int
+
+
+class Reducer:
+    """One channel of a run; rows are the four outputs of `groups` groups of periods, then the bins.
+
+    Raises `DataError` when no period is left.
+    """
+
+    def __init__(self, cells: Cells, channel: str) -> None:
+        self.cells, self.channel = cells, channel
+        self._sums = cells.sums[:, CHANNELS.index(channel)]
+        self.sampled = usual_mask(cells)
+        time = 2.0 * cells.sample_rate_hz
+        centre = self.sampled.centre_s
+        count, u, square, level, ramp = self._sums.T
+        self._time = u / time - centre * count
+        square = square / time**2 - 2.0 * centre * u / time + centre**2 * count
+        key = 2 * cells.period + (cells.sign < 0)
+        totals = [np.bincount(key, each, 2 * cells.periods) for each in (count, self._time, square)]
+        lines = self._lines = np.stack(totals, axis=1).reshape(cells.periods, 2, 3)
+        enough = lines[:, :, 0].sum(axis=1) >= FEWEST_SAMPLES * self.sampled.kept
+        with np.errstate(invalid="ignore", divide="ignore"):
+            spread = lines[:, :, 2] - lines[:, :, 1] ** 2 / lines[:, :, 0]
+        self.valid: BoolArray = enough & (lines[:, :, 0] >= 2.0).all(axis=1) & (spread > 0.0).all(axis=1)
+        if not self.valid.any():
+            raise DataError(f"none of its {cells.periods} periods has half of its samples")
+        self.per_group = math.ceil(cells.periods / MOST_GROUPS)
+        self._readings = level, ramp / time - centre * level
+
+    @cached_property
+    def groups(self) -> IndexArray:
+        """Numbers of the groups that have a valid period."""
+        return np.unique(np.flatnonzero(self.valid) // self.per_group)
+
+    @cached_property
+    def members(self) -> FloatArray:
+        """Valid periods of each of `groups`."""
+        return np.bincount(np.flatnonzero(self.valid) // self.per_group)[self.groups].astype(np.float64)
+
+    @cached_property
+    def bins(self) -> tuple[Bin, ...]:
+        """Those with enough turns behind them; the last two of each stop follow from the others and are left out."""
+        found: list[Bin] = []
+        for sign in (1, -1):
+            own = (self.cells.sign == sign) & (self.cells.bin != NO_BIN) & self._counts
+            numbers = [
+                n
+                for n in np.unique(self.cells.bin[own]).tolist()
+                if np.unique(self.cells.period[own & (self.cells.bin == n)]).size >= _FEWEST_TIMES
+            ]
+            after = [n for n in numbers if n != BEFORE]
+            found += [Bin(n, sign) for n in after[: max(len(after) - _REDUNDANT, 0)]]
+            found += [Bin(BEFORE, sign)] if BEFORE in numbers and len(after) > _REDUNDANT else []
+        return tuple(found)
+
+    @property
+    def rows(self) -> int:
+        """How many observables there are."""
+        return 4 * self.groups.size + len(self.bins)
+
+    def readings(self) -> FloatArray:
+        """The observables of what was read, shape (rows,)."""
+        level, ramp = self._readings
+        return np.asarray(self._of_levels @ level + self._of_ramps @ ramp)
+
+    @cached_property
+    def operator(self) -> sparse.csr_matrix:
+        """From means over the cells to observables, (rows, cells)."""
+        count = self._sums[:, 0]
+        return sparse.csr_matrix(self._of_levels @ sparse.diags(count) + self._of_ramps @ sparse.diags(self._time))
+
+    def of(self, means: FloatArray, ramps: FloatArray | None = None) -> FloatArray:
+        """The observables of what has these `means` in the cells, shape (cells, k); shape (rows, k).
+
+        `ramps` are sums of (u - mean u) x within the cells, where they matter.
+        """
+        found = np.asarray(self.operator @ means)
+        if ramps is not None:
+            share = self._sums[:, 0] / self.cells.count / (2.0 * self.cells.sample_rate_hz)
+            found = found + self._of_ramps @ (share[:, None] * ramps)
+        return np.asarray(found)
+
+    def series(self, rows: FloatArray) -> FloatArray:
+        """The four outputs of rows, shape (rows, k), by group in time: (4, all groups, k), NaN for those left out."""
+        table = np.full((4, math.ceil(self.cells.periods / self.per_group), rows.shape[1]), np.nan)
+        table[:, self.groups] = rows[: 4 * self.groups.size].reshape(4, self.groups.size, -1)
+        return table
+
+    def inflation(self) -> FloatArray:
+        """By how much the noise of each group grows because samples are missing, as a factor of sigma."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            n, t, tt = (self._lines[:, :, i] for i in range(3))
+            variance = (tt / (n * tt - t**2)).sum(axis=1)
+        usual = float(np.min(variance[self.valid]))
+        ratio = np.where(self.valid, variance / usual, 0.0)
+        group = np.flatnonzero(self.valid) // self.per_group
+        total = np.bincount(group, ratio[self.valid])[self.groups]
+        return np.asarray(np.sqrt(total / self.members))
+
+    def bin_scatter(self) -> tuple[FloatArray, FloatArray]:
+        """Standard uncertainties of the bins' means from their scatter over the periods, and degrees of freedom."""
+        level, ramp = self._readings
+        left = self._left(level, ramp)
+        sigma, dof = np.zeros(len(self.bins)), np.zeros(len(self.bins))
+        for number, each in enumerate(self.bins):
+            own = self._of_bin(each)
+            periods, where = np.unique(self.cells.period[own], return_inverse=True)
+            count = np.bincount(where, self._sums[own, 0])
+            mean = np.bincount(where, left[own]) / count
+            sigma[number] = float(np.std(mean, ddof=1)) / math.sqrt(periods.size)
+            dof[number] = periods.size - 1.0
+        return sigma, dof
+
+    def bin_weights(self) -> FloatArray:
+        """Weights of the samples of a usual period in the bins, shape (bins, samples)."""
+        sampled, cells = self.sampled, self.cells
+        usual = np.flatnonzero(cells.faults[:, 0, -1] == 0)
+        # The second of them: before the first turn of a run there is no bin.
+        own = np.flatnonzero(cells.period == usual[min(1, usual.size - 1)])
+        first = np.rint(0.5 * (cells.centre[own] + cells.samples - cells.count[own])).astype(np.int64)
+        bin_of = np.full(sampled.samples, NO_BIN)
+        for at, count, number in zip(first, cells.count[own].astype(np.int64), cells.bin[own], strict=True):
+            bin_of[at : at + count] = number
+        found = np.zeros((len(self.bins), sampled.samples))
+        for row, each in enumerate(self.bins):
+            where = (bin_of == each.number) & (sampled.sign == each.sign)
+            if not where.any():
+                continue
+            found[row, where] = 1.0 / where.sum()
+            same = sampled.sign == each.sign
+            line = np.stack([same.astype(np.float64), same * sampled.time_s])
+            found[row] -= np.linalg.solve(line @ line.T, line @ found[row]) @ line
+        return found
+
+    def bin_periods(self) -> FloatArray:
+        """How many periods stand behind each bin."""
+        return np.array(
+            [np.unique(self.cells.period[self._of_bin(each)]).size for each in self.bins], dtype=np.float64
+        )
+
+    @cached_property
+    def _counts(self) -> BoolArray:
+        """Cells of valid periods with a sample of this channel."""
+        return np.asarray(self.valid[self.cells.period] & (self._sums[:, 0] > 0.0))
+
+    def _of_bin(self, each: Bin) -> IndexArray:
+        own = (self.cells.bin == each.number) & (self.cells.sign == each.sign) & self._counts
+        return np.flatnonzero(own)
+
+    @cached_property
+    def _of_levels(self) -> sparse.csr_matrix:
+        """From the sums of a quantity in the cells to observables, (rows, cells)."""
+        n, mean, spread = self._own_line
+        return self._operator(1.0 / n + mean**2 / spread, -mean / spread, 1.0)
+
+    @cached_property
+    def _of_ramps(self) -> sparse.csr_matrix:
+        """From the sums of time times a quantity in the cells to observables, (rows, cells)."""
+        _, mean, spread = self._own_line
+        return self._operator(-mean / spread, 1.0 / spread, 0.0)
+
+    @cached_property
+    def _own_line(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of the line each cell belongs to: samples, mean time, sum of squares about it; ones where it is invalid."""
+        n, t, tt = self._lines[self.cells.period, (self.cells.sign < 0).astype(np.int64)].T
+        valid = self.valid[self.cells.period]
+        n, t, tt = np.where(valid, n, 1.0), np.where(valid, t, 0.0), np.where(valid, tt, 1.0)
+        return n, t / n, tt - t**2 / n
+
+    def _operator(self, level: FloatArray, slope: FloatArray, direct: float) -> sparse.csr_matrix:
+        """From something in the cells, whose lines have these levels and slopes for one of it, to observables."""
+        cells = self.cells
+        use = np.flatnonzero(self.valid[cells.period])
+        group = np.searchsorted(self.groups, cells.period[use] // self.per_group)
+        share = 0.5 / self.members[group]
+        signed = share * cells.sign[use]
+        size = self.groups.size
+        parts = [signed * level[use], signed * slope[use], share * level[use], share * slope[use]]
+        value = np.concatenate(parts)
+        row = np.concatenate([output * size + group for output in range(4)])
+        column = np.tile(use, 4)
+        rows, columns, values = [row], [column], [value]
+        for number, each in enumerate(self.bins):
+            inside = self._of_bin(each)
+            total = self._sums[inside, 0].sum()
+            count = np.bincount(cells.period[inside], self._sums[inside, 0], cells.periods)
+            moment = np.bincount(cells.period[inside], self._time[inside], cells.periods)
+            same = use[cells.sign[use] == each.sign]
+            period = cells.period[same]
+            taken = -(count[period] * level[same] + moment[period] * slope[same]) / total
+            rows += [np.full(same.size, 4 * size + number), np.full(inside.size, 4 * size + number)]
+            columns += [same, inside]
+            values += [taken, np.full(inside.size, direct / total)]
+        shape = (self.rows, cells.period.size)
+        return sparse.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape)
+
+    def _left(self, level: FloatArray, ramp: FloatArray) -> FloatArray:
+        """Sums over the cells of what the fit of every period leaves of such sums, shape (cells,)."""
+        cells = self.cells
+        key = 2 * cells.period + (cells.sign < 0)
+        n, mean, spread = self._own_line
+        total, moment = (np.bincount(key, values, 2 * cells.periods)[key] for values in (level, ramp))
+        slope = (moment - mean * total) / spread
+        at_centre = total / n - mean * slope
+        return np.asarray(level - at_centre * self._sums[:, 0] - slope * self._time)
+
+
+def usual_mask(cells: Cells) -> SampledPattern:
+    """The dwells of the first period that is like most others, as it was recorded."""
+    return mask_of(cells, np.ones(cells.period.size, dtype=np.bool_))[0]
+
+
+def mask_of(cells: Cells, keep: BoolArray) -> tuple[SampledPattern, IndexArray]:
+    """The dwells of most periods as far as their cells are kept, and which periods, by samples, are otherwise."""
+    key = 2 * cells.period[keep] + (cells.sign[keep] < 0)
+    count = np.bincount(key, cells.count[keep], 2 * cells.periods).reshape(-1, 2)
+    moment = np.bincount(key, (cells.count * cells.centre)[keep], 2 * cells.periods).reshape(-1, 2)
+    shape = np.rint(np.concatenate([count, moment], axis=1)).astype(np.int64)
+    kinds, first, which, often = np.unique(shape, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    usual = int(np.argmax(np.where(kinds[:, :2].min(axis=1) > 0, often, 0)))
+    missing = np.abs(shape[:, :2] - kinds[usual, :2]).sum(axis=1)
+    shifted = np.where((which.ravel() != usual) & (missing == 0), 1, missing)
+    return _dwells_of(cells, keep & (cells.period == first[usual])), shifted
+
+
+def _dwells_of(cells: Cells, own: BoolArray) -> SampledPattern:
+    first = np.rint(0.5 * (cells.centre[own] + cells.samples - cells.count[own])).astype(np.int64)
+    stop = first + np.rint(cells.count[own]).astype(np.int64)
+    dwells: list[tuple[int, float, float]] = []
+    rate_hz = cells.sample_rate_hz
+    for sign, begin, end in zip(cells.sign[own].tolist(), first.tolist(), stop.tolist(), strict=True):
+        if dwells and dwells[-1][0] == sign and abs(dwells[-1][2] * rate_hz - begin) < 0.5:
+            dwells[-1] = (sign, dwells[-1][1], end / rate_hz)
+        else:
+            dwells.append((sign, begin / rate_hz, end / rate_hz))
+    return custom_pattern(cells.period_s, dwells).sampled(rate_hz)

@@ -1,0 +1,244 @@
+"""The noise of a run, estimated from its own periods: white and a power law, averaged over what the data leave open.
+
+The four outputs of successive periods are a stationary series whose cross-spectrum follows from the weights of the
+samples (`covariance`). Whittle's likelihood of its tapered transforms weighs every spectrum of a grid of exponents
+and levels; the mean spectrum gives the covariance. The lowest frequencies, where drifts are, have no say. Other runs
+of the channel in the same recording count as a prior of limited weight, for runs too short to tell by themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.observe.covariance import Sided, covariance
+from rigctl.experiments.rotating_platform.observe.estimators import weights
+from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
+
+ComplexArray = NDArray[np.complex128]
+IndexArray = NDArray[np.int64]
+
+SIDED: Sided = 2
+"""Densities here are over both signs of the frequency."""
+
+EXPONENTS = np.arange(0.4, 2.61, 0.2)
+RATIOS = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 25)])
+"""Of the power law over the white part at `AT_HZ`."""
+
+AT_HZ = 0.01
+PRIOR_TRANSFORMS = 60.0
+"""So many transforms the other runs count for at most."""
+
+TAPERS = 3
+_LOWEST_PLACE = 3
+_FINE, _LONG = 1200, 1 << 16
+_NEGLIGIBLE = 1e-4
+_BEYOND_RECORD = 0.2
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """Of one run: `log` (exponents, ratios) with the white level [unit^2/Hz] at its best in `white`; `transforms`."""
+
+    log: FloatArray
+    white: FloatArray
+    transforms: float
+
+
+@dataclass(frozen=True)
+class RunNoise:
+    """The mean two-sided spectrum of a run: a white level, and that of each of `EXPONENTS` at `AT_HZ` [unit^2/Hz].
+
+    `dof`: degrees of freedom of its level at the modulation's frequency.
+    """
+
+    white: float
+    red: FloatArray
+    dof: float
+
+    def __call__(self, frequency_hz: FloatArray) -> FloatArray:
+        """The density [unit^2/Hz] at positive frequencies."""
+        logs = np.log(np.asarray(frequency_hz, dtype=np.float64) / AT_HZ)
+        found = np.full(logs.shape, self.white)
+        for exponent, level in zip(EXPONENTS, self.red, strict=True):
+            if level > 0.0:
+                found += level * np.exp(-exponent * logs)
+        return found
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Of further outputs of a period: their weights (outputs, samples), variances [unit^2], degrees of freedom."""
+
+    weights: FloatArray
+    variance: FloatArray
+    dof: FloatArray
+
+
+def likelihood(
+    sampled: SampledPattern, per_group: int, series: FloatArray, fitted: int, scatter: Scatter
+) -> Likelihood:
+    """Of what is left of the outputs, shape (4, groups), after `fitted` numbers were, and of the bins' `scatter`.
+
+    Where as many were fitted as there are outputs, nothing is left but rounding: that tells nothing.
+    """
+    groups = series.shape[1]
+    shape = (len(EXPONENTS), len(RATIOS))
+    lowest = min(_LOWEST_PLACE, max(groups // 6, 1))
+    numbers = np.arange(lowest, groups // 2 + 1 if fitted < series.size else 0)
+    cost, power = np.zeros(shape), np.zeros(shape)
+    count = 0.0
+    if numbers.size:
+        drawn = _transforms(series, numbers)
+        white, red = _spectra(sampled, per_group, groups, lowest)
+        factor = np.linalg.inv(np.linalg.cholesky(white))
+        weight = np.where(numbers * 2 == groups, 0.5, 1.0) / (1.0 + 0.5 / TAPERS)
+        share = max(1.0 - fitted / (4.0 * groups), 0.2)
+        count += 4.0 * share * float(weight.sum())
+        for row, density in enumerate(red):
+            strength, turn = np.linalg.eigh(factor @ density @ factor.conj().swapaxes(1, 2))
+            seen = np.einsum("jab,jka->jkb", turn.conj(), np.einsum("jab,jkb->jka", factor, drawn))
+            grown = 1.0 + np.maximum(strength, 0.0)[None] * RATIOS[:, None, None]
+            power[row] += np.einsum("j,rja->r", weight, (np.abs(seen) ** 2).mean(axis=1)[None] / grown)
+            cost[row] += share * np.einsum("j,rja->r", weight, np.log(grown))
+    for row, exponent in enumerate(EXPONENTS):
+        plain, coloured = _variances(sampled.sample_rate_hz, scatter.weights, float(exponent))
+        expected = plain + RATIOS[:, None] * coloured
+        power[row] += (0.5 * scatter.dof * scatter.variance / expected).sum(axis=1)
+        cost[row] += (0.5 * scatter.dof * np.log(expected / plain)).sum(axis=1)
+    count += 0.5 * float(scatter.dof.sum())
+    if not count > 0.0:
+        return Likelihood(np.zeros(shape), np.full(shape, np.nan), 0.0)
+    level = power / count
+    return Likelihood(-count * np.log(level) - cost, level, count / 4.0)
+
+
+def run_noise(own: Likelihood, others: Sequence[Likelihood], period_s: float) -> RunNoise:
+    """The noise of a run, given what the other runs of its channel say."""
+    log = own.log.copy()
+    known = sum(each.transforms for each in others)
+    if known > 0.0:
+        log += min(1.0, PRIOR_TRANSFORMS / known) * np.sum([each.log for each in others], axis=0)
+    weight = np.exp(log - log.max())
+    weight[:, 0] /= len(EXPONENTS)
+    weight = np.where(weight > _NEGLIGIBLE * weight.max(), weight, 0.0)
+    share = weight / weight.sum()
+    white = _levels(own, others)
+    at = np.log(white * (1.0 + RATIOS * (AT_HZ * period_s) ** EXPONENTS[:, None]))
+    spread = float((share * (at - float((share * at).sum())) ** 2).sum())
+    transforms = max(own.transforms, 0.5)
+    return RunNoise(
+        white=float((share * white).sum()),
+        red=np.asarray((share * white * RATIOS).sum(axis=1)),
+        dof=2.0 / (1.0 / (4.0 * transforms) + spread),
+    )
+
+
+def joint_covariance(noise: RunNoise, sampled: SampledPattern, per_group: int, which: Sequence[int]) -> FloatArray:
+    """Covariance of the four outputs of the groups numbered `which`, output by output; (4 groups, 4 groups)."""
+    groups = max(which) + 1
+    parts = [(noise.white, 0.0), *zip(noise.red.tolist(), EXPONENTS.tolist(), strict=True)]
+    lags = np.zeros((groups, 4, 4))
+    for level, exponent in parts:
+        if level > 0.0:
+            lags += level * _lags(sampled, per_group, groups, exponent)
+    numbers = np.asarray(which)
+    apart = numbers[:, None] - numbers[None, :]
+    ahead = lags[np.abs(apart)]
+    both = np.where((apart >= 0)[:, :, None, None], ahead, ahead.swapaxes(2, 3))
+    size = numbers.size
+    return np.asarray(both.transpose(2, 0, 3, 1).reshape(4 * size, 4 * size))
+
+
+def covariance_within(noise: RunNoise, rate_hz: float, rows: FloatArray) -> FloatArray:
+    """Covariance of outputs of a period that do not see a constant, by their weights, shape (outputs, samples)."""
+    length = 2 * rows.shape[1]
+    transform = np.fft.rfft(rows, length)[:, 1:]
+    frequency = np.arange(1, transform.shape[1] + 1) * rate_hz / length
+    share = np.full(frequency.size, 2.0 * rate_hz / length)
+    share[-1] *= 0.5
+    return np.asarray(((transform.conj() * (share * noise(frequency))) @ transform.T).real)
+
+
+def _transforms(series: FloatArray, numbers: IndexArray) -> ComplexArray:
+    """Tapered Fourier transforms at the places number / groups, shape (numbers, tapers, 4)."""
+    groups = series.shape[1]
+    at = np.arange(groups)
+    number = np.arange(1, TAPERS + 1)[:, None]
+    tapers = np.sqrt(2.0 / (groups + 1.0)) * np.sin(np.pi * number * (at + 1.0) / (groups + 1.0))
+    waves = np.exp(-2j * np.pi * np.outer(at, numbers / groups))
+    return np.asarray(np.einsum("kg,ag,gj->jka", tapers, series, waves))
+
+
+def _levels(own: Likelihood, others: Sequence[Likelihood]) -> FloatArray:
+    """White levels on the grid: the run's own, or the mean of the others' where it has none."""
+    if own.transforms > 0.0:
+        return own.white
+    known = [each.white for each in others if each.transforms > 0.0]
+    if not known:
+        raise DataError("the runs are too short to tell their noise: record more periods")
+    return np.asarray(np.mean(known, axis=0))
+
+
+@lru_cache(maxsize=64)
+def _grouped(sampled: SampledPattern, per_group: int) -> tuple[FloatArray, float]:
+    """The joint fit's weights of a group of periods on a coarse enough time base, and its rate."""
+    fine = weights(sampled, "joint-ls")
+    step = _step(sampled.samples, max(_FINE, 1), max(_LONG // per_group, _FINE // 8))
+    coarse = fine.reshape(4, sampled.samples // step, step).sum(axis=2)
+    return np.tile(coarse, (1, per_group)) / per_group, sampled.sample_rate_hz / step
+
+
+def _step(samples: int, fine: int, most: int) -> int:
+    """How many samples become one: the fewest that divide a period and leave at most so many."""
+    divisors = [d for d in range(1, samples + 1) if samples % d == 0 and samples // d <= min(fine, most)]
+    return divisors[0]
+
+
+@lru_cache(maxsize=64)
+def _spectra(sampled: SampledPattern, per_group: int, groups: int, lowest: int) -> tuple[ComplexArray, ComplexArray]:
+    """Cross-spectra of the outputs at the places j / groups, for white noise (places, 4, 4) and each power law."""
+    rows, rate_hz = _grouped(sampled, per_group)
+    length = rows.shape[1]
+    width_hz = rate_hz / length
+    numbers = np.arange(lowest, groups // 2 + 1)
+    white = np.empty((numbers.size, 4, 4), dtype=np.complex128)
+    red = np.empty((len(EXPONENTS), numbers.size, 4, 4), dtype=np.complex128)
+    harmonic = np.arange(length)
+    for place, number in enumerate(numbers.tolist()):
+        x = number / groups
+        transform = np.fft.fft(rows * np.exp(-2j * np.pi * x * harmonic / length))
+        logs = np.log(np.minimum(harmonic + x, length - harmonic - x) * width_hz / AT_HZ)
+        conjugate = transform.conj()
+        white[place] = width_hz * conjugate @ transform.T
+        for row, exponent in enumerate(EXPONENTS):
+            red[row, place] = width_hz * (conjugate * np.exp(-exponent * logs)) @ transform.T
+    return white, red
+
+
+@lru_cache(maxsize=1024)
+def _lags(sampled: SampledPattern, per_group: int, groups: int, exponent: float) -> FloatArray:
+    """Covariances of the outputs with those of groups before, for a density (AT_HZ / f)^exponent."""
+    rows, rate_hz = _grouped(sampled, per_group)
+    length_s = groups * rows.shape[1] / rate_hz
+
+    def density(frequency_hz: FloatArray) -> FloatArray:
+        return np.asarray((np.asarray(frequency_hz) / AT_HZ) ** -exponent)
+
+    return covariance(rows, rate_hz, density, sided=SIDED, lags=groups - 1, from_hz=_BEYOND_RECORD / length_s)
+
+
+def _variances(rate_hz: float, rows: FloatArray, exponent: float) -> tuple[FloatArray, FloatArray]:
+    """Variances of outputs, that do not see a constant, in white noise and for (AT_HZ / f)^exponent."""
+    length = 2 * rows.shape[1]
+    power = np.abs(np.fft.rfft(rows, length)[:, 1:]) ** 2
+    frequency = np.arange(1, power.shape[1] + 1) * rate_hz / length
+    share = np.full(frequency.size, 2.0 * rate_hz / length)
+    share[-1] *= 0.5
+    return power @ share, power @ (share * (frequency / AT_HZ) ** -exponent)

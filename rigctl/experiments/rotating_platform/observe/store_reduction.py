@@ -1,0 +1,188 @@
+"""Any recording's modulated runs as cells: each reduced once, as a stream, and kept in the store."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from rigctl.analysis.lines import FoundLine
+from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns, cells_of
+from rigctl.experiments.rotating_platform.observe.lines import (
+    Spectra,
+    line_amplitudes,
+    refined,
+    spectra,
+    without_lines,
+)
+from rigctl.experiments.rotating_platform.observe.recorded import (
+    COMMANDS,
+    MODULATED,
+    Chains,
+    chains,
+    guard_of,
+    lead_of,
+)
+
+VERSION = 10
+"""Of what is kept: counted up whenever cells.py would give other numbers."""
+
+_REFUSED = b"!"
+
+Progress = Callable[[int, int], None]
+"""Told how many runs are reduced, of how many."""
+
+
+@dataclass(frozen=True)
+class PlatformRun:
+    """A modulated run: its conditions and its cells."""
+
+    run_id: str
+    conditions: Mapping[str, Any]
+    cells: Cells
+
+    @property
+    def guard_s(self) -> float:
+        """The guard its table was made with [s]."""
+        return guard_of(self.conditions)
+
+    @property
+    def lead_s(self) -> float:
+        """What its table masks before each motion [s]."""
+        return lead_of(self.conditions)
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """The valid modulated runs of a recording; `left_out` says by run_id, in a sentence, why one is not."""
+
+    runs: tuple[PlatformRun, ...]
+    left_out: Mapping[str, str]
+
+
+@runtime_checkable
+class InChunks(Protocol):
+    """A source that gives a run's samples piece by piece."""
+
+    def sample_chunks(self, run_id: str) -> Iterable[Columns]:
+        """Successive stretches of all columns of a run."""
+        ...
+
+
+def recipe(lines_hz: Sequence[float] = ()) -> str:
+    """The name under which reductions with these lines taken off are kept."""
+    return " ".join(["rotating-platform", str(VERSION), *(repr(float(line)) for line in lines_hz)])
+
+
+def reduction(source: RunSource, lines_hz: Sequence[float] = (), progress: Progress | None = None) -> Reduction:
+    """The cells of all valid modulated runs, steady lines at `lines_hz` taken off them.
+
+    What a store keeps of earlier calls is used, what is new is kept.
+    """
+    believed = chains(source.header)
+    name = recipe(lines_hz)
+    records = [r for r in source.runs(valid_only=True) if r.conditions["pattern"] in MODULATED]
+    store = source if isinstance(source, KeepsReductions) else None
+    kept = store.reduced_names(name) if store is not None else set()
+    runs: list[PlatformRun] = []
+    left_out: dict[str, str] = {}
+    fresh = False
+    for done, record in enumerate(records, start=1):
+        data = store.reduction(name, record.run_id) if store is not None and record.run_id in kept else None
+        if data is None:
+            data = _reduced(source, record, believed, lines_hz)
+            if store is not None and not store.readonly:
+                store.keep_reductions(name, {record.run_id: data})
+                fresh = True
+            if progress is not None:
+                progress(done, len(records))
+        if data.startswith(_REFUSED):
+            left_out[record.run_id] = data[len(_REFUSED) :].decode()
+        else:
+            runs.append(PlatformRun(record.run_id, record.conditions, Cells.from_bytes(data)))
+    if fresh:
+        scan(source, runs, lines_hz)
+    return Reduction(tuple(runs), left_out)
+
+
+def chunks_of(source: RunSource, run_id: str) -> Iterable[Columns]:
+    """A run's samples in pieces, where the source gives them so."""
+    return source.sample_chunks(run_id) if isinstance(source, InChunks) else [source.samples(run_id)]
+
+
+def _commanded(chunks: Iterable[Columns], conditions: Mapping[str, Any]) -> Iterator[Columns]:
+    """The chunks, with the command as runs.csv tells it where the samples do not: level, sine or triangle."""
+    level = conditions.get("v_z_v", 0.0)
+    volts = float(level) if isinstance(level, int | float) and math.isfinite(level) else 0.0
+    period_s = float(conditions.get("external_period_s", math.nan))
+    begins_s: float | None = None
+    for chunk in chunks:
+        if COMMANDS["z"] in chunk or not chunk["t_s"].size:
+            yield chunk
+            continue
+        begins_s = float(chunk["t_s"][0]) if begins_s is None else begins_s
+        turns = (chunk["t_s"] - begins_s) / period_s
+        yield {**chunk, COMMANDS["z"]: volts * _course(str(conditions.get("external")), turns)}
+
+
+def _course(external: str, turns: FloatArray) -> FloatArray:
+    """An external signal of amplitude 1, by turns of it since it began."""
+    if external == "sine":
+        return np.asarray(np.sin(2.0 * np.pi * turns))
+    if external == "triangle":
+        return np.asarray(4.0 * np.abs((turns - 0.25) % 1.0 - 0.5) - 1.0)
+    return np.ones(turns.size)
+
+
+def samples_of(source: RunSource, run: PlatformRun, lines_hz: Sequence[float]) -> Iterator[Columns]:
+    """A run's samples in pieces, lines taken off; nothing is read before the first is asked for."""
+    if not lines_hz:
+        yield from _commanded(chunks_of(source, run.run_id), run.conditions)
+        return
+    believed = chains(source.header)
+    sizes = line_amplitudes(samples_of(source, run, ()), believed, run.cells, lines_hz)
+    yield from without_lines(samples_of(source, run, ()), believed, lines_hz, sizes)
+
+
+def scan(source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[float]) -> Spectra:
+    """The scan for further lines in what the fits of all periods leave."""
+    samples = {run.run_id: (run.cells, samples_of(source, run, lines_hz)) for run in runs}
+    return spectra(source, samples, chains(source.header), f"scan {recipe(lines_hz)}")
+
+
+def refined_line(
+    source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[float], found: FoundLine
+) -> FoundLine:
+    """A line of the scan with the frequency at which all runs together show it most, and its size there."""
+    samples = [(run.cells, samples_of(source, run, lines_hz)) for run in runs]
+    longest_s = max(run.cells.periods * run.cells.period_s for run in runs)
+    frequency_hz, amplitude = refined(samples, chains(source.header), found.frequency_hz, 0.5 / longest_s)
+    return replace(found, frequency_hz=frequency_hz, amplitude=amplitude or found.amplitude)
+
+
+def _reduced(source: RunSource, record: RunRecord, believed: Chains, lines_hz: Sequence[float]) -> bytes:
+    given = record.conditions
+
+    def cells(chunks: Iterable[Columns]) -> Cells:
+        return cells_of(
+            chunks,
+            believed,
+            float(given["modulation_period_s"]),
+            float(given["sample_rate_hz"]),
+            guard_s=guard_of(given),
+            lead_s=lead_of(given),
+        )
+
+    try:
+        found = cells(_commanded(chunks_of(source, record.run_id), given))
+        if lines_hz:
+            found = cells(samples_of(source, PlatformRun(record.run_id, given, found), lines_hz))
+        return found.to_bytes()
+    except DataError as error:
+        return _REFUSED + f"run {record.run_id}: {error}".encode()

@@ -1,0 +1,1 @@
+"""What the fitted model says of the instrument."""

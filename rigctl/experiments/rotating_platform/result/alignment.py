@@ -1,0 +1,158 @@
+"""Where the sensing axes and the platform's axis point: the flip, the angle scan, the regression on commanded tilts.
+
+The model is that of Lenoir, Christophe, Reynaud, Measurement 46 (2013) 1411, eq. 3, with 1 + k where it prints k, and
+
+    bias = electrical bias / scale factor - g wobble
+
+for both sensors: so its wobbles come out, to all digits for A (its eq. 5a has the other sign for B). The wobble is
+the elevation of a sensing axis out of the plane normal to the rotation axis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+
+_MAX_CONDITION = 1e8
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Parameters of a linear fit in the order of `names` with their covariance.
+
+    Sigmas are those given with the data, `chi2` tells if they were true; where none were given they are the scatter
+    of the `dof` residuals, and `chi2` is `dof`.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    chi2: float
+    dof: int
+
+    def value(self, name: str) -> float:
+        """A parameter."""
+        return float(self.values[self.names.index(name)])
+
+    def sigma(self, name: str) -> float:
+        """Its standard uncertainty."""
+        index = self.names.index(name)
+        return math.sqrt(float(self.covariance[index, index]))
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value with its standard uncertainty."""
+
+    value: float
+    sigma: float
+
+
+def flip(g_sign: Sequence[float], readings_v: FloatArray, g_m_s2: float, sigma_v: FloatArray | None = None) -> Fitted:
+    """Scale factor `gain_v_per_m_s2` and electrical bias `bias_v` of a chain from readings with +g and -g along it.
+
+    Raises `DataError` unless both directions are among them.
+    """
+    along = np.asarray(g_sign, dtype=np.float64) * g_m_s2
+    columns = np.stack([along, np.ones_like(along)], axis=1)
+    what = "the flip: read the chain with its axis up and down"
+    return _fit(("gain_v_per_m_s2", "bias_v"), columns, readings_v, sigma_v, what)
+
+
+def tilt_regression(commanded: FloatArray, measured: FloatArray, sigma: FloatArray | None = None) -> Fitted:
+    """Gain and intercept of the measured acceleration A_Z against the commanded tilt c_Z, both in m/s2 (eq. 13).
+
+    `tilt_gain` is (1 + k_z) / (1 + k_Z), `intercept` [m/s2] what acts without a command. Raises `DataError` when the
+    tilts are too few or all the same.
+    """
+    columns = np.stack([commanded, np.ones_like(commanded)], axis=1)
+    what = "the tilt regression: take runs at several constant tilts"
+    return _fit(("tilt_gain", "intercept"), columns, measured, sigma, what)
+
+
+def angle_scan(theta_rad: FloatArray, readings: FloatArray, sigma: FloatArray | None = None) -> Fitted:
+    """Offset, cos and sin of a reading over the platform's angle, in the readings' unit (eq. 6).
+
+    Each channel is fitted freely: that both see one acceleration with axes at a right angle is not assumed. Raises
+    `DataError` when the angles are too few to tell them.
+    """
+    columns = np.stack([np.ones_like(theta_rad), np.cos(theta_rad), np.sin(theta_rad)], axis=1)
+    what = "the angle scan: dwell at more angles, over a full turn"
+    return _fit(("offset", "cos", "sin"), columns, readings, sigma, what)
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Two sensors' axes by what they see of one acceleration: ratio of y to z, and their angle beyond a right one."""
+
+    amplitude_ratio: Value
+    nonorthogonality_rad: Value
+
+
+def axes(scan_y: Fitted, scan_z: Fitted) -> Axes:
+    """The two sensors' amplitudes and directions from their angle scans; eq. 3 says 1 and 0 but for scale factors.
+
+    Raises `DataError` when a channel sees no acceleration.
+    """
+    (amplitude_y, phase_y), (amplitude_z, phase_z) = _polar(scan_y), _polar(scan_z)
+    # The reading of z lags that of y by a right angle: m_z goes as -a_Y sin + a_Z cos, m_y as a_Y cos + a_Z sin.
+    excess = math.remainder(phase_y.value - phase_z.value - 0.5 * math.pi, 2.0 * math.pi)
+    ratio = amplitude_y.value / amplitude_z.value
+    relative = math.hypot(amplitude_y.sigma / amplitude_y.value, amplitude_z.sigma / amplitude_z.value)
+    return Axes(Value(ratio, ratio * relative), Value(excess, math.hypot(phase_y.sigma, phase_z.sigma)))
+
+
+def wobble(bias: Value, electrical_bias_v: Value, gain_v_per_m_s2: Value, g_m_s2: float) -> Value:
+    """The wobble of a sensor [rad] from its `bias` [m/s2], its chain's electrical bias and assumed scale factor."""
+    electrical = electrical_bias_v.value / gain_v_per_m_s2.value
+    sigma = math.hypot(
+        bias.sigma,
+        electrical_bias_v.sigma / gain_v_per_m_s2.value,
+        electrical * gain_v_per_m_s2.sigma / gain_v_per_m_s2.value,
+    )
+    return Value((electrical - bias.value) / g_m_s2, sigma / g_m_s2)
+
+
+def _polar(scan: Fitted) -> tuple[Value, Value]:
+    """Amplitude and phase of cos and sin."""
+    cos, sin = scan.value("cos"), scan.value("sin")
+    amplitude = math.hypot(cos, sin)
+    if not amplitude > 0.0:
+        raise DataError("the angle scan of a channel shows no acceleration: tilt the platform, or look at its cable")
+    part = scan.covariance[1:, 1:]
+    along, across = np.array([cos, sin]) / amplitude, np.array([-sin, cos]) / amplitude**2
+    return (
+        Value(amplitude, math.sqrt(along @ part @ along)),
+        Value(math.atan2(sin, cos), math.sqrt(across @ part @ across)),
+    )
+
+
+def _fit(
+    names: tuple[str, ...], columns: FloatArray, values: FloatArray, sigma: FloatArray | None, what: str
+) -> Fitted:
+    """Least squares weighted by `sigma`; raises `DataError` that ends with `what` the data would have to be."""
+    count, width = columns.shape
+    dof = count - width
+    if not np.isfinite(values).all() or not np.isfinite(columns).all():
+        raise DataError(f"a value that is no number cannot enter {what}")
+    if sigma is not None and not (np.isfinite(sigma) & (sigma > 0.0)).all():
+        raise DataError(f"a value without an uncertainty (a reading that never changes has none) cannot enter {what}")
+    if dof < (1 if sigma is None else 0) or not np.linalg.cond(columns / _sizes(columns)) < _MAX_CONDITION:
+        raise DataError(f"{count} values do not tell {' and '.join(names)} in {what}")
+    weight = np.ones(count) if sigma is None else 1.0 / sigma
+    left, size, right = np.linalg.svd(columns * weight[:, None] / _sizes(columns), full_matrices=False)
+    inverse = (right.T / size) / _sizes(columns)[:, None]
+    found = inverse @ (left.T @ (values * weight))
+    chi2 = float((((values - columns @ found) * weight) ** 2).sum())
+    scale = chi2 / dof if sigma is None else 1.0
+    return Fitted(names, found, scale * inverse @ inverse.T, float(dof) if sigma is None else chi2, dof)
+
+
+def _sizes(columns: FloatArray) -> FloatArray:
+    return np.asarray(np.maximum(np.abs(columns).max(axis=0), np.finfo(float).tiny))

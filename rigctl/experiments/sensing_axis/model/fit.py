@@ -1,0 +1,156 @@
+"""Fitting a recording: null angles, gains, mounting rotations and the parameters of the chosen effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.analysis.least_squares import FitResult, least_squares
+from rigctl.core.errors import ProcedureError
+from rigctl.experiments.sensing_axis.model.chain import FloatArray
+from rigctl.experiments.sensing_axis.model.geometry import motion_in_cube
+from rigctl.experiments.sensing_axis.model.model import Prediction, RecordingModel
+from rigctl.experiments.sensing_axis.observe.observables import RunObservables
+
+MAX_ITERATIONS = 500
+"""At one angle delta_x is known to its prior only: a long curved valley, in which steps stay short."""
+
+
+@dataclass(frozen=True)
+class NullPoint:
+    """The stage angle of a mounting's null and, where lasers looked, the motion's direction in the cube there.
+
+    `vector_coc` has shape (3,), `vector_covariance` (3, 3) in rad^2: the fit's share, without re-seating scatter.
+    """
+
+    axis: str
+    configuration: str
+    mounting: int
+    theta0_rad: float
+    theta0_sigma_rad: float
+    vector_coc: FloatArray | None
+    vector_covariance: FloatArray | None
+
+
+@dataclass(frozen=True)
+class RecordingFit:
+    """A fitted model: the parameters with covariance, and the nulls that follow from them."""
+
+    model: RecordingModel
+    result: FitResult
+
+    def null(self, axis: str, configuration: str, mounting: int) -> NullPoint:
+        """The null of one mounting."""
+        return null_point(self.model, self.result.values, self.result.covariance, (axis, configuration, mounting))
+
+    def vector_slopes(self, axis: str, configuration: str, mounting: int) -> FloatArray:
+        """d(vector) / d(parameters of the fit) of one mounting, shape (3, parameters)."""
+        label = f"{axis},{configuration},{mounting}"
+        where = [self.model.index(f"{base}[{label}]") for base in ("theta0", "delta_x", "delta_y", "delta_z")]
+        nominal = self.model.package.turntable_from_cube(axis, configuration)
+        slopes = np.zeros((3, len(self.result.values)))
+        slopes[:, where] = _slopes(self.result.values[where], nominal)
+        return slopes
+
+    def nulls(self) -> list[NullPoint]:
+        """The nulls of all mountings, in the order of their runs."""
+        return [self.null(*mounting) for mounting in mountings_of(self.model)]
+
+
+def mountings_of(model: RecordingModel) -> list[tuple[str, str, int]]:
+    """Axis, configuration and number of every mounting, in the order of their runs."""
+    return list(dict.fromkeys((run.axis, run.configuration, run.mounting) for run in model.runs))
+
+
+def null_point(
+    model: RecordingModel, values: FloatArray, covariance: FloatArray, mounting: tuple[str, str, int]
+) -> NullPoint:
+    """The null of one mounting, for all parameters of a model with their covariance."""
+    axis, configuration, number = mounting
+    label = f"{axis},{configuration},{number}"
+    names = [f"theta0[{label}]"]
+    if model.heads:
+        names += [f"delta_{c}[{label}]" for c in "xyz"]
+    where = [model.index(name) for name in names]
+    own, spread = values[where], covariance[np.ix_(where, where)]
+    sigma = float(np.sqrt(spread[0, 0]))
+    if not model.heads:
+        return NullPoint(axis, configuration, number, own[0], sigma, None, None)
+    nominal = model.package.turntable_from_cube(axis, configuration)
+    slopes = _slopes(own, nominal)
+    vector = motion_in_cube(own[0], own[1:], nominal)
+    return NullPoint(axis, configuration, number, own[0], sigma, vector, slopes @ spread @ slopes.T)
+
+
+def fit_recording(model: RecordingModel) -> RecordingFit:
+    """Fit all parameters to the amplitudes at the drive's frequency and the means.
+
+    Raises `ProcedureError` when the runs do not determine the parameters, naming them.
+    """
+    return _fitted(model, *_measured(model))
+
+
+def forecast(model: RecordingModel) -> RecordingFit:
+    """The fit that runs like those of `model` would give if nature were as its parameters start: only its
+    covariance says something. Raises `ProcedureError` when such runs would not determine the parameters.
+    """
+    starts = np.array([parameter.start for parameter in model.parameters])
+    return _fitted(model, _observe(model.predict(starts)), _measured(model)[1])
+
+
+def _fitted(model: RecordingModel, measured: FloatArray, sigma: FloatArray) -> RecordingFit:
+    free = np.isfinite(sigma)
+
+    def residuals(values: FloatArray) -> FloatArray:
+        return ((measured - _observe(model.predict(values))) / sigma)[free]
+
+    def jacobian(values: FloatArray) -> FloatArray:
+        slopes = model.jacobian(values, _observe).reshape(*sigma.shape, -1)
+        return (-slopes / sigma[..., None])[free]
+
+    result = least_squares(residuals, model.parameters, jacobian=jacobian, max_iterations=MAX_ITERATIONS)
+    if result.verdict != "converged":
+        raise ProcedureError(f"the runs do not determine the model: {result.reason}")
+    return RecordingFit(model, result)
+
+
+def residuals_of(model: RecordingModel, values: FloatArray) -> FloatArray:
+    """Whitened residuals, data - model, of a model at given values, in the order of `FitResult.residuals`."""
+    measured, sigma = _measured(model)
+    return ((measured - _observe(model.predict(values))) / sigma)[np.isfinite(sigma)]
+
+
+def _observe(prediction: Prediction) -> FloatArray:
+    accel = prediction.accel_v
+    parts = [accel[:, 1].real, accel[:, 1].imag, accel[:, 0].real]
+    parts += [prediction.lasers_m[:, head, 1].real for head in range(prediction.lasers_m.shape[1])]
+    return np.stack(parts, axis=1)
+
+
+def _measured(model: RecordingModel) -> tuple[FloatArray, FloatArray]:
+    rows = [_row(run, model.heads) for run in model.runs]
+    return np.array([values for values, _ in rows]), np.array([sigmas for _, sigmas in rows])
+
+
+def _row(run: RunObservables, heads: Sequence[str]) -> tuple[list[float], list[float]]:
+    accel = run.accel_v
+    values = [accel.value[1].real, accel.value[1].imag, accel.value[0].real]
+    sigmas = [accel.sigma[1], accel.sigma[1], accel.sigma[0]]
+    for head in heads:
+        laser = run.lasers_m.get(head)
+        usable = laser is not None and bool(np.isfinite(laser.value[1]))
+        values.append(laser.value[1].real if laser is not None and usable else 0.0)
+        sigmas.append(laser.sigma[1] if laser is not None and usable else np.inf)
+    return values, sigmas
+
+
+def _slopes(values: FloatArray, nominal: FloatArray, step: float = 1e-6) -> FloatArray:
+    """d(vector) / d(theta0, delta), shape (3, 4)."""
+
+    def vector(p: FloatArray) -> FloatArray:
+        return motion_in_cube(p[0], p[1:], nominal)
+
+    moves = step * np.eye(4)
+    return np.stack([(vector(values + move) - vector(values - move)) / (2.0 * step) for move in moves], axis=1)

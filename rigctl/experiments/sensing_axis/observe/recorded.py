@@ -1,0 +1,48 @@
+"""What a recording says of the package and the heads when there is no rig file: the bundle of another laboratory."""
+
+from __future__ import annotations
+
+import math
+
+from rigctl.campaign.recording import Header
+from rigctl.files.package import HeadSettings, Package
+
+UNKNOWN = math.inf
+"""Relative uncertainty of a data sheet nobody has given."""
+
+ROUGHLY = 1.0
+"""Relative uncertainty of a gain that a recording mentions: as good as none."""
+
+_NOMINAL = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+
+
+def recorded_package(header: Header) -> Package:
+    """A three-axis package in the nominal mountings of the experiment; gains from the recording's constants.
+
+    The sensors' resonance is that of the paper (Lucente et al. 2022), without the weight of a data sheet.
+    """
+    given = "gain_v_per_m_s2" in header.constants
+    gain = float(header.constants["gain_v_per_m_s2"]) if given else 100.0
+    free = {"u_gain": ROUGHLY if given else UNKNOWN, "u_frequency": UNKNOWN, "u_q": UNKNOWN}
+    sensor = {
+        # The hanging mass is stiffer: with one transducer gain and 1/w0^2 fall by the same ratio.
+        "pendulum": {"gain_v_per_m_s2": gain * (3.5 / 4.53) ** 2, "frequency_hz": 4.53, "q": 10.0, **free},
+        "flag": {"gain_v_per_m_s2": gain, "frequency_hz": 3.5, "q": 10.0, **free},
+    }
+    axes = {name: {"cube_axis": name, "nominal": axis, "sensor": sensor} for name, axis in _NOMINAL.items()}
+    configurations = {"pendulum": {"i": "+y", "j": "+z", "k": "+x"}, "flag": {"i": "+y", "j": "+x", "k": "-z"}}
+    return Package.model_validate(
+        {"name": header.title or "recorded", "axes": axes, "configurations": configurations}
+    )
+
+
+def recorded_heads(header: Header) -> dict[str, HeadSettings]:
+    """The heads by column; where each stands follows from the face it looks at, run by run."""
+    return {
+        name: HeadSettings(position="+x", tilt_deg=laser.tilt_deg or 0.0) for name, laser in header.lasers.items()
+    }
+
+
+def recorded_faces(header: Header) -> dict[str, str]:
+    """Faces that hold for the whole recording, by head."""
+    return {name: laser.face for name, laser in header.lasers.items() if laser.face}

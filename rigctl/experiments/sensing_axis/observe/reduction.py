@@ -1,0 +1,257 @@
+"""From samples to observables: one sine fit per run, noise pooled over the runs of an axis in a configuration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.noise import NoisePool, Spectrum, pooled_psd, spectrum
+from rigctl.analysis.resolution import amplitude_floor
+from rigctl.analysis.sine_fit import HarmonicBasis, find_frequency
+from rigctl.core.errors import DataError
+from rigctl.experiments.sensing_axis.model.chain import ComplexArray, FloatArray
+from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables
+
+STAGE, ACCEL = "stage_x_mm", "accel_v"
+LASER_PREFIX = "laser_"
+MM = 1e-3
+NOISE_DOF = 40.0
+"""Degrees of freedom sought for the noise at a line: known to 22 %, from a band of 0.1 Hz in a minute's record."""
+
+_MIN_KEPT_SAMPLES = 0.5
+_NO_NOISE = Spectrum(np.zeros(0), np.zeros(0), np.zeros(0))
+_GIVEN = {
+    *("axis", "configuration", "mounting", "theta_deg", "approach", "frequency_hz", "amplitude_mm"),
+    *("temperature_c", "start_s", "valid", "reason"),
+}
+
+
+@dataclass(frozen=True)
+class ReducedChannel:
+    """Referred amplitudes of one channel (index 0 the mean) and the spectrum of what the sine fit left.
+
+    `variance_factor` are their variances in units of S / T (of the mean: S / 2T), `floor` the variances that the
+    channel's resolution leaves at least, both of shape (HARMONICS + 1,); `lines` the amplitudes of fitted lines.
+    """
+
+    value: ComplexArray
+    noise: Spectrum
+    variance_factor: FloatArray
+    floor: FloatArray
+    lines: ComplexArray
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What the fit left of one channel's samples, at the times of its basis."""
+
+    basis: HarmonicBasis
+    values: FloatArray
+
+
+@dataclass(frozen=True)
+class ReducedRun:
+    """One run after its sine fit; sigmas need the other runs too. `residuals` by channel, while they are wanted."""
+
+    run_id: str
+    conditions: Mapping[str, Any]
+    frequency_hz: float
+    duration_s: float
+    motion_m: ComplexArray
+    channels: Mapping[str, ReducedChannel]
+    residuals: Mapping[str, Residuals] = field(default_factory=dict)
+
+    def without_spectra(self) -> ReducedRun:
+        """The same, small: enough to be observed once its spectra are in the pool."""
+        small = {name: replace(channel, noise=_NO_NOISE) for name, channel in self.channels.items()}
+        return replace(self, channels=small, residuals={})
+
+
+def reduce_run(
+    run_id: str,
+    conditions: Mapping[str, Any],
+    samples: Mapping[str, FloatArray],
+    lines_hz: Sequence[float] = (),
+    *,
+    keep_residuals: bool = False,
+) -> ReducedRun:
+    """Fit the drive's harmonics, and lines of known frequency, to every channel of one run.
+
+    Times are taken as given; samples without a value are left out. Raises `DataError`, naming the run, when the
+    record cannot be fitted.
+    """
+    try:
+        seen = _seen(samples)
+        basis, stage = find_frequency(
+            samples["t_s"][seen],
+            MM * samples[STAGE][seen],
+            float(conditions["frequency_hz"]),
+            harmonics=HARMONICS,
+            lines_hz=tuple(lines_hz),
+        )
+        reference = complex(stage.amplitudes[0])
+        accel = _channel(basis, samples[ACCEL][seen], reference, len(lines_hz))
+        if accel is None:
+            raise DataError(f"{ACCEL}: more than half of the samples are missing")  # noqa: TRY301
+    except (DataError, KeyError, ValueError) as error:
+        said = f"column {error} is missing" if isinstance(error, KeyError) else error
+        raise DataError(f"run {run_id}: {said}") from error
+    found = {ACCEL: accel}
+    for name, column in samples.items():
+        if name.startswith(LASER_PREFIX):
+            laser = _channel(basis, MM * column[seen], reference, len(lines_hz))
+            if laser is not None:
+                found[name] = laser
+    order = np.arange(1, HARMONICS + 1)
+    return ReducedRun(
+        run_id,
+        dict(conditions),
+        basis.frequency_hz,
+        basis.duration_s,
+        stage.amplitudes_referred_to(reference) * (-1j) ** order,
+        {name: channel for name, (channel, _) in found.items()},
+        {name: residuals for name, (_, residuals) in found.items()} if keep_residuals else {},
+    )
+
+
+def observables(runs: Sequence[ReducedRun], *, harmonics: int = HARMONICS) -> list[RunObservables]:
+    """Observables of all runs, in their order, with the noise of each axis and configuration pooled:
+    beside a bump of the ground's noise the runs driven at other frequencies tell it best.
+
+    Sigmas are worked out up to `harmonics` and NaN beyond: a null search needs the first only. Raises `DataError`,
+    naming the run, where there is nothing to take the noise from.
+    """
+    noise = PooledNoise()
+    for run in runs:
+        noise.add(run)
+    return [noise.observed(run, harmonics) for run in runs]
+
+
+def noise_density(runs: Iterable[ReducedRun], frequency_hz: float) -> float:
+    """One-sided density of the accelerometer's output noise at a frequency, pooled over runs [V^2/Hz]."""
+    return pooled_psd(run.channels[ACCEL].noise for run in runs).level(frequency_hz, target_dof=NOISE_DOF).psd
+
+
+class PooledNoise:
+    """The noise of each channel of each axis in a configuration; runs are added first, then observed."""
+
+    def __init__(self) -> None:
+        self._pools: dict[tuple[Any, ...], NoisePool] = {}
+        self._spectra: dict[tuple[Any, ...], Spectrum] = {}
+        self._levels: dict[tuple[Any, ...], tuple[float, float]] = {}
+
+    def add(self, run: ReducedRun) -> None:
+        """Take in what a run says of the noise."""
+        for name, channel in run.channels.items():
+            self._pools.setdefault((*pool_of(run), name), NoisePool()).add(channel.noise)
+
+    def observed(self, run: ReducedRun, harmonics: int = HARMONICS) -> RunObservables:
+        """A run's observables; its channels' spectra are not looked at, they are in the pool."""
+        try:
+            channels = {name: self._amplitudes(run, name, harmonics) for name in run.channels}
+        except DataError as error:
+            raise DataError(f"run {run.run_id}: {error}") from error
+        given = run.conditions
+        return RunObservables(
+            run_id=run.run_id,
+            axis=str(given["axis"]),
+            configuration=str(given["configuration"]),
+            mounting=int(given["mounting"]),
+            theta_rad=math.radians(float(given["theta_deg"])),
+            approach=_number(given.get("approach"), missing=0.0),
+            frequency_hz=run.frequency_hz,
+            temperature_c=_number(given.get("temperature_c")),
+            start_s=_number(given.get("start_s")),
+            duration_s=run.duration_s,
+            motion_m=run.motion_m,
+            accel_v=channels[ACCEL],
+            lasers_m={name: each for name, each in channels.items() if name != ACCEL},
+            faces={head: str(given[key]) for head in run.channels if given.get(key := face_column(head))},
+            extra={name: float(value) for name, value in given.items() if _is_extra(name, value)},
+        )
+
+    def _amplitudes(self, run: ReducedRun, name: str, harmonics: int) -> Amplitudes:
+        channel = run.channels[name]
+        variance, dof = np.full(HARMONICS + 1, np.nan), np.zeros(HARMONICS + 1)
+        variance[0] = self._mean(run, name)
+        for h in range(1, harmonics + 1):
+            psd, dof[h] = self._level(run, name, h * run.frequency_hz)
+            variance[h] = psd / run.duration_s
+        variance *= channel.variance_factor
+        return Amplitudes(channel.value, np.sqrt(np.maximum(variance, channel.floor)), dof, channel.lines)
+
+    def _level(self, run: ReducedRun, name: str, frequency_hz: float) -> tuple[float, float]:
+        key = (*pool_of(run), name, round(frequency_hz, 4))
+        if key not in self._levels:
+            level = self._spectrum(run, name).level(frequency_hz, target_dof=NOISE_DOF)
+            self._levels[key] = level.psd, level.dof
+        return self._levels[key]
+
+    def _mean(self, run: ReducedRun, name: str) -> float:
+        key = (*pool_of(run), name, "mean", round(run.duration_s, 3))
+        if key not in self._levels:
+            dc = self._spectrum(run, name).dc_noise(run.duration_s)
+            self._levels[key] = dc.variance, dc.dof
+        return self._levels[key][0]
+
+    def _spectrum(self, run: ReducedRun, name: str) -> Spectrum:
+        key = (*pool_of(run), name)
+        if key not in self._spectra:
+            self._spectra[key] = self._pools[key].spectrum
+        return self._spectra[key]
+
+
+def pool_of(run: ReducedRun) -> tuple[str, str]:
+    """Which runs share their noise: those of an axis in a configuration."""
+    return str(run.conditions["axis"]), str(run.conditions["configuration"])
+
+
+def face_column(head: str) -> str:
+    """The column of runs.csv that says which face a head looks at: laser_1_mm -> laser_1_face."""
+    return f"{head.removesuffix('_mm')}_face"
+
+
+def _seen(samples: Mapping[str, FloatArray]) -> slice | NDArray[np.bool_]:
+    """The samples that have a time and a place."""
+    whole = np.isfinite(samples[STAGE]) & np.isfinite(samples["t_s"])
+    if whole.all():
+        return slice(None)
+    if whole.mean() < _MIN_KEPT_SAMPLES:
+        raise DataError(f"{STAGE}: more than half of the samples are missing")
+    return np.asarray(whole)
+
+
+def _channel(
+    basis: HarmonicBasis, column: FloatArray, reference: complex, lines: int
+) -> tuple[ReducedChannel, Residuals] | None:
+    """A channel, without the samples that have no value; None when too few are left."""
+    seen = np.isfinite(column)
+    if not seen.all():
+        if seen.mean() < _MIN_KEPT_SAMPLES:
+            return None
+        try:
+            basis = HarmonicBasis(basis.t_s[seen], basis.frequency_hz, basis.harmonics, lines_hz=basis.lines_hz)
+        except DataError:
+            return None
+        column = column[seen]
+    fit = basis.fit(column)
+    value = np.concatenate([[complex(fit.dc)], fit.amplitudes_referred_to(reference)])
+    factor = np.concatenate([[1.0], basis.variance_factors])
+    found = fit.line_amplitudes if len(basis.lines_hz) == lines else np.full(lines, np.nan + 0j)
+    noise = spectrum(fit.residuals, basis).compact(basis.duration_s)
+    floor = amplitude_floor(column, fit.residuals, basis)
+    return ReducedChannel(value, noise, factor, floor, found), Residuals(basis, fit.residuals)
+
+
+def _is_extra(name: str, value: Any) -> bool:
+    return name not in _GIVEN and isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _number(value: Any, missing: float = math.nan) -> float:
+    number = math.nan if value in (None, "") else float(value)
+    return missing if math.isnan(number) else number

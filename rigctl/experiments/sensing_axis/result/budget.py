@@ -1,0 +1,262 @@
+"""Where an axis' uncertainty comes from: a GUM budget of its two components perpendicular to the axis.
+
+Scatter between mountings is measured (type A) and contains what changes from mounting to mounting: the null search's
+noise, laser noise and the stage's resolution are listed, not added again. What is common to all mountings is added.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rigctl.analysis.budget import Budget, Comparison, Contribution, budget, compare, monte_carlo
+from rigctl.analysis.plane import ARCSEC, fit_plane
+from rigctl.experiments.sensing_axis.model.chain import FloatArray
+from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, residuals_of
+from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.result.result import AxisResult, SensingAxisResult
+
+Uncertainties = Mapping[str, Mapping[str, float]]
+"""Standard uncertainties of the rig file's certificates: name -> quantity with unit -> value."""
+
+OUTPUTS = ("component 1", "component 2")
+MONTE_CARLO_DRAWS = 2000
+MM_PER_M = 1e3
+
+
+@dataclass(frozen=True)
+class Included:
+    """A part of the measured scatter, as one mounting has it [rad, 1 sigma out of the plane]."""
+
+    name: str
+    rad: float
+
+
+@dataclass(frozen=True)
+class AxisBudget:
+    """The budget of one axis; `basis` (2, 3) are the directions of its two components, perpendicular to the axis."""
+
+    axis: str
+    basis: FloatArray
+    budget: Budget
+    included: tuple[Included, ...]
+    check: Comparison
+
+    def as_json(self) -> dict[str, Any]:
+        """Contributions in arcsec, 1 sigma."""
+        first = self.budget
+        rows = [
+            {
+                "name": each.name,
+                "type": each.type,
+                "input": f"{each.standard_uncertainty:.3g} {each.unit}",
+                "source": each.source,
+                "arcsec": (np.abs(first.components[:, i]) / ARCSEC).tolist(),
+            }
+            for i, each in enumerate(first.contributions)
+        ]
+        return {
+            "contributions": rows,
+            "included_in_scatter": {each.name: each.rad / ARCSEC for each in self.included},
+            "combined_arcsec": (first.standard_uncertainty / ARCSEC).tolist(),
+            "expanded_95_arcsec": (first.expanded / ARCSEC).tolist(),
+            "basis_coc": self.basis.tolist(),
+            "monte_carlo": {"validated": all(self.check.validated), "reason": self.check.reason},
+        }
+
+
+@dataclass(frozen=True)
+class _Input:
+    """A quantity and what one unit of it does to every vector of the axis, shape (vectors, 3)."""
+
+    contribution: Contribution
+    effect: FloatArray
+
+
+def axis_budgets(result: SensingAxisResult, uncertainties: Uncertainties) -> dict[str, AxisBudget]:
+    """The budgets of all axes of a result, each checked by Monte Carlo."""
+    return {name: _axis_budget(axis, result.fit, uncertainties) for name, axis in result.axes.items()}
+
+
+def _axis_budget(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) -> AxisBudget:
+    basis = _basis(axis)
+    inputs = [
+        *_scatter(axis),
+        *_heads(axis, fit, uncertainties),
+        *_cube(axis, uncertainties),
+        *_corrections(axis, fit),
+        *_guide(axis, fit, uncertainties),
+    ]
+
+    def measurement(values: Mapping[str, float]) -> FloatArray:
+        moved = axis.vectors + sum(values[each.contribution.name] * each.effect for each in inputs)
+        return basis @ fit_plane(moved, axis.plane.normal).normal
+
+    contributions = [each.contribution for each in inputs]
+    first = budget(measurement, contributions, OUTPUTS)
+    drawn = monte_carlo(measurement, contributions, OUTPUTS, draws=MONTE_CARLO_DRAWS, seed=1)
+    return AxisBudget(axis.name, basis, first, tuple(_included(axis, uncertainties)), compare(first, drawn))
+
+
+def _basis(axis: AxisResult) -> FloatArray:
+    """Two directions perpendicular to the axis: the motion at the pendulum nulls, and what completes the triad."""
+    normal = axis.plane.normal
+    first = axis.vectors[0] - (axis.vectors[0] @ normal) * normal
+    first = first / np.linalg.norm(first)
+    return np.stack([first, np.cross(normal, first)])
+
+
+def _scatter(axis: AxisResult) -> list[_Input]:
+    """Scatter about the plane: the mean of each configuration's vectors is that uncertain out of it."""
+    normal, dof = axis.plane.normal, axis.plane.dof
+    spread = math.sqrt(float(np.sum(axis.plane.half_cone_rad**2)) / dof)
+    inputs = []
+    for configuration in dict.fromkeys(null.configuration for null in axis.nulls):
+        members = np.array([null.configuration == configuration for null in axis.nulls])
+        inputs.append(
+            _Input(
+                Contribution(
+                    f"scatter in {configuration}",
+                    0.0,
+                    spread / math.sqrt(members.sum()),
+                    "rad",
+                    type="A",
+                    distribution="t",
+                    dof=dof,
+                    source="half-cone deviation of the vectors",
+                ),
+                members[:, None] * normal,
+            )
+        )
+    return inputs
+
+
+def _heads(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) -> list[_Input]:
+    """Beam tilt and scale of each head, the same in all mountings; the mounting rotations follow them."""
+    inputs = []
+    for name in fit.model.heads:
+        certified = uncertainties.get(name, {})
+        if "tilt_deg" in certified:
+            u = math.radians(certified["tilt_deg"])
+            source = f"certificate of {name}"
+            effect = _response(axis, fit, partial(_tilted, fit.model, name))
+            inputs.append(_Input(Contribution(f"beam tilt of {name}", 0.0, u, "rad", source=source), effect))
+        if "scale" in certified:
+            source = f"certificate of {name}"
+            effect = _response(axis, fit, partial(_scaled, fit.model, name))
+            inputs.append(
+                _Input(Contribution(f"scale of {name}", 0.0, certified["scale"], "1", source=source), effect)
+            )
+    return inputs
+
+
+def _response(
+    axis: AxisResult, fit: RecordingFit, changed: Callable[[float], RecordingModel], step: float = 1e-5
+) -> FloatArray:
+    """What one unit of a change of the model does to the vectors, refitted to first order."""
+    values = fit.result.values
+    slope = (residuals_of(changed(step), values) - residuals_of(changed(-step), values)) / (2.0 * step)
+    moved = -fit.result.covariance @ fit.result.jacobian[: len(slope)].T @ slope
+    return np.array([_slopes(fit, null) @ moved for null in axis.nulls])
+
+
+def _slopes(fit: RecordingFit, null: NullPoint) -> FloatArray:
+    return fit.vector_slopes(null.axis, null.configuration, null.mounting)
+
+
+def _tilted(model: RecordingModel, head: str, by_rad: float) -> RecordingModel:
+    settings = model.head_settings[head]
+    tilted = settings.model_copy(update={"tilt_deg": settings.tilt_deg + math.degrees(by_rad)})
+    return model.with_heads({**model.head_settings, head: tilted})
+
+
+def _scaled(model: RecordingModel, head: str, by: float) -> RecordingModel:
+    runs = [
+        replace(run, lasers_m={name: _times(a, 1.0 - by) if name == head else a for name, a in run.lasers_m.items()})
+        for run in model.runs
+    ]
+    return model.with_runs(runs)
+
+
+def _times(amplitudes: Any, factor: float) -> Any:
+    return replace(amplitudes, value=amplitudes.value * factor)
+
+
+def _cube(axis: AxisResult, uncertainties: Uncertainties) -> list[_Input]:
+    """Faces that are not quite orthogonal: a component along one normal carries a part of another's."""
+    half_width_arcsec = uncertainties.get("cube", {}).get("orthogonality_arcsec", 0.0)
+    inputs = []
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        effect = np.zeros_like(axis.vectors)
+        effect[:, i] = 0.5 * axis.vectors[:, j]
+        effect[:, j] = 0.5 * axis.vectors[:, i]
+        name = f"cube faces {'xyz'[i]}{'xyz'[j]}"
+        inputs.append(
+            _Input(
+                Contribution.from_limits(name, 0.0, half_width_arcsec * ARCSEC, "rad", source="cube's specification"),
+                effect,
+            )
+        )
+    return inputs
+
+
+def _corrections(axis: AxisResult, fit: RecordingFit) -> list[_Input]:
+    """Effects in the model whose parameters are common to mountings: what their uncertainty does to the nulls."""
+    inputs = []
+    for name, wording in (("rho1", "roll correction"), *_resonances(axis, fit)):
+        if name not in fit.result.names:
+            continue
+        index, u = fit.model.index(name), fit.result.sigma(name)
+        moved = fit.result.covariance[:, index] / u**2
+        effect = np.array([_slopes(fit, null) @ moved for null in axis.nulls])
+        source = "covariance of the fit"
+        unit = fit.model.units[index]
+        inputs.append(_Input(Contribution(wording, 0.0, u, unit, type="A", source=source), effect))
+    return inputs
+
+
+def _resonances(axis: AxisResult, fit: RecordingFit) -> list[tuple[str, str]]:
+    return [
+        (name, f"resonance in {name.split(',')[1].rstrip(']')}")
+        for name in fit.result.names
+        if name.startswith(f"inv_w0_squared[{axis.name},")
+    ]
+
+
+def _guide(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) -> list[_Input]:
+    """Guide errors that look like a shift of the null: yaw times the sensor's lever, recoil of the bench."""
+    stage = uncertainties.get("stage", {})
+    shifts = []
+    if "yaw_rad_per_m" in stage:
+        lever_m = fit.model.package.lever_mm / MM_PER_M
+        shifts.append(("guide yaw times lever", stage["yaw_rad_per_m"] * lever_m))
+    if "recoil_rad_s2_per_m" in stage:
+        shifts.append(("bench recoil", stage["recoil_rad_s2_per_m"] * fit.model.g_m_s2))
+    effect = np.array([_theta0_slope(fit, null) for null in axis.nulls])
+    return [
+        _Input(Contribution(name, 0.0, u, "rad", source="certificate of the stage"), effect) for name, u in shifts
+    ]
+
+
+def _theta0_slope(fit: RecordingFit, null: NullPoint) -> FloatArray:
+    index = fit.model.index(f"theta0[{null.axis},{null.configuration},{null.mounting}]")
+    return _slopes(fit, null)[:, index]
+
+
+def _included(axis: AxisResult, uncertainties: Uncertainties) -> list[Included]:
+    """Parts of the scatter that are known by themselves."""
+    normal = axis.plane.normal
+    covariances = [null.vector_covariance for null in axis.nulls if null.vector_covariance is not None]
+    fitted = np.sqrt(np.mean([normal @ covariance @ normal for covariance in covariances]))
+    nulls = np.sqrt(np.mean([null.theta0_sigma_rad**2 for null in axis.nulls]))
+    resolution = uncertainties.get("rotation", {}).get("resolution_arcsec", 0.0) * ARCSEC / math.sqrt(12.0)
+    return [
+        Included("null search (noise of the accelerometer)", float(nulls)),
+        Included("null search and lasers together", float(fitted)),
+        Included("resolution of the rotation stage", resolution),
+    ]

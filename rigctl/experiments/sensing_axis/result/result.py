@@ -1,0 +1,132 @@
+"""The result of a campaign: sensing axes with their uncertainty, and the angles between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from rigctl.analysis.plane import PlaneFit, angle_between, fit_plane
+from rigctl.campaign.recording import RunSource
+from rigctl.core.errors import ProcedureError
+from rigctl.effects.catalogue import Effect
+from rigctl.experiments.sensing_axis.model.chain import FloatArray
+from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, fit_recording
+from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.observe.reduction import face_column, observables, reduce_run
+from rigctl.files.package import HeadSettings, Package
+
+
+@dataclass(frozen=True)
+class AxisResult:
+    """One sensing axis: its plane of null vectors, `vectors` of shape (n, 3) in the cube's frame."""
+
+    name: str
+    plane: PlaneFit
+    nulls: tuple[NullPoint, ...]
+    vectors: FloatArray
+    uoaf: FloatArray
+    requirement_arcsec: float
+
+    @property
+    def passed(self) -> bool:
+        """True when the half-cone deviation at 2 sigma is within the requirement."""
+        return self.plane.std_hc_2sigma_arcsec <= self.requirement_arcsec
+
+
+@dataclass(frozen=True)
+class SensingAxisResult:
+    """All axes of a campaign. `missing` says why an axis has no result."""
+
+    axes: Mapping[str, AxisResult]
+    missing: Mapping[str, str]
+    fit: RecordingFit
+
+    def as_json(self) -> dict[str, Any]:
+        """The keys of `rigctl result --json`."""
+        axes = {name: _axis_json(axis) for name, axis in self.axes.items()}
+        return {"axes": axes, "angles": self._angles(), "missing": dict(self.missing), "nulls": self._nulls()}
+
+    def _angles(self) -> dict[str, Any]:
+        angles = {}
+        for a, b in combinations(self.axes, 2):
+            angle = angle_between(self.axes[a].plane.axis, self.axes[b].plane.axis)
+            degrees = math.degrees(angle.rad)
+            angles[f"{a}{b}"] = {
+                "deg": degrees,
+                "offset_deg": abs(degrees - 90.0),
+                "sigma_deg": math.degrees(angle.sigma_rad),
+            }
+        return angles
+
+    def _nulls(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "axis": null.axis,
+                "configuration": null.configuration,
+                "mounting": null.mounting,
+                "theta0_deg": math.degrees(null.theta0_rad),
+                "theta0_sigma_arcsec": math.degrees(null.theta0_sigma_rad) * 3600.0,
+                "vector_coc": None if null.vector_coc is None else null.vector_coc.tolist(),
+            }
+            for null in self.fit.nulls()
+        ]
+
+
+def sensing_axes(
+    source: RunSource,
+    package: Package,
+    heads: Mapping[str, HeadSettings],
+    g_m_s2: float,
+    effects: Sequence[Effect],
+    *,
+    faces: Mapping[str, str] | None = None,
+) -> SensingAxisResult:
+    """Fit all valid runs of a recording and find the axes; `ProcedureError` when there are no runs.
+
+    `faces` are the cube faces heads look at, for runs that do not say so themselves.
+    """
+    known = {face_column(head): face for head, face in (faces or {}).items()}
+    records = source.runs(valid_only=True)
+    if not records:
+        raise ProcedureError("no valid runs yet: nothing to make a result of")
+    reduced = [reduce_run(r.run_id, {**known, **r.conditions}, source.samples(r.run_id)) for r in records]
+    runs = observables(reduced, harmonics=1)
+    fit = fit_recording(RecordingModel(runs, package, heads, g_m_s2, effects))
+    axes: dict[str, AxisResult] = {}
+    missing: dict[str, str] = {}
+    for name in dict.fromkeys(run.axis for run in runs):
+        try:
+            axes[name] = _axis(name, package, [null for null in fit.nulls() if null.axis == name])
+        except ProcedureError as error:
+            missing[name] = str(error)
+    return SensingAxisResult(axes, missing, fit)
+
+
+def _axis(name: str, package: Package, nulls: Sequence[NullPoint]) -> AxisResult:
+    usable = [null for null in nulls if null.vector_coc is not None]
+    vectors = np.array([null.vector_coc for null in usable]).reshape(-1, 3)
+    plane = fit_plane(vectors, package.axes[name].nominal_axis)
+    uoaf = np.asarray(package.uoaf_from_coc) @ plane.normal
+    return AxisResult(name, plane, tuple(usable), vectors, uoaf, package.requirement_arcsec)
+
+
+def _axis_json(axis: AxisResult) -> dict[str, Any]:
+    plane = axis.plane
+    cross = plane.normal_equations_axis
+    return {
+        "coc": plane.normal.tolist(),
+        "uoaf": axis.uoaf.tolist(),
+        "std_hc_2sigma_arcsec": plane.std_hc_2sigma_arcsec,
+        "theta_m_arcsec": plane.theta_m_arcsec,
+        "vectors": plane.vectors,
+        "covariance": plane.covariance.tolist(),
+        "dof": plane.dof,
+        "requirement_arcsec": axis.requirement_arcsec,
+        "pass": axis.passed,
+        "eq12": None if cross is None else cross.tolist(),
+    }

@@ -1,0 +1,229 @@
+"""Effects made from a column whose shape has a parameter that must be scanned: a period, a rate, a place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.table.model.forms import Choice, power, too_few
+from rigctl.experiments.table.observe.readings import Column
+
+# Neighbours on a grid lie so close that midway between them no more than 5 % of an effect's power is lost.
+_PHASE_STEP_RAD = 0.14
+_RATE_RATIO = 1.3
+_STEP_LOGIT = 0.05
+_ROWS_BESIDE_A_STEP = 3
+_SLOWEST_RATE, _FASTEST_RATE = 0.5, 1e3
+_MODEST_EXPONENT = 30.0
+_FAR_FROM_ZERO = 3.0
+
+
+@dataclass(frozen=True)
+class _OfColumn:
+    column: Column
+    kind: ClassVar[str]
+    scanned: ClassVar[str]
+    first: ClassVar[bool]
+    """Whether the scanned parameter is listed before the linear ones."""
+
+    @property
+    def id(self) -> str:
+        """As in commands."""
+        return f"{self.kind}[{self.column.name}]"
+
+    def parts(self, choice: Choice) -> list[FloatArray]:
+        """The basis in one piece."""
+        return [self.basis(choice)]
+
+    def basis(self, choice: Choice) -> FloatArray:
+        """See `Form`."""
+        raise NotImplementedError
+
+    def trivial(self) -> list[FloatArray]:
+        """A constant and a line."""
+        return [np.ones(self.column.values.size), self.column.values - self.column.middle]
+
+
+@dataclass(frozen=True)
+class Periodic(_OfColumn):
+    """cos and sin of 2 pi (C - origin) / period; the origin is 0 unless the column is far from it."""
+
+    kind = "periodic"
+    scanned = "period"
+    first = True
+
+    @property
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+        return f"Something repeats with {self.column.name}."
+
+    def untestable(self) -> str:
+        """Why not, or ""."""
+        return too_few(self.column, 5) if self.column.distinct.size < 5 else ""
+
+    def names(self) -> tuple[str, ...]:
+        """Two quadratures."""
+        return (".cos", ".sin")
+
+    def units(self, response: str) -> tuple[str, ...]:
+        """The response's."""
+        return (response, response)
+
+    def scanned_unit(self) -> str:
+        """The column's."""
+        return self.column.unit
+
+    def grid(self, points_max: int) -> FloatArray:
+        """Periods from twice the spacing to twice the span, equally spaced in frequency (as Lomb and Scargle)."""
+        column = self.column
+        low = 0.5 / column.span
+        high = max(column.fastest - 0.25 / column.span, 2.0 * low)
+        step = 2.0 * _PHASE_STEP_RAD / (2.0 * np.pi * column.spread)
+        points = min(int(np.ceil((high - low) / step)) + 1, points_max)
+        return np.asarray(1.0 / (low + step * np.arange(points)[::-1]))
+
+    def full_choice(self, value: float) -> dict[str, float]:
+        """Period and origin."""
+        middle = 0.5 * float(self.column.distinct[0] + self.column.distinct[-1])
+        return {"period": value, "origin": middle if abs(middle) > _FAR_FROM_ZERO * self.column.span else 0.0}
+
+    def basis(self, choice: Choice) -> FloatArray:
+        """Shape (n, 2)."""
+        phase = self._phase(choice)
+        return np.stack([np.cos(phase), np.sin(phase)], axis=1)
+
+    def slope(self, choice: Choice, linear: FloatArray) -> FloatArray:
+        """By the period."""
+        phase = self._phase(choice)
+        return np.asarray((linear[0] * np.sin(phase) - linear[1] * np.cos(phase)) * phase / choice["period"])
+
+    def _phase(self, choice: Choice) -> FloatArray:
+        return np.asarray(2.0 * np.pi * (self.column.values - choice["origin"]) / choice["period"])
+
+
+@dataclass(frozen=True)
+class Exponential(_OfColumn):
+    """p exp(rate (C - origin)); the origin is 0, or the end where it is largest when the numbers would be huge."""
+
+    kind = "exponential"
+    scanned = "rate"
+    first = False
+
+    @property
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+        return f"Something grows or dies out exponentially with {self.column.name}."
+
+    def untestable(self) -> str:
+        """Why not, or ""."""
+        return too_few(self.column, 4) if self.column.distinct.size < 4 else ""
+
+    def names(self) -> tuple[str, ...]:
+        """The size at the origin, named like the effect."""
+        return ("",)
+
+    def units(self, response: str) -> tuple[str, ...]:
+        """The response's."""
+        return (response,)
+
+    def scanned_unit(self) -> str:
+        """One over the column's."""
+        return power(self.column.unit, -1)
+
+    def grid(self, points_max: int) -> FloatArray:
+        """Rates of both signs, equally spaced in their logarithm, from half an e-fold in the span to one a row."""
+        span = self.column.span
+        fastest = min(max(span / self.column.spacing, 20.0), _FASTEST_RATE)
+        count = int(np.ceil(np.log(fastest / _SLOWEST_RATE) / np.log(_RATE_RATIO))) + 1
+        rates = np.geomspace(_SLOWEST_RATE, fastest, min(count, max(points_max // 2, 2))) / span
+        return np.concatenate([-rates[::-1], rates])
+
+    def full_choice(self, value: float) -> dict[str, float]:
+        """Rate and origin."""
+        low, high = float(self.column.distinct[0]), float(self.column.distinct[-1])
+        huge = abs(value) * max(abs(low), abs(high)) > _MODEST_EXPONENT
+        return {"rate": value, "origin": (high if value > 0.0 else low) if huge else 0.0}
+
+    def basis(self, choice: Choice) -> FloatArray:
+        """Shape (n, 1)."""
+        return np.asarray(np.exp(choice["rate"] * (self.column.values - choice["origin"])))[:, None]
+
+    def slope(self, choice: Choice, linear: FloatArray) -> FloatArray:
+        """By the rate."""
+        return np.asarray(linear[0] * (self.column.values - choice["origin"]) * self.basis(choice)[:, 0])
+
+
+@dataclass(frozen=True)
+class Step(_OfColumn):
+    """p where C is past `at`, nothing before."""
+
+    kind = "step"
+    scanned = "at"
+    first = False
+
+    @property
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+        return f"Something changes abruptly at a value of {self.column.name}."
+
+    def untestable(self) -> str:
+        """Why not, or ""."""
+        if not self._places().size:
+            return f"{self.column.name} has nowhere {_ROWS_BESIDE_A_STEP} readings on either side of a step"
+        return ""
+
+    def names(self) -> tuple[str, ...]:
+        """Its height, named like the effect."""
+        return ("",)
+
+    def units(self, response: str) -> tuple[str, ...]:
+        """The response's."""
+        return (response,)
+
+    def scanned_unit(self) -> str:
+        """The column's."""
+        return self.column.unit
+
+    def grid(self, points_max: int) -> FloatArray:
+        """Places between neighbouring values, thinned where neighbours are told apart by nothing."""
+        places = self._places()
+        below = np.searchsorted(np.sort(self.column.values), places)
+        logit = np.log(below / (self.column.values.size - below))
+        kept, last = [], -np.inf
+        step = max(_STEP_LOGIT, (logit[-1] - logit[0]) / points_max if points_max > 1 else np.inf)
+        for place, level in zip(places, logit, strict=True):
+            if level - last >= step:
+                kept.append(place)
+                last = level
+        return np.array(kept)
+
+    def full_choice(self, value: float) -> dict[str, float]:
+        """The place."""
+        return {"at": value}
+
+    def basis(self, choice: Choice) -> FloatArray:
+        """Shape (n, 1)."""
+        return (self.column.values > choice["at"]).astype(np.float64)[:, None]
+
+    def slope(self, choice: Choice, linear: FloatArray) -> FloatArray:
+        """None: it is held."""
+        del choice, linear
+        return np.zeros(self.column.values.size)
+
+    def places(self, low: float, high: float) -> FloatArray:
+        """Every place between two values where a step can be told from any other."""
+        found = self._places()
+        return np.asarray(found[(found > low) & (found < high)])
+
+    def _places(self) -> FloatArray:
+        values = np.sort(self.column.values)
+        below = np.arange(_ROWS_BESIDE_A_STEP, values.size - _ROWS_BESIDE_A_STEP + 1)
+        below = below[values[below - 1] < values[below]] if below.size else below
+        return np.asarray(0.5 * (values[below - 1] + values[below]))
+
+
+Scanned = Periodic | Exponential | Step
+"""The scanned forms; of a `Step` the place is held where it was found."""

@@ -1,0 +1,205 @@
+"""Where a fit of a table starts: what is linear is solved, what is not is searched for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from rigctl.analysis.decomposition import svd
+from rigctl.analysis.least_squares import FitResult, Parameter
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.table.model.descent import descend
+from rigctl.experiments.table.model.scanned import Scanned, Step
+from rigctl.experiments.table.observe.expression import refuse_undefined
+from rigctl.experiments.table.observe.readings import Readings
+
+POINTS_MAX = 1500
+"""The longest grid of a scan."""
+
+_DRAWS, _TRIED = 400, 8
+_RANK = 1e-13
+_HUGE = 1e100
+
+
+class TooLarge(DataError, np.linalg.LinAlgError):
+    """Terms, or parameters, that are no numbers in 64 bits: a search goes on elsewhere."""
+
+
+def solve(design: FloatArray, target: FloatArray) -> FloatArray:
+    """Least squares with columns brought to one size and one step of refinement; shape (m,). Raises `TooLarge`."""
+    norms = _sizes(design)
+    if np.isfinite(norms).all() and np.isfinite(target).all():
+        scale = np.where(norms > 0.0, norms, 1.0)
+        scaled = np.where(norms > 0.0, design / scale, 0.0)
+        first = np.linalg.lstsq(scaled, target, rcond=_RANK)[0]
+        with np.errstate(over="ignore"):
+            found = (first + np.linalg.lstsq(scaled, target - scaled @ first, rcond=_RANK)[0]) / scale
+        if np.isfinite(found).all():
+            return np.asarray(found)
+    raise TooLarge(
+        "the baseline's terms are too large or too small to be fitted to this response:"
+        " write the columns in other units, or mend the expression"
+    )
+
+
+def _sizes(design: FloatArray) -> FloatArray:
+    """The norms of the columns, whose squares may be no numbers; 0 for one that is nothing, inf where it is one."""
+    peaks = np.abs(design).max(axis=0, initial=0.0)
+    known = np.isfinite(peaks) & (peaks > np.finfo(float).tiny)
+    norms = np.where(np.isfinite(peaks), 0.0, np.inf)
+    with np.errstate(over="ignore"):
+        norms[known] = peaks[known] * np.linalg.norm(design[:, known] / peaks[known], axis=0)
+    return norms
+
+
+def span_of(design: FloatArray) -> FloatArray:
+    """An orthonormal basis of what the columns span, (n, rank)."""
+    norms = np.linalg.norm(design, axis=0)
+    design = design[:, norms > 0.0] / norms[norms > 0.0]
+    if not design.shape[1]:
+        return design
+    left, sizes, _ = svd(design)
+    return np.asarray(left[:, sizes > _RANK * sizes[0]])
+
+
+def baseline_start(readings: Readings) -> FloatArray:
+    """Values of the baseline's parameters where a fit of it alone ends, or as near as is known; shape (m,).
+
+    `DataError` when start values are missing and none can be found, or a value is undefined at those given.
+    """
+    expression, given = readings.expression, readings.spec.start
+    curved = [name for name in expression.parameters if name not in expression.linear_in()]
+    missing = [name for name in curved if name not in given]
+    _refuse_idle(readings)
+    if not curved:
+        return _linear_part(readings, {})
+    if missing:
+        return _searched(readings, missing)
+    asked = {name: given.get(name, 0.0) for name in expression.parameters}
+    starts = [] if any(name not in given for name in expression.parameters) else [_array(readings, asked)]
+    solved = _linear_part(readings, {name: given[name] for name in curved})
+    starts += [solved] if np.isfinite(_misfit(readings, solved)) else []
+    starts = [start for start in starts if np.isfinite(_misfit(readings, start))]
+    if not starts:
+        refuse_undefined(expression, readings.numbers, asked, readings.labels)
+    fits = [fit for start in starts if (fit := _fitted(readings, start))]
+    if fits:
+        return min(fits, key=lambda fit: fit.chi2).values
+    return min(starts, key=lambda start: _misfit(readings, start))
+
+
+def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | None) -> float:
+    """The scanned value that, with its linear parameters, leaves least of `residual` beside the columns `held`.
+
+    From `near` to its neighbours on the grid, or over the whole grid; all arrays whitened over n rows.
+    """
+    space = span_of(held)
+    left = residual - space @ (space.T @ residual)
+
+    def misfit(value: float) -> float:
+        basis = form.basis(form.full_choice(float(value)))
+        basis = basis - space @ (space.T @ basis)
+        own = span_of(basis)
+        return float(left @ left - np.sum((own.T @ left) ** 2))
+
+    grid = form.grid(POINTS_MAX)
+    start = near if near is not None else float(min(grid, key=misfit))
+    low = float(grid[grid < start].max(initial=-np.inf))
+    high = float(grid[grid > start].min(initial=np.inf))
+    if isinstance(form, Step):
+        found = form.places(low, high)
+        return float(min(found, key=misfit)) if found.size else start
+    low, high = (edge if np.isfinite(edge) else start * factor for edge, factor in ((low, 0.8), (high, 1.25)))
+    best = minimize_scalar(
+        misfit, bounds=(min(low, high), max(low, high)), method="bounded", options={"xatol": 1e-6 * abs(start)}
+    )
+    return float(best.x) if best.fun <= misfit(start) else start
+
+
+def _array(readings: Readings, values: Mapping[str, float]) -> FloatArray:
+    return np.array([values[name] for name in readings.expression.parameters])
+
+
+def _misfit(readings: Readings, values: FloatArray) -> float:
+    with np.errstate(all="ignore"):
+        left = _residuals(readings, values)
+        return float(left @ left)
+
+
+def _residuals(readings: Readings, values: FloatArray) -> FloatArray:
+    given = dict(zip(readings.expression.parameters, values, strict=True))
+    predicted = readings.expression.evaluate(readings.numbers, given)[0]
+    return np.asarray((readings.response.values - predicted) / readings.sigma)
+
+
+def _linear_part(readings: Readings, curved: Mapping[str, float]) -> FloatArray:
+    """All parameters, the linear ones solved for; `curved` gives the others. NaN where that is undefined."""
+    expression = readings.expression
+    linear = [name for name in expression.parameters if name not in curved]
+    origin = {**dict.fromkeys(linear, 0.0), **curved}
+    value, slopes = expression.evaluate(readings.numbers, origin)
+    which = [expression.parameters.index(name) for name in linear]
+    design, target = slopes[:, which], readings.response.values - value
+    # NaN compares as false: what is undefined is no better than what is beyond all bounds.
+    if not (np.abs(design) < _HUGE).all() or not (np.abs(target) < _HUGE).all():
+        if not curved:
+            refuse_undefined(expression, readings.numbers, {}, readings.labels)
+        return np.full(len(expression.parameters), np.nan)
+    found = solve(design / readings.sigma[:, None], target / readings.sigma) if linear else np.zeros(0)
+    return _array(readings, {**origin, **dict(zip(linear, found, strict=True))})
+
+
+def _fitted(readings: Readings, start: FloatArray) -> FitResult | None:
+    """The baseline fitted from `start`, as far as that gets; None when it goes nowhere."""
+    expression = readings.expression
+
+    def jacobian(values: FloatArray) -> FloatArray:
+        given = dict(zip(expression.parameters, values, strict=True))
+        return np.asarray(-expression.evaluate(readings.numbers, given)[1] / readings.sigma[:, None])
+
+    parameters = [Parameter(name, float(x)) for name, x in zip(expression.parameters, start, strict=True)]
+    return descend(lambda values: _residuals(readings, values), jacobian, parameters)
+
+
+def _searched(readings: Readings, missing: list[str]) -> FloatArray:
+    """Start values drawn over many orders of magnitude, the best of them fitted."""
+    rng = np.random.default_rng(0)
+    known = {name: readings.spec.start[name] for name in readings.spec.start if name not in missing}
+    curved = [name for name in readings.expression.parameters if name not in readings.expression.linear_in()]
+    sizes = [float(np.abs(readings.numbers[name]).max()) or 1.0 for name in readings.expression.columns]
+    scales = np.array([1.0, *sizes, *(1.0 / size for size in sizes), *(1.0 / size**2 for size in sizes)])
+    drawn = []
+    for _ in range(_DRAWS):
+        size = rng.choice(scales, len(missing)) * 10.0 ** rng.uniform(-1.5, 1.5, len(missing))
+        sign = rng.choice([-1.0, 1.0], len(missing))
+        values = {**known, **dict(zip(missing, size * sign, strict=True))}
+        start = _linear_part(readings, {name: values[name] for name in curved})
+        drawn.append((_misfit(readings, start), start))
+    drawn = sorted((each for each in drawn if np.isfinite(each[0])), key=lambda each: each[0])
+    fits = [fit for _, start in drawn[:_TRIED] if (fit := _fitted(readings, start)) and fit.verdict == "converged"]
+    if not fits:
+        raise DataError(
+            "recording.toml, [table] start: the baseline is not linear in "
+            f"{', '.join(missing)}, and no start values could be found for it; give them in start = {{ ... }}"
+        )
+    return min(fits, key=lambda fit: fit.chi2).values
+
+
+def _refuse_idle(readings: Readings) -> None:
+    """`DataError` for a parameter that changes nothing, whatever the others are."""
+    expression = readings.expression
+    rng = np.random.default_rng(1)
+    moved = np.zeros(len(expression.parameters), dtype=bool)
+    for _ in range(8):
+        values = dict(zip(expression.parameters, rng.uniform(0.1, 1.0, moved.size), strict=True))
+        slopes = expression.evaluate(readings.numbers, values)[1]
+        moved |= (~np.isfinite(slopes) | (slopes != 0.0)).any(axis=0)
+    for name, moves in zip(expression.parameters, moved, strict=True):
+        if not moves:
+            raise DataError(
+                f"recording.toml, [table] baseline: parameter {name} drops out, the response does not depend on it;"
+                " leave it out, or mend the expression"
+            )

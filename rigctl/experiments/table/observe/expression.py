@@ -1,0 +1,249 @@
+"""What a baseline expression says of the columns: its values, and their derivatives by its parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.table.observe.syntax import (
+    Binary,
+    Call,
+    Name,
+    Negative,
+    Node,
+    Number,
+    flaw,
+    leaves,
+    names,
+    parse,
+)
+from rigctl.workbench.study import IntArray
+
+_Columns = Mapping[str, FloatArray]
+_Values = Mapping[str, float]
+_Dual = tuple[FloatArray, dict[str, FloatArray]]
+"""Values over the rows, and their derivatives by each parameter they depend on."""
+
+
+@dataclass(frozen=True)
+class Undefined:
+    """An operation without a finite result: at which character, in words, and in which rows (indices)."""
+
+    at: int
+    what: str
+    rows: IntArray
+
+
+@dataclass(frozen=True)
+class Expression:
+    """An expression over columns; a name that is no column is a parameter."""
+
+    tree: Node
+    columns: tuple[str, ...]
+    parameters: tuple[str, ...]
+
+    @classmethod
+    def read(cls, text: str, columns: Collection[str]) -> Expression:
+        """Parse `text` over these columns; `DataError` with the character and the mend."""
+        tree = parse(text)
+        found = names(tree)
+        return cls(
+            tree,
+            tuple(name for name in found if name in columns),
+            tuple(name for name in found if name not in columns),
+        )
+
+    def position(self, name: str) -> int:
+        """The character, from 0, where a name stands first."""
+        return next(leaf.at for leaf in leaves(self.tree) if leaf.name == name)
+
+    def evaluate(self, columns: _Columns, values: _Values) -> tuple[FloatArray, FloatArray]:
+        """Values, shape (n,), and derivatives by `parameters`, (n, m); NaN or infinite where undefined."""
+        rows = _rows(self.columns, columns)
+        with np.errstate(all="ignore"):
+            value, slopes = _dual(self.tree, columns, values, rows)
+        none = np.zeros(rows)
+        derivative = [np.broadcast_to(slopes.get(name, none), rows) for name in self.parameters]
+        matrix = np.stack(derivative, axis=1) if derivative else np.zeros((rows, 0))
+        return np.broadcast_to(value, rows).copy(), matrix
+
+    def linear_in(self) -> tuple[str, ...]:
+        """Parameters that, the others held, the expression is linear in all together; the longest found in order."""
+        found: list[str] = []
+        for name in self.parameters:
+            if _degree(self.tree, {*found, name}) <= 1:
+                found.append(name)
+        return tuple(found)
+
+    def undefined(self, columns: _Columns, values: _Values) -> Undefined | None:
+        """The innermost operation without a finite result in some row; None if there is none."""
+        rows = _rows(self.columns, columns)
+        with np.errstate(all="ignore"):
+            return _undefined(self.tree, columns, values, rows)
+
+
+def refuse_undefined(expression: Expression, columns: _Columns, values: _Values, labels: Sequence[str]) -> None:
+    """`DataError` when the expression has no finite value in some row; `labels` name the rows."""
+    found = expression.undefined(columns, values)
+    if found is None:
+        return
+    shown = ", ".join(labels[int(i)] for i in found.rows[:3])
+    more = f" and {len(found.rows) - 3} more" if len(found.rows) > 3 else ""
+    touched = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+    given = f" (with {touched})" if touched else ""
+    raise flaw(
+        found.at, f"{found.what} in {shown}{more}{given}; mend the readings, the expression or its start values"
+    )
+
+
+_VALUE: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "exp": np.exp,
+    "log": np.log,
+    "sqrt": np.sqrt,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+}
+_SLOPE: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
+    "exp": lambda _, value: value,
+    "log": lambda x, _: 1.0 / x,
+    "sqrt": lambda _, value: 0.5 / value,
+    "sin": lambda x, _: np.cos(x),
+    "cos": lambda x, _: -np.sin(x),
+    "tan": lambda _, value: 1.0 + value**2,
+}
+
+
+def _rows(used: tuple[str, ...], columns: Mapping[str, FloatArray]) -> int:
+    first = next(iter(columns.values()), np.zeros(1))
+    return int(columns[used[0]].size if used else first.size)
+
+
+def _dual(node: Node, columns: _Columns, values: _Values, rows: int) -> _Dual:
+    match node:
+        case Number(number):
+            return np.full(rows, number), {}
+        case Name(name):
+            return _leaf(name, columns, values, rows)
+        case Negative(operand):
+            value, slopes = _dual(operand, columns, values, rows)
+            return -value, {name: -slope for name, slope in slopes.items()}
+        case Call(function, argument):
+            return _called(function, _dual(argument, columns, values, rows))
+        case Binary(sign, left, right):
+            return _combined(sign, _dual(left, columns, values, rows), _dual(right, columns, values, rows))
+
+
+def _leaf(name: str, columns: _Columns, values: _Values, rows: int) -> _Dual:
+    if name in columns:
+        return columns[name], {}
+    if name in values:
+        return np.full(rows, values[name]), {name: np.ones(rows)}
+    return np.full(rows, math.pi), {}
+
+
+def _called(function: str, argument: _Dual) -> _Dual:
+    x, slopes = argument
+    value = _VALUE[function](x)
+    factor = _SLOPE[function](x, value)
+    return value, {name: factor * slope for name, slope in slopes.items()}
+
+
+def _combined(sign: str, left: _Dual, right: _Dual) -> _Dual:
+    (a, da), (b, db) = left, right
+    match sign:
+        case "+":
+            return a + b, _mixed(da, 1.0, db, 1.0)
+        case "-":
+            return a - b, _mixed(da, 1.0, db, -1.0)
+        case "*":
+            return a * b, _mixed(da, b, db, a)
+        case "/":
+            return a / b, _mixed(da, 1.0 / b, db, -a / b**2)
+        case _:
+            value = np.power(a, b)
+            by_base = np.where(b == 0.0, 0.0, b * np.power(a, b - 1.0))
+            by_exponent = np.where((a == 0.0) & (b > 0.0), 0.0, value * np.log(a))
+            return value, _mixed(da, by_base, db, by_exponent)
+
+
+def _mixed(
+    da: dict[str, FloatArray], by_a: FloatArray | float, db: dict[str, FloatArray], by_b: FloatArray | float
+) -> dict[str, FloatArray]:
+    slopes = {name: by_a * slope for name, slope in da.items()}
+    for name, slope in db.items():
+        slopes[name] = slopes[name] + by_b * slope if name in slopes else by_b * slope
+    return slopes
+
+
+_NONLINEAR = 2
+
+
+def _degree(node: Node, variables: Collection[str]) -> int:
+    """Degree of a tree in `variables` taken together: 0, 1, or 2 for anything that is not linear."""
+    match node:
+        case Number():
+            return 0
+        case Name(name):
+            return int(name in variables)
+        case Negative(operand):
+            return _degree(operand, variables)
+        case Call(_, argument):
+            return _NONLINEAR if _degree(argument, variables) else 0
+        case Binary(sign, left, right):
+            a, b = _degree(left, variables), _degree(right, variables)
+            if sign in {"+", "-"}:
+                return max(a, b)
+            if sign == "*":
+                return min(a + b, _NONLINEAR)
+            if b:
+                return _NONLINEAR
+            return a if sign == "/" or not a or right == Number(1.0) else _NONLINEAR
+
+
+def _undefined(node: Node, columns: _Columns, values: _Values, rows: int) -> Undefined | None:
+    parts = _parts(node)
+    for part in parts:
+        if found := _undefined(part, columns, values, rows):
+            return found
+    value, slopes = _dual(node, columns, values, rows)
+    bad = np.flatnonzero(~np.isfinite(value))
+    if bad.size:
+        of = [float(_dual(part, columns, values, rows)[0][bad[0]]) for part in parts]
+        return Undefined(node.at, _trouble(node, of), bad)
+    steep = ~np.isfinite(sum(slopes.values(), np.zeros(rows)))
+    if steep.any():
+        return Undefined(node.at, "the derivative by a parameter is infinite", np.flatnonzero(steep))
+    return None
+
+
+def _parts(node: Node) -> tuple[Node, ...]:
+    match node:
+        case Negative(operand):
+            return (operand,)
+        case Call(_, argument):
+            return (argument,)
+        case Binary(_, left, right):
+            return (left, right)
+        case _:
+            return ()
+
+
+def _trouble(node: Node, of: list[float]) -> str:
+    match node:
+        case Call(("log" | "sqrt") as function, _) if of[0] <= 0.0:
+            return f"{function} of {'zero' if of[0] == 0.0 else 'a negative number'}"
+        case Binary("/", _, _) if of[1] == 0.0:
+            return "division by zero"
+        case Binary("**", _, _) if of[0] < 0.0:
+            return "power of a negative number"
+        case Binary("**", _, _) if of[0] == 0.0:
+            return "negative power of zero"
+        case Name():
+            return "a value is missing"
+        case _:
+            return "the result is too large"

@@ -1,0 +1,248 @@
+"""The readings of a `table` recording: columns over the rows that can be used, and what is asked of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.campaign.recording import READINGS, Header, RunSource, TableSpec
+from rigctl.core.errors import DataError
+from rigctl.core.interfaces import FloatArray
+from rigctl.core.numbers import MAGNITUDE_MAX, measurable
+from rigctl.core.units import unit_of_column
+from rigctl.experiments.table.observe.expression import Expression
+from rigctl.experiments.table.observe.syntax import CONSTANTS, flaw
+from rigctl.workbench.study import IntArray
+
+TextArray = NDArray[np.str_]
+
+_WINDOW_POINTS = 10_000_000
+_DARK, _BRIGHT = 0.25, 0.5
+_ENOUGH_IN_A_CLUSTER = 8
+_FINE = 1e-4
+BLOCKS_MAX = 7
+STRETCHES_MAX = 6
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of numbers, shape (n,); NaN where a value is missing."""
+
+    name: str
+    values: FloatArray
+    unit: str
+
+    @cached_property
+    def distinct(self) -> FloatArray:
+        """Its different values, rising."""
+        return np.unique(self.values)
+
+    @property
+    def span(self) -> float:
+        """From its smallest to its largest value."""
+        return float(self.distinct[-1] - self.distinct[0])
+
+    @property
+    def middle(self) -> float:
+        """Its mean."""
+        return float(self.values.mean())
+
+    @property
+    def spacing(self) -> float:
+        """Median distance of neighbours among its different values."""
+        return float(np.median(np.diff(self.distinct)))
+
+    @cached_property
+    def spread(self) -> float:
+        """Its standard deviation."""
+        return float(self.values.std())
+
+    @cached_property
+    def fastest(self) -> float:
+        """The highest frequency that these values can tell from a slow one.
+
+        Half of one over the spacing; where the values stand in few and small clusters, half of one over the distance
+        of the clusters, which the spectral window shows.
+        """
+        limit = 0.5 / self.spacing
+        step = 0.25 / self.span
+        count = min(int(2.0 * limit / step), _WINDOW_POINTS // self.values.size)
+        frequencies = step * np.arange(1, count + 1)
+        window = np.abs(np.exp(2j * np.pi * np.outer(frequencies, self.values - self.middle)).mean(axis=1)) ** 2
+        past = np.flatnonzero(window < _DARK)
+        bright = np.flatnonzero(window > _BRIGHT)
+        alias = bright[bright > past[0]] if past.size else bright
+        if not alias.size:
+            return limit
+        sampling = float(frequencies[alias[0]])
+        crowded = self.distinct.size > _ENOUGH_IN_A_CLUSTER * (self.span * sampling + 1.0)
+        return limit if crowded else min(limit, 0.5 * sampling)
+
+
+@dataclass(frozen=True)
+class Category:
+    """A column of words, shape (n,); "" where one is missing."""
+
+    name: str
+    values: TextArray
+
+    @cached_property
+    def levels(self) -> tuple[str, ...]:
+        """Its different words, in alphabetical order."""
+        return tuple(str(level) for level in np.unique(self.values) if level)
+
+    @cached_property
+    def counts(self) -> tuple[int, ...]:
+        """Readings at each level."""
+        return tuple(int(np.sum(self.values == level)) for level in self.levels)
+
+    @cached_property
+    def codes(self) -> FloatArray:
+        """The place of each reading's word among the levels, shape (n,); NaN where it is missing."""
+        places = {level: float(place) for place, level in enumerate(self.levels)}
+        return np.array([places.get(str(value), np.nan) for value in self.values])
+
+    @property
+    def names_groups(self) -> bool:
+        """Whether its words are levels of something, and not a remark or a number for each reading."""
+        return 1 < len(self.levels) <= self.values.size // 2
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Rows with a response and all that the baseline needs; n of them, `labels` say which ("row 7")."""
+
+    spec: TableSpec
+    response: Column
+    columns: dict[str, Column]
+    categories: dict[str, Category]
+    expression: Expression
+    labels: tuple[str, ...]
+    sigma: FloatArray
+    """One for all: what the recorder believed, else a guess. Its size is found from the scatter."""
+    block_of: IntArray
+
+    @property
+    def numbers(self) -> dict[str, FloatArray]:
+        """Every numeric column but the response, by name."""
+        return {name: column.values for name, column in self.columns.items()}
+
+    @property
+    def given(self) -> dict[str, FloatArray | TextArray]:
+        """Every column but the response, by name: numbers and words."""
+        return {**self.numbers, **{name: category.values for name, category in self.categories.items()}}
+
+    @property
+    def order(self) -> Column | None:
+        """The column that orders the readings; None when they are in no order that means anything."""
+        return self.columns[self.spec.order] if self.spec.order else None
+
+
+def read(source: RunSource) -> Readings:
+    """The readings of a recording; `DataError` for a question they cannot be asked."""
+    header, spec = source.header, source.header.table
+    if spec is None:
+        raise DataError(f"the recording is of {header.experiment}, not a table: it has no [table] to fit")
+    samples = source.samples(READINGS)
+    texts = next(record for record in source.runs() if record.run_id == READINGS).conditions
+    if spec.response not in samples:
+        raise DataError(f"readings.csv has no column {spec.response} of numbers, which [table] response names")
+    _require_measurable(samples)
+    expression = _expression(spec, set(samples), set(texts))
+    kept = _usable(samples, expression, spec)
+    rows = np.flatnonzero(kept)
+    if rows.size == 0:
+        raise DataError("readings.csv: no row has a response and all that the baseline needs; fill in the gaps")
+    columns = {
+        name: Column(name, values[rows].astype(np.float64), _unit(header, name)) for name, values in samples.items()
+    }
+    response = columns.pop(spec.response)
+    if rows.size > 1 and not response.spread > np.finfo(float).tiny:
+        raise DataError(
+            f"readings.csv: column {spec.response} is the same in every row; name a response that changes, or write"
+            " it with more digits or in a smaller unit"
+        )
+    categories = {name: Category(name, np.array(text, dtype=np.str_)[rows]) for name, text in texts.items()}
+    return Readings(
+        spec,
+        response,
+        columns,
+        categories,
+        expression,
+        tuple(f"row {i + 1}" for i in rows),
+        np.full(rows.size, _weight(header, response)),
+        _blocks(spec, columns, categories, rows.size),
+    )
+
+
+def _require_measurable(samples: dict[str, FloatArray]) -> None:
+    """`DataError` for a number that is infinite, or whose powers are: a fit would drop it, or break on it."""
+    for name, values in samples.items():
+        if not measurable(values):
+            row = int(np.argmax(np.abs(np.nan_to_num(values, nan=0.0)) > MAGNITUDE_MAX))
+            raise DataError(
+                f"readings.csv, row {row + 1}: column {name} holds {values[row]:g}, which nobody can have measured;"
+                " mend it, or leave a missing value empty"
+            )
+
+
+def _expression(spec: TableSpec, numeric: set[str], texts: set[str]) -> Expression:
+    expression = Expression.read(spec.baseline, numeric)
+    for name in CONSTANTS:
+        if name in numeric:
+            raise DataError(f"readings.csv: column {name} has the name of a constant; rename the column")
+    for name in expression.columns + expression.parameters:
+        if name == spec.response:
+            raise flaw(expression.position(name), f"{name} is the response; it cannot stand on the right side too")
+        if name in texts:
+            raise flaw(expression.position(name), f"column {name} holds text; use a column of numbers")
+    if not expression.parameters:
+        raise flaw(0, "no parameter to fit; write one, such as b0, a name that is no column")
+    for name in spec.start:
+        if name not in expression.parameters:
+            raise DataError(
+                f"recording.toml, [table] start: {name} is no parameter of the baseline;"
+                f" its parameters are {', '.join(expression.parameters)}"
+            )
+    return expression
+
+
+def _usable(samples: dict[str, FloatArray], expression: Expression, spec: TableSpec) -> IntArray:
+    needed = [spec.response, *expression.columns, *([spec.order] if spec.order else [])]
+    return np.asarray(np.isfinite([samples[name] for name in needed]).all(axis=0))
+
+
+def _unit(header: Header, name: str) -> str:
+    declared = header.channels.get(name)
+    return declared.unit if declared and declared.unit else unit_of_column(name)
+
+
+def declares_noise(header: Header, response: str) -> bool:
+    """Whether the recorder believed something of the response's noise."""
+    declared = header.channels.get(response)
+    return bool(declared and declared.noise_rms)
+
+
+def _weight(header: Header, response: Column) -> float:
+    declared = header.channels.get(response.name)
+    believed = declared.noise_rms if declared else None
+    return believed or _FINE * response.spread or 1.0
+
+
+def _blocks(spec: TableSpec, columns: dict[str, Column], categories: dict[str, Category], rows: int) -> IntArray:
+    if spec.block is not None:
+        named = categories[spec.block] if spec.block in categories else columns[spec.block]
+        blocks = np.unique(named.values, return_inverse=True)[1]
+        if blocks.max() == 0:
+            raise DataError(
+                f"readings.csv: column {spec.block} holds one value only, but [table] block needs two blocks or more;"
+                " name another column, or leave block out"
+            )
+        return np.asarray(blocks, dtype=np.intp)
+    if spec.order is not None:
+        place = np.argsort(np.argsort(columns[spec.order].values, kind="stable"), kind="stable")
+        return np.asarray(place * min(STRETCHES_MAX, max(rows // 2, 1)) // rows, dtype=np.intp)
+    return np.asarray(np.arange(rows) % min(BLOCKS_MAX, max(rows // 2, 1)), dtype=np.intp)

@@ -1,0 +1,1 @@
+"""Files an operator writes: rig and campaign files, read strictly."""

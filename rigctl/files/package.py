@@ -1,0 +1,162 @@
+"""The accelerometer package under test, as the rig file describes it: axes, frames, mountings, heads.
+
+Frames (right-handed): lab L, x along the linear stage, z up; turntable T, v_L = Rz(theta) v_T; cube C,
+v_T = R(delta) M v_C with M the nominal matrix of (axis, configuration); U the host's cube, v_U = R_UC v_C.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from rigctl.core.file_tables import Table
+
+FloatArray = NDArray[np.float64]
+
+Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+Face = Literal["x", "y", "z", "-x", "-y", "-z"]
+CubeAxis = Literal["X", "Y", "Z"]
+
+CYCLIC: dict[str, tuple[int, int, int]] = {"X": (0, 1, 2), "Y": (1, 2, 0), "Z": (2, 0, 1)}
+"""The cube axes i, j, k of each measured axis: the cyclic order that starts with it."""
+
+
+def unit_vector(direction: str) -> FloatArray:
+    """The unit vector of a name such as '+x', 'x' or '-z'."""
+    vector = np.zeros(3)
+    vector["xyz".index(direction[-1])] = -1.0 if direction.startswith("-") else 1.0
+    return vector
+
+
+class SensorSettings(Table):
+    """What is known beforehand of a sensor in one configuration; `u_` are relative standard uncertainties."""
+
+    gain_v_per_m_s2: Annotated[float, Field(gt=0)]
+    frequency_hz: Annotated[float, Field(ge=1e-3, le=1e6)]
+    q: Annotated[float, Field(gt=0)]
+    u_gain: Annotated[float, Field(gt=0)] = 0.01
+    u_frequency: Annotated[float, Field(gt=0)] = 0.02
+    u_q: Annotated[float, Field(gt=0)] = 0.3
+
+    @property
+    def inv_w0_squared(self) -> float:
+        """1 / w0^2 [s2]."""
+        return (2.0 * math.pi * self.frequency_hz) ** -2
+
+    @property
+    def damping(self) -> float:
+        """1 / (w0 Q) [s]."""
+        return 1.0 / (2.0 * math.pi * self.frequency_hz * self.q)
+
+    @property
+    def ring_down_s(self) -> float:
+        """Time in which a free oscillation falls by a factor e."""
+        return self.q / (math.pi * self.frequency_hz)
+
+
+class AxisSettings(Table):
+    """One sensor of the package."""
+
+    cube_axis: CubeAxis
+    nominal: tuple[float, float, float]
+    sensor: dict[str, SensorSettings]
+
+    @property
+    def nominal_axis(self) -> FloatArray:
+        """Unit vector of the nominal sensing axis in C."""
+        vector = np.asarray(self.nominal, dtype=np.float64)
+        return vector / np.linalg.norm(vector)
+
+
+class ConfigurationSettings(Table):
+    """Where the cube axes i, j, k of the measured axis point on the turntable."""
+
+    i: Direction
+    j: Direction
+    k: Direction
+
+    @model_validator(mode="after")
+    def _is_a_rotation(self) -> ConfigurationSettings:
+        if not np.isclose(np.linalg.det(self._columns()), 1.0):
+            raise ValueError(f"i = {self.i}, j = {self.j}, k = {self.k} is no right-handed triad")
+        return self
+
+    def _columns(self) -> FloatArray:
+        return np.stack([unit_vector(self.i), unit_vector(self.j), unit_vector(self.k)], axis=1)
+
+    def turntable_from_cube(self, cube_axis: str) -> FloatArray:
+        """Nominal M: v_T = M v_C, with i, j, k the cyclic order starting at `cube_axis`."""
+        matrix = np.zeros((3, 3))
+        matrix[:, list(CYCLIC[cube_axis])] = self._columns()
+        return matrix
+
+
+class HeadSettings(Table):
+    """A displacement head: where it stands in the lab, and how far its beam is tilted on purpose.
+
+    `u_scale` is the relative standard uncertainty of its reading, from its certificate: scale and beam tilt together.
+    """
+
+    position: Direction
+    tilt_deg: float = 0.0
+    u_scale: Annotated[float, Field(ge=0)] = 0.0
+
+    @property
+    def tilt_rad(self) -> float:
+        """Beam tilt [rad]."""
+        return math.radians(self.tilt_deg)
+
+
+class Package(Table):
+    """The package: sensors, mountings, frames, requirement."""
+
+    name: str
+    requirement_arcsec: Annotated[float, Field(gt=0)] = 100.0
+    level_limit_v: Annotated[float, Field(gt=0)] = 1.0
+    cube_side_mm: Annotated[float, Field(gt=0)] = 15.0
+    lever_mm: float = 72.0
+    axes: dict[str, AxisSettings]
+    configurations: dict[str, ConfigurationSettings]
+    uoaf_from_coc: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]] = (
+        (1.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0),
+        (0.0, 0.0, 1.0),
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Package:
+        matrix = np.asarray(self.uoaf_from_coc)
+        within = np.abs(matrix).max() <= 1.0 + 1e-4
+        if not (within and np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-4) and np.linalg.det(matrix) > 0):
+            raise ValueError("uoaf_from_coc is no rotation matrix")
+        for name, axis in self.axes.items():
+            if name != axis.cube_axis:
+                raise ValueError(
+                    f"axes.{name}: recordings name an axis after the cube axis it measures, {axis.cube_axis}"
+                )
+            missing = sorted(set(self.configurations) - set(axis.sensor))
+            if missing:
+                raise ValueError(f"axes.{name}.sensor lacks configuration {', '.join(missing)}")
+        return self
+
+    def turntable_from_cube(self, axis: str, configuration: str) -> FloatArray:
+        """Nominal M of a mounting, shape (3, 3)."""
+        return self.configurations[configuration].turntable_from_cube(self.axes[axis].cube_axis)
+
+    def face(self, axis: str, configuration: str, position: str) -> str:
+        """The cube face that looks towards a head at `position` in the lab: x y z -x -y -z."""
+        normal = self.turntable_from_cube(axis, configuration).T @ unit_vector(position)
+        component = int(np.argmax(np.abs(normal)))
+        return ("-" if normal[component] < 0 else "") + "xyz"[component]
+
+    def spot_margin_mm(self, theta_deg: float, amplitude_mm: float) -> float:
+        """How far inside the cube's side face the spot stays; negative when it leaves it.
+
+        The side face is the worst: it turns farthest from the rotation axis, and the motion runs along it.
+        """
+        sideways = abs((self.lever_mm + self.cube_side_mm / 2.0) * math.sin(math.radians(theta_deg)))
+        return self.cube_side_mm / 2.0 - sideways - amplitude_mm

@@ -1,0 +1,1 @@
+"""Figures: one SVG and one CSV each."""

@@ -1,0 +1,56 @@
+"""What a figure shows, as rows that are both drawn and written: a figure's CSV holds exactly its numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from matplotlib.figure import Figure
+
+from rigctl.report.figures.style import figure_style, save_svg
+
+Row = TypeVar("Row")
+
+
+@dataclass(frozen=True)
+class Plate(Generic[Row]):
+    """A figure to be written as NAME.svg and NAME.csv: `rows` are dataclasses, `draw` sees nothing else."""
+
+    name: str
+    caption: str
+    rows: Sequence[Row]
+    draw: Callable[[Sequence[Row]], Figure]
+
+    def write(self, directory: Path) -> list[Path]:
+        """Write both files; returns their paths."""
+        svg, table = directory / f"{self.name}.svg", directory / f"{self.name}.csv"
+        with figure_style():
+            save_svg(self.draw(self.rows), svg, self.name)
+        _write_csv(table, self.rows)
+        return [svg, table]
+
+
+def svg_document(plate: Plate[Any]) -> str:
+    """The figure as the text of an SVG file."""
+    text = io.StringIO()
+    with figure_style():
+        save_svg(plate.draw(plate.rows), text, plate.name)
+    return text.getvalue()
+
+
+def svg_element(plate: Plate[Any]) -> str:
+    """The figure as one SVG element, to stand in a page."""
+    text = svg_document(plate)
+    return text[text.index("<svg") :]
+
+
+def _write_csv(path: Path, rows: Sequence[object]) -> None:
+    """One column per field; floats to the last digit, empty where there is no value."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(field.name for field in fields(rows[0]))  # type: ignore[arg-type]
+        writer.writerows(astuple(row) for row in rows)  # type: ignore[call-overload]

@@ -1,0 +1,180 @@
+"""Figures of an in-flight calibration: the two estimates beside each other, and the budget before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rigctl.report.figures.data import Plate
+from rigctl.report.figures.style import INK, SOFT, new_figure, series_style
+
+
+@dataclass(frozen=True)
+class EstimateRow:
+    """A parameter by both estimates; `apart_sigma` is published less joint, in sigmas of the published one."""
+
+    parameter: str
+    unit: str
+    joint: float
+    joint_sigma: float
+    published: float
+    published_sigma: float
+    apart_sigma: float
+
+
+def estimates_plate(found: Mapping[str, Any]) -> Plate[EstimateRow]:
+    """Both estimates of one calibration, relative to what the published one claims to know."""
+    rows = [
+        EstimateRow(
+            name,
+            each["unit"],
+            each["value"],
+            each["sigma"],
+            each["paper"]["value"],
+            each["paper"]["sigma"],
+            (each["paper"]["value"] - each["value"]) / each["paper"]["sigma"],
+        )
+        for name, each in found["parameters"].items()
+        if each["paper"] is not None
+    ]
+    caption = (
+        "Published estimate less joint estimate (circles, with the published one's uncertainty) and the joint one's "
+        "own uncertainty (bar), in sigmas of the published estimate."
+    )
+    return Plate("estimates", caption, rows, draw_estimates)
+
+
+def draw_estimates(rows: Sequence[EstimateRow]) -> Figure:
+    """A row per parameter."""
+    figure = new_figure(0.8 + 0.24 * len(rows))
+    panel = figure.subplots()
+    places = np.arange(len(rows))
+    joint, paper = series_style(0), series_style(1)
+    panel.barh(
+        places,
+        [2.0 * row.joint_sigma / row.published_sigma for row in rows],
+        left=[-row.joint_sigma / row.published_sigma for row in rows],
+        height=0.5,
+        facecolor=joint.color,
+        alpha=0.35,
+        label="joint",
+    )
+    panel.errorbar(
+        [row.apart_sigma for row in rows],
+        places,
+        xerr=1.0,
+        fmt=paper.marker,
+        color=paper.color,
+        capsize=2.0,
+        label="published",
+    )
+    panel.axvline(0.0, color=INK, linewidth=0.6)
+    panel.set_yticks(places, [row.parameter for row in rows])
+    panel.invert_yaxis()
+    panel.set_xlabel("difference / sigma of the published estimate")
+    panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """A parameter of a study: errors against each truth beside the printed ones, as parts of the objective."""
+
+    parameter: str
+    objective: float
+    printed_mean: float
+    printed_worst: float
+    published_mean: float
+    published_worst: float
+    joint_mean: float
+    joint_worst: float
+
+
+def errors_plate(found: Mapping[str, Any]) -> Plate[ErrorRow]:
+    """Table 2: mean and worst error over the objective."""
+    rows = [
+        ErrorRow(
+            name,
+            each["objective"],
+            each["reference"]["mean"],
+            each["reference"]["worst"],
+            each["paper"]["paper_truth"]["mean"],
+            each["paper"]["paper_truth"]["worst"],
+            each["joint"]["exact_truth"]["mean"],
+            each["joint"]["exact_truth"]["worst"],
+        )
+        for name, each in found["table2"].items()
+    ]
+    caption = (
+        f"Errors of {found['draws']} simulated calibrations over the objective: mean (marker) to worst (line's end). "
+        "Printed: table 2 of the paper; published: its estimate against its truth; joint: against the exact truth."
+    )
+    return Plate("table2", caption, rows, draw_errors)
+
+
+def draw_errors(rows: Sequence[ErrorRow]) -> Figure:
+    """Three lines per parameter, on a logarithmic axis."""
+    figure = new_figure(0.9 + 0.3 * len(rows))
+    panel = figure.subplots()
+    for number, (label, name) in enumerate((("printed", "printed"), ("published", "published"), ("joint", "joint"))):
+        look = series_style(number)
+        for place, row in enumerate(rows):
+            mean, worst = (getattr(row, f"{name}_{which}") / row.objective for which in ("mean", "worst"))
+            at = place + 0.24 * (number - 1)
+            panel.plot([mean, worst], [at, at], color=look.color, linestyle="-")
+            panel.plot(mean, at, look.marker, color=look.color, label=label if place == 0 else None)
+    panel.axvline(1.0, color=INK, linewidth=0.6)
+    panel.set_xscale("log")
+    panel.set_yticks(range(len(rows)), [row.parameter for row in rows])
+    panel.invert_yaxis()
+    panel.set_xlabel("error / objective")
+    panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+@dataclass(frozen=True)
+class ContributionRow:
+    """A term of the budget, m/s2 at the frequency of the test."""
+
+    term: str
+    before_m_s2: float
+    worst_m_s2: float
+    mean_m_s2: float
+
+
+def contributions_plate(found: Mapping[str, Any]) -> Plate[ContributionRow]:
+    """Table 3: the budget before and after."""
+    table = found["table3"]
+    rows = [
+        ContributionRow(each["term"], each["before_m_s2"], each["worst_m_s2"], each["mean_m_s2"])
+        for each in table["rows"].values()
+    ]
+    rows.append(ContributionRow("total", table["before_m_s2"], table["total_worst_m_s2"], table["total_mean_m_s2"]))
+    caption = (
+        "What each term leaves at the frequency of the equivalence principle's test, before calibration and after "
+        f"(mean and worst of {found['draws']}); the limit is {table['limit_m_s2']:g} m/s2."
+    )
+    return Plate("table3", caption, rows, draw_contributions)
+
+
+def draw_contributions(rows: Sequence[ContributionRow]) -> Figure:
+    """Markers on a logarithmic axis, the total last."""
+    figure = new_figure(0.8 + 0.24 * len(rows))
+    panel = figure.subplots()
+    for number, name in enumerate(("before", "worst", "mean")):
+        look = series_style(number)
+        values = [getattr(row, f"{name}_m_s2") for row in rows]
+        panel.plot(values, range(len(rows)), look.marker, color=look.color, label=name)
+    panel.set_xscale("log")
+    panel.set_yticks(range(len(rows)), [row.term for row in rows])
+    panel.invert_yaxis()
+    panel.set_xlabel("contribution / (m/s²)")
+    panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure

@@ -1,0 +1,61 @@
+"""The error ladder: what each version of the model brought, on the runs it was fitted to and on others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from rigctl.report.figures.data import Plate
+from rigctl.report.figures.style import INK, SOFT, new_figure, series_style
+from rigctl.report.verdicts import change_of
+
+
+@dataclass(frozen=True)
+class LadderRow:
+    """One version; errors are rms of whitened residuals, 1.00 = noise, None where there is none."""
+
+    version: int
+    change: str
+    error_fit: float | None
+    error_held_out: float | None
+
+
+def ladder_plate(rungs: Sequence[Mapping[str, Any]]) -> Plate[LadderRow]:
+    """Make the figure from `rigctl model history`."""
+    rows = [LadderRow(r["version"], change_of(r), r["error_fit"], r["error_held_out"]) for r in rungs]
+    caption = (
+        "Error of each model version: rms of the residuals in units of their noise, on the runs the version was "
+        "fitted to and on runs that were held out of the fit. 1.00 is noise."
+    )
+    return Plate("ladder", caption, rows, draw_ladder)
+
+
+def draw_ladder(rows: Sequence[LadderRow]) -> Figure:
+    """A row per version, the first on top."""
+    figure = new_figure(0.75 + 0.28 * len(rows))
+    axes = figure.subplots()
+    for index, (name, label) in enumerate(
+        (("error_fit", "runs of the fit"), ("error_held_out", "held-out runs")),
+    ):
+        look = series_style(index)
+        points = [(value, i) for i, row in enumerate(rows) if (value := getattr(row, name)) is not None]
+        if points:
+            axes.plot(*zip(*points, strict=True), look.marker, color=look.color, linestyle=look.line, label=label)
+    axes.axvline(1.0, color=INK, linewidth=0.6)
+    axes.set_yticks(range(len(rows)), [f"{row.version}  {row.change}" for row in rows])
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xlabel("error / noise")
+    errors = [e for row in rows for e in (row.error_fit, row.error_held_out) if e]
+    if errors and max(errors) > 5.0 * min(errors):
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_minor_locator(NullLocator())
+    axes.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
+    axes.tick_params(axis="y", length=0.0)
+    axes.legend(loc="best")
+    return figure

@@ -1,0 +1,177 @@
+"""Residuals in sigma against a covariate, for versions of the model side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+
+from rigctl.core.units import unit_of_column
+from rigctl.report.figures.data import Plate
+from rigctl.report.figures.style import SOFT, new_figure, series_style
+from rigctl.workbench.findings import Comparison
+from rigctl.workbench.verdict.covariates import distinct
+
+MAX_SERIES = 4
+"""Series shown, the worst ones: a report is read, not searched; the CSV has them all."""
+
+LINEAR_SIGMA = 3.0
+"""Up to here the scale is linear, beyond logarithmic: one picture for 1 sigma and for 1000."""
+
+CROWDED, TICKS_APART = 2.2, 3.5
+"""Decades on half an axis from which ticks at LINEAR_SIGMA and at 10 touch, and those at every decade."""
+
+LETTERS = 80
+"""Of words below all panels side by side, as many as have room."""
+
+MAX_TICKS = 5
+"""Values of a covariate, when there are no more, that have a tick each."""
+
+_SAME = 1e-3
+"""Values closer than this share of their range are one set-point."""
+
+
+@dataclass(frozen=True)
+class ResidualRow:
+    """One datum under one version of the model; `level` is the word that `value` stands for, "" for a number."""
+
+    covariate: str
+    value: float
+    level: str
+    version: int
+    effects: str
+    channel: str
+    component: str
+    run_id: str
+    residual_sigma: float
+
+
+def residual_plates(comparisons: Sequence[Comparison]) -> Iterator[Plate[ResidualRow]]:
+    """A figure per covariate that varies, those that the first version's residuals follow most clearly first.
+
+    A covariate that goes with another one, such as an angle asked for with the angle reached, has none of its own.
+    """
+    first = comparisons[0]
+    clearest: dict[str, float] = {}
+    for trend in first.trends:
+        clearest[trend.covariate] = min(trend.p_value_corrected, clearest.get(trend.covariate, 1.0))
+    for name in sorted(distinct(first.observations.covariates), key=lambda name: clearest.get(name, 1.0)):
+        yield residual_plate(name, comparisons)
+
+
+def residual_plate(covariate: str, comparisons: Sequence[Comparison]) -> Plate[ResidualRow]:
+    """Make the figure of one covariate; rows of series in the order of their misfit under the first version."""
+    misfit = {(c.channel, c.component): c.chi2 / max(c.data, 1) for c in comparisons[0].channels}
+    rows = [row for comparison in comparisons for row in _rows(covariate, comparison)]
+    rows.sort(key=lambda row: -misfit.get((row.channel, row.component), 0.0))
+    caption = (
+        f"Residuals (data − model) in units of their noise against {axis_label(covariate)}, by version of the model; "
+        f"up to {MAX_SERIES} series, the worst under the first version. Band: ±{LINEAR_SIGMA:g} sigma; beyond it the "
+        "scale is logarithmic."
+    )
+    return Plate(f"residuals_{_file_name(covariate)}", caption, rows, draw_residuals)
+
+
+def _rows(covariate: str, comparison: Comparison) -> Iterator[ResidualRow]:
+    given = comparison.observations
+    effects = " + ".join(term.effect for term in comparison.terms)
+    values, levels = given.of_runs(covariate), given.levels.get(covariate, ())
+    for i in np.flatnonzero(np.isfinite(values)):
+        series = given.series[given.series_of[i]]
+        yield ResidualRow(
+            covariate,
+            float(values[i]),
+            levels[int(values[i])] if levels else "",
+            comparison.version,
+            effects,
+            series.channel,
+            series.component,
+            given.run_ids[given.run_of[i]],
+            float(comparison.residuals[i]),
+        )
+
+
+def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
+    """A row of panels per series, a column per version."""
+    series = list(dict.fromkeys((row.channel, row.component) for row in rows))[:MAX_SERIES]
+    versions = sorted({row.version: row.effects for row in rows}.items())
+    figure = new_figure(0.8 + 1.1 * len(series))
+    panels = figure.subplots(len(series), len(versions), sharex=True, sharey="row", squeeze=False)
+    for (channel, component), line in zip(series, panels, strict=True):
+        for index, ((version, _), panel) in enumerate(zip(versions, line, strict=True)):
+            own = [r for r in rows if (r.channel, r.component, r.version) == (channel, component, version)]
+            look = series_style(index)
+            panel.axhspan(-LINEAR_SIGMA, LINEAR_SIGMA, color=SOFT, alpha=0.2, linewidth=0.0)
+            panel.axhline(0.0, color=SOFT, linewidth=0.6)
+            panel.plot([r.value for r in own], [r.residual_sigma for r in own], look.marker, color=look.color, ms=2.4)
+        _scale(line[0], [r.residual_sigma for r in rows if (r.channel, r.component) == (channel, component)])
+        line[0].set_ylabel(f"{channel}\n{component}".strip(), fontsize=7)
+    for (version, effects), panel in zip(versions, panels[0], strict=True):
+        panel.set_title(_heading(version, effects), loc="left")
+    words = {row.value: row.level for row in rows if row.level}
+    upright = sum(len(word) + 1 for word in words.values()) * len(versions) > LETTERS
+    few = _few([row.value for row in rows])
+    for panel in panels[-1]:
+        if words:
+            panel.set_xticks(list(words), list(words.values()), rotation=90.0 if upright else 0.0)
+        elif few:
+            panel.xaxis.set_major_locator(FixedLocator(few))
+            panel.xaxis.set_major_formatter(FuncFormatter(_plain))
+        else:
+            panel.xaxis.set_major_locator(MaxNLocator(5))
+        panel.set_xlabel(axis_label(rows[0].covariate))
+    figure.align_ylabels(panels[:, 0])
+    figure.supylabel("residual / σ", fontsize=8)
+    return figure
+
+
+def _heading(version: int, effects: str) -> str:
+    last = effects.rpartition(" + ")
+    return f"version {version}: " + (f"… + {last[2]}" if last[0] else last[2] or "baseline")
+
+
+def _few(values: Sequence[float]) -> list[float]:
+    """Set-points that can be written below the axis one by one; none when they are too many or too close."""
+    rising = np.unique(values)
+    span = rising[-1] - rising[0]
+    groups = np.split(rising, np.flatnonzero(np.diff(rising) > _SAME * span) + 1)
+    found = [float(group.mean()) for group in groups]
+    close = bool(np.any(np.diff(found) < span / (2 * MAX_TICKS)))
+    return [] if close or len(found) > MAX_TICKS else found
+
+
+def _plain(value: float, _: object) -> str:
+    return f"{value:.4g}".replace("-", "−")
+
+
+def _scale(axes: Axes, residuals: Sequence[float]) -> None:
+    largest = max(2.0 * LINEAR_SIGMA, 2.0 * max(map(abs, residuals), default=0.0))
+    axes.set_yscale("symlog", linthresh=LINEAR_SIGMA)
+    axes.set_ylim(-largest, largest)
+    half = 1.0 + math.log10(
+        largest / LINEAR_SIGMA
+    )  # of the axis, in decades: up to LINEAR_SIGMA it is as long as one
+    decades = [10.0**k for k in range(1, int(math.log10(largest)) + 1, math.ceil(half / TICKS_APART))]
+    upper = [LINEAR_SIGMA, *decades] if half <= CROWDED else decades
+    axes.yaxis.set_major_locator(FixedLocator([*(-tick for tick in reversed(upper)), 0.0, *upper]))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(_plain))
+
+
+def axis_label(covariate: str) -> str:
+    """A covariate with its unit set apart, where its name promises one."""
+    words, unit = covariate.split("_"), unit_of_column(covariate)
+    for count in range(1, len(words)):
+        # "t_" makes the suffixes of temperatures count.
+        if unit and unit_of_column(f"t_{'_'.join(words[-count:])}") == unit:
+            return f"{' '.join(words[:-count])} / {unit.replace('degC', '°C')}"
+    return covariate
+
+
+def _file_name(covariate: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in covariate)

@@ -1,0 +1,92 @@
+"""The uncertainty budget of each axis as horizontal bars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rigctl.analysis.plane import ARCSEC
+from rigctl.experiments.sensing_axis.result.budget import AxisBudget
+from rigctl.report.figures.data import Plate
+from rigctl.report.figures.style import INK, SOFT, new_figure, series_style
+
+COMBINED = "combined"
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    """A contribution to the two components of an axis perpendicular to it, 1 sigma."""
+
+    axis: str
+    contribution: str
+    component_1_arcsec: float
+    component_2_arcsec: float
+
+
+def budget_plate(budgets: Mapping[str, AxisBudget]) -> Plate[BudgetRow]:
+    """Make the figure of all axes."""
+    rows = [row for budget in budgets.values() for row in _rows(budget)]
+    caption = (
+        "Standard uncertainty of each sensing axis by its contributions. Component 1: along the motion at the "
+        "pendulum nulls; component 2: perpendicular to it and to the axis."
+    )
+    return Plate("budget", caption, rows, draw_budget)
+
+
+def _rows(axis: AxisBudget) -> list[BudgetRow]:
+    first = axis.budget
+    sizes = np.abs(first.components) / ARCSEC
+    combined = first.standard_uncertainty / ARCSEC
+    rows = [
+        BudgetRow(axis.axis, each.name, float(sizes[0, i]), float(sizes[1, i]))
+        for i, each in enumerate(first.contributions)
+    ]
+    return [*rows, BudgetRow(axis.axis, COMBINED, float(combined[0]), float(combined[1]))]
+
+
+def draw_budget(rows: Sequence[BudgetRow]) -> Figure:
+    """A column per axis, contributions from the largest down, the combined uncertainty last."""
+    names = _ranked(rows)
+    axes_names = list(dict.fromkeys(row.axis for row in rows))
+    figure = new_figure(0.9 + 0.21 * len(names))
+    panels = figure.subplots(1, len(axes_names), sharey=True, sharex=True, squeeze=False)[0]
+    for panel, name in zip(panels, axes_names, strict=True):
+        _draw_axis(panel, [row for row in rows if row.axis == name], names)
+        panel.set_title(f"axis {name}", loc="center")
+        panel.set_xlabel("standard uncertainty / arcsec")
+    panels[0].set_yticks(range(len(names)), names)
+    panels[0].set_ylim(len(names) - 0.4, -0.6)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+def _ranked(rows: Sequence[BudgetRow]) -> list[str]:
+    largest: dict[str, float] = {}
+    for row in rows:
+        size = max(row.component_1_arcsec, row.component_2_arcsec)
+        largest[row.contribution] = max(size, largest.get(row.contribution, 0.0))
+    return sorted(largest, key=lambda name: (name == COMBINED, -largest[name]))
+
+
+def _draw_axis(panel: Axes, rows: Sequence[BudgetRow], names: Sequence[str]) -> None:
+    places = np.array([names.index(row.contribution) for row in rows])
+    for component in (1, 2):
+        look = series_style(component - 1)
+        panel.barh(
+            places + (0.2 if component == 2 else -0.2),
+            [getattr(row, f"component_{component}_arcsec") for row in rows],
+            height=0.36,
+            facecolor=look.color if component == 1 else "white",
+            edgecolor=look.color,
+            hatch=look.hatch,
+            linewidth=0.6,
+            label=f"component {component}",
+        )
+    panel.axhline(len(names) - 1.5, color=INK, linewidth=0.6)
+    panel.tick_params(axis="y", length=0.0)
+    panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
+    panel.set_axisbelow(True)

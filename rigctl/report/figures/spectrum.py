@@ -1,0 +1,100 @@
+"""What is left in the samples once the drive, its harmonics and a model's lines are taken out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rigctl.analysis.noise import NoisePool, Spectrum
+from rigctl.campaign.recording import RunSource
+from rigctl.core.errors import DataError
+from rigctl.experiments.sensing_axis.observe.reduction import reduce_run
+from rigctl.report.figures.data import Plate
+from rigctl.report.figures.style import INK, new_figure, series_style
+
+
+@dataclass(frozen=True)
+class SpectrumRow:
+    """A bin of the pooled amplitude spectral density, or a line that was found in the samples."""
+
+    channel: str
+    kind: Literal["without the drive", "without the model's lines", "line found"]
+    frequency_hz: float
+    density_unit_rthz: float | None
+    unit: str
+
+
+def spectrum_plates(
+    source: RunSource, lines_hz: Sequence[float], found: Sequence[Mapping[str, Any]]
+) -> Iterator[Plate[SpectrumRow]]:
+    """A figure per channel of a sensing-axis recording; `lines_hz` are in the model, `found` are not."""
+    before = _pooled(source, ())
+    after = _pooled(source, lines_hz) if lines_hz else {}
+    for channel, left in before.items():
+        unit = "V" if channel.endswith("_v") else "m"
+        rows = _rows(channel, "without the drive", left, unit)
+        if channel in after:
+            rows += _rows(channel, "without the model's lines", after[channel], unit)
+        rows += [
+            SpectrumRow(channel, "line found", float(line["frequency_hz"]), None, unit)
+            for line in found
+            if line["channel"] == channel
+        ]
+        caption = (
+            f"Amplitude spectral density of what is left in the samples of {channel}, pooled over all valid runs, "
+            "beside the drive and its harmonics."
+        )
+        yield Plate(f"spectrum_{channel}", caption, rows, draw_spectrum)
+
+
+def _pooled(source: RunSource, lines_hz: Sequence[float]) -> dict[str, Spectrum]:
+    pools: dict[str, NoisePool] = {}
+    for record in source.runs(valid_only=True):
+        try:
+            run = reduce_run(record.run_id, record.conditions, source.samples(record.run_id), lines_hz)
+        except DataError:
+            continue  # a run that cannot be fitted is in no residual either
+        for name, channel in run.channels.items():
+            pools.setdefault(name, NoisePool()).add(channel.noise)
+    return {name: pool.spectrum for name, pool in pools.items()}
+
+
+def _rows(channel: str, kind: Any, left: Spectrum, unit: str) -> list[SpectrumRow]:
+    thin = left.compact()
+    density = np.sqrt(np.maximum(thin.psd, 0.0))
+    return [
+        SpectrumRow(channel, kind, float(f), float(d), unit)
+        for f, d in zip(thin.frequency_hz, density, strict=True)
+        if f > 0.0 and d > 0.0
+    ]
+
+
+def draw_spectrum(rows: Sequence[SpectrumRow]) -> Figure:
+    """One panel, both axes logarithmic."""
+    figure = new_figure(2.4)
+    axes = figure.subplots()
+    kinds = list(dict.fromkeys(row.kind for row in rows if row.density_unit_rthz is not None))
+    for index, kind in enumerate(kinds):
+        own = [row for row in rows if row.kind == kind]
+        look = series_style(index)
+        axes.loglog(
+            [row.frequency_hz for row in own],
+            [row.density_unit_rthz for row in own],
+            color=look.color,
+            linewidth=0.7,
+            label=kind,
+        )
+    for row in rows:
+        if row.kind == "line found":
+            axes.axvline(row.frequency_hz, color=INK, linewidth=0.6, linestyle=":")
+            label = f"{row.frequency_hz:.4g} Hz"
+            axes.annotate(label, (row.frequency_hz, 0.97), xycoords=("data", "axes fraction"), va="top", fontsize=7)
+    axes.set_xlabel("frequency / Hz")
+    axes.set_ylabel(f"{rows[0].channel} / ({rows[0].unit} Hz$^{{-1/2}}$)")
+    if len(kinds) > 1:
+        axes.legend(loc="best")
+    return figure

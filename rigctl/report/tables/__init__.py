@@ -1,0 +1,1 @@
+"""Tables of results, printed or in a report."""

@@ -1,0 +1,79 @@
+"""Results of an in-flight calibration, and of a study of many, as tables for a page and a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from rigctl.report.quantities import number, quantity
+from rigctl.report.tables.result_table import ResultTable
+
+
+def result_tables(found: Mapping[str, Any]) -> list[ResultTable]:
+    """Of `rigctl result --json`, whichever of the two it is."""
+    return study_tables(found) if "table2" in found else [calibration_table(found)]
+
+
+def calibration_table(found: Mapping[str, Any]) -> ResultTable:
+    """The ten parameters by both estimates; marked where they are more than four sigma apart."""
+    rows, marked = [], []
+    for name, each in found["parameters"].items():
+        paper, unit = each["paper"], each["unit"]
+        rows.append(
+            [
+                name,
+                quantity(each["value"], each["sigma"], unit),
+                number(each["systematic"], 2) if each["systematic"] else "",
+                "no session" if paper is None else quantity(paper["value"], paper["sigma"], unit),
+            ]
+        )
+        apart = 0.0 if paper is None else abs(paper["value"] - each["value"])
+        marked.append(paper is not None and apart > 4.0 * paper["sigma"])
+    sentence = (
+        f"Calibration: the joint fit of all lines, and the published estimate ({found['sweeps']} sweeps). "
+        "Systematic is what no session sees, in the same unit."
+    )
+    return ResultTable(sentence, ["parameter", "#joint", "#systematic", "#published"], rows, marked)
+
+
+def study_tables(found: Mapping[str, Any]) -> list[ResultTable]:
+    """Tables 2 and 3 of the paper, ours beside the printed ones."""
+    return [_table2(found), _table3(found["table3"])]
+
+
+def _table2(found: Mapping[str, Any]) -> ResultTable:
+    rows = []
+    for name, each in found["table2"].items():
+        told = [("printed", each["reference"], None)]
+        for estimate, word in (("paper", "published"), ("joint", "joint")):
+            for truth in ("paper", "exact"):
+                sigma = each[estimate]["analytic_sigma"] if truth == "exact" else None
+                told.append((f"{word}, {truth} truth", each[estimate][f"{truth}_truth"], sigma))
+        heads = [name, f"< {number(each['objective'], 2)}"]
+        for place, (words, summary, sigma) in enumerate(told):
+            numbers = [number(summary[key], 2) for key in ("worst", "mean", "std")]
+            numbers.append(number(math.hypot(summary["mean"], summary["std"]), 2))
+            head = heads[place] if place < len(heads) else ""
+            rows.append([head, words, *numbers, "" if sigma is None else number(sigma, 2)])
+    sentence = (
+        f"Table 2: |estimate - true| over {found['draws']} simulated calibrations, below each name its objective; "
+        "sigma is what the estimates state, of noise alone: to be compared with the root mean square."
+    )
+    return ResultTable(sentence, ["parameter", "estimate, truth", "#worst", "#mean", "#std", "#rms", "#sigma"], rows)
+
+
+def _table3(table: Mapping[str, Any]) -> ResultTable:
+    rows = [
+        [each["term"], *(number(each[key], 2) for key in ("before_m_s2", "worst_m_s2", "mean_m_s2"))]
+        for each in table["rows"].values()
+    ]
+    printed = table["reference"]
+    rows.append(["total", *(number(table[key], 3) for key in ("before_m_s2", "total_worst_m_s2", "total_mean_m_s2"))])
+    rows.append(["printed total", "", *(number(printed[key], 3) for key in ("total_worst_m_s2", "total_mean_m_s2"))])
+    sentence = (
+        "Table 3: what is left at the frequency of the test, m/s2, before and after calibration; linear totals, "
+        f"to stay below {number(table['limit_m_s2'])}."
+    )
+    over = [False] * (len(rows) - 2) + [table["total_worst_m_s2"] > table["limit_m_s2"], False]
+    return ResultTable(sentence, ["term", "#before", "#worst", "#mean"], rows, over)

@@ -1,0 +1,120 @@
+"""The result of the rotating platform at a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from rigctl.report.quantities import number, quantity
+from rigctl.report.tables.result_table import ResultTable
+
+_TURNED_OVER = (("gain_v_per_m_s2", "V s2/m"), ("bias_v", "V"))
+
+
+def print_platform(found: Mapping[str, Any]) -> None:
+    """Gain, accelerations, wobbles, then a table of the runs; fits 80 columns."""
+    console = Console()
+    for line in headline(found):
+        console.print(line, highlight=False, soft_wrap=True)
+    for each in tables(found):
+        console.print(_table(each))
+    for run in found["runs"]:
+        for remark in run["remarks"]:
+            console.print(remark, highlight=False, soft_wrap=True)
+    for why in found["left_out"].values():
+        console.print(f"left out: {why}", highlight=False, soft_wrap=True)
+    console.print(f"Not tested by any modulation: {', '.join(found['not_tested'])}.", highlight=False, soft_wrap=True)
+
+
+def headline(found: Mapping[str, Any]) -> list[str]:
+    """The recording's own numbers, a line each."""
+    gain = found["tilt_gain"]
+    lines = [f"gain of the commanded tilt {quantity(gain['value'], gain['sigma'])}"]
+    for axis, value in found["accel_m_s2"].items():
+        lines.append(f"acceleration {axis} {quantity(value['value'], value['sigma'], 'm/s2')}")
+    for sensor, value in (found["wobble_rad"] or {}).items():
+        lines.append(f"wobble of sensor {sensor.upper()} {quantity(value['value'], value['sigma'], 'rad')}")
+    for channel, flipped in found.get("flips", {}).items():
+        told = flipped["chain"] or flipped["sensor"]
+        what = f"chain of channel {channel}" if flipped["chain"] else f"channel {channel} without its amplifier"
+        gain, bias = (quantity(told[name]["value"], told[name]["sigma"], unit) for name, unit in _TURNED_OVER)
+        lines.append(f"{what}, sensor turned over: scale factor {gain}, electrical bias {bias}")
+    return lines
+
+
+def tables(found: Mapping[str, Any]) -> list[ResultTable]:
+    """Of the runs: means, then precision in an hour."""
+    runs = found["runs"]
+    means = [
+        [
+            run["run_id"],
+            f"{run['pattern']} {run['modulation_period_s']:g} s",
+            _periods(run),
+            *(_short(run[f"{name}_m_s2"]) for name in ("accel_z", "accel_y", "bias_z", "bias_y")),
+        ]
+        for run in runs
+    ]
+    columns = ["run", "pattern", "#periods", "#accel z", "#accel y", "#bias z", "#bias y"]
+    marked = [run["refitted"] > 0 or run["invalid"] > 0 for run in runs]
+    found_tables = [
+        ResultTable("Means of the runs / 1e-6 m/s2 (refitted periods in brackets).", columns, means, marked)
+    ]
+    precise = [
+        [
+            run["run_id"],
+            run["estimator"],
+            *(_of_an_hour(run["precision_1h_m_s2"][channel]) for channel in ("z", "y")),
+            f"{run['conditions']['m0']:.1e} {run['conditions']['m1']:.1e} {run['conditions']['m2']:.1e}",
+        ]
+        for run in runs
+    ]
+    columns = ["run", "estimator", "#z: theory, measured", "#y: theory, measured", "#m0 m1 m2"]
+    found_tables.append(ResultTable("Precision in an hour / 1e-7 m/s2 (99 %).", columns, precise))
+    answers = [
+        [
+            run["run_id"],
+            run["external"],
+            number(run["response"]["accel_pp_m_s2"]),
+            number(run["response"]["bias_pp_m_s2"]),
+            *(f"{run['response']['shift_min'][place]:.1f}" for place in ("start", "centre", "end")),
+        ]
+        for run in runs
+        if run["response"]
+    ]
+    if answers:
+        columns = ["run", "external", "#accel z p-p", "#bias z p-p", "#start", "#centre", "#end"]
+        sentence = "Peak to peak / m/s2, and by how many minutes the bias lags (stamped at start, centre, end)."
+        found_tables.append(ResultTable(sentence, columns, answers))
+    return found_tables
+
+
+def _table(each: ResultTable) -> Table:
+    table = Table(title=each.sentence, title_justify="left")
+    for column in each.columns:
+        table.add_column(column.lstrip("#"), justify="right" if column.startswith("#") else "left")
+    marked: Sequence[bool] = each.marked or [False] * len(each.rows)
+    for row, mark in zip(each.rows, marked, strict=True):
+        table.add_row(*row, style="bold" if mark else None)
+    return table
+
+
+def _periods(run: Mapping[str, Any]) -> str:
+    return f"{run['periods']} ({run['refitted']})" if run["refitted"] else str(run["periods"])
+
+
+def _short(value: Mapping[str, float | None]) -> str:
+    mean, sigma = value["value"], value["sigma"]
+    if mean is None or sigma is None:
+        return "-"
+    return quantity(1e6 * mean, 1e6 * sigma).replace(" +- ", "±")
+
+
+def _of_an_hour(value: Mapping[str, Any]) -> str:
+    theory = f"{1e7 * value['theory']:.2f}"
+    if value["measured"] is None:
+        return f"{theory}, -"
+    low, high = value["interval_99"]
+    return f"{theory}, {1e7 * value['measured']:.2f} ({1e7 * low:.2f} to {1e7 * high:.2f})"

@@ -1,0 +1,1 @@
+"""Versions of a model, and how its errors fell."""

@@ -1,0 +1,236 @@
+"""Versions of a store's model, and what was worked out with each: documents in the store.
+
+Version 1 is what the store began with: the effects its campaign file names, nothing for an imported recording. Every
+later one is a document that says all its terms, so that no version depends on another's; documents are durable and
+are never changed.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rigctl.campaign.store.parts import parts_of
+from rigctl.campaign.store.store import Document, Store
+from rigctl.core.errors import ConfigError
+from rigctl.files import config
+from rigctl.workbench.study import Term
+
+VERSION, FIT, DIAGNOSIS = "model-version", "model-fit", "diagnosis"
+"""Kinds of documents."""
+
+_CODE = ("signals", "fitting", "effects", "experiments", "workbench")
+"""Packages a fit depends on: another program gives another fit."""
+
+
+@dataclass(frozen=True)
+class PluginFile:
+    """A file with effects, by where it was and what it held."""
+
+    path: str
+    sha256: str
+
+    @classmethod
+    def of(cls, path: Path) -> PluginFile:
+        """A file as it is now; `ConfigError` when it cannot be read."""
+        try:
+            return cls(str(path.resolve()), hashlib.sha256(path.read_bytes()).hexdigest())
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot be read: {error.strerror or error}; check --plugin") from error
+
+
+@dataclass(frozen=True)
+class ModelVersion:
+    """A model as it once was: `added` and `removed` are what it differs in from version `parent`.
+
+    `plugins` are the files that brought a term, by its effect.
+    """
+
+    version: int
+    parent: int | None
+    time: str
+    terms: tuple[Term, ...]
+    added: str | None = None
+    removed: str | None = None
+    plugins: Mapping[str, PluginFile] = field(default_factory=dict)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Ids of the terms."""
+        return tuple(term.effect for term in self.terms)
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl model show --json`."""
+        return {
+            "version": self.version,
+            "parent": self.parent,
+            "time": self.time,
+            "effects": list(self.effects),
+            "terms": [term.as_json() for term in self.terms],
+            "added": self.added,
+            "removed": self.removed,
+            "plugins": {effect: vars(plugin) for effect, plugin in self.plugins.items()},
+        }
+
+    def require(self, given: Sequence[PluginFile]) -> None:
+        """`ConfigError` unless every file this version was made with is among those given, unchanged."""
+        otherwise = ", or `rigctl model remove` its effects and add them again"
+        require_files(f"model version {self.version} was made", self.plugins.values(), given, otherwise)
+
+
+def require_files(made: str, needed: Iterable[PluginFile], given: Sequence[PluginFile], otherwise: str = "") -> None:
+    """`ConfigError` unless every file that something was `made` with is among those given, unchanged."""
+    hashes = {plugin.sha256 for plugin in given}
+    for plugin in needed:
+        if plugin.sha256 in hashes:
+            continue
+        made_with = f"{made} with {plugin.path} (SHA-256 {plugin.sha256[:12]})"
+        if not given:
+            raise ConfigError(f"{made_with}; pass --plugin {plugin.path}")
+        others = ", ".join(f"{other.path} ({other.sha256[:12]})" for other in given)
+        raise ConfigError(f"{made_with}, not with {others}; give the file as it was{otherwise}")
+
+
+def versions(store: Store) -> list[ModelVersion]:
+    """All versions, the current one last."""
+    later = (_version(number, document) for number, document in enumerate(store.documents(VERSION), 2))
+    return [_first(store), *later]
+
+
+def current(store: Store) -> ModelVersion:
+    """The model a store has now."""
+    return versions(store)[-1]
+
+
+def _first(store: Store) -> ModelVersion:
+    if store.header.campaign_toml is None:
+        return ModelVersion(1, None, store.header.started, ())
+    campaign = parts_of(store)[0]
+    terms = tuple(Term(effect) for effect in config.parse_campaign(campaign.toml, store.path).model.effects)
+    plugins = {effect: PluginFile(**plugin) for effect, plugin in campaign.plugins.items()}
+    return ModelVersion(1, None, store.header.started, terms, plugins=plugins)
+
+
+def _version(number: int, document: Document) -> ModelVersion:
+    data = document.data
+    return ModelVersion(
+        number,
+        data["parent"],
+        document.time,
+        tuple(Term(each["effect"], each["choice"]) for each in data["terms"]),
+        data["added"],
+        data["removed"],
+        {effect: PluginFile(**plugin) for effect, plugin in data["plugins"].items()},
+    )
+
+
+def extend(store: Store, term: Term, plugin: PluginFile | None = None) -> ModelVersion:
+    """A new version with one more term, which `plugin` brought; `ConfigError` when it is there already."""
+    last = current(store)
+    if term in last.terms:
+        raise there_already(term.effect)
+    plugins = {**last.plugins, term.effect: plugin} if plugin else last.plugins
+    return _keep(store, last, (*last.terms, term), plugins, added=term.effect)
+
+
+def remove(store: Store, effect: str) -> ModelVersion:
+    """A new version without a term; `ConfigError` when it is not there."""
+    last = current(store)
+    require_present(last, [effect])
+    terms = tuple(term for term in last.terms if term.effect != effect)
+    plugins = {name: plugin for name, plugin in last.plugins.items() if name != effect}
+    return _keep(store, last, terms, plugins, removed=effect)
+
+
+def remove_all(store: Store, effects: Sequence[str]) -> list[ModelVersion]:
+    """One new version per effect, all of them or none."""
+    require_present(current(store), effects)
+    return [remove(store, effect) for effect in effects]
+
+
+def _keep(
+    store: Store,
+    last: ModelVersion,
+    terms: Sequence[Term],
+    plugins: Mapping[str, PluginFile],
+    added: str | None = None,
+    removed: str | None = None,
+) -> ModelVersion:
+    store.add_document(
+        VERSION,
+        {
+            "parent": last.version,
+            "terms": [term.as_json() for term in terms],
+            "added": added,
+            "removed": removed,
+            "plugins": {effect: vars(plugin) for effect, plugin in plugins.items()},
+        },
+    )
+    return current(store)
+
+
+def there_already(effect: str) -> ConfigError:
+    """What is in the model is not added again."""
+    return ConfigError(f"'{effect}' is in the model already; `rigctl model show` tells what is")
+
+
+def require_present(version: ModelVersion, effects: Sequence[str]) -> None:
+    """`ConfigError` when one of `effects` is not in the model, or named twice."""
+    for number, effect in enumerate(effects):
+        if effect not in version.effects or effect in effects[:number]:
+            there = ", ".join(version.effects) or "the baseline alone"
+            raise ConfigError(f"'{effect}' is not in the model, which is {there}")
+
+
+# What was worked out
+
+
+def data_key(store: Store) -> str:
+    """Names the data and the program: what was worked out under another key is out of date."""
+    runs = [record.run_id for record in store.runs(valid_only=True)]
+    return hashlib.sha256(json.dumps([_code(), runs]).encode()).hexdigest()
+
+
+@functools.cache
+def _code() -> str:
+    root = Path(config.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(path for package in _CODE for path in (root / package).rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def keep_fit(store: Store, version: ModelVersion, fit: Mapping[str, Any]) -> None:
+    """Keep a version's fit to the runs that are valid now."""
+    store.add_document(FIT, {"version": version.version, "data": data_key(store), "fit": fit})
+
+
+def kept_fit(store: Store, version: ModelVersion) -> dict[str, Any] | None:
+    """The fit of a version to the runs that are valid now; None when there is none yet."""
+    return _kept(store, FIT, "fit", version=version.version, data=data_key(store))
+
+
+def keep_diagnosis(store: Store, version: ModelVersion, alpha: float, diagnosis: Mapping[str, Any]) -> None:
+    """Keep a diagnosis of the runs that are valid now."""
+    data = {"version": version.version, "data": data_key(store), "alpha": alpha, "diagnosis": diagnosis}
+    store.add_document(DIAGNOSIS, data)
+
+
+def kept_diagnosis(store: Store, version: ModelVersion, alpha: float) -> dict[str, Any] | None:
+    """The diagnosis of a version with the runs that are valid now; None when there is none yet."""
+    return _kept(store, DIAGNOSIS, "diagnosis", version=version.version, data=data_key(store), alpha=alpha)
+
+
+def last_diagnosis(store: Store) -> dict[str, Any] | None:
+    """Whatever was diagnosed last, of whichever version and runs; None when nothing was."""
+    return _kept(store, DIAGNOSIS, "diagnosis")
+
+
+def _kept(store: Store, kind: str, what: str, **key: Any) -> dict[str, Any] | None:
+    found = [each.data[what] for each in store.documents(kind) if key.items() <= each.data.items()]
+    return dict(found[-1]) if found else None

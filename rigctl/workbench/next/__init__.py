@@ -1,0 +1,1 @@
+"""Which measurement to make next."""

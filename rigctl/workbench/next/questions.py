@@ -1,0 +1,121 @@
+"""What there is to ask of the next measurement: is it this effect, or that one; is it there at all?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rigctl.core.errors import UNFIT
+from rigctl.workbench.findings import Diagnosis, Rank
+from rigctl.workbench.study import FloatArray, IntArray, ScansBetween, Study, Term
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.score import ABSORBED
+
+SURE = 2.0
+"""So many sigma of a parameter, and it is there."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """Is it `term`, or `rival`? Or without a rival: is it there at all, so that `instead` does not imitate it?
+
+    `size` (d,) are the parameters' sizes, `basis` where they are from. `nearby` are choices of the rival beside the
+    one it has: free with it, for a time or a frequency is fitted too.
+    """
+
+    term: Term
+    rival: Term | None
+    size: FloatArray
+    basis: Literal["estimate", "typical"]
+    instead: str = ""
+    nearby: tuple[Term, ...] = ()
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """What has columns of its own."""
+        return (self.term, *(() if self.rival is None else (self.rival,)), *self.nearby)
+
+    @property
+    def other(self) -> str:
+        """What it must be told from."""
+        return self.rival.effect if self.rival else self.instead
+
+
+def rivals(study: Study, final: Sequence[Term], diagnosis: Diagnosis) -> tuple[tuple[Term, ...], list[Question]]:
+    """Of what was found and has an equal: either against the other, at the size it would have.
+
+    `final` are the terms the diagnosis ended with; what is returned first are those of them without an equal.
+    """
+    contested = [
+        rank
+        for rank in diagnosis.ranking
+        if rank.term in final and rank.term not in diagnosis.terms and rank.equivalent_to
+    ]
+    doubted = [rank.term for rank in contested]
+    base = tuple(term for term in final if term not in doubted)
+    questions = []
+    for rank in contested:
+        beside = (*base, *(term for term in doubted if term != rank.term))
+        for alternative in _equals(study, beside, rank):
+            for one, other in ((rank.term, alternative), (alternative, rank.term)):
+                size = _estimated(study, beside, one)
+                if len(size):
+                    questions.append(Question(one, other, size, "estimate", nearby=_nearby(study, other)))
+    return base, questions
+
+
+def inseparable(final: Attempt, diagnosis: Diagnosis) -> list[Question]:
+    """Effects that these data cannot tell from another, or from what is fitted: at their typical sizes."""
+    scored = {each.candidate.term.effect: each for each in final.scored}
+    questions = []
+    absorbed: set[str] = set()
+    for pair in diagnosis.inseparable:
+        if pair.effect not in scored or pair.effect in absorbed:
+            continue
+        own = scored[pair.effect].candidate
+        if pair.other.startswith("baseline:"):
+            absorbed.add(pair.effect)
+            size = np.where(scored[pair.effect].score.keep < ABSORBED, own.typical, 0.0)
+            if size.any():
+                questions.append(Question(own.term, None, size, "typical", pair.other))
+        elif pair.other in scored:
+            questions.append(Question(own.term, scored[pair.other].candidate.term, own.typical, "typical"))
+    return questions
+
+
+def _equals(study: Study, beside: Sequence[Term], rank: Rank) -> list[Term]:
+    """What does as well in its place, each with the choice (a head) that does best there."""
+    instead = {each.candidate.term.effect: each.candidate.term for each in Attempt(study, beside).scored}
+    return [instead[effect] for effect in rank.equivalent_to if effect in instead]
+
+
+def _nearby(study: Study, term: Term) -> tuple[Term, ...]:
+    """The same effect with the neighbours of what a scan has found."""
+    if not isinstance(study, ScansBetween):
+        return ()
+    found = study.neighbours(term).items()
+    return tuple(Term(term.effect, {**term.choice, name: value}) for name, both in found for value in both)
+
+
+def _estimated(study: Study, beside: Sequence[Term], term: Term) -> FloatArray:
+    """Size of a term fitted beside others, (d,), without what was scanned for; empty when it cannot be fitted."""
+    try:
+        attempt = Attempt(study, (*beside, term))
+    except UNFIT:
+        return np.zeros(0)
+    amplitudes = [name not in attempt.scanned for name in attempt.names]
+    own = np.flatnonzero([o == term.effect and a for o, a in zip(attempt.model.owners, amplitudes, strict=True)])
+    size = np.asarray(attempt.result.values[own])
+    sure = np.abs(size) > SURE * _sigma(attempt.result.covariance, own, np.flatnonzero(np.logical_not(amplitudes)))
+    # What is not sure is estimated too large: no promise is built on it.
+    return np.where(sure, size, 0.0) if sure.any() else size
+
+
+def _sigma(covariance: FloatArray, own: IntArray, scanned: IntArray) -> FloatArray:
+    """Standard uncertainties of amplitudes with what was scanned for held where it is."""
+    across = covariance[np.ix_(own, scanned)]
+    known = np.linalg.pinv(covariance[np.ix_(scanned, scanned)])
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance[np.ix_(own, own)] - across @ known @ across.T), 0.0)))

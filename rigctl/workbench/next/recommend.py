@@ -1,0 +1,100 @@
+"""The next measurement: the runs that best separate what is ambiguous, show what is hidden, or tighten the result.
+
+For an effect j and what it must be told from (a rival k, or the fitted parameters alone) the promise of runs x is
+
+    lambda = b' V(data + x) b,    V = G_j' M G_j,    M projecting out everything fitted, k among it,
+
+with b the effect's size: as estimated where it is significant, else the catalogue's typical one, since what is not
+significant is estimated too large. lambda is how far chi-square will be from what it would be, on average, with the
+wrong one of the two in the model. Between rivals, M leaves the rest of the catalogue free too, within typical sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from rigctl.workbench.findings import Diagnosis
+from rigctl.workbench.next.decide import Decided, decided, others_than
+from rigctl.workbench.next.imagined import Imagined
+from rigctl.workbench.next.plan import shuffled
+from rigctl.workbench.next.questions import inseparable, rivals
+from rigctl.workbench.next.recommendation import (
+    Answer,
+    Purpose,
+    Recommendation,
+    Tightened,
+    hopeless_words,
+    telling_words,
+    tightening_words,
+)
+from rigctl.workbench.next.tighten import tightening
+from rigctl.workbench.study import Plannable, Proposal, Study, Term
+from rigctl.workbench.threads import one_thread
+from rigctl.workbench.verdict.attempt import Attempt
+
+MOST_RUNS = 24
+
+Allowed = Callable[[Proposal], bool]
+
+
+@one_thread
+def recommend(
+    study: Study,
+    terms: Sequence[Term],
+    diagnosis: Diagnosis,
+    *,
+    allowed: Allowed | None = None,
+    offered: Sequence[Proposal] | None = None,
+    seed: int = 0,
+    most_runs: int = MOST_RUNS,
+) -> Recommendation:
+    """What to measure next, given what `diagnosis` found beside `terms`.
+
+    Rivals first; then effects that cannot be told from others or are absorbed; else what tightens the result. Runs
+    are chosen among those `offered`, by default all options of the study; `allowed` says which of them the bench can
+    do, `seed` fixes their order.
+    """
+    if not isinstance(study, Plannable):
+        return Recommendation("none", (), f"Nothing is known of what a '{study.experiment}' rig could measure next.")
+    offered = [each for each in offered or study.options() if allowed is None or allowed(each)]
+    if not offered:
+        return Recommendation("none", (), "There is no run that the bench can do.")
+    final = diagnosis.steps[-1].terms if diagnosis.steps else tuple(terms)
+    base, questions = rivals(study, final, diagnosis)
+    separating = Decided()
+    if questions:
+        imagined = Imagined(study, Attempt(study, base), offered)
+        separating = decided(imagined, questions, most_runs, others_than(questions, imagined))
+    if separating.chosen:
+        return _telling("separate", separating, offered, seed)
+    attempt = Attempt(study, final)
+    imagined = Imagined(study, attempt, offered)
+    revealing = decided(imagined, inseparable(attempt, diagnosis), most_runs)
+    revealing = replace(revealing, hopeless=(*separating.hopeless, *revealing.hopeless))
+    if revealing.chosen:
+        return _telling("reveal", revealing, offered, seed)
+    result = study.result(attempt.model, attempt.result.values, attempt.result.covariance)
+    chosen, tightened = tightening(imagined, result, most_runs)
+    return _tightening([offered[i] for i in chosen], tightened, revealing.hopeless, seed)
+
+
+def _telling(purpose: Purpose, found: Decided, offered: Sequence[Proposal], seed: int) -> Recommendation:
+    runs = shuffled([offered[i] for i in found.chosen], seed)
+    words = telling_words(found.answers, found.hopeless, runs)
+    return Recommendation(purpose, runs, words, found.answers, found.hopeless, best=offered[found.chosen[0]])
+
+
+def _tightening(
+    chosen: Sequence[Proposal], result: Sequence[Tightened], hopeless: Sequence[Answer], seed: int
+) -> Recommendation:
+    said, kept = hopeless_words(hopeless), tuple(hopeless)
+    if not result:
+        words = f"{said}Nothing is ambiguous, and the result has no parameter to tighten."
+        return Recommendation("none", (), words, hopeless=kept)
+    if not chosen:
+        words = f"{said}Nothing is ambiguous, and no single run would tighten the result by 1 %."
+        return Recommendation("none", (), words, hopeless=kept)
+    runs = shuffled(chosen, seed)
+    words = f"{said}{tightening_words(result, runs)}"
+    return Recommendation("tighten", runs, words, (), kept, tuple(result), chosen[0])

@@ -1,0 +1,121 @@
+"""A recommendation as data and in words: which runs, and what they promise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from rigctl.workbench.next.promise import PROMISE
+from rigctl.workbench.next.questions import Question
+from rigctl.workbench.next.rig_time import total_s
+from rigctl.workbench.study import Proposal
+
+Purpose = Literal["separate", "reveal", "tighten", "none"]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the runs promise for one question; `runs_needed` None when they do not reach the power."""
+
+    question: Question
+    lambda_now: float
+    lambda_promised: float
+    power: float
+    runs_needed: int | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Within `next_measurement` in JSON."""
+        return {
+            "effect": self.question.term.effect,
+            "from": self.question.other,
+            "size": self.question.basis,
+            "lambda_now": self.lambda_now,
+            "lambda": self.lambda_promised,
+            "power": self.power,
+            "runs_needed": self.runs_needed,
+        }
+
+
+@dataclass(frozen=True)
+class Tightened:
+    """A parameter of the result, its standard uncertainty now and with the runs."""
+
+    name: str
+    sigma_now: float
+    sigma_promised: float
+    unit: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Within `next_measurement` in JSON."""
+        return {**vars(self)}
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """Runs to make next, in this order, and what they promise; `words` says it in a few sentences."""
+
+    purpose: Purpose
+    runs: tuple[Proposal, ...]
+    words: str
+    answers: tuple[Answer, ...] = ()
+    hopeless: tuple[Answer, ...] = ()
+    result: tuple[Tightened, ...] = ()
+    best: Proposal | None = None
+
+    @property
+    def takes_s(self) -> float:
+        """Rig time of all runs; NaN where it is not known."""
+        return total_s(self.runs)
+
+    def as_json(self) -> dict[str, Any]:
+        """The value of `next_measurement`."""
+        return {
+            "purpose": self.purpose,
+            "description": self.words,
+            "runs": [dict(run.settings) for run in self.runs],
+            "best_run": None if self.best is None else dict(self.best.settings),
+            "takes_s": self.takes_s if self.runs else 0.0,
+            "promises": [answer.as_json() for answer in self.answers],
+            "cannot_be_separated": [answer.as_json() for answer in self.hopeless],
+            "result": [each.as_json() for each in self.result],
+        }
+
+
+def telling_words(answers: Sequence[Answer], hopeless: Sequence[Answer], runs: Sequence[Proposal]) -> str:
+    """Of runs that answer questions."""
+    told = []
+    for answer in answers:
+        size = "as large as estimated" if answer.question.basis == "estimate" else "of its typical size"
+        chance = f"lambda {answer.lambda_promised:.3g}, probability {answer.power:.0%}"
+        if answer.lambda_promised < PROMISE and answer.runs_needed is not None:
+            chance += f"; {answer.runs_needed} runs like these would do"
+        told.append(f"{answer.question.term.effect}, {size}, from {_plain(answer.question.other)} ({chance})")
+    return f"{_counted(runs)} would tell {'; '.join(told)}. {hopeless_words(hopeless)}".strip()
+
+
+def tightening_words(result: Sequence[Tightened], runs: Sequence[Proposal]) -> str:
+    """Of runs that make the result better."""
+    gains = [f"{t.name} from {t.sigma_now:.3g} to {t.sigma_promised:.3g} {t.unit}".strip() for t in result[:3]]
+    return f"{_counted(runs)} would tighten the result: the standard uncertainty of {', '.join(gains)}."
+
+
+def hopeless_words(hopeless: Sequence[Answer]) -> str:
+    """Of questions that no runs answer; "" for none."""
+    if not hopeless:
+        return ""
+    told = "; ".join(f"{each.question.term.effect} from {_plain(each.question.other)}" for each in hopeless)
+    return f"Beyond what runs like these can tell apart: {told}. "
+
+
+def _plain(other: str) -> str:
+    return f"the baseline's {other.removeprefix('baseline:')}" if other.startswith("baseline:") else other
+
+
+def _counted(runs: Sequence[Proposal]) -> str:
+    takes_s = total_s(runs)
+    known = bool(np.isfinite(takes_s))
+    noun = ("run" if known else "reading") + ("" if len(runs) == 1 else "s")
+    return f"{len(runs)} {noun}{f' ({takes_s / 60.0:.1f} min of rig time)' if known else ''}"

@@ -1,0 +1,1 @@
+"""Does the model describe the runs, and which effect is missing?"""

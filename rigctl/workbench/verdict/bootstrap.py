@@ -1,0 +1,148 @@
+"""Are p-values right where the noise itself was estimated? Noise like the one found is drawn, and estimated anew.
+
+A parametric bootstrap of "nothing hidden". Everything is linear at the fit, and data whose noise is known act through
+what they say of the columns only: a draw costs some products of small matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import special
+
+from rigctl.workbench.study import FloatArray, IntArray
+from rigctl.workbench.verdict.noise import orthonormal
+from rigctl.workbench.verdict.score import ABSORBED, p_of
+
+if TYPE_CHECKING:
+    from rigctl.workbench.verdict.attempt import Attempt
+
+DRAWS = 300
+DEGREES = (40.0, 25.0, 16.0, 11.0, 8.0, 6.0, 5.0, 4.0, 3.0)
+SCALES = np.geomspace(1.0, 8.0, 13)
+_FEW = 50
+_CHOICES = 20
+_HIGH = 20.0
+"""Where tails are compared: some four sigma."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """How a statistic comes out with nothing hidden: T / (scale d) follows F(d, dof)."""
+
+    scale: float
+    dof: float
+
+    def p_value(self, statistic: float, dimension: int) -> float:
+        """Probability of a larger one."""
+        return float(p_of(statistic / self.scale, dimension, self.dof))
+
+
+class Bootstrap:
+    """Laws of the statistics that noise from the scatter has a part in, from draws with nothing hidden.
+
+    `effects` are statistics (draws, k) of each effect's candidates with their dimensions and degrees of freedom,
+    `shapes` (draws, k) those of plain shapes.
+    """
+
+    def __init__(
+        self, effects: Mapping[str, Sequence[tuple[FloatArray, int, float]]], shapes: FloatArray, dof: float
+    ) -> None:
+        self._effects = effects
+        self._shapes = shapes
+        self._dof = dof
+        self._laws: dict[str, Law] = {}
+
+    def law(self, effect: str) -> Law:
+        """Of an effect; of a scanned one the widest of its choices."""
+        if effect not in self._laws:
+            laws = [_law(drawn, dimension, dof) for drawn, dimension, dof in self._effects[effect]]
+            self._laws[effect] = max(laws, key=lambda law: law.p_value(_HIGH, 1))
+        return self._laws[effect]
+
+    @cached_property
+    def shapes(self) -> Law:
+        """Of all plain shapes together."""
+        return _law(self._shapes.ravel(), 1, self._dof)
+
+
+def bootstrap(attempt: Attempt, seed: int) -> Bootstrap:
+    """Draws for one attempt; `seed` fixes them."""
+    rng = np.random.default_rng([seed, 3])
+    given, noise, scatter = attempt.model.observations, attempt.noise, attempt.estimator.rows
+    data = given.value.size
+    shapes = attempt.generic.main_columns(scatter)
+    plain = np.zeros((data, shapes.shape[1]))
+    plain[scatter] = shapes
+    tried = [*(candidate.derivative for candidate in attempt.candidates), *plain.T[:, :, None]]
+    widths = np.array([columns.shape[1] for columns in tried], dtype=np.intp)
+    fitted, columns = attempt.model.jacobian(attempt.result.values), np.hstack([np.zeros((data, 0)), *tried])
+    known = np.setdiff1d(np.arange(len(attempt.left)), scatter)
+    white = attempt.jacobian[known], attempt.padded(noise.whiten(columns))[known]
+    frame = orthonormal(np.hstack(white), 1e-9)
+    above = frame.T @ white[0], frame.T @ white[1]
+    drawn = np.zeros((DRAWS, len(tried)))
+    dimensions = np.ones(len(tried), dtype=np.intp)
+    for draw in range(DRAWS):
+        noisy = np.zeros(data)
+        noisy[scatter] = noise.colour(rng.standard_normal(data))[scatter]
+        found = attempt.estimator.estimate(noisy)
+        left = np.concatenate([rng.standard_normal(frame.shape[1]), found.whiten(noisy)[scatter]])
+        drawn[draw], dimensions = _statistics(
+            np.vstack([above[0], found.whiten(fitted)[scatter]]),
+            np.vstack([above[1], found.whiten(columns)[scatter]]),
+            widths,
+            left,
+        )
+    effects: dict[str, list[tuple[FloatArray, int, float]]] = {}
+    for number, (candidate, score) in enumerate(zip(attempt.candidates, attempt.scores, strict=True)):
+        own = effects.setdefault(candidate.term.effect, [])
+        if len(own) < _CHOICES:
+            own.append((drawn[:, number], int(dimensions[number]), score.dof))
+    return Bootstrap(effects, drawn[:, len(attempt.candidates) :], float(np.min(noise.dof[scatter])))
+
+
+def _law(drawn: FloatArray, dimension: int, dof: float) -> Law:
+    """Scaled F fitted to draws by likelihood; never narrower than F(d, dof) itself."""
+    mean = drawn[drawn > 0.0] / dimension
+    if len(mean) < _FEW:
+        return Law(1.0, dof)
+    best, law = -np.inf, Law(1.0, dof)
+    for nu in (dof, *(each for each in DEGREES if each < dof)):
+        for scale in SCALES:
+            likelihood = _log_f(mean / scale, dimension, min(nu, 1e6)) - len(mean) * float(np.log(scale))
+            if likelihood > best:
+                best, law = likelihood, Law(float(scale), nu)
+    return law
+
+
+def _log_f(x: FloatArray, d: int, nu: float) -> float:
+    """Log likelihood of the F distribution, but for what depends on d alone."""
+    constant = 0.5 * d * np.log(1.0 / nu) - special.betaln(0.5 * d, 0.5 * nu)
+    return float(len(x) * constant + np.sum((0.5 * d - 1.0) * np.log(x) - 0.5 * (d + nu) * np.log1p(d * x / nu)))
+
+
+def _statistics(
+    fitted: FloatArray, columns: FloatArray, widths: IntArray, left: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """(T, dimensions) of candidates whose columns stand side by side, `widths` of them each."""
+    basis = orthonormal(fitted, 1e-8)
+    free = columns - basis @ (basis.T @ columns)
+    along = free.T @ (left - basis @ (basis.T @ left))
+    size = np.sum(columns**2, axis=0)
+    own = np.sum(free**2, axis=0)
+    kept = own > ABSORBED**2 * np.where(size > 0.0, size, 1.0)
+    first = np.concatenate([[0], np.cumsum(widths)[:-1]])
+    statistics = np.where(kept, along**2 / np.where(kept, own, 1.0), 0.0)[first]
+    dimensions = np.ones(len(widths), dtype=np.intp)
+    for number in np.flatnonzero(widths > 1):
+        where = first[number] + np.flatnonzero(kept[first[number] : first[number] + widths[number]])
+        if len(where):
+            root = orthonormal(free[:, where], ABSORBED)
+            statistics[number] = np.sum((root.T @ left) ** 2)
+            dimensions[number] = root.shape[1]
+    return statistics, dimensions

@@ -1,0 +1,133 @@
+"""The current model beside the measurements: how far off, in what, and along which condition."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rigctl.workbench.findings import ChannelFit, Comparison, Outlier, Trend
+from rigctl.workbench.study import FloatArray, IntArray, Study, Term
+from rigctl.workbench.threads import one_thread
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.covariates import distinct
+from rigctl.workbench.verdict.fit import chi2_p_value
+from rigctl.workbench.verdict.noise import orthonormal
+
+WORST = 10
+BINS = 5
+TRENDS = 20
+_FEW = 3
+
+
+@one_thread
+def compare(study: Study, terms: Sequence[Term], version: int = 1) -> Comparison:
+    """Residuals of the fitted model against the noise, per series, run and covariate."""
+    return compared(Attempt(study, terms), version)
+
+
+def compared(attempt: Attempt, version: int) -> Comparison:
+    """What a fitted attempt leaves."""
+    given, left = attempt.model.observations, attempt.whitened()
+    channels = []
+    plain, raw = attempt.noise.plain(), attempt.unexplained()
+    for number, series in enumerate(given.series):
+        rows = given.series_of == number
+        if rows.any():
+            channels.append(
+                ChannelFit(
+                    series.channel,
+                    series.component,
+                    _rms(raw[rows]),
+                    _rms(plain[rows]),
+                    series.unit,
+                    int(rows.sum()),
+                    float(left[rows] @ left[rows]),
+                )
+            )
+    worst = np.argsort(-np.abs(left))[:WORST]
+    return Comparison(
+        version=version,
+        terms=attempt.terms,
+        chi2=attempt.result.chi2,
+        dof=attempt.result.dof,
+        p_value=chi2_p_value(attempt),
+        channels=tuple(channels),
+        worst=tuple(_outlier(attempt, int(where), float(left[where])) for where in worst),
+        trends=_trends(attempt),
+        lines=tuple(
+            {
+                "channel": line.channel,
+                "frequency_hz": line.frequency_hz,
+                "amplitude": line.amplitude,
+                "sigma": line.sigma,
+                "unit": line.unit,
+                "p_value": line.p_value,
+            }
+            for line in attempt.study.lines(attempt.model)
+            if np.isfinite(line.frequency_hz)
+        ),
+        observations=given,
+        residuals=left,
+    )
+
+
+def _outlier(attempt: Attempt, where: int, sigma: float) -> Outlier:
+    given = attempt.model.observations
+    series = given.series[given.series_of[where]]
+    return Outlier(given.run_ids[given.run_of[where]], series.channel, series.component, sigma)
+
+
+def _trends(attempt: Attempt) -> tuple[Trend, ...]:
+    """Every series against every covariate that says something of its own, the strongest first."""
+    given, projector = attempt.model.observations, attempt.projector
+    covariates = distinct(given.covariates)
+    found: list[tuple[Trend, float]] = []
+    for number, series in enumerate(given.series):
+        rows = np.flatnonzero(given.series_of == number)
+        for name in covariates:
+            values = given.of_runs(name)[rows]
+            columns = _steps(values, bins=max(BINS, len(given.levels.get(name, ()))))
+            if columns is None:
+                continue
+            whole = np.zeros((len(given.value), columns.shape[1]))
+            whole[rows] = columns * attempt.noise.plain()[rows, None]
+            score = projector.score(attempt.padded(attempt.noise.whiten(whole)))
+            if not score.dimension:
+                continue
+            explained = np.sqrt(score.statistic / len(rows))
+            found.append(
+                (Trend(series.channel, series.component, name, score.p_value, 1.0, float(explained)), score.p_value)
+            )
+    trials = len(found)
+    found.sort(key=lambda pair: pair[1])
+    return tuple(
+        Trend(
+            each.channel,
+            each.component,
+            each.covariate,
+            each.p_value,
+            min(trials * each.p_value, 1.0),
+            each.rms_explained,
+        )
+        for each, _ in found[:TRENDS]
+    )
+
+
+def _steps(values: FloatArray, bins: int) -> FloatArray | None:
+    """Indicators of a covariate's values, or of so many bins of equal count, less their mean; None when constant."""
+    if not np.isfinite(values).all() or np.ptp(values) <= 0.0:
+        return None
+    edges = np.unique(values)
+    if len(edges) > bins:
+        edges = np.quantile(values, np.linspace(0, 1, bins + 1))
+    where: IntArray = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 1)
+    indicator = np.equal.outer(where, np.unique(where)).astype(np.float64)
+    indicator = indicator[:, indicator.sum(axis=0) >= 1]
+    if indicator.shape[1] < 2 or len(values) < _FEW + indicator.shape[1]:
+        return None
+    return orthonormal(indicator - indicator.mean(axis=0), 1e-6)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,46 @@
+"""A model fitted to a recording: parameters, and its error on runs it used and on runs it did not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rigctl.workbench.findings import ModelFit
+from rigctl.workbench.study import Study, Term
+from rigctl.workbench.threads import one_thread
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.score import p_of
+
+
+@one_thread
+def fit(study: Study, terms: Sequence[Term]) -> ModelFit:
+    """Fit baseline and terms to all valid runs; `ProcedureError` when the runs do not determine them."""
+    return fitted(Attempt(study, terms))
+
+
+def fitted(attempt: Attempt) -> ModelFit:
+    """What a fitted attempt amounts to."""
+    result = attempt.result
+    return ModelFit(
+        terms=attempt.terms,
+        parameters=attempt.estimates(),
+        chi2=result.chi2,
+        dof=result.dof,
+        p_value=chi2_p_value(attempt),
+        error_fit=float(np.sqrt(result.chi2_per_dof)) if result.dof > 0 else float("nan"),
+        error_held_out=attempt.held_out.error(),
+        residuals=attempt.whitened(),
+        result=attempt.study.result(attempt.model, result.values, result.covariance),
+    )
+
+
+def chi2_p_value(attempt: Attempt) -> float:
+    """Of all that is left, the noise being known no better than it is; NaN without degrees of freedom."""
+    result = attempt.result
+    if result.dof <= 0:
+        return float("nan")
+    counts = zip(*np.unique(attempt.noise.dof, return_counts=True), strict=True)
+    spread = sum(float(number) ** 2 / dof for dof, number in counts if np.isfinite(dof))
+    dof = len(attempt.noise.dof) ** 2 / spread if spread > 0.0 else np.inf
+    return float(p_of(result.chi2, result.dof, dof))

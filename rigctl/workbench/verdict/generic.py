@@ -1,0 +1,329 @@
+"""Whatever might be left, with no physics assumed: shapes over the conditions, one series at a time.
+
+A shape is a harmonic of the angle, times a power of the frequency, times a covariate. Where no effect of the
+catalogue explains what is left, the strongest shape describes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.workbench.findings import Unexplained
+from rigctl.workbench.study import FloatArray, IntArray, Observations
+from rigctl.workbench.verdict.noise import Noise
+from rigctl.workbench.verdict.score import ABSORBED, Projector, corrected, p_of, smallest_p, trials_of
+
+ANGLE_HARMONICS = 4
+POLYNOMIAL = 6
+"""Highest power of a covariate where neither angle nor frequency gives other shapes."""
+
+POWERS = (-1, 0, 1, 2)
+SHAPE_DRAWS = 1000
+_SIDEWAYS, _COPY = 1e-3, 0.999
+_MANY = 1 << 22
+_FEW_DATA = 20_000
+_NONE = np.zeros((0, 0))
+_NO_SMALLER = 1e-12
+"""P-values below are no longer compared: evidence is."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One generic candidate: `harmonic` of the angle (0: none), `power` of the frequency, `covariate` ("" none)."""
+
+    series: int
+    harmonic: int
+    power: int
+    covariate: str
+
+
+@dataclass(frozen=True)
+class Best:
+    """The strongest shape left, with its p-value and that corrected for all shapes; `columns` (n, 1 or 2)."""
+
+    shape: Shape
+    statistic: float
+    p_value: float
+    p_value_corrected: float
+    n_eff: float
+    dimension: int
+    columns: FloatArray
+
+
+class Generic:
+    """All shapes of a set of observations."""
+
+    def __init__(self, given: Observations) -> None:
+        self._given = given
+        self._kept: dict[int, _Part] = {}
+
+    def _parts(self) -> Iterator[_Part]:
+        """Series by series; kept where that takes little memory."""
+        for number in range(len(self._given.series)):
+            part = self._kept.get(number)
+            if part is None:
+                rows = np.flatnonzero(self._given.series_of == number)
+                if not len(rows):
+                    continue
+                part = _distinct(self._given, number, rows)
+                if len(self._given.value) <= _FEW_DATA:
+                    self._kept[number] = part
+            yield part
+
+    def main_columns(self, where: IntArray) -> FloatArray:
+        """The shapes one at a time, products left out, at some data: what saturates a small pool; (data, k)."""
+        found = [np.zeros((len(where), 0))]
+        for number in np.unique(self._given.series_of[where]):
+            own = np.flatnonzero(self._given.series_of[where] == number)
+            rows = where[own]
+            _, shapes, stack, second = _distinct(self._given, int(number), rows)
+            main = [
+                place
+                for place, shape in enumerate(shapes)
+                if (shape.harmonic > 0) + (shape.power != 0) + (shape.covariate != "") <= 1
+            ]
+            places = [*main, *(second[place] for place in main if second[place] >= 0)]
+            columns = np.zeros((len(where), len(places)))
+            columns[own] = stack[:, places]
+            found.append(columns)
+        return np.hstack(found)
+
+    def best(self, noise: Noise, projector: Projector, rng: np.random.Generator) -> Best | None:
+        """The strongest shape in what is left; None without any that could be seen."""
+        rows = len(projector.left)
+        draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // rows, 200)), rows), dtype=np.float32)
+        fitted = draws @ projector.basis.astype(np.float32)
+        smallest = np.ones(len(draws))
+        shapes: list[Shape] = []
+        scored: list[_Scored] = []
+        for part in self._parts():
+            found = self._scored(part, noise, projector)
+            smallest = np.minimum(smallest, _smallest(found, draws, fitted))
+            shapes += part[1]
+            scored.append(replace(found, columns=_NONE, shadow=_NONE))
+        if not scored:
+            return None
+        statistics = np.concatenate([each.statistic for each in scored])
+        dimensions = np.concatenate([each.dimension for each in scored])
+        p_values = p_of(statistics, dimensions, np.concatenate([each.dof for each in scored]))
+        n_eff = trials_of(smallest)
+        evidence = 0.5 * statistics - 0.5 * dimensions * np.log(projector.data)
+        top = int(np.argmax(np.where(p_values <= max(float(p_values.min()), _NO_SMALLER), evidence, -np.inf)))
+        p_value = float(p_values[top])
+        return Best(
+            shapes[top],
+            float(statistics[top]),
+            p_value,
+            corrected(p_value, n_eff),
+            n_eff,
+            int(dimensions[top]),
+            self._columns(shapes[top]),
+        )
+
+    def _columns(self, shape: Shape) -> FloatArray:
+        """Columns (n, 1 or 2) of one shape, the angle's cosine and sine as they are."""
+        rows = np.flatnonzero(self._given.series_of == shape.series)
+        columns = np.zeros((len(self._given.value), 2 if shape.harmonic else 1))
+        columns[rows] = _plain(self._given, rows, shape)
+        return columns
+
+    def _scored(self, part: _Part, noise: Noise, projector: Projector) -> _Scored:
+        rows, _, stack, second = part
+        where, white = noise.whiten_rows(rows, stack)
+        basis = projector.basis[where]
+        # Q is never made: on the rows of the series it is columns less B shadow, elsewhere B shadow alone.
+        first = np.arange(len(second))
+        columns, shadow = white[:, first], basis.T @ white[:, first]
+        columns, shadow, size = _unit(columns, shadow, np.linalg.norm(columns, axis=0))
+        along = projector.left[where] @ columns
+        statistic, dimension = along**2, (size > 0.0).astype(np.intp)
+        pairs = np.flatnonzero(second >= 0)
+        beside = white[:, second[pairs]]
+        beside_shadow = basis.T @ beside
+        length = np.linalg.norm(beside, axis=0)
+        overlap = np.sum(columns[:, pairs] * beside, axis=0) - np.sum(shadow[:, pairs] * beside_shadow, axis=0)
+        beside, beside_shadow, beside_size = _unit(
+            beside - columns[:, pairs] * overlap, beside_shadow - shadow[:, pairs] * overlap, length
+        )
+        statistic[pairs] += (projector.left[where] @ beside) ** 2
+        dimension[pairs] += beside_size > 0.0
+        known = noise.dof[rows][np.isfinite(noise.dof[rows])]
+        dof = float(np.median(known)) if known.size else np.inf
+        return _Scored(
+            statistic,
+            np.maximum(dimension, 1),
+            np.full(len(second), dof),
+            where,
+            np.hstack([columns, beside]),
+            np.hstack([shadow, beside_shadow]),
+            pairs,
+        )
+
+    def describe(self, best: Best, noise: Noise, projector: Projector) -> Unexplained:
+        """In words and numbers."""
+        given, shape = self._given, best.shape
+        series = given.series[shape.series]
+        score = projector.score(_padded(noise.whiten(best.columns), len(projector.left)))
+        amplitude = float(np.linalg.norm(score.estimate))
+        sigma = float(np.sqrt(np.sum(np.where(np.isfinite(score.sigma), score.sigma, 0.0) ** 2)))
+        details: dict[str, object] = {
+            "harmonic_of_angle": shape.harmonic,
+            "frequency_power": shape.power,
+            "covariate": shape.covariate,
+            "size": amplitude,
+            "sigma": sigma,
+            "unit": series.unit,
+            "sign": 0 if shape.harmonic else int(np.sign(score.estimate[0])),
+        }
+        words = [f"{series.name} is off by {amplitude:.3g} +- {sigma:.2g} {series.unit}".replace("  ", " ")]
+        if shape.harmonic:
+            phase = float(np.degrees(np.arctan2(score.estimate[1], score.estimate[0])))
+            details["phase_deg"] = phase
+            words.append(f"as cos({_times(shape.harmonic)}{given.angle} - {phase:.0f} deg)")
+        else:
+            words[0] = words[0].replace("off by ", "off by " + ("" if score.estimate[0] > 0 else "-"), 1)
+        if given.frequency is not None:
+            words.append(
+                {-1: "falling as 1/w", 0: "whatever the frequency", 1: "growing as w", 2: "growing as w^2"}[
+                    shape.power
+                ]
+            )
+        if shape.covariate:
+            words.append(f"with {_worded(shape.covariate)} (size per standard deviation of it)")
+        return Unexplained(series.channel, series.component, ", ".join(words), best.p_value_corrected, details)
+
+
+@dataclass(frozen=True)
+class _Scored:
+    """Shapes of one series: Q = columns less B shadow, the second columns of `pairs` after the first of all."""
+
+    statistic: FloatArray
+    dimension: IntArray
+    dof: FloatArray
+    where: IntArray
+    columns: FloatArray
+    shadow: FloatArray
+    pairs: IntArray
+
+
+def _unit(columns: FloatArray, shadow: FloatArray, size: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Columns whose part outside B has unit length, their shadows, and that length; zero where B imitates them."""
+    free = np.sum(columns**2, axis=0) - np.sum(shadow**2, axis=0)
+    kept = free > (ABSORBED * size) ** 2
+    scale = np.where(kept, 1.0 / np.sqrt(np.where(kept, free, 1.0)), 0.0)
+    return columns * scale, shadow * scale, np.where(kept, np.sqrt(np.abs(free)), 0.0)
+
+
+def _smallest(each: _Scored, draws: NDArray[np.float32], fitted: NDArray[np.float32]) -> FloatArray:
+    """Smallest p of each draw of noise over the shapes of a series."""
+    squares = (draws[:, each.where] @ each.columns - fitted @ each.shadow) ** 2
+    count = len(each.statistic)
+    statistic = squares[:, :count]
+    statistic[:, each.pairs] += squares[:, count:]
+    return smallest_p(statistic, each.dimension)
+
+
+_Part = tuple[IntArray, list[Shape], FloatArray, IntArray]
+"""Rows of a series, its shapes, their columns at unit length, and where the second column of each is, or -1."""
+
+
+def _distinct(given: Observations, number: int, rows: IntArray) -> _Part:
+    shapes, columns, seconds = [], [], []
+    names, common = _common(given, rows)
+    for harmonic in range(ANGLE_HARMONICS + 1) if given.angle is not None else (0,):
+        first, second = common, np.zeros_like(common)
+        if harmonic and given.angle is not None:
+            angle = np.radians(harmonic * given.of_runs(given.angle)[rows])[:, None]
+            first, second = common * np.cos(angle), common * np.sin(angle)
+        columns.append(first)
+        seconds.append(second)
+        shapes += [Shape(number, harmonic, power, covariate) for power, covariate in names]
+    one, other = _normalised(np.hstack(columns)), _normalised(np.hstack(seconds))
+    other = other - one * np.sum(one * other, axis=0)
+    length = np.linalg.norm(other, axis=0)
+    paired = length > _SIDEWAYS
+    seen = np.any(one != 0.0, axis=0) | paired
+    one = np.where(np.any(one != 0.0, axis=0), one, other / np.where(paired, length, 1.0))
+    paired &= np.any(np.hstack(columns) != 0.0, axis=0)
+    where = np.full(len(shapes), -1, dtype=np.intp)
+    where[np.flatnonzero(paired & seen)] = int(seen.sum()) + np.arange(int((paired & seen).sum()))
+    stack = np.hstack([one[:, seen], (other / np.where(paired, length, 1.0))[:, paired & seen]])
+    return rows, [shape for shape, used in zip(shapes, seen, strict=True) if used], stack, where[seen]
+
+
+def _common(given: Observations, rows: IntArray) -> tuple[list[tuple[int, str]], FloatArray]:
+    """Powers of the frequency times covariates: what they are, and their columns (rows, k)."""
+    names, columns = [], []
+    covariates = _covariates(given, rows)
+    for power in POWERS if given.frequency is not None else (0,):
+        for covariate in covariates:
+            names.append((power, covariate))
+            columns.append(_plain(given, rows, Shape(0, 0, power, covariate))[:, 0])
+    return names, np.stack(columns, axis=1)
+
+
+def _covariates(given: Observations, rows: IntArray) -> list[str]:
+    """Those that vary and say something of their own, "" for none, and their squares."""
+    found = [""]
+    used_up = given.angle is not None or given.frequency is not None
+    used = [given.of_runs(name)[rows] for name in (given.angle, given.frequency) if name is not None]
+    for name in given.covariates:
+        own = given.of_runs(name)[rows]
+        if name in (given.angle, given.frequency, *given.levels) or not np.isfinite(own).all() or np.ptp(own) <= 0.0:
+            continue
+        if any(np.ptp(each) > 0.0 and abs(np.corrcoef(own, each)[0, 1]) > _COPY for each in used):
+            continue
+        used.append(own)
+        found.append(name)
+        degrees = min(POLYNOMIAL if not used_up else 2, (len(np.unique(own)) - 1) // 2)
+        found += [f"{name}^{degree}" for degree in range(2, degrees + 1)]
+    return found
+
+
+def _plain(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
+    """Columns of one shape over the rows of its series, shape (rows, 1 or 2)."""
+    common = np.ones(len(rows))
+    if shape.covariate:
+        name, _, degree = shape.covariate.partition("^")
+        values = given.of_runs(name)[rows]
+        common = _polynomial((values - values.mean()) / values.std(), int(degree or 1))
+    if shape.power and given.frequency is not None:
+        frequency = given.of_runs(given.frequency)[rows]
+        common = common * (frequency / frequency.mean()) ** shape.power
+    if not shape.harmonic or given.angle is None:
+        return np.asarray(common[:, None])
+    angle = np.radians(shape.harmonic * given.of_runs(given.angle)[rows])
+    return np.stack([common * np.cos(angle), common * np.sin(angle)], axis=1)
+
+
+def _polynomial(scaled: FloatArray, degree: int) -> FloatArray:
+    """The power of a scaled covariate less what lower powers say of it, of unit rms."""
+    if degree == 1:
+        return scaled
+    lower = np.linalg.qr(np.vander(scaled, degree, increasing=True))[0]
+    power = scaled**degree
+    power = power - lower @ (lower.T @ power)
+    return np.asarray(power / np.sqrt(np.mean(power**2)))
+
+
+def _normalised(columns: FloatArray) -> FloatArray:
+    size = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns / np.where(size > 0.0, size, 1.0))
+
+
+def _padded(columns: FloatArray, rows: int) -> FloatArray:
+    return np.vstack([columns, np.zeros((rows - len(columns), columns.shape[1]))])
+
+
+def _times(harmonic: int) -> str:
+    return "" if harmonic == 1 else f"{harmonic} "
+
+
+def _worded(covariate: str) -> str:
+    name, _, degree = covariate.partition("^")
+    words = {"": name, "2": f"the square of {name}", "3": f"the cube of {name}"}
+    return words.get(degree, f"power {degree} of {name}")

@@ -1,0 +1,78 @@
+"""How far a model is off on runs its fit never used.
+
+Blocks (mountings, else stretches of time) are left out in turn. At the fit everything is linear, so that the fit of
+the rest follows from that of all: with Q an orthonormal basis of what is fitted and e the residuals, a block's errors
+when it was left out are (1 - Q Q')^-1 e on its rows, and that inverse is their covariance when the model is right.
+They count as far as the rest predicts them: what only the block itself knows (the null of that mounting) is fitted
+on it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.analysis.decomposition import svd
+from rigctl.workbench.study import FloatArray, IntArray, Observations
+
+_ONLY_HERE = 1e-9
+"""Of a direction's information, left over in all other blocks: below, only this block knows it."""
+
+BoolArray = NDArray[np.bool_]
+
+
+class HeldOut:
+    """Blocks of whitened data left out of a fit in turn.
+
+    `basis` (n + priors, rank) spans what is fitted, `residuals` (n + priors,) are what the fit leaves.
+    """
+
+    def __init__(self, given: Observations, basis: FloatArray, residuals: FloatArray) -> None:
+        self._basis, self._residuals = basis, residuals
+        blocks = given.block_of[given.run_of]
+        self._blocks = [np.flatnonzero(blocks == number) for number in np.unique(blocks)]
+        self._data = len(given.value)
+        self._series_of = given.series_of
+
+    @property
+    def possible(self) -> bool:
+        """False when there is one block only."""
+        return len(self._blocks) > 1
+
+    def error(self, further: FloatArray | None = None, series: IntArray | None = None) -> float:
+        """Rms error of held-out data in units of what is expected when the model is right; 1.00 is noise.
+
+        `further` (n + priors, d), orthonormal and outside the basis, is added to the model; `series` restricts to
+        some series. NaN when nothing can be held out.
+        """
+        basis, left = self._basis, self._residuals
+        if further is not None:
+            basis, left = np.hstack([basis, further]), left - further @ (further.T @ left)
+        wanted = np.ones(self._data, dtype=bool) if series is None else np.isin(self._series_of, series)
+        found = expected = 0.0
+        for block in self._blocks if self.possible else []:
+            square, mean = _predicted(basis[block], left[block], wanted[block])
+            found += square
+            expected += mean
+        return float(np.sqrt(found / expected)) if expected > 0.0 else float("nan")
+
+
+def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> tuple[float, float]:
+    """Square sum of one block's errors where they were `seen`, and its expectation when the model is right."""
+    if len(basis) < basis.shape[1]:
+        share, vectors = np.linalg.eigh(basis @ basis.T)
+    else:
+        vectors, size, _ = svd(basis)
+        share = size**2
+    free = np.maximum(1.0 - share, _ONLY_HERE)
+    fitted = share > _ONLY_HERE
+    vectors, free = vectors[:, fitted], free[fitted]
+    error = left + vectors @ ((1.0 / free - 1.0) * (vectors.T @ left))
+    # Their covariance is 1 + V D V': little outside the few directions of V.
+    spread = vectors[seen] * np.sqrt((1.0 - free) / free)
+    gram = spread.T @ spread
+    along = spread.T @ error[seen]
+    square = error[seen] @ error[seen] - along @ np.linalg.solve(np.eye(len(gram)) + gram, along)
+    only_here = free <= _ONLY_HERE
+    size = np.linalg.eigvalsh(gram[np.ix_(only_here, only_here)])
+    return float(square), float(seen.sum() - np.sum(size > 1.0))

@@ -1,0 +1,145 @@
+"""Testing what might be added against what is left, with everything fitted free to move.
+
+Whitened and linearised at a fit, z = W (y - f), J = W df/dp (priors are further rows), M = 1 - J J^+: the columns G
+of a candidate count as far as no fitted parameter can imitate them. With Q an orthonormal basis of M G, T = |Q' z|^2
+is to first order the fall of chi-square after adding the candidate and fitting everything again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from rigctl.analysis.decomposition import svd
+from rigctl.workbench.study import FloatArray, IntArray
+from rigctl.workbench.verdict.noise import orthonormal
+
+ABSORBED = 1e-2
+"""What is left of a column after the fitted parameters have imitated it: below, second order rules."""
+
+DRAWS = 2000
+QUANTILE = 0.02
+UNDETERMINED = 1e-8
+
+
+@dataclass(frozen=True)
+class Score:
+    """One candidate against what is left.
+
+    `statistic` T with `dimension` d and the noise's `dof`; `keep` per parameter; `estimate` and `sigma` (d,) at first
+    order, 0 and infinity for parameters that are absorbed. `basis` Q has shape (n, d); d is 0 when all is absorbed.
+    """
+
+    statistic: float
+    dimension: int
+    dof: float
+    p_value: float
+    keep: FloatArray
+    estimate: FloatArray
+    sigma: FloatArray
+    basis: FloatArray
+
+
+class Projector:
+    """What the fitted parameters leave free: M, for whitened data at a fit."""
+
+    def __init__(self, jacobian: FloatArray, residuals: FloatArray, dof: FloatArray, data: int) -> None:
+        self.basis = orthonormal(jacobian, UNDETERMINED)
+        self.left = self.free(residuals)
+        self.data = data
+        self._dof = dof
+
+    def free(self, columns: FloatArray) -> FloatArray:
+        """M columns."""
+        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+
+    def score(self, columns: FloatArray) -> Score:
+        """Of a candidate's whitened columns (n, d)."""
+        size = np.linalg.norm(columns, axis=0)
+        free = self.free(columns)
+        keep = np.linalg.norm(free, axis=0) / np.where(size > 0.0, size, 1.0)
+        seen = np.flatnonzero(keep > ABSORBED)
+        estimate, sigma = np.zeros(len(size)), np.full(len(size), np.inf)
+        if not len(seen):
+            return Score(0.0, 0, np.inf, 1.0, keep, estimate, sigma, np.zeros((len(columns), 0)))
+        left, s, right = svd(free[:, seen] / size[seen])
+        told = s > ABSORBED * s[0]
+        basis = left[:, told]
+        along = basis.T @ self.left
+        root = right[told].T / s[told]
+        estimate[seen] = root @ along / size[seen]
+        sigma[seen] = np.sqrt(np.sum(root**2, axis=1)) / size[seen]
+        statistic, dimension = float(along @ along), int(told.sum())
+        dof = self.dof_of(basis)
+        return Score(statistic, dimension, dof, float(p_of(statistic, dimension, dof)), keep, estimate, sigma, basis)
+
+    def dof_of(self, basis: FloatArray) -> float:
+        """Degrees of freedom of the noise that a statistic on `basis` meets (Satterthwaite)."""
+        share = np.sum(basis[: self.data] ** 2, axis=1)
+        known = np.isfinite(self._dof)
+        spread = 0.0
+        for dof in np.unique(self._dof[known]):
+            spread += float(np.sum(share[self._dof == dof])) ** 2 / dof
+        return float(np.sum(share) ** 2 / spread) if spread > 0.0 else np.inf
+
+
+def p_of(statistic: FloatArray | float, dimension: IntArray | int, dof: FloatArray | float) -> FloatArray:
+    """Probability of a larger T: F(d, dof), chi-square where the noise is known."""
+    d = np.maximum(dimension, 1)
+    exact = stats.chi2.sf(statistic, d)
+    nu = np.minimum(dof, 1e9)
+    return np.asarray(np.where(np.isfinite(dof), stats.f.sf(np.asarray(statistic) / d, d, nu), exact))
+
+
+def trials(bases: Sequence[FloatArray], rng: np.random.Generator) -> float:
+    """How many independent trials a set of correlated ones amounts to.
+
+    Noise is drawn in the span of all bases Q; 1 - (1 - p)^n is matched to the smallest p at its 2 % quantile.
+    """
+    wide = [basis for basis in bases if basis.shape[1]]
+    if not wide:
+        return 1.0
+    dimensions = np.array([basis.shape[1] for basis in wide])
+    span = np.hstack(wide)
+    frame = orthonormal(span, 1e-6) if span.shape[1] > 1 else span
+    draws = rng.standard_normal((DRAWS, frame.shape[1])) @ (frame.T @ span)
+    first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
+    return trials_of(smallest_p(np.add.reduceat(draws**2, first, axis=1), dimensions))
+
+
+def smallest_p(statistics: FloatArray, dimensions: IntArray) -> FloatArray:
+    """Smallest p of each draw, from statistics (draws, trials)."""
+    smallest = np.ones(len(statistics))
+    for d in np.unique(dimensions):
+        largest = statistics[:, dimensions == d].max(axis=1)
+        smallest = np.minimum(smallest, stats.chi2.sf(largest, d))
+    return smallest
+
+
+def trials_of(smallest: FloatArray) -> float:
+    """Independent trials whose smallest p has the 2 % quantile of these."""
+    # Where every trial is absorbed by the model, all of them are 1.
+    level = min(float(np.quantile(smallest, QUANTILE)), 1.0 - 1e-16)
+    return max(float(np.log1p(-QUANTILE) / np.log1p(-level)), 1.0)
+
+
+def corrected(p_value: float, n_eff: float) -> float:
+    """The probability that the smallest of so many trials is as small as that."""
+    return float(-np.expm1(n_eff * np.log1p(-min(p_value, 1.0 - 1e-16))))
+
+
+def likeness(a: FloatArray, b: FloatArray) -> float:
+    """Canonical correlation of two candidates: the cosine of the smallest angle between their spans."""
+    if not a.shape[1] or not b.shape[1]:
+        return 0.0
+    return float(svd(a.T @ b)[1][0])
+
+
+def contained(inner: FloatArray, outer: FloatArray) -> float:
+    """How far the span of `inner` lies within that of `outer`: the cosine of the largest angle."""
+    if not inner.shape[1] or inner.shape[1] > outer.shape[1]:
+        return 0.0
+    return float(svd(inner.T @ outer)[1][-1])

@@ -1,0 +1,35 @@
+"""Singular values of any finite matrix, also where the fast way gives up."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from rigctl.analysis.decomposition import svd
+
+
+@given(arrays(float, array_shapes(min_dims=2, max_dims=2, max_side=8), elements=st.floats(-1e3, 1e3)))
+def test_the_parts_make_the_whole(matrix: np.ndarray) -> None:
+    left, s, right = svd(matrix)
+    assert s.shape == (min(matrix.shape),)
+    np.testing.assert_allclose((left * s) @ right, matrix, atol=1e-10 * max(1.0, s[0]))
+
+
+@pytest.mark.parametrize("shape", [(7, 3), (3, 7), (4, 4)])
+def test_where_the_fast_way_gives_up_another_is_gone(shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    matrix = np.random.default_rng(1).standard_normal(shape)
+    expected = np.linalg.svd(matrix, compute_uv=False)
+
+    def gives_up(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(np.linalg, "svd", gives_up)
+    left, s, right = svd(matrix)
+    np.testing.assert_allclose(s, expected, rtol=1e-12)
+    np.testing.assert_allclose((left * s) @ right, matrix, atol=1e-12)
+
+
+def test_what_is_not_finite_is_refused() -> None:
+    with pytest.raises(np.linalg.LinAlgError):
+        svd(np.array([[1.0, np.nan], [0.0, 1.0]]))
