@@ -198,7 +198,6 @@ class _Recording:
         return self._found()
 
     def _found(self) -> dict[str, Any]:
-        lost = self._stream.lost
         found: dict[str, Any] = {
             "start_s": self._rig_time_s(0.5 * self._period_s),
             "temperature_c": _mean(self._temperatures_c),
@@ -206,8 +205,8 @@ class _Recording:
         driven = self._started.waveforms.get(TILT_Z)
         if driven is not None and driven.shape != "constant":
             found["external_period_s"] = driven.period_s
-        if lost:
-            found["reason"] = f"{lost} of {self._wanted.samples} samples were lost"
+        if remark := self._stream.remark(self._wanted.samples):
+            found["reason"] = remark
         return found
 
     def _turn(self, motion: Motion) -> None:

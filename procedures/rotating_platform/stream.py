@@ -98,6 +98,7 @@ class Stream:
         self._blocks: list[Block] = []
         self._failures = 0
         self.lost = 0
+        self._overloads = {meter.name: 0 for meter in meters}
 
     @property
     def finished(self) -> bool:
@@ -113,6 +114,12 @@ class Stream:
     def begun_s(self) -> float:
         """Rig time of the first sample; NaN before `begin`."""
         return self._begun_s
+
+    def remark(self, samples: int) -> str:
+        """What is said of the `samples` that are kept: how many were lost, and how many beyond a meter's range."""
+        lost = [f"{self.lost} of {samples} samples were lost"] if self.lost else []
+        beyond = [f"{name}: {n} readings were beyond its range" for name, n in self._overloads.items() if n]
+        return "; ".join([*lost, *beyond])
 
     def begin(self) -> None:
         """Start the first record; errors of the meters are not borne here: nothing would be lost by a new start."""
@@ -187,11 +194,11 @@ class Stream:
         self._pace.require(self._pacing.name, came, asked_s, self._session.clock.now_s())
         self._waiting[0] = np.concatenate([self._waiting[0], rows])
 
-    @staticmethod
-    def _rows_of(meter: PacingMeter | FollowingMeter) -> FloatArray:
+    def _rows_of(self, meter: PacingMeter | FollowingMeter) -> FloatArray:
         rows = meter.fetch()[:, 0]
         if len(rows):
             meter.confirm_in_step()
+        self._overloads[meter.name] += int(np.sum(np.isnan(rows)))
         return rows
 
     def _go_on(self) -> None:

@@ -12,12 +12,12 @@ import numpy as np
 from procedures.pace import Pace
 from procedures.sensing_axis.run_checks import CapturingStage, Recorders, require_standing, require_steady
 from rigctl.campaign.recording import RunRecord
-from rigctl.campaign.session.recovery import Apparatus
+from rigctl.campaign.session.recovery import Apparatus, require_homed
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.event_kinds import TEMPERATURE_MISSED
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.core.clock import Clock
-from rigctl.core.errors import LimitError
+from rigctl.core.errors import ImplausibleSample, LimitError
 from rigctl.core.interfaces import (
     DisplacementMeter,
     FloatArray,
@@ -235,7 +235,11 @@ class Bench:
         require_standing(self.rotation.name, point.theta_deg, [angle.value, self.rotation.angle().value])
         require_steady(temperature)
         recorded = Recorders(self.linear, self.readout, self.lasers)
-        recorded.require_possible(point.frequency_hz, point.sample_rate_hz, columns)
+        try:
+            recorded.require_possible(point.frequency_hz, point.sample_rate_hz, columns)
+        except ImplausibleSample:
+            require_homed(self.linear)  # a stage that has stopped tells why better than its samples do
+            raise
         recorded.require_amplitude(point.amplitude_mm, columns)
         # Every run ends at rest in the middle: the next sets out from there at the same time, a restart included.
         self.rest()
@@ -249,7 +253,7 @@ class Bench:
             "start_s": start_s,
             "temperature_c": float(np.mean(temperature)),
         }
-        found.update(recorded.saturation(columns))
+        found.update(recorded.saturation(columns) or recorded.missing(columns))
         return found | {face_column(head): face for head, face in self._faces(point).items()}
 
     def _faces(self, point: SetPoint) -> dict[str, str]:

@@ -80,6 +80,17 @@ class Recorders:
                 f"{amplitude_mm:g} mm was asked for; check oscillate_distance in the rig file"
             )
 
+    def missing(self, columns: Mapping[str, FloatArray]) -> dict[str, Any]:
+        """What is remarked about a run that is valid: heads that for some of its samples saw no target."""
+        remarks = []
+        for laser in self.lasers:
+            for head in laser.channels():
+                values_mm = columns.get(head.name, np.empty(0))
+                if unseen := int(np.sum(np.isnan(values_mm))):
+                    said = f"{unseen} of {len(values_mm)} samples of {head.name} are missing"
+                    remarks.append(f"{laser.name}: {said}; does the head see its target?")
+        return {"reason": "; ".join(remarks)} if remarks else {}
+
     def saturation(self, columns: Mapping[str, FloatArray]) -> dict[str, Any]:
         """What makes a run invalid that is measured well: a sensor beyond its range."""
         channel = self.readout.channels()[0]

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.reliability import single_faults
 from tests.reliability.bounds import upper_bound
 from tests.reliability.plan import KINDS
 from tests.reliability.records import Line, Records, tally
@@ -40,11 +41,10 @@ def main() -> int:
             carry_out(_tasks(asked, records, kinds), records, asked.workers, until_s, _told)
         except KeyboardInterrupt:
             print("interrupted; the same command goes on", file=sys.stderr)
-    print("\n".join(table(records, kinds)))
-    if asked.write:
-        asked.write.write_text(with_table(asked.write.read_text(encoding="utf-8"), table(records, kinds)))
-    if asked.messages:
-        print("\n".join(messages(records)))
+    for rows in [table(records, kinds), *([single_faults.rows()] if asked.messages else [])]:
+        print("\n".join(rows))
+        if asked.write:
+            asked.write.write_text(with_table(asked.write.read_text(encoding="utf-8"), rows), encoding="utf-8")
     if asked.latencies:
         print("\n".join(latencies(records)))
     return int(any(line["failed"] for kind in kinds for line in records.lines(kind)))
@@ -65,27 +65,13 @@ def table(records: Records, kinds: list[str]) -> list[str]:
 
 
 def with_table(page: str, rows: list[str]) -> str:
-    """The page with these rows in place of the table of results; `ValueError` when it has none."""
+    """The page with these rows in place of the table of the same header; `ValueError` when it has none."""
     before, header, rest = page.partition(f"{rows[0]}\n")
     if not header:
-        raise ValueError("the page has no table of results to be replaced")
+        raise ValueError("the page has no such table to be replaced")
     lines = rest.splitlines(keepends=True)
     after = next((place for place, line in enumerate(lines) if not line.startswith("|")), len(lines))
     return before + "".join(f"{row}\n" for row in rows) + "".join(lines[after:])
-
-
-def messages(records: Records) -> list[str]:
-    """What the operator is told of each kind of fault, once: from campaigns that met no other."""
-    said: dict[str, str] = {}
-    for line in records.lines("faulty_campaigns"):
-        if len(line.get("faults", [])) == 1 and (words := [*line["told"], line["message"]])[0]:
-            said.setdefault(line["faults"][0].split(" of ")[0], words[0])
-    return [
-        "",
-        "| fault | what the operator is told |",
-        "|---|---|",
-        *(f"| `{k}` | {said[k]} |" for k in sorted(said)),
-    ]
 
 
 def latencies(records: Records) -> list[str]:
@@ -133,7 +119,7 @@ def _asked() -> argparse.Namespace:
     parser.add_argument("--write", type=Path, metavar="PAGE", help="put the table into this page")
     parser.add_argument("--table", action="store_true", help="only the table of what is there")
     parser.add_argument(
-        "--messages", action="store_true", help="also what the operator is told of each kind of fault"
+        "--messages", action="store_true", help="also what the operator is told of each kind of fault, tried now"
     )
     parser.add_argument("--latencies", action="store_true", help="also how soon after a signal a stop was sent")
     return parser.parse_args()

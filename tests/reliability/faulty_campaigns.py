@@ -46,7 +46,7 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
     rig = small.write(work).with_name("rig.toml")
     count = int(random.choice(FAULTS))
     faults = random_faults(seed, rig, length_s=_length_s(small), replies=_replies(random), faults=count)
-    rig.write_text(_heard(small) + as_toml(faults), encoding="utf-8")
+    rig.write_text(heard(small) + as_toml(faults), encoding="utf-8")
     over_wires = seed % SERVED_EVERY == 0 and small.name in QUICK
     outcome = _over_wires(work, rig.read_text(encoding="utf-8"), seed) if over_wires else here(work, *_run(seed))
     return {
@@ -55,7 +55,7 @@ def trial(seed: int, work: Path) -> dict[str, Any]:
         "faults": kinds_of(faults),
         "status": outcome.status,
         "message": outcome.message,
-        "told": _told(work / "x.rig.sqlite"),
+        "told": told(work / "x.rig.sqlite"),
         "failed": outcome.broken() or _not_tried(outcome) or _judged(work, faults, over_wires),
     }
 
@@ -72,7 +72,7 @@ def _over_wires(work: Path, rig_text: str, seed: int) -> Outcome:
         return Process(work, *_run(seed)).ended(ENDS_S)
 
 
-def _heard(small: SmallCampaign) -> str:
+def heard(small: SmallCampaign) -> str:
     """The rig file's text: what is measured is written down, and hands are quick, so that faults meet runs."""
     world = '[world]\nmeasured = "measured.jsonl"\n' + WORLD.get(small.rig, QUICK_HANDS)
     return small.rig_text.replace("[world]\n", world, 1)
@@ -90,7 +90,7 @@ def _judged(work: Path, faults: Plans, over_wires: bool) -> str:
     return wrong or unaccounted(store, measured, planned, own_clock=over_wires)
 
 
-def _told(path: Path) -> list[str]:
+def told(path: Path) -> list[str]:
     """What the store's events say of faults, in the words the operator has."""
     if not path.exists():
         return []
@@ -109,7 +109,7 @@ def _length_s(small: SmallCampaign) -> float:
     """Rig time of the campaign without a fault."""
     with tempfile.TemporaryDirectory() as directory:
         work = Path(directory)
-        small.write(work, _heard(small))
+        small.write(work, heard(small))
         here(work, "run", "campaign.toml", "--store", "x.rig.sqlite", "--yes", "--seed", 1)
         with Store.open(work / "x.rig.sqlite", readonly=True) as store:
             return max(event.rig_time_s or 0.0 for event in store.events())

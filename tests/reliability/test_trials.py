@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from simulators.faults import FaultPlan
-from tests.reliability import fuzzed_replies, simulated_days
+from tests.reliability import fuzzed_replies, simulated_days, single_faults
 from tests.reliability.__main__ import table, with_table
 from tests.reliability.bounds import upper_bound
 from tests.reliability.campaigns import SMALL_CAMPAIGNS
@@ -141,3 +142,21 @@ def test_a_day_that_a_fault_refused_is_begun_again_with_other_faults(
     assert [outcome.status for outcome in outcomes] == [1, 1, 0]
     assert list(faults) == ["2000013"]
     assert len(set(tried)) == 1
+
+
+def test_every_kind_of_fault_has_a_campaign_that_tells_of_it() -> None:
+    kinds = set(FaultPlan.model_fields) - {"seed"}
+    assert {single.fault for single in single_faults.SINGLE_FAULTS if not single.silence} == kinds
+
+
+@pytest.mark.parametrize(
+    ("fault", "instrument", "said"),
+    [
+        ("following_error", "stage", r"stage: it is homed no more.*following error"),
+        ("target_lost", "lasers_a", "200 of 667 samples of laser_1_mm are missing; does the head see its target"),
+        ("saturation", "q_b", "q_b: 20 readings were beyond its range"),
+    ],
+)
+def test_the_operator_is_told_of_a_fault_first(tmp_path: Path, fault: str, instrument: str, said: str) -> None:
+    (single,) = [s for s in single_faults.SINGLE_FAULTS if (s.fault, s.instrument) == (fault, instrument)]
+    assert re.match(f".*{said}", single_faults.said_of(single, tmp_path)[0])

@@ -75,7 +75,8 @@ def require_homed(stage: Stage) -> None:
     if device := stage.safety_stop():
         raise SafetyStop(f"{stage.name}: stopped by a safety device ({device})", instrument=stage.name)
     raise InstrumentError(
-        f"{stage.name}: it is homed no more, so that its positions mean nothing; was its power off?",
+        f"{stage.name}: it is homed no more, so that its positions mean nothing; was its power off, or did it meet "
+        "an obstacle (following error)?",
         instrument=stage.name,
     )
 
