@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rigctl
 from rigctl.campaign.recording import Header
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError
@@ -111,6 +112,10 @@ def test_a_fit_is_kept_for_its_version_and_its_runs(store: Store) -> None:
     run.append({"t_s": np.arange(4.0)})
     run.finish()
     assert versions.kept_fit(store, first) is None
+
+
+def test_every_package_that_a_fit_depends_on_is_there() -> None:
+    assert all(any((Path(rigctl.__file__).parent / name).rglob("*.py")) for name in versions.CODE)
 
 
 def test_a_fit_of_another_program_is_out_of_date(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import rigctl
 from rigctl.campaign.store.parts import parts_of
 from rigctl.campaign.store.store import Document, Store
 from rigctl.core.errors import ConfigError
@@ -24,8 +25,8 @@ from rigctl.workbench.study import Term
 VERSION, FIT, DIAGNOSIS = "model-version", "model-fit", "diagnosis"
 """Kinds of documents."""
 
-_CODE = ("signals", "fitting", "effects", "experiments", "workbench")
-"""Packages a fit depends on: another program gives another fit."""
+CODE = ("analysis", "effects", "experiments", "workbench")
+"""Packages of rigctl that a fit depends on: another program gives another fit."""
 
 
 @dataclass(frozen=True)
@@ -198,9 +199,9 @@ def data_key(store: Store) -> str:
 
 @functools.cache
 def _code() -> str:
-    root = Path(config.__file__).parent
+    root = Path(rigctl.__file__).parent
     digest = hashlib.sha256()
-    for path in sorted(path for package in _CODE for path in (root / package).rglob("*.py")):
+    for path in sorted(path for package in CODE for path in (root / package).rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
