@@ -199,11 +199,12 @@ def test_a_lost_instrument_pauses_the_campaign_until_it_answers(scene: Scene) ->
         set_status(status, **options)
 
     scene.store.set_status = note  # type: ignore[method-assign,assignment]
-    scene.acquire()
+    with scene.session.step("scan"):
+        scene.acquire()
     waiting = [step for state, step in states if state == "paused"]
     assert waiting
     assert all("stage: no connection; check power and cable" in step for step in waiting)
-    assert states[-1][0] == "running"
+    assert states[-1] == ("running", "scan"), "nothing is waited for any more"
     assert 1000.0 <= scene.clock.now_s() < 1600.0, "it looks again every few minutes"
     (back,) = scene.events("instruments-back")
     assert back["during"] == "a"

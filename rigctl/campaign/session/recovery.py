@@ -98,8 +98,8 @@ class Surroundings(Protocol):
         """Note something that happened."""
         ...
 
-    def tell(self, what: str) -> None:
-        """Say it to whoever watches."""
+    def tell(self, what: str = "") -> None:
+        """Say it to whoever watches; nothing more is to be said when left out."""
         ...
 
     def wait_s(self, duration_s: float) -> None:
@@ -158,6 +158,7 @@ class Recovery:
                 break
         if lost:
             self._session.event(BACK, during=what, after_s=self._session.clock.now_s() - since_s)
+            self._session.tell()
             self._progress.state("running")
 
     def _reconnect(self, apparatus: Apparatus, *, agreed: bool) -> None:

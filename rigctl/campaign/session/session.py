@@ -63,9 +63,9 @@ class Session:
         finally:
             self._steps.pop()
 
-    def tell(self, what: str) -> None:
-        """How far a long step is, for whoever watches."""
-        self._progress.at(" / ".join([*self._steps, what]))
+    def tell(self, what: str = "") -> None:
+        """How far a long step is, for whoever watches; nothing is told of it any more when left out."""
+        self._progress.at(" / ".join([*self._steps, *([what] if what else [])]))
 
     def plan(self, runs: int, takes: Sequence[float] = ()) -> None:
         """Tell how many runs the procedure expects in all, and what each takes, for the progress and its ETA."""
