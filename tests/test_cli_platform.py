@@ -93,3 +93,26 @@ def test_ids_that_two_experiments_share_are_both_told() -> None:
     own = run("effects", "rotating-platform:quadratic", "--json")
     assert own["parameters"] == {"K2": "s2/m"}
     assert own["scope"] == "channel"
+
+
+def test_a_campaign_that_cannot_tell_its_noise_has_been_run_and_has_no_result_yet(tmp_path: Path) -> None:
+    short = "pattern = 'a'\nmodulation_period_s = 60.0\nperiods = 1\nv_z_v = 0.5\n"
+    campaign = _campaign(tmp_path, f"{short}external = 'sine'\nexternal_period_s = 100.0\n")
+    done = CliRunner().invoke(app, ["run", str(campaign), "--store", str(tmp_path / "s.rig.sqlite"), "--yes"])
+    assert done.exit_code == 0, done.output
+    assert "no result yet: the runs are too short to tell their noise: record more periods" in done.stderr
+
+
+def test_the_report_of_a_single_run_is_written(tmp_path: Path) -> None:
+    """Its covariates have no value at all in some of its series."""
+    campaign = _campaign(tmp_path, "pattern = 'c'\nmodulation_period_s = 60.0\nperiods = 2\nv_z_v = [0.0]\n")
+    run("run", campaign, "--store", tmp_path / "s.rig.sqlite", "--yes")
+    run("report", tmp_path / "s.rig.sqlite", "--out", tmp_path / "report")
+
+
+def _campaign(place: Path, run_of_it: str) -> Path:
+    rig = Path(__file__).parents[1] / "campaigns" / "bias-rejection-rig.toml"
+    head = f"experiment = 'rotating-platform'\nrig = '{rig}'\n[procedure]\nname = 'bias-rejection'\n"
+    path = place / "campaign.toml"
+    path.write_text(f"{head}[[procedure.runs]]\n{run_of_it}", encoding="utf-8")
+    return path

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell, tell_if_unchecked
-from rigctl.core.errors import ConfigError, ProcedureError, RigError
+from rigctl.core.errors import ConfigError, DataError, ProcedureError, RigError
 
 if TYPE_CHECKING:
     from rigctl.files.config import CampaignFile
@@ -165,7 +165,7 @@ def _show_outcome(store: Path, plugins: tuple[Path, ...], *, as_json: bool) -> N
 
     try:
         found = results.of(store, plugins)
-    except ProcedureError as error:  # a few runs that another store lacked need not determine a model
+    except (ProcedureError, DataError) as error:  # what was measured need not determine a model, or tell its noise
         tell(f"{store}: no result yet: {error}")
         if as_json:
             print_json({"store": str(store), "status": status_of(store), "result": None})

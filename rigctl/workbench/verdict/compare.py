@@ -116,7 +116,7 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
 
 def _steps(values: FloatArray, bins: int) -> FloatArray | None:
     """Indicators of a covariate's values, or of so many bins of equal count, less their mean; None when constant."""
-    if not np.isfinite(values).all() or np.ptp(values) <= 0.0:
+    if not len(values) or not np.isfinite(values).all() or np.ptp(values) <= 0.0:
         return None
     edges = np.unique(values)
     if len(edges) > bins:
