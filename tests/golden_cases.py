@@ -17,9 +17,9 @@ runs = [
     {{ pattern = "noise", duration_s = 3600.0 }},
     {{ pattern = "c", modulation_period_s = 60.0, periods = 20, v_z_v = [0.0, 1.0] }},
     {{ pattern = "c_tm", modulation_period_s = 60.0, periods = 20, v_y_v = 1.0 }},
-    {{ pattern = "b", modulation_period_s = 60.0, periods = 20, external = "triangle", v_z_v = 1.0,
+    {{ pattern = "b", modulation_period_s = 60.0, periods = 20, external = "triangle", v_z_v = 1.0, \
       external_period_s = 600.0 }},
-    {{ pattern = "a", modulation_period_s = 60.0, periods = 20, external = "sine", v_z_v = 1.0,
+    {{ pattern = "a", modulation_period_s = 60.0, periods = 20, external = "sine", v_z_v = 1.0, \
       external_period_s = 600.0, rejects = "constant" }},
 ]
 """,
