@@ -7,12 +7,11 @@ the front panel calls digitising. VM COMP on the rear gives one pulse per readin
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from drivers.numbers import CHARACTERS_MAX, decimal
+from drivers.keysight_memory import OVERLOAD, ReadingMemory
+from drivers.keysight_settings import PROBES, ThermometerSettings, VoltmeterSettings
 from drivers.scpi import ScpiLink
 from drivers.transport import Connect
 from rigctl.core.clock import Clock
@@ -21,51 +20,14 @@ from rigctl.core.errors import InstrumentError, LimitError, RigError
 from rigctl.core.interfaces import Channel, FloatArray, Identity, Reading
 
 MAKERS, MODELS = ("Keysight",), ("34465A",)
-RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 SAMPLES_MAXIMUM = 1_000_000
 PERIOD_MAXIMUM_S = 3600.0
 TIMER_STEP_S = 1e-6
-OVERLOAD = 9.9e37
-"""Overloads are +-9.9E37 and not-a-number is 9.91E37."""
-CHUNK = 5000
-"""Readings per R?: 80 kB as doubles, 0.1 s of the fastest record."""
 SCALING_QUESTION = "CALC:SCAL:STAT?"
 TIMING_VIOLATION, MEMORY_OVERFLOW = 1 << 2, 1 << 14
 """Bits of the questionable register."""
-PROBES = {"frtd": "FRTD,85", "rtd": "RTD,85", "fthermistor": "FTH,5000", "thermistor": "THER,5000"}
-"""Four-wire and two-wire platinum (alpha 0.00385) and 5 kohm thermistors."""
 TEMPERATURE_READING_S = 2.0
 """Longer than one reading at 10 power-line cycles with autozero and offset compensation."""
-
-
-def _known_range(range_v: float) -> float:
-    if range_v not in RANGES_V:
-        raise ValueError(f"the meter's ranges are {', '.join(f'{r:g}' for r in RANGES_V)} V")
-    return range_v
-
-
-class VoltmeterSettings(BaseModel):
-    """What an operator may set for a voltmeter, master or slave."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    channel: str = Field(default="accel_v", min_length=1)
-    range_v: Annotated[float, AfterValidator(_known_range)] = 10.0
-    aperture_s: float = Field(default=1e-3, ge=20e-6, le=1.67)
-    latency_s: float = 0.0
-    memory_readings: int = Field(default=50_000, ge=1)
-    transfer: Literal["real64", "ascii"] = "real64"
-    link_timeout_s: float = Field(default=2.0, gt=0.0)
-
-
-class ThermometerSettings(BaseModel):
-    """What an operator may set for a thermometer; `reference_ohm` is a platinum probe's resistance at 0 degC."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    probe: Literal["frtd", "rtd", "fthermistor", "thermistor"] = "frtd"
-    reference_ohm: float = Field(default=100.0, ge=49.0, le=2100.0)
-    link_timeout_s: float = Field(default=2.0, gt=0.0)
 
 
 class Keysight34465A:
@@ -121,6 +83,7 @@ class _Voltmeter(Keysight34465A):
     def __init__(self, name: str, settings: VoltmeterSettings, connect: Connect, clock: Clock) -> None:
         super().__init__(name, connect, clock, settings.link_timeout_s)
         self.settings = settings
+        self._memory = ReadingMemory(self._link, settings.transfer)
         self._recording = False
         self._remaining = 0
 
@@ -164,9 +127,6 @@ class _Voltmeter(Keysight34465A):
             f"SENS:VOLT:DC:APER {s.aperture_s:.6E}",
             "TRIG:DEL 0",
         )
-
-    def _transfer(self) -> tuple[str, ...]:
-        return ("FORM:DATA ASC",) if self.settings.transfer == "ascii" else ("FORM:DATA REAL,64", "FORM:BORD NORM")
 
     def _samples_maximum(self) -> int:
         """Most samples that can be asked for, if fetched in time."""
@@ -215,30 +175,11 @@ class _Voltmeter(Keysight34465A):
         self._link.check("at the end of the record")
         self._recording = False
 
-    def _take(self, count: int) -> FloatArray:
-        """The oldest `count` readings in memory; they are erased there."""
-        query = f"R? {count}"
-        payload = self._link.query_block(query, count * (CHARACTERS_MAX + 1))
-        decode = _from_ascii if self.settings.transfer == "ascii" else _from_doubles
-        try:
-            values = decode(payload)
-        except ValueError as error:
-            raise self._link.bad_reply(query, payload[:60].decode("ascii", "replace"), str(error)) from None
-        if len(values) != count:
-            raise self._link.bad_reply(query, f"{len(values)} readings", f"{count}")
-        self._remaining -= len(values)
-        return np.where(np.abs(values) >= OVERLOAD, np.nan, values)
-
     def _drain(self) -> FloatArray:
-        """What is in memory now, in as many exchanges as it takes.
-
-        Reading erases: how many there are is asked first, and exactly as many have to come.
-        """
-        parts = [np.empty(0)]
-        there = CHUNK + 1
-        while self._remaining and there > CHUNK and (there := self._link.query_whole("DATA:POIN?")) > 0:
-            parts.append(self._take(min(there, self._remaining, CHUNK)))
-        return np.concatenate(parts)[:, np.newaxis]
+        """What is in memory now, one column."""
+        rows = self._memory.drain(self._remaining)[:, np.newaxis]
+        self._remaining -= len(rows)
+        return rows
 
     def _check_record(self) -> None:
         """`InstrumentError` when readings were lost or came late, which the error queue does not tell."""
@@ -278,7 +219,7 @@ class PacingVoltmeter(_Voltmeter):
         self._configure("ABOR", "*CLS", *self._measurement(), "SAMP:SOUR TIM")
         self._check_interval(period_s)
         self._link.configure(
-            f"SAMP:TIM {period_s:.6f}", f"SAMP:COUN {samples}", *self._transfer(), "TRIG:SOUR BUS", "INIT"
+            f"SAMP:TIM {period_s:.6f}", f"SAMP:COUN {samples}", *self._memory.format, "TRIG:SOUR BUS", "INIT"
         )
         if at_s is not None:
             self._clock.sleep_s(max(at_s - self._clock.now_s(), 0.0))
@@ -343,7 +284,7 @@ class PacedVoltmeter(_Voltmeter):
         self._grace_s = 2 * self.settings.aperture_s + abs(self.settings.latency_s) + min(period_s, 0.5)
         self._initiate(
             samples,
-            *self._transfer(),
+            *self._memory.format,
             "TRIG:SOUR EXT",
             "TRIG:SLOP NEG",
             f"TRIG:COUN {samples}",
@@ -392,24 +333,6 @@ class MeterThermometer(Keysight34465A):
             reference = (f"SENS:TEMP:TRAN:{s.probe.upper()}:RES {s.reference_ohm:g}",)
         self._configure(f"CONF:TEMP {PROBES[s.probe]}", *reference, "UNIT:TEMP C", "FORM:DATA ASC")
         return self._read_one("degC", TEMPERATURE_READING_S)
-
-
-def _from_ascii(payload: bytes) -> FloatArray:
-    if not payload:
-        return np.empty(0)
-    try:
-        return np.array([decimal(number) for number in payload.decode("latin-1").split(",")])
-    except ValueError:
-        raise ValueError("numbers with commas between") from None
-
-
-def _from_doubles(payload: bytes) -> FloatArray:
-    if len(payload) % 8:
-        raise ValueError("a whole number of 8-byte doubles")
-    values = np.frombuffer(payload, dtype=">f8").astype(np.float64)
-    if not np.isfinite(values).all():
-        raise ValueError("finite numbers")
-    return values
 
 
 _PACED = Use(VoltmeterSettings, PacedVoltmeter)

@@ -21,7 +21,7 @@ from drivers.aerotech_ensemble import EnsembleSettings
 from drivers.drag_free_satellite import SatelliteLimits
 from drivers.keyence_settings import KeyenceSettings
 from drivers.keysight_33500b import SourceSettings
-from drivers.keysight_34465a import ThermometerSettings, VoltmeterSettings
+from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
 from drivers.newport_esp301 import Esp301Settings
 from drivers.newport_xps import XpsSettings
 from drivers.rotation_settings import RotationSettings

@@ -14,13 +14,8 @@ import pytest
 from drivers.aerotech_ensemble import AerotechEnsemble, EnsembleSettings
 from drivers.keyence_lkg import KeyenceLkg, KeyenceSettings
 from drivers.keysight_33500b import Keysight33500B, SourceSettings
-from drivers.keysight_34465a import (
-    MeterThermometer,
-    PacedVoltmeter,
-    PacingVoltmeter,
-    ThermometerSettings,
-    VoltmeterSettings,
-)
+from drivers.keysight_34465a import MeterThermometer, PacedVoltmeter, PacingVoltmeter
+from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
 from drivers.newport_esp301 import Esp301Settings, NewportEsp301
 from drivers.newport_xps import NewportXps, XpsSettings
 from drivers.transport import InProcessTransport

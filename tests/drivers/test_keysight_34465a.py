@@ -14,13 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.keysight_34465a import (
-    MeterThermometer,
-    PacedVoltmeter,
-    PacingVoltmeter,
-    ThermometerSettings,
-    VoltmeterSettings,
-)
+from drivers.keysight_34465a import MeterThermometer, PacedVoltmeter, PacingVoltmeter
+from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
 from drivers.scpi import ScpiLink
 from drivers.transport import InProcessTransport
 from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkLost, LinkTimeout, WrongInstrument

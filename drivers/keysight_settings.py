@@ -1,0 +1,41 @@
+"""What an operator may set for a Keysight 34465A, by its use."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
+PROBES = {"frtd": "FRTD,85", "rtd": "RTD,85", "fthermistor": "FTH,5000", "thermistor": "THER,5000"}
+"""Four-wire and two-wire platinum (alpha 0.00385) and 5 kohm thermistors."""
+
+
+def _known_range(range_v: float) -> float:
+    if range_v not in RANGES_V:
+        raise ValueError(f"the meter's ranges are {', '.join(f'{r:g}' for r in RANGES_V)} V")
+    return range_v
+
+
+class VoltmeterSettings(BaseModel):
+    """What an operator may set for a voltmeter, master or slave."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    channel: str = Field(default="accel_v", min_length=1)
+    range_v: Annotated[float, AfterValidator(_known_range)] = 10.0
+    aperture_s: float = Field(default=1e-3, ge=20e-6, le=1.67)
+    latency_s: float = 0.0
+    memory_readings: int = Field(default=50_000, ge=1)
+    transfer: Literal["real64", "ascii"] = "real64"
+    link_timeout_s: float = Field(default=2.0, gt=0.0)
+
+
+class ThermometerSettings(BaseModel):
+    """What an operator may set for a thermometer; `reference_ohm` is a platinum probe's resistance at 0 degC."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    probe: Literal["frtd", "rtd", "fthermistor", "thermistor"] = "frtd"
+    reference_ohm: float = Field(default=100.0, ge=49.0, le=2100.0)
+    link_timeout_s: float = Field(default=2.0, gt=0.0)
