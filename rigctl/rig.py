@@ -31,6 +31,8 @@ from simulators.rig import LockedInstrument, SimulatedRig, TableError
 
 DRIVERS = Registry("rigctl.drivers", DriverDeclaration, DRIVER_CONTRACT, lambda declaration: declaration.kind)
 
+_NOWHERE = "tcp://127.0.0.1:9"
+
 
 @dataclass(frozen=True)
 class Driver:
@@ -63,6 +65,16 @@ class Rig:
     def from_file(cls, path: Path | str, *, seed: int | None = None) -> Rig:
         """A rig from its file, closed; `ConfigError` when the file is wrong."""
         return cls(config.read_rig(Path(path)), seed=seed)
+
+    @classmethod
+    def for_its_limits(cls, file: config.RigFile) -> Rig:
+        """A rig that is never opened but asked what it could do: simulated instruments have no world behind them."""
+        nowhere = {
+            name: each.model_copy(update={"address": _NOWHERE}) if each.simulated else each
+            for name, each in file.instruments.items()
+        }
+        clock = file.rig.model_copy(update={"clock": "real"})
+        return cls(file.model_copy(update={"instruments": nowhere, "rig": clock, "world": None}))
 
     def __enter__(self) -> Rig:
         try:

@@ -14,12 +14,10 @@ from rigctl.rig import Rig
 from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Proposal
 
-_NOWHERE = "tcp://127.0.0.1:9"
-
 
 def within(rig_file: config.RigFile, procedure: Procedure, axis: str, configuration: str) -> Allowed:
     """Whether a rig can carry out a proposal; what that does not say is as in `procedure`."""
-    bench = bench_of(Rig(for_its_limits(rig_file)))
+    bench = bench_of(Rig.for_its_limits(rig_file))
 
     def allowed(proposal: Proposal) -> bool:
         return _possible(bench, _set_point(proposal.settings, procedure, axis, configuration))
@@ -39,16 +37,6 @@ def _set_point(settings: Mapping[str, Any], procedure: Procedure, axis: str, con
         procedure.sample_rate_hz,
         int(settings.get("approach", 1)),
     )
-
-
-def for_its_limits(rig_file: config.RigFile) -> config.RigFile:
-    """The rig for its limits alone: simulated instruments at an address that nobody opens."""
-    nowhere = {
-        name: each.model_copy(update={"address": _NOWHERE}) if each.simulated else each
-        for name, each in rig_file.instruments.items()
-    }
-    clock = rig_file.rig.model_copy(update={"clock": "real"})
-    return rig_file.model_copy(update={"instruments": nowhere, "rig": clock, "world": None})
 
 
 def _possible(bench: Bench, point: SetPoint) -> bool:
