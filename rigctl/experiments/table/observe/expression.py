@@ -9,18 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.interfaces import FloatArray
-from rigctl.experiments.table.observe.syntax import (
-    Binary,
-    Call,
-    Name,
-    Negative,
-    Node,
-    Number,
-    flaw,
-    leaves,
-    names,
-    parse,
-)
+from rigctl.experiments.table.observe.syntax import Name, Node, Number, Operation, flaw, leaves, names, parse
 from rigctl.workbench.study import IntArray
 
 _Columns = Mapping[str, FloatArray]
@@ -101,6 +90,7 @@ def refuse_undefined(expression: Expression, columns: _Columns, values: _Values,
 
 
 _VALUE: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "-": np.negative,
     "exp": np.exp,
     "log": np.log,
     "sqrt": np.sqrt,
@@ -108,7 +98,8 @@ _VALUE: dict[str, Callable[[FloatArray], FloatArray]] = {
     "cos": np.cos,
     "tan": np.tan,
 }
-_SLOPE: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
+_SLOPE: dict[str, Callable[[FloatArray, FloatArray], FloatArray | float]] = {
+    "-": lambda *_: -1.0,
     "exp": lambda _, value: value,
     "log": lambda x, _: 1.0 / x,
     "sqrt": lambda _, value: 0.5 / value,
@@ -129,13 +120,9 @@ def _dual(node: Node, columns: _Columns, values: _Values, rows: int) -> _Dual:
             return np.full(rows, number), {}
         case Name(name):
             return _leaf(name, columns, values, rows)
-        case Negative(operand):
-            value, slopes = _dual(operand, columns, values, rows)
-            return -value, {name: -slope for name, slope in slopes.items()}
-        case Call(function, argument):
-            return _called(function, _dual(argument, columns, values, rows))
-        case Binary(sign, left, right):
-            return _combined(sign, _dual(left, columns, values, rows), _dual(right, columns, values, rows))
+        case Operation(name, operands):
+            duals = [_dual(operand, columns, values, rows) for operand in operands]
+            return _called(name, *duals) if len(duals) == 1 else _combined(name, *duals)
 
 
 def _leaf(name: str, columns: _Columns, values: _Values, rows: int) -> _Dual:
@@ -190,23 +177,26 @@ def _degree(node: Node, variables: Collection[str]) -> int:
             return 0
         case Name(name):
             return int(name in variables)
-        case Negative(operand):
-            return _degree(operand, variables)
-        case Call(_, argument):
-            return _NONLINEAR if _degree(argument, variables) else 0
-        case Binary(sign, left, right):
-            a, b = _degree(left, variables), _degree(right, variables)
-            if sign in {"+", "-"}:
-                return max(a, b)
-            if sign == "*":
-                return min(a + b, _NONLINEAR)
-            if b:
-                return _NONLINEAR
-            return a if sign == "/" or not a or right == Number(1.0) else _NONLINEAR
+        case Operation(sign, operands):
+            return _degree_after(sign, operands, [_degree(operand, variables) for operand in operands])
+
+
+def _degree_after(sign: str, operands: Sequence[Node], degrees: list[int]) -> int:
+    match sign, degrees:
+        case (("+" | "-"), _):
+            return max(degrees)
+        case "*", [a, b]:
+            return min(a + b, _NONLINEAR)
+        case "/", [a, 0]:
+            return a
+        case "**", [a, 0] if operands[1] == Number(1.0):
+            return a
+        case _:
+            return _NONLINEAR if any(degrees) else 0
 
 
 def _undefined(node: Node, columns: _Columns, values: _Values, rows: int) -> Undefined | None:
-    parts = _parts(node)
+    parts = node.operands if isinstance(node, Operation) else ()
     for part in parts:
         if found := _undefined(part, columns, values, rows):
             return found
@@ -221,27 +211,15 @@ def _undefined(node: Node, columns: _Columns, values: _Values, rows: int) -> Und
     return None
 
 
-def _parts(node: Node) -> tuple[Node, ...]:
-    match node:
-        case Negative(operand):
-            return (operand,)
-        case Call(_, argument):
-            return (argument,)
-        case Binary(_, left, right):
-            return (left, right)
-        case _:
-            return ()
-
-
 def _trouble(node: Node, of: list[float]) -> str:
     match node:
-        case Call(("log" | "sqrt") as function, _) if of[0] <= 0.0:
+        case Operation(("log" | "sqrt") as function) if of[0] <= 0.0:
             return f"{function} of {'zero' if of[0] == 0.0 else 'a negative number'}"
-        case Binary("/", _, _) if of[1] == 0.0:
+        case Operation("/") if of[1] == 0.0:
             return "division by zero"
-        case Binary("**", _, _) if of[0] < 0.0:
+        case Operation("**") if of[0] < 0.0:
             return "power of a negative number"
-        case Binary("**", _, _) if of[0] == 0.0:
+        case Operation("**") if of[0] == 0.0:
             return "negative power of zero"
         case Name():
             return "a value is missing"

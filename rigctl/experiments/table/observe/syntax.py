@@ -1,8 +1,8 @@
-"""The syntax of baseline expressions: text to a tree and back. Nothing is ever evaluated as code."""
+"""The syntax of baseline expressions: text to a tree. Nothing is ever evaluated as code."""
 
 from __future__ import annotations
 
-import math
+import ast
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -10,19 +10,23 @@ from dataclasses import dataclass, field
 from rigctl.core.bounds import EXPRESSION_CHARACTERS
 from rigctl.core.errors import DataError
 from rigctl.core.messages import one_line
+from rigctl.core.numbers import decimal
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan")
 CONSTANTS = ("pi",)
-MAX_DEPTH, MAX_NESTED = 200, 50
+OPERATIONS_MAX, DEPTH_MAX, NESTED_MAX = 1000, 200, 50
 
 _TOKEN = re.compile(
-    r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|[-+*/()])"
+    r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[^\W\d]\w*)"
+    r"|(?P<sign>\*\*|[-+*/()])|(?P<space>\s+)|(?P<unknown>.)"
 )
+_BEFORE_OPERATOR = re.compile(r"[ )]*")
+_Token = re.Match[str]
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number, never negative: a sign is an operation."""
+    """A number, never negative: a sign is an operation. `at` is the place in the text, from 0."""
 
     value: float
     at: int = field(default=0, compare=False)
@@ -37,40 +41,15 @@ class Name:
 
 
 @dataclass(frozen=True)
-class Negative:
-    """- operand"""
+class Operation:
+    """One of `FUNCTIONS` of one operand, - of one, or + - * / ** of two."""
 
-    operand: Node
+    name: str
+    operands: tuple[Node, ...]
     at: int = field(default=0, compare=False)
 
 
-@dataclass(frozen=True)
-class Binary:
-    """left sign right, where sign is one of + - * / **"""
-
-    sign: str
-    left: Node
-    right: Node
-    at: int = field(default=0, compare=False)
-
-
-@dataclass(frozen=True)
-class Call:
-    """function(argument)"""
-
-    function: str
-    argument: Node
-    at: int = field(default=0, compare=False)
-
-
-Node = Number | Name | Negative | Binary | Call
-
-
-@dataclass(frozen=True)
-class _Token:
-    kind: str
-    text: str
-    at: int
+Node = Number | Name | Operation
 
 
 def parse(text: str) -> Node:
@@ -78,12 +57,16 @@ def parse(text: str) -> Node:
 
     Operators bind as in Python. `DataError` names the character where the text stops making sense, and the mend.
     """
-    return _Parser(text).whole()
-
-
-def write(node: Node) -> str:
-    """The text of a tree, with no parenthesis it can do without; `parse` makes the same tree of it."""
-    return _written(node)[0]
+    if len(text) > EXPRESSION_CHARACTERS:
+        raise flaw(EXPRESSION_CHARACTERS, f"longer than {EXPRESSION_CHARACTERS} characters; write it shorter")
+    tokens = {token.start(): token for token in _TOKEN.finditer(text) if token.lastgroup != "space"}
+    _require_order(list(tokens.values()), len(text))
+    # Python is given _ for every character of a number or a name. Of the text itself it would take lambda for a
+    # keyword, read µ as μ, refuse 010, and count places in bytes. In parentheses a text may begin with a space.
+    masked = _TOKEN.sub(_masked, text)
+    tree = ast.parse(f"({masked})", mode="eval").body
+    _require_shallow(tree)
+    return _node(tree, masked, tokens)
 
 
 def names(node: Node) -> tuple[str, ...]:
@@ -93,16 +76,11 @@ def names(node: Node) -> tuple[str, ...]:
 
 def leaves(node: Node) -> Iterator[Name]:
     """Every name in a tree, in the order of the text."""
-    match node:
-        case Name():
-            yield node
-        case Negative(operand):
+    if isinstance(node, Name):
+        yield node
+    elif isinstance(node, Operation):
+        for operand in node.operands:
             yield from leaves(operand)
-        case Binary(_, left, right):
-            yield from leaves(left)
-            yield from leaves(right)
-        case Call(_, argument):
-            yield from leaves(argument)
 
 
 def flaw(at: int, what: str) -> DataError:
@@ -110,170 +88,124 @@ def flaw(at: int, what: str) -> DataError:
     return DataError(f"recording.toml, [table] baseline, character {at + 1}: {one_line(what)}")
 
 
-class _Parser:
-    def __init__(self, text: str) -> None:
-        if len(text) > EXPRESSION_CHARACTERS:
-            raise flaw(EXPRESSION_CHARACTERS, f"longer than {EXPRESSION_CHARACTERS} characters; write it shorter")
-        self._tokens = list(_tokens(text))
-        self._next = 0
-        self._nested = 0
-
-    def whole(self) -> Node:
-        if self._sees("end"):
-            raise flaw(0, "the expression is empty; write one such as b0 + b1 * load_lb")
-        node = self._sum()
-        token = self._token
-        if token.text == ")":
-            raise flaw(token.at, "a closing parenthesis that none opened; remove it or open one")
-        if token.kind != "end":
-            raise flaw(token.at, f"{token.text!r} follows without an operator; write one of + - * / ** before it")
-        _require_shallow(node)
-        return node
-
-    @property
-    def _token(self) -> _Token:
-        return self._tokens[self._next]
-
-    def _sees(self, *kinds_or_texts: str) -> bool:
-        return self._token.kind in kinds_or_texts or self._token.text in kinds_or_texts
-
-    def _take(self) -> _Token:
-        token = self._token
-        self._next += 1
-        return token
-
-    def _sum(self) -> Node:
-        node = self._product()
-        while self._sees("+", "-"):
-            sign = self._take()
-            node = Binary(sign.text, node, self._product(), sign.at)
-        return node
-
-    def _product(self) -> Node:
-        node = self._signed()
-        while self._sees("*", "/"):
-            sign = self._take()
-            node = Binary(sign.text, node, self._signed(), sign.at)
-        return node
-
-    def _signed(self) -> Node:
-        signs: list[_Token] = []
-        while self._sees("-", "+"):
-            signs.append(self._take())
-        node = self._power()
-        for sign in reversed(signs):
-            node = Negative(node, sign.at) if sign.text == "-" else node
-        return node
-
-    def _power(self) -> Node:
-        base = self._atom()
-        if not self._sees("**"):
-            return base
-        sign = self._take()
-        self._deeper(sign)
-        node = Binary("**", base, self._signed(), sign.at)
-        self._nested -= 1
-        return node
-
-    def _atom(self) -> Node:
-        token = self._take()
-        if token.kind == "number":
-            value = float(token.text)
-            if value == math.inf:
-                raise flaw(token.at, f"{token.text} is too large for a number; write a smaller one")
-            return Number(value, token.at)
-        if token.kind == "name":
-            return self._named(token)
-        if token.text == "(":
-            return self._parenthesis(token)
-        if token.kind == "end":
-            raise flaw(token.at, "the expression ends where a number, a name or a parenthesis belongs; complete it")
-        raise flaw(token.at, f"{token.text!r} stands where a number, a name or a parenthesis belongs; mend it")
-
-    def _named(self, token: _Token) -> Node:
-        if not self._sees("("):
-            if token.text in FUNCTIONS:
-                raise flaw(token.at, f"{token.text} is a function; write {token.text}(...)")
-            return Name(token.text, token.at)
-        if token.text not in FUNCTIONS:
-            raise flaw(
-                token.at,
-                f"unknown function {token.text}; the functions are {' '.join(FUNCTIONS)}, and a product needs its *",
-            )
-        return Call(token.text, self._parenthesis(self._take()), token.at)
-
-    def _parenthesis(self, opening: _Token) -> Node:
-        self._deeper(opening)
-        node = self._sum()
-        if not self._sees(")"):
-            if self._sees("end"):
-                raise flaw(opening.at, "this parenthesis is never closed; close it")
-            raise flaw(self._token.at, f"{self._token.text!r} follows without an operator; write one before it")
-        self._take()
-        self._nested -= 1
-        return node
-
-    def _deeper(self, token: _Token) -> None:
-        self._nested += 1
-        if self._nested > MAX_NESTED:
-            raise flaw(token.at, f"nested deeper than {MAX_NESTED}; write it flatter")
+def _require_order(tokens: list[_Token], end: int) -> None:
+    """`DataError` at the first token that cannot follow what stands before it; at any that has no meaning."""
+    for token in tokens:
+        if token.lastgroup == "unknown":
+            meant = "an expression has names, numbers, + - * / ** and parentheses"
+            raise flaw(token.start(), f"{token[0]!r} has no meaning here; {meant}")
+    if not tokens:
+        raise flaw(0, "the expression is empty; write one such as b0 + b1 * load_lb")
+    order = _Order()
+    for token, following in zip(tokens, [*(each[0] for each in tokens[1:]), ""], strict=True):
+        order.take(token, following)
+    order.finish(end)
 
 
-def _tokens(text: str) -> Iterator[_Token]:
-    at = 0
-    while at < len(text):
-        if text[at].isspace():
-            at += 1
-            continue
-        found = _TOKEN.match(text, at)
-        if found is None:
-            raise flaw(
-                at, f"{text[at]!r} has no meaning here; an expression has names, numbers, + - * / ** and parentheses"
-            )
-        assert found.lastgroup is not None
-        yield _Token(found.lastgroup, found[0], at)
-        at = found.end()
-    yield _Token("end", "", len(text))
+class _Order:
+    """What has been read so far: whether it ends with an operand, and which parentheses are open."""
+
+    def __init__(self) -> None:
+        self._operand = False
+        self._open: list[int] = []
+        self._operations = 0
+
+    def take(self, token: _Token, following: str) -> None:
+        """One more token; `following` is the text of the next."""
+        if token.lastgroup in {"number", "name"} or token[0] == "(":
+            self._begin_operand(token)
+            if token.lastgroup == "name":
+                self._operand = not _is_function(token, following)
+        elif token[0] == ")":
+            self._close(token)
+        else:
+            self._operate(token)
+
+    def finish(self, end: int) -> None:
+        """The end of the text."""
+        if not self._operand:
+            raise flaw(end, "the expression ends where a number, a name or a parenthesis belongs; complete it")
+        if self._open:
+            raise flaw(self._open[-1], "this parenthesis is never closed; close it")
+
+    def _begin_operand(self, token: _Token) -> None:
+        if self._operand:
+            raise flaw(token.start(), f"{token[0]!r} follows without an operator; write one of + - * / ** before it")
+        self._operand = token[0] != "("
+        if token[0] == "(":
+            self._open.append(token.start())
+            if len(self._open) > NESTED_MAX:
+                raise flaw(token.start(), f"nested deeper than {NESTED_MAX} parentheses; write it flatter")
+
+    def _close(self, token: _Token) -> None:
+        self._require_operand(token)
+        if not self._open:
+            raise flaw(token.start(), "a closing parenthesis that none opened; remove it or open one")
+        self._open.pop()
+
+    def _operate(self, token: _Token) -> None:
+        if token[0] not in {"+", "-"}:
+            self._require_operand(token)
+        self._operand = False
+        self._operations += 1
+        if self._operations > OPERATIONS_MAX:
+            raise flaw(token.start(), f"more than {OPERATIONS_MAX} operations; write it shorter")
+
+    def _require_operand(self, token: _Token) -> None:
+        if not self._operand:
+            raise flaw(token.start(), f"{token[0]!r} stands where a number, a name or a parenthesis belongs; mend it")
 
 
-def _require_shallow(node: Node) -> None:
+def _is_function(name: _Token, following: str) -> bool:
+    """Whether a name is called; `DataError` when it is a function that is not, or none that is."""
+    known, called = name[0] in FUNCTIONS, following == "("
+    if known and not called:
+        raise flaw(name.start(), f"{name[0]} is a function; write {name[0]}(...)")
+    if called and not known:
+        listed = " ".join(FUNCTIONS)
+        raise flaw(name.start(), f"unknown function {name[0]}; the functions are {listed}, and a product needs its *")
+    return called
+
+
+def _masked(token: _Token) -> str:
+    if token.lastgroup == "sign":
+        return token[0]
+    return (" " if token.lastgroup == "space" else "_") * len(token[0])
+
+
+def _require_shallow(tree: ast.expr) -> None:
     """Walks without recursion, so that what recurses later is safe."""
-    pending = [(node, 1)]
-    while pending:
-        each, depth = pending.pop()
-        if depth > MAX_DEPTH:
-            raise flaw(each.at, f"more than {MAX_DEPTH} operations hang on each other; write it shorter")
-        match each:
-            case Negative(operand):
-                pending.append((operand, depth + 1))
-            case Binary(_, left, right):
-                pending += [(left, depth + 1), (right, depth + 1)]
-            case Call(_, argument):
-                pending.append((argument, depth + 1))
+    level = [tree]
+    for _ in range(DEPTH_MAX):
+        level = [each for node in level for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr)]
+    if level:
+        at = level[0].col_offset - 1
+        raise flaw(at, f"more than {DEPTH_MAX} operations inside each other; write it shorter")
 
 
-_SUM, _PRODUCT, _SIGNED, _POWER, _ATOM = range(5)
-_LEVEL = {"+": _SUM, "-": _SUM, "*": _PRODUCT, "/": _PRODUCT, "**": _POWER}
-
-
-def _written(node: Node) -> tuple[str, int]:
-    """Text, and how tightly its outermost operation binds."""
+def _node(node: ast.expr, masked: str, tokens: dict[int, _Token]) -> Node:
+    at = node.col_offset - 1
     match node:
-        case Number(value):
-            return repr(float(value)), _ATOM
-        case Name(name):
-            return name, _ATOM
-        case Call(function, argument):
-            return f"{function}({write(argument)})", _ATOM
-        case Negative(operand):
-            return f"-{_enclosed(operand, _SIGNED)}", _SIGNED
-        case Binary("**", left, right):
-            return f"{_enclosed(left, _ATOM)} ** {_enclosed(right, _SIGNED)}", _POWER
-        case Binary(sign, left, right):
-            level = _LEVEL[sign]
-            return f"{_enclosed(left, level)} {sign} {_enclosed(right, level + 1)}", level
+        case ast.Name():
+            return _leaf(tokens[at])
+        case ast.UnaryOp(ast.UAdd(), operand):
+            return _node(operand, masked, tokens)
+        case ast.UnaryOp(ast.USub(), operand):
+            return Operation("-", (_node(operand, masked, tokens),), at)
+        case ast.BinOp(left, _, right):
+            found = _BEFORE_OPERATOR.match(masked, (left.end_col_offset or 0) - 1)
+            assert found is not None
+            operands = (_node(left, masked, tokens), _node(right, masked, tokens))
+            return Operation(tokens[found.end()][0], operands, found.end())
+        case ast.Call(_, [argument]):
+            return Operation(tokens[at][0], (_node(argument, masked, tokens),), at)
+    raise flaw(at, "has no meaning here")
 
 
-def _enclosed(node: Node, level: int) -> str:
-    text, own = _written(node)
-    return text if own >= level else f"({text})"
+def _leaf(token: _Token) -> Node:
+    if token.lastgroup == "name":
+        return Name(token[0], token.start())
+    try:
+        return Number(decimal(token[0]), token.start())
+    except ValueError as error:
+        raise flaw(token.start(), f"{token[0]} is too large or too long; write {error}") from None
