@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.store.parts import parts_of
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError
+from rigctl.core.toml import to_toml
 from rigctl.files import config
 from rigctl.kinds import kind_of
 from rigctl.workbench.study import Proposal
@@ -41,30 +41,7 @@ def text_of(
     named = {"experiment": campaign.experiment, "title": title, "rig": rig}
     planned = {"procedure": procedure, "model": {"effects": list(effects)}}
     kept = campaign.model_dump(mode="json", exclude={"path", "text", *named, *planned}, exclude_defaults=True)
-    return "\n".join([*_lines("", {**named, **kept, **planned}), ""])
-
-
-def _lines(name: str, table: Mapping[str, Any]) -> Iterator[str]:
-    """TOML of a table and, after it, of those in it."""
-    of_tables = {key: value for key, value in table.items() if _tables(value) or isinstance(value, Mapping)}
-    yield from (f"{_key(key)} = {_toml(value)}" for key, value in table.items() if key not in of_tables)
-    for key, value in of_tables.items():
-        place = f"{name}{_key(key)}"
-        for each in value if _tables(value) else [value]:
-            yield from ("", f"[[{place}]]" if _tables(value) else f"[{place}]")
-            yield from _lines(f"{place}.", each)
-
-
-def _tables(value: Any) -> bool:
-    return isinstance(value, list | tuple) and bool(value) and isinstance(value[0], Mapping)
-
-
-def _key(name: str) -> str:
-    return name if name.isascii() and name.isidentifier() else _toml(name)
-
-
-def _toml(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False)
+    return to_toml({**named, **kept, **planned})
 
 
 def _rig_seen_from(path: Path, store: Store, name: str) -> str:

@@ -19,8 +19,8 @@ from procedures.inflight import calibration as inflight
 from procedures.rotating_platform import tables as platform_tables
 from procedures.sensing_axis import tables
 from rigctl import runner
-from rigctl.campaign.bundle.toml_document import to_toml
 from rigctl.core.errors import ConfigError, LimitError
+from rigctl.core.toml import to_toml
 from rigctl.files import config
 from rigctl.kinds.sensing_axis import bench_of, plan_of
 from rigctl.rig import Rig

@@ -1,9 +1,12 @@
-"""TOML that people write, parsed within bounds: a document made to be slow or deep is refused like a misspelt one."""
+"""TOML read and written. Reading is bounded: a document made to be slow or deep is refused like a misspelt one."""
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
+from collections.abc import Iterator, Mapping
+from datetime import date, datetime, time
 from typing import Any
 
 from rigctl.core.bounds import TOML_DEPTH, TOML_DOTS_SQUARED
@@ -57,3 +60,58 @@ def _require_shallow(document: dict[str, Any]) -> None:
             pending += [(each, depth + 1) for each in value.values()]
         elif isinstance(value, list):
             pending += [(each, depth + 1) for each in value]
+
+
+def to_toml(tables: Mapping[str, Any]) -> str:
+    """TOML text of nested mappings; a value that is None is left out. Floats read back bit for bit."""
+    return "".join(_table("", tables)).lstrip("\n")
+
+
+def _table(path: str, table: Mapping[str, Any]) -> Iterator[str]:
+    """The values of a table and, after them, the tables in it."""
+    for key, value in table.items():
+        if not _has_header(value) and value is not None:
+            yield f"{_key(key)} = {to_toml_value(value)}\n"
+    for key, value in table.items():
+        place = f"{path}{_key(key)}"
+        if isinstance(value, Mapping):
+            # A table that holds nothing but tables is said by their headers.
+            if not value or not all(map(_has_header, value.values())):
+                yield f"\n[{place}]\n"
+            yield from _table(f"{place}.", value)
+        elif _has_header(value):
+            for each in value:
+                yield f"\n[[{place}]]\n"
+                yield from _table(f"{place}.", each)
+
+
+def _has_header(value: object) -> bool:
+    """Whether a value is written as tables of their own: a mapping, or an array of nothing but mappings."""
+    if isinstance(value, list | tuple) and value:
+        return all(isinstance(each, Mapping) for each in value)
+    return isinstance(value, Mapping)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else to_toml_value(name)
+
+
+def to_toml_value(value: object) -> str:
+    """One value as it stands behind a key: a number, a text, a time, an array or an inline table."""
+    match value:
+        case bool():
+            return str(value).lower()
+        case float():
+            return repr(value)
+        case str():
+            return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        case datetime():
+            return value.isoformat().replace("+00:00", "Z")
+        case int() | date() | time():
+            return str(value)
+        case Mapping():
+            pairs = (f"{_key(key)} = {to_toml_value(each)}" for key, each in value.items() if each is not None)
+            return f"{{ {', '.join(pairs)} }}"
+        case list() | tuple():
+            return f"[{', '.join(to_toml_value(each) for each in value if each is not None)}]"
+    raise TypeError(f"{type(value).__name__} has no TOML")

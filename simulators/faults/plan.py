@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection
-from typing import Any
 
+from rigctl.core.toml import to_toml_value
 from simulators.faults.mishaps import InstrumentFaults
 from simulators.faults.wire import WireFaults
 
@@ -19,8 +18,8 @@ class FaultPlan(InstrumentFaults, WireFaults):
 
     def as_toml(self, name: str) -> str:
         """The table of a rig file, for the instrument NAME."""
-        entries = self.model_dump(exclude_none=True, exclude_defaults=True)
-        lines = [f"{key} = {_inline(value)}\n" for key, value in entries.items()]
+        faults = self.model_dump(exclude_none=True, exclude_defaults=True)
+        lines = [f"{key} = {to_toml_value(value)}\n" for key, value in faults.items()]
         return "".join([f"[instruments.{name}.faults]\n", *lines])
 
     def unsupported(self, kind: str, possible: Collection[str]) -> str:
@@ -34,12 +33,6 @@ class FaultPlan(InstrumentFaults, WireFaults):
         if impossible:
             return f"{impossible[0]}: this cannot befall a {kind}; it can have {', '.join(possible)}"
         return ""
-
-
-def _inline(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_inline(each)}" for key, each in value.items()) + " }"
-    return json.dumps(value)
 
 
 def faults_of(suffered: Collection[str], *, wired: bool, serial: bool) -> list[str]:

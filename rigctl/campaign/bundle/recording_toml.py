@@ -9,12 +9,13 @@ from typing import Any
 
 from rigctl.campaign.bundle.layout import FACES
 from rigctl.campaign.bundle.place import Place
-from rigctl.campaign.bundle.toml_document import TomlDocument, parse_toml, to_toml
+from rigctl.campaign.bundle.toml_document import TomlDocument, parse_toml
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo, TableSpec
 from rigctl.core.experiments import EXPERIMENTS, of_readings
 from rigctl.core.messages import either
 from rigctl.core.numbers import MAGNITUDE_MAX
 from rigctl.core.plausible import flaw_of_constant
+from rigctl.core.toml import to_toml
 from rigctl.core.units import same_unit, unit_of_column
 
 FORMAT = 1

@@ -1,13 +1,10 @@
-"""A parsed TOML file that knows its lines, so that an error can name one; and TOML text from plain values."""
+"""A parsed TOML file that knows its lines, so that an error can name one."""
 
 from __future__ import annotations
 
-import json
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import date, datetime, time
 from typing import Any
 
 from rigctl.campaign.bundle.csv_table import decode
@@ -59,45 +56,3 @@ def parse_toml(place: Place, data: bytes) -> TomlDocument:
         return TomlDocument(place, text, parsed(text))
     except TomlFlaw as flaw:
         raise place.error(str(flaw), flaw.line) from flaw
-
-
-def to_toml(tables: Mapping[str, Any]) -> str:
-    """TOML text of nested mappings; a value that is None is left out."""
-    return "".join(_table((), tables)).lstrip("\n")
-
-
-def _table(path: tuple[str, ...], table: Mapping[str, Any]) -> list[str]:
-    values = {k: v for k, v in table.items() if not isinstance(v, Mapping) and v is not None}
-    lines = [f"\n[{'.'.join(map(_key, path))}]\n"] if path and (values or not table) else []
-    lines += [f"{_key(name)} = {_value(value)}\n" for name, value in values.items()]
-    for name, value in table.items():
-        if isinstance(value, Mapping):
-            lines += _table((*path, name), value)
-    return lines
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _string(name)
-
-
-def _string(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _value(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return repr(value) if math.isfinite(value) else str(value)
-    if isinstance(value, str):
-        return _string(value)
-    if isinstance(value, datetime):
-        return value.isoformat().replace("+00:00", "Z")
-    if isinstance(value, int | date | time):
-        return str(value)
-    if isinstance(value, Mapping):
-        pairs = (f"{_key(name)} = {_value(item)}" for name, item in value.items() if item is not None)
-        return f"{{ {', '.join(pairs)} }}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(_value(item) for item in value if item is not None)}]"
-    raise TypeError(f"{type(value).__name__} has no TOML")
