@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import rigctl
 from rigctl.campaign.store.parts import parts_of
 from rigctl.campaign.store.store import Document, Store
 from rigctl.core.errors import ConfigError
@@ -199,7 +198,7 @@ def data_key(store: Store) -> str:
 
 @functools.cache
 def _code() -> str:
-    root = Path(rigctl.__file__).parent
+    root = Path(__file__).parents[2]
     digest = hashlib.sha256()
     for path in sorted(path for package in CODE for path in (root / package).rglob("*.py")):
         digest.update(path.read_bytes())
