@@ -70,6 +70,11 @@ class Imagined:
         return [self._model.parameters[column].name for column in self._free]
 
     @property
+    def units(self) -> dict[str, str]:
+        """Of every parameter, by name."""
+        return {each.name: unit for each, unit in zip(self._model.parameters, self._model.units, strict=True)}
+
+    @property
     def of_effects(self) -> list[bool]:
         """Which free parameters belong to an effect; the others are the baseline's."""
         return [bool(self._model.owners[column]) for column in self._free]

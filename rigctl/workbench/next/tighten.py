@@ -22,9 +22,9 @@ _TIGHTER = 0.01
 def tightening(
     imagined: Imagined, result: dict[str, dict[str, Any]], most_runs: int
 ) -> tuple[list[int], list[Tightened]]:
-    """Which proposals to make, and what they do to the parameters of a `result` (as of `Study.result`).
+    """Which proposals to make, and what they do to the parameters that a `result` names (as of `Study.result`).
 
-    What counts is the sum of the logarithms of the standard uncertainties.
+    Uncertainties are in units of the model's parameters, which a result may give in others. What counts is the sum of the logarithms of the standard uncertainties.
     """
     wanted = [name for name in imagined.names if name in result]
     if not wanted:
@@ -40,4 +40,4 @@ def tightening(
 
     chosen = greedy(gains, precision.add, worth, RigTime(imagined.proposals), min(most_runs, _MOST_RUNS))
     pairs = zip(wanted, before, precision.sigmas(), strict=True)
-    return chosen, [Tightened(name, float(was), float(will), result[name]["unit"]) for name, was, will in pairs]
+    return chosen, [Tightened(name, float(was), float(will), imagined.units[name]) for name, was, will in pairs]
