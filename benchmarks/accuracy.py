@@ -20,11 +20,11 @@ from scipy import stats
 from twin import CAMPAIGNS, twin
 
 from procedures.sensing_axis import sensing_axes
+from procedures.sensing_axis.campaign import plan_of
 from rigctl.analysis.plane import ARCSEC
 from rigctl.experiments.sensing_axis.result.result import AxisResult
 from rigctl.experiments.sensing_axis.result.result import sensing_axes as axes_of
 from rigctl.files import config
-from rigctl.kinds.sensing_axis import plan_of
 
 
 def campaign(seed: int) -> list[dict[str, float | str | int]]:

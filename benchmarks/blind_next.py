@@ -33,10 +33,9 @@ from benchmarks.blind_trials import clopper_pearson
 from benchmarks.investigate import KNOWN_TERMS, rig_text
 from rigctl import planning, runner
 from rigctl.campaign.store.store import Store
+from rigctl.composition import study_of, workbench_of
 from rigctl.core.errors import RigError
 from rigctl.files import config
-from rigctl.studies import study_of
-from rigctl.workbench.bench import Workbench
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.next.promise import PROMISE
 from rigctl.workbench.next.recommend import recommend
@@ -152,7 +151,7 @@ def trial(known: Sizes, seed: int) -> dict[str, Any]:
 def asked_and_made(path: Path, effect: str) -> dict[str, Any]:
     """Ask what to measure next, measure it, diagnose all of it."""
     with Store.open(path) as store:
-        bench = Workbench(store)
+        bench = workbench_of(store)
         terms = bench.current.terms
         before = diagnose(bench.study, terms, ALPHA)
         advice = recommend(bench.study, terms, before, allowed=planning.allowed_by(store))
@@ -163,7 +162,7 @@ def asked_and_made(path: Path, effect: str) -> dict[str, Any]:
         return found
     runner.extend(path, config.parse_campaign(text, path.with_name("next.toml")), runner.Options(unattended=True))
     with Store.open(path) as store:
-        bench = Workbench(store)
+        bench = workbench_of(store)
         after = diagnose(bench.study, terms, ALPHA)
     return found | {
         "runs": [dict(run.settings) for run in advice.runs],

@@ -28,10 +28,10 @@ from scipy import stats
 
 from benchmarks.platform_sampler import SampledRun, record, sampled
 from rigctl.campaign.bundle.bundle import import_bundle
+from rigctl.composition import study_of
 from rigctl.core.errors import RigError
 from rigctl.experiments.rotating_platform.model.model import placed, slopes_at_zero
 from rigctl.experiments.rotating_platform.study import PlatformStudy
-from rigctl.studies import study_of
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose

@@ -32,7 +32,7 @@ from benchmarks.blind_noise import SHAPES, coloured
 from benchmarks.blind_sampler import Design
 from benchmarks.blind_world import draw, record
 from rigctl.campaign.bundle.bundle import import_bundle
-from rigctl.studies import study_of
+from rigctl.composition import study_of
 from rigctl.workbench.study import Candidate, FloatArray, Model, NotTestable, Observations, Study, Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose

@@ -28,8 +28,8 @@ from benchmarks.blind_noise import SHAPES
 from benchmarks.blind_sampler import Design, nulls_deg
 from benchmarks.blind_world import KINDS, Foreign, Trial, Truth, draw, record, unit_sizes
 from rigctl.campaign.bundle.bundle import import_bundle
+from rigctl.composition import study_of
 from rigctl.core.errors import RigError
-from rigctl.studies import study_of
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.diagnose import diagnose

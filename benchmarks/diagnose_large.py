@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks import blind_world
 from benchmarks.blind_sampler import Design
 from rigctl.campaign.bundle.bundle import import_bundle
-from rigctl.studies import study_of
+from rigctl.composition import study_of
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.diagnose import diagnose
 

@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from procedures.inflight.calibration import MonteCarlo
-from rigctl.kinds.inflight_draws import Unit, reduce_unit, rows_of
+from procedures.inflight.monte_carlo import Unit, reduce_unit
+from rigctl.experiments.inflight.result.draws import rows_of
 from simulators.worlds.satellite.ensemble import Ensemble
 from simulators.worlds.satellite.forcing import Command
 from simulators.worlds.satellite.instrument import drawn
@@ -86,7 +87,7 @@ def main() -> None:
     ensemble = Ensemble(NATURE)
     unit = Unit(ensemble, study, ORBIT_S, "ac13", 5, tuple(range(ensemble.at_once)))
     steps = round((asked.orbits * ORBIT_S + SETTLE_S) / STEP_S)
-    weights_s = processor_s(lambda: rows_of(unit))
+    weights_s = processor_s(lambda: rows_of(unit.flown))
     reduce_unit(unit)
 
     command = Command(round(asked.orbits * ORBIT_S / STEP_S))

@@ -22,10 +22,10 @@ import numpy as np
 
 from rigctl import runner
 from rigctl.campaign.store.store import Store
+from rigctl.composition import study_of
 from rigctl.core.errors import RigError
 from rigctl.files import config
 from rigctl.investigate import Settings, investigate
-from rigctl.studies import study_of
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.score import likeness

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procedures.sensing_axis.bench import Bench
+from procedures.sensing_axis.wiring import bench_of
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session.control import Control
 from rigctl.campaign.session.operator import SimulatedOperator
@@ -20,7 +21,6 @@ from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
 from rigctl.files import config
-from rigctl.kinds.sensing_axis import bench_of
 from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parent.parent / "campaigns"

@@ -15,19 +15,19 @@ from typing import Any
 import numpy as np
 
 from procedures.sensing_axis import scan
+from procedures.sensing_axis.campaign import scan_of
 from procedures.sensing_axis.tables import Procedure
 from rigctl import runner
 from rigctl.campaign.origin import campaign_of
 from rigctl.campaign.recording import ImportReport, Recording
 from rigctl.campaign.store.store import Store
+from rigctl.composition import workbench_of
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.plugins import load
 from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.files import config
-from rigctl.kinds.sensing_axis import scan_of
 from rigctl.planning import text_of
-from rigctl.workbench.bench import ALPHA, Workbench
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.model import versions
 from rigctl.workbench.next.exclusion import Excluded, Sensitivity, sensitivity
@@ -36,6 +36,7 @@ from rigctl.workbench.next.plan import shuffled
 from rigctl.workbench.next.recommend import recommend
 from rigctl.workbench.study import Plannable, Proposal, Term
 from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.workbench import ALPHA
 
 FIRST_RUNS, BATCH_RUNS = 12, 6
 LONGER = 3.0
@@ -172,7 +173,7 @@ class _Round:
     ) -> None:
         self._store = store
         self._points, self._most, self._settings = points, most, settings
-        self._bench = Workbench(store, settings.options.plugins)
+        self._bench = workbench_of(store, settings.options.plugins)
         study = self._bench.study
         if not isinstance(study, Plannable):
             raise DataError(f"{store.path}: a '{study.experiment}' recording cannot be gone on with")

@@ -10,11 +10,12 @@ from typing import Any
 from rigctl import runner
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
+from rigctl.composition import workbench_of
+from rigctl.experiments.analysis import Result, analysis_of
 from rigctl.files import config
-from rigctl.kinds import Result, kind_of
-from rigctl.workbench.bench import ALPHA, Workbench
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.model.versions import ModelVersion
+from rigctl.workbench.workbench import ALPHA, Workbench
 
 
 class Campaign:
@@ -62,7 +63,7 @@ class Campaign:
         `DataError` or `ProcedureError` when the runs do not yet give it.
         """
         with on_the_bench(store, plugins) as bench:
-            return kind_of(bench.store.header.experiment, bench.store.path).analyse(bench)
+            return analysis_of(bench.store.header.experiment, bench.store.path).analyse(bench)
 
     @staticmethod
     def compare(store: Path | str, plugins: Sequence[Path | str] = ()) -> Comparison:
@@ -105,7 +106,7 @@ class Campaign:
 def on_the_bench(store: Path | str, plugins: Sequence[Path | str] = ()) -> Iterator[Workbench]:
     """A store with its study and its model's versions, to ask more than one thing of; closed at the end."""
     with Store.open(Path(store)) as opened:
-        yield Workbench(opened, _paths(plugins))
+        yield workbench_of(opened, _paths(plugins))
 
 
 def _paths(plugins: Sequence[Path | str]) -> tuple[Path, ...]:

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from procedures.campaigns import campaigns_of
 from rigctl.campaign.store.parts import parts_of
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError
 from rigctl.core.toml import to_toml
 from rigctl.files import config
-from rigctl.kinds import kind_of
 from rigctl.workbench.study import Proposal
 
 
@@ -30,7 +30,7 @@ def campaign_text(store: Store, runs: Sequence[Proposal], title: str, path: Path
     Effects of files of one's own are named too: the file has to be passed when the campaign is run.
     """
     campaign = config.parse_campaign(require_rig(store), store.path)
-    procedure = kind_of(campaign.experiment, store.path).further(store, runs, campaign)
+    procedure = campaigns_of(campaign.experiment, store.path).further(store, runs, campaign)
     return text_of(campaign, title, _rig_seen_from(path, store, campaign.rig), procedure, effects)
 
 

@@ -7,15 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.store.store import Store
+from rigctl.composition import workbench_of
+from rigctl.experiments.analysis import analysis_of
 from rigctl.files import config
-from rigctl.kinds import kind_of
-from rigctl.workbench.bench import Workbench
+from rigctl.report.drawn import drawing_of
 
 
 def of(path: Path, plugins: Sequence[Path] = ()) -> dict[str, Any]:
     """The keys of `rigctl result --json`; `DataError`, `ProcedureError`."""
     with Store.open(path, readonly=True) as store:
-        return kind_of(store.header.experiment, path).result(Workbench(store, plugins))
+        return analysis_of(store.header.experiment, path).result(workbench_of(store, plugins))
 
 
 def show(path: Path, found: Mapping[str, Any]) -> None:
@@ -23,4 +24,4 @@ def show(path: Path, found: Mapping[str, Any]) -> None:
     with Store.open(path, readonly=True) as store:
         text, experiment = store.header.campaign_toml, store.header.experiment
     reference = config.parse_campaign(text, path).reference.model_dump() if text else {}
-    kind_of(experiment, path).show(found, reference)
+    drawing_of(experiment, path).show(found, reference)

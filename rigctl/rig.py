@@ -10,7 +10,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, cast
+from typing import Any, NoReturn, cast
 
 from pydantic import BaseModel
 
@@ -31,8 +31,6 @@ from simulators.rig import LockedInstrument, SimulatedRig, TableError
 
 DRIVERS = Registry("rigctl.drivers", DriverDeclaration, DRIVER_CONTRACT, lambda declaration: declaration.kind)
 
-_NOWHERE = "tcp://127.0.0.1:9"
-
 
 @dataclass(frozen=True)
 class Driver:
@@ -49,10 +47,13 @@ class Rig:
     `found_moving` are the stages that somebody had left moving.
     """
 
-    def __init__(self, file: config.RigFile, *, seed: int | None = None, start_s: float = 0.0) -> None:
+    def __init__(
+        self, file: config.RigFile, *, seed: int | None = None, start_s: float = 0.0, reachable: bool = True
+    ) -> None:
         self.file = file
+        self._reachable = reachable
         drivers = drivers_of(file)
-        self.simulation, self.clock = _simulate(file, seed, start_s)
+        self.simulation, self.clock = _simulate(file, seed, start_s) if reachable else (None, RealClock())
         self.instruments = {name: self._make(name, table, drivers[name]) for name, table in file.instruments.items()}
         self._one_stop_at_a_time = threading.RLock()
         self._stops = 0
@@ -68,13 +69,8 @@ class Rig:
 
     @classmethod
     def for_its_limits(cls, file: config.RigFile) -> Rig:
-        """A rig that is never opened but asked what it could do: simulated instruments have no world behind them."""
-        nowhere = {
-            name: each.model_copy(update={"address": _NOWHERE}) if each.simulated else each
-            for name, each in file.instruments.items()
-        }
-        clock = file.rig.model_copy(update={"clock": "real"})
-        return cls(file.model_copy(update={"instruments": nowhere, "rig": clock, "world": None}))
+        """A rig that is only asked what it could do: no world is behind it, and it cannot be opened."""
+        return cls(file, reachable=False)
 
     def __enter__(self) -> Rig:
         try:
@@ -159,6 +155,8 @@ class Rig:
         return driver.build(name, driver.settings, self._connect(name, table, driver.declaration), self.clock)
 
     def _connect(self, name: str, table: config.Instrument, declaration: DriverDeclaration) -> Connect:
+        if not self._reachable:
+            return self._nowhere
         if not declaration.wired:
             return self._ground_segment(name, table)
         if not table.simulated:
@@ -169,6 +167,9 @@ class Rig:
         simulation = self._simulated(name)
         endpoint = LockedInstrument(simulation.instruments[name], simulation.clock)
         return lambda: InProcessTransport(f"{name} (simulated)", endpoint, simulation.clock)
+
+    def _nowhere(self) -> NoReturn:
+        raise LinkLost(f"{self.file.path}: this rig is only asked for its limits")
 
     def _ground_segment(self, name: str, table: config.Instrument) -> Connect:
         if not table.simulated:

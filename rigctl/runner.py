@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from procedures.campaigns import Plan, Work, campaigns_of
 from rigctl.campaign.origin import rig_file_of, truth_path
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import locks, rig_time
@@ -27,7 +28,6 @@ from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, RigE
 from rigctl.effects.catalogue import chosen
 from rigctl.effects.plugins import Plugin, load
 from rigctl.files import config
-from rigctl.kinds import Plan, Work, kind_of
 from rigctl.rig import Rig
 from rigctl.workbench.model import versions as model_versions
 
@@ -77,7 +77,7 @@ def extend(store_path: Path, campaign: config.CampaignFile, options: Options) ->
             )
         if campaign.experiment != store.header.experiment:
             raise ConfigError(f"{campaign.path}: experiment: the store holds {store.header.experiment}")
-        made = kind_of(campaign.experiment, campaign.path).mounted(store)
+        made = campaigns_of(campaign.experiment, campaign.path).mounted(store)
         plugins = _loaded_for(store, options.plugins, {})
         part = next_part(store, campaign.path, campaign.text, made, _brought(campaign, plugins))
         plan = _plan(campaign, part, plugins)
@@ -156,7 +156,7 @@ def _plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Pl
         chosen(campaign.experiment, campaign.model.effects, brought)
     except ConfigError as error:
         raise ConfigError(f"{campaign.path}: model.effects: {error}") from None
-    return kind_of(campaign.experiment, campaign.path).plan(campaign, part, plugins)
+    return campaigns_of(campaign.experiment, campaign.path).plan(campaign, part, plugins)
 
 
 @contextmanager
@@ -218,7 +218,7 @@ def _header(
     campaign: config.CampaignFile, rig: Rig, options: Options, plugins: Plugins, kept: Mapping[str, Any] | None = None
 ) -> Header:
     file = rig.file
-    channels, lasers = kind_of(campaign.experiment, campaign.path).channels(rig)
+    channels, lasers = campaigns_of(campaign.experiment, campaign.path).channels(rig)
     return Header(
         experiment=campaign.experiment,
         title=campaign.title,

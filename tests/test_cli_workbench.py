@@ -136,7 +136,7 @@ def test_fits_of_the_ladder_are_kept(bench: Any, monkeypatch: pytest.MonkeyPatch
     def never(*_: object) -> None:
         raise AssertionError("it was fitted already")
 
-    monkeypatch.setattr("rigctl.workbench.bench.Workbench.fit", never)
+    monkeypatch.setattr("rigctl.workbench.workbench.Workbench.fit", never)
     after = bench.rigctl("model", "history", bench.store, "--json")
     assert after.json == before.json
     assert after.err == ""

@@ -18,11 +18,12 @@ from pydantic import BaseModel
 from procedures.inflight import calibration as inflight
 from procedures.rotating_platform import tables as platform_tables
 from procedures.sensing_axis import tables
+from procedures.sensing_axis.campaign import plan_of
+from procedures.sensing_axis.wiring import bench_of
 from rigctl import runner
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.core.toml import to_toml
 from rigctl.files import config
-from rigctl.kinds.sensing_axis import bench_of, plan_of
 from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"

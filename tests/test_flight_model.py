@@ -12,8 +12,8 @@ from scipy import stats
 
 from rigctl import Campaign, results
 from rigctl.campaign.store.store import Store
+from rigctl.composition import workbench_of
 from rigctl.report.document import write_report
-from rigctl.workbench.bench import Workbench
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 
@@ -71,6 +71,6 @@ def test_the_budget_is_led_by_the_scatter_and_validated(result: dict[str, Any]) 
 
 def test_the_paper_s_figures_are_written(store: Path, tmp_path: Path) -> None:
     with Store.open(store) as opened:
-        written = {path.name for path in write_report(Workbench(opened), None, tmp_path, lambda _: None)}
+        written = {path.name for path in write_report(workbench_of(opened), None, tmp_path, lambda _: None)}
     for name in ("fig12", "fig15", "fig16", "fig17"):
         assert {f"{name}.svg", f"{name}.csv"} <= written

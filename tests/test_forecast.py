@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 
+from procedures.sensing_axis.campaign import plan_of
+from procedures.sensing_axis.forecast import theta0_sigma_arcsec
+from procedures.sensing_axis.wiring import bench_of
 from rigctl import runner
 from rigctl.files import config
-from rigctl.kinds.sensing_axis import bench_of, plan_of, theta0_sigma_arcsec
 from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parent.parent / "campaigns"

@@ -8,14 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procedures.inflight import campaign as inflight
+from procedures.inflight.orbit import flight_of
+from procedures.rotating_platform import campaign as rotating_platform
 from procedures.rotating_platform.bias_rejection import Plan
 from procedures.rotating_platform.tables import Procedure as PlatformProcedure
+from procedures.rotating_platform.wiring import bench_of
+from procedures.sensing_axis.campaign import scan_of
 from procedures.sensing_axis.tables import Procedure
 from rigctl import planning, runner
 from rigctl.core.errors import ConfigError
 from rigctl.files import config
-from rigctl.kinds import inflight, inflight_campaign, platform_limits, rotating_platform
-from rigctl.kinds.sensing_axis import scan_of
+from rigctl.rig import Rig
 from rigctl.workbench.study import Proposal
 
 CAMPAIGNS = Path(__file__).parent.parent / "campaigns"
@@ -65,7 +69,8 @@ def test_what_is_proposed_keeps_to_the_platforms_limits(way: dict[str, Any], lim
     like = config.read_campaign(CAMPAIGNS / "bias-rejection.toml")
     text = like.rig_path.read_text().replace("angle_max_deg = 370.0", limits or "angle_max_deg = 370.0")
     settings = config.validated(PlatformProcedure, like.procedure, like.path, "procedure")
-    allowed = platform_limits.within(config.parse_rig(text, like.rig_path), settings)
+    rig = Rig.for_its_limits(config.parse_rig(text, like.rig_path))
+    allowed = rotating_platform.within(bench_of(rig, settings), settings)
     assert allowed(Proposal({**TURN, **way})) is possible
 
 
@@ -96,7 +101,7 @@ def test_sessions_that_share_a_stimulus_are_flown_with_the_strongest_that_is_pro
     ]
     _, plan = planned(like, inflight.further(None, runs, like))  # type: ignore[arg-type]
     assert plan["sessions"] == ["ad11", "k2d", "dx"]
-    asked = inflight_campaign.procedure_of(
+    asked = inflight.procedure_of(
         like.model_copy(update={"procedure": inflight.further(None, runs, like)})  # type: ignore[arg-type]
     )
     assert (asked.common_m_s2, asked.turn_rad) == (1e-7, 1e-2)
@@ -110,7 +115,8 @@ def test_what_is_proposed_keeps_to_the_satellites_limits(
     session: str, amplitude: float | None, possible: bool
 ) -> None:
     like = config.read_campaign(CAMPAIGNS / "microscope.toml")
-    allowed = inflight_campaign.within(config.read_rig(like.rig_path), inflight_campaign.procedure_of(like))
+    rig = Rig.for_its_limits(config.read_rig(like.rig_path))
+    allowed = inflight.within(flight_of(rig), inflight.procedure_of(like))
     settings = {"session": session, "orbits": 10.0} | ({} if amplitude is None else {"amplitude": amplitude})
     assert allowed(Proposal(settings)) is possible
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from drivers.transport import InProcessTransport
+from procedures.sensing_axis.wiring import bench_of
 from rigctl import runner
 from rigctl.core.errors import ConfigError, LinkError, LinkLost, LinkTimeout, RigError, WrongInstrument
 from rigctl.core.interfaces import Instrument, LinearStage, RotationStage, Thermometer, Voltmeter
 from rigctl.files import config
-from rigctl.kinds.sensing_axis import bench_of
 from rigctl.rig import DRIVERS, Rig, build_simulation
 from simulators.clock import ScaledClock, VirtualClock
 from simulators.rig import LockedInstrument

@@ -67,7 +67,7 @@ def _read(store: Store, report: ImportReport) -> str:
 
 def _reduced(store: Store) -> dict[str, str]:
     """Reduce the valid runs once and for all, saying how fast; which were left out, and why."""
-    from rigctl.kinds import kind_of
+    from rigctl.experiments.analysis import analysis_of
 
     began_s = said_s = time.monotonic()
 
@@ -78,7 +78,7 @@ def _reduced(store: Store) -> dict[str, str]:
             said_s = now_s
             tell(f"{done} of {runs} runs reduced, {done / max(now_s - began_s, 1e-9):.0f} runs/s")
 
-    return dict(kind_of(store.header.experiment, store.path).reduced(store, progress))
+    return dict(analysis_of(store.header.experiment, store.path).reduced(store, progress))
 
 
 @app.command()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from rigctl.workbench.bench import Workbench
+    from rigctl.workbench.workbench import Workbench
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="A campaign file, by convention *.rig.sqlite.")]
@@ -48,10 +48,10 @@ def say(text: str) -> None:
 def workbench(store: Path, plugins: Sequence[Path] | None) -> Iterator[Workbench]:
     """A store on the workbench, closed at the end."""
     from rigctl.campaign.store.store import Store
-    from rigctl.workbench.bench import Workbench
+    from rigctl.composition import workbench_of
 
     with Store.open(store) as opened:
-        yield Workbench(opened, plugins or ())
+        yield workbench_of(opened, plugins or ())
 
 
 def tell_if_unchecked(store: Path) -> None:

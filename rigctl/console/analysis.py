@@ -24,20 +24,21 @@ FEW = 8
 def result(store: Path, plugins: Plugins) -> Found:
     """`rigctl result`, with the null vectors of axes as figures 15 to 17 show them, else with the report's tables."""
     from rigctl.campaign.store.store import Store
+    from rigctl.composition import workbench_of
+    from rigctl.experiments.analysis import analysis_of
     from rigctl.files import config
-    from rigctl.kinds import kind_of
-    from rigctl.workbench.bench import Workbench
+    from rigctl.report.drawn import drawing_of
 
     with Store.open(store, readonly=True) as opened:
-        text, bench = opened.header.campaign_toml, Workbench(opened, plugins)
-        kind = kind_of(opened.header.experiment, store)
-        found = kind.result(bench)
+        text, bench = opened.header.campaign_toml, workbench_of(opened, plugins)
+        experiment = opened.header.experiment
+        found = analysis_of(experiment, store).result(bench)
         if "axes" in found:
-            from rigctl.kinds.sensing_axis import null_vectors
+            from rigctl.report.experiments.sensing_axis import null_vectors
 
             found["planes"] = null_vectors(bench)
         else:
-            found["tables"] = [asdict(table) for table in kind.draw(bench, (), ()).tables]
+            found["tables"] = [asdict(table) for table in drawing_of(experiment, store).draw(bench, (), ()).tables]
     return {**found, "reference": config.parse_campaign(text, store).reference.model_dump() if text else {}}
 
 
@@ -70,7 +71,7 @@ def null_search(store: Path, plugins: Plugins) -> Found:
         one_frequency = len(by_frequency(some)) == 1
         # At one frequency roll is a shift of the null.
         wanted = [name for name in campaign.model.effects if not (one_frequency and name == "roll-gravity")]
-        model = RecordingModel(some, package, rig_file.heads, g_m_s2, chosen("sensing-axis", wanted))
+        model = RecordingModel(some, package, rig_file.heads, g_m_s2, chosen(campaign.experiment, wanted))
         fit = fit_recording(model)
         return fit, fit.null(first.axis, first.configuration, first.mounting)
 
@@ -111,20 +112,20 @@ def dry_run(campaign: Path, rig: Path | None, plugins: Plugins) -> Found:
 def model(store: Path, plugins: Plugins) -> Found:
     """`rigctl model show`, with the catalogue beside it."""
     from rigctl.campaign.store.store import Store
-    from rigctl.workbench.bench import Workbench
+    from rigctl.composition import workbench_of
 
     with Store.open(store) as opened:
-        bench = Workbench(opened, plugins)
+        bench = workbench_of(opened, plugins)
         return {**bench.current.as_json(), "catalogue": dict(bench.study.effects())}
 
 
 def fit(store: Path, plugins: Plugins) -> Found:
     """`rigctl fit`."""
     from rigctl.campaign.store.store import Store
-    from rigctl.workbench.bench import Workbench
+    from rigctl.composition import workbench_of
 
     with Store.open(store) as opened:
-        bench = Workbench(opened, plugins)
+        bench = workbench_of(opened, plugins)
         version = bench.current
         return {"version": version.version, **bench.fit(version).as_json()}
 
@@ -132,42 +133,42 @@ def fit(store: Path, plugins: Plugins) -> Found:
 def history(store: Path, plugins: Plugins) -> list[Found]:
     """`rigctl model history`."""
     from rigctl.campaign.store.store import Store
-    from rigctl.workbench.bench import Workbench
+    from rigctl.composition import workbench_of
 
     with Store.open(store) as opened:
-        return Workbench(opened, plugins).history()
+        return workbench_of(opened, plugins).history()
 
 
 def diagnose(store: Path, plugins: Plugins) -> Found:
     """`rigctl diagnose`, with its sentences."""
     from rigctl.campaign.store.store import Store
+    from rigctl.composition import workbench_of
     from rigctl.report.verdicts import inseparable_sentences, verdict_sentence
-    from rigctl.workbench.bench import Workbench
 
     with Store.open(store) as opened:
-        found = Workbench(opened, plugins).diagnose().as_json()
+        found = workbench_of(opened, plugins).diagnose().as_json()
     return {**found, "sentence": verdict_sentence(found), "pairs": inseparable_sentences(found["inseparable"])}
 
 
 def recommend(store: Path, plugins: Plugins) -> Found:
     """`rigctl next`."""
     from rigctl.campaign.store.store import Store
-    from rigctl.workbench.bench import Workbench
+    from rigctl.composition import workbench_of
 
     with Store.open(store) as opened:
-        return Workbench(opened, plugins).recommend().as_json()
+        return workbench_of(opened, plugins).recommend().as_json()
 
 
 def residuals(store: Path, covariate: str, plugins: Plugins) -> Found:
     """`rigctl compare`, with the residuals of its figures against a covariate: "" is the one they follow most."""
     from rigctl.campaign.store.store import Store
+    from rigctl.composition import workbench_of
     from rigctl.report.figures.residuals import axis_label, residual_plate
     from rigctl.report.verdicts import comparison_sentence
-    from rigctl.workbench.bench import Workbench
     from rigctl.workbench.verdict.covariates import distinct
 
     with Store.open(store) as opened:
-        found = Workbench(opened, plugins).compare()
+        found = workbench_of(opened, plugins).compare()
     known = distinct(found.observations.covariates)
     if covariate not in known:
         followed = [trend.covariate for trend in sorted(found.trends, key=lambda trend: trend.p_value_corrected)]
@@ -190,11 +191,11 @@ def residuals(store: Path, covariate: str, plugins: Plugins) -> Found:
 def compare_with(store: Path, other: Path, plugins: Plugins) -> Found:
     """`rigctl compare --with`."""
     from rigctl.campaign.store.store import Store
+    from rigctl.composition import workbench_of
     from rigctl.report.verdicts import transfer_sentence
-    from rigctl.workbench.bench import Workbench
 
     with Store.open(store) as here, Store.open(other) as there:
-        found = Workbench(here, plugins).compare_with(Workbench(there, plugins)).as_json()
+        found = workbench_of(here, plugins).compare_with(workbench_of(there, plugins)).as_json()
     told = {**found, "store": str(other)}
     return {**told, "sentence": transfer_sentence(told)}
 
@@ -202,16 +203,16 @@ def compare_with(store: Path, other: Path, plugins: Plugins) -> Found:
 def add(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Found]:
     """`rigctl model add`."""
     from rigctl.campaign.store.store import Store
-    from rigctl.workbench.bench import Workbench
+    from rigctl.composition import workbench_of
 
     with Store.open(store) as opened:
-        return [version.as_json() for version in Workbench(opened, plugins).add(effects)]
+        return [version.as_json() for version in workbench_of(opened, plugins).add(effects)]
 
 
 def remove(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Found]:
     """`rigctl model remove`."""
     from rigctl.campaign.store.store import Store
-    from rigctl.workbench.bench import Workbench
+    from rigctl.composition import workbench_of
 
     with Store.open(store) as opened:
-        return [version.as_json() for version in Workbench(opened, plugins).remove(effects)]
+        return [version.as_json() for version in workbench_of(opened, plugins).remove(effects)]

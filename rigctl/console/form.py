@@ -85,8 +85,8 @@ def _tables(text: str) -> dict[str, Any]:
 
 
 def _models(data: Mapping[str, Any]) -> dict[str, type[BaseModel]]:
+    from rigctl.files.campaign_tables import settings_of
     from rigctl.files.config import CampaignFile, ModelTable
-    from rigctl.kinds import settings_of
 
     procedure = data.get("procedure", {})
     own = settings_of(str(data.get("experiment")), procedure if isinstance(procedure, Mapping) else {})
@@ -125,7 +125,7 @@ def fault(text: str, path: Path) -> str:
     """The first thing that is wrong with a campaign file's text, without the file's name; "" when it is right."""
     from rigctl.core.errors import ConfigError
     from rigctl.files import config
-    from rigctl.kinds import settings_of
+    from rigctl.files.campaign_tables import settings_of
 
     try:
         file = config.parse_campaign(text, path)

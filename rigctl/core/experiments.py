@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 from rigctl.core.entry_points import Registry, resolved
 from rigctl.core.errors import ConfigError, DataError
@@ -18,10 +19,13 @@ CONTRACT = 1
 class Experiment:
     """An experiment, found by the entry points of `rigctl.experiments`; references are `package.module:object`.
 
-    `application` is a module with the functions of `rigctl.kinds.Kind`: plan, study, result, figures and so on.
+    Three of its modules are each the functions of a protocol: `campaign` those of `procedures.campaigns.Campaigns`,
+    "" when no campaign measures it; `analysis` those of `rigctl.experiments.analysis.Analysis`; `report` those of
+    `rigctl.report.drawn.Drawing`.
+
     `tables` are the pydantic models of a campaign file's `[procedure]` and `[targets]`, `procedures` those of
-    `[procedure]` by its `name` where one has another; without any, no campaign measures it. `columns` is the
-    `rigctl.campaign.bundle.layout.Layout` of its runs; without one a recording is a table of readings.
+    `[procedure]` by its `name` where one has another. `columns` is the `rigctl.campaign.bundle.layout.Layout` of its
+    runs; without one a recording is a table of readings.
 
     Effects act at `points` of its chain, in the order in which a signal passes, and have one value per each of
     `scopes`; `effects` is the module of those it knows. `trial_run(point)` makes runs to try a foreign effect on, and
@@ -29,10 +33,12 @@ class Experiment:
     """
 
     id: str
-    application: str
+    analysis: str
+    report: str
     points: tuple[str, ...]
     trial_run: str
     scopes: tuple[str, ...] = ("recording",)
+    campaign: str = ""
     tables: Mapping[str, str] = field(default_factory=dict)
     procedures: Mapping[str, str] = field(default_factory=dict)
     columns: str = ""
@@ -78,9 +84,19 @@ def experiment_named(name: str) -> Experiment:
         raise DataError(str(error)) from None
 
 
+def part_of(experiment: str, part: Literal["campaign", "analysis", "report"], path: Path | str) -> Any:
+    """A module of the experiment that `path` names, imported now, None where the experiment has none; `DataError`."""
+    try:
+        declared = experiment_named(experiment)
+        reference = getattr(declared, part)
+        return declared.load(reference) if reference else None
+    except (ConfigError, DataError) as error:
+        raise DataError(f"{path}: {error}") from None
+
+
 def measured() -> list[str]:
     """The experiments that campaigns measure."""
-    return [name for name, each in EXPERIMENTS.items() if each.tables]
+    return [name for name, each in EXPERIMENTS.items() if each.campaign]
 
 
 def of_readings(name: str) -> bool:

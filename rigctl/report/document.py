@@ -11,8 +11,8 @@ from typing import Any
 from rigctl.campaign.status import repeats_in
 from rigctl.core.errors import UNFIT, ConfigError, DataError
 from rigctl.core.experiments import of_readings
-from rigctl.kinds import Drawn, kind_of
 from rigctl.report import html
+from rigctl.report.drawn import Drawn, drawing_of
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.ladder import ladder_plate
 from rigctl.report.figures.ranking import ranking_plate
@@ -31,9 +31,9 @@ from rigctl.report.verdicts import (
     sizes,
     verdict_sentence,
 )
-from rigctl.workbench.bench import ALPHA, Workbench
 from rigctl.workbench.findings import Comparison
 from rigctl.workbench.model import versions
+from rigctl.workbench.workbench import ALPHA, Workbench
 
 SIDE_BY_SIDE = 3
 """Versions whose residuals stand side by side: the first, the last, and what lies between."""
@@ -105,7 +105,7 @@ def _without_runs(bench: Workbench) -> Drawn | None:
     if bench.store.runs(valid_only=True):
         return None
     try:
-        drawn = kind_of(bench.store.header.experiment, bench.store.path).draw(bench, (), ())
+        drawn = drawing_of(bench.store.header.experiment, bench.store.path).draw(bench, (), ())
     except UNFIT:
         return None
     return drawn if drawn.tables else None
@@ -135,7 +135,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
         ladder=ladder_plate(rungs),
         ranking=ranking_plate(diagnosis) if diagnosis["ranking"] else None,
         residuals=list(residual_plates(comparisons)),
-        drawn=kind_of(store.header.experiment, store.path).draw(bench, lines, last.lines),
+        drawn=drawing_of(store.header.experiment, store.path).draw(bench, lines, last.lines),
     )
 
 

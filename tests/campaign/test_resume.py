@@ -16,6 +16,8 @@ from typing import Any
 import pytest
 
 from procedures.sensing_axis import sensing_axes
+from procedures.sensing_axis.campaign import plan_of
+from procedures.sensing_axis.wiring import bench_of
 from rigctl import results, runner
 from rigctl.campaign.origin import truth_path
 from rigctl.campaign.session.control import Control
@@ -27,7 +29,6 @@ from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import Aborted, ProcedureError
 from rigctl.files import config
-from rigctl.kinds.sensing_axis import bench_of, plan_of
 from rigctl.rig import Rig
 
 SLOW = (

@@ -19,13 +19,13 @@ from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
+from rigctl.composition import workbench_of
 from rigctl.core.errors import ConfigError, InstrumentError, LimitError
 from rigctl.core.interfaces import FloatArray
+from rigctl.experiments.rotating_platform.analysis import result
 from rigctl.experiments.rotating_platform.observe.patterns import custom_pattern, named_pattern
 from rigctl.files import config
-from rigctl.kinds import rotating_platform
-from rigctl.report.tables.rotating_platform import headline
-from rigctl.workbench.bench import Workbench
+from rigctl.report.experiments.rotating_platform import headline
 from simulators.measured import from_file
 
 RIG = "bias-rejection-rig.toml"
@@ -200,7 +200,7 @@ def test_a_scan_and_a_flip_show_what_they_are_for(small: Path) -> None:
         assert amplifier * (up_v - down_v) / (2 * 9.81) == pytest.approx(gain, rel=1e-4)
         assert amplifier * (up_v + down_v) / 2 == pytest.approx(bias_v, abs=0.01)
     with Store.open(small, readonly=True) as store:
-        found = rotating_platform.result(Workbench(store))
+        found = result(workbench_of(store))
     turned, lines = found["flips"], headline(found)
     for channel, gain, amplifier, bias_v in (("z", GAIN_A, 1010.9, 0.2221), ("y", GAIN_B, 990.54, -0.0527)):
         sensor, chain = turned[channel]["sensor"], turned[channel]["chain"]

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from procedures.campaigns import Campaigns, campaigns_of
 from rigctl.campaign.bundle.layout import Layout, layout_of
 from rigctl.core import entry_points as registered
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.core.experiments import CONTRACT, EXPERIMENTS, REGISTRY, Experiments, experiment_named
+from rigctl.experiments.analysis import Analysis, analysis_of
 from rigctl.files import config
-from rigctl.kinds import Kind, kind_of
+from rigctl.report.drawn import Drawing, drawing_of
 
 ROOT = Path(__file__).parents[2]
 OURS = ["sensing-axis", "rotating-platform", "inflight-calibration", "table"]
@@ -21,9 +23,9 @@ OURS = ["sensing-axis", "rotating-platform", "inflight-calibration", "table"]
 MODULE = f"""\
 from rigctl.core.experiments import Experiment
 
-TUMBLE = Experiment("tumble-test", "lab", ("tumble_v",), "lab:run")
-TABLE = Experiment("table", "lab", ("twin_v",), "lab:run")
-FUTURE = Experiment("future", "lab", ("future_v",), "lab:run", contract={CONTRACT + 1})
+TUMBLE = Experiment("tumble-test", "lab", "lab", ("tumble_v",), "lab:run")
+TABLE = Experiment("table", "lab", "lab", ("twin_v",), "lab:run")
+FUTURE = Experiment("future", "lab", "lab", ("future_v",), "lab:run", contract={CONTRACT + 1})
 """
 
 
@@ -45,9 +47,12 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def test_ours_are_registered_as_those_of_others_and_each_reference_leads_somewhere() -> None:
     listed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]
     assert list(EXPERIMENTS) == list(listed[REGISTRY.group]) == OURS
-    functions = {name for name in vars(Kind) if not name.startswith("_")}
     for each in EXPERIMENTS.values():
-        assert functions <= set(dir(kind_of(each.id)))
+        parts = {Analysis: analysis_of(each.id), Drawing: drawing_of(each.id)}
+        if each.campaign:
+            parts[Campaigns] = campaigns_of(each.id)
+        for protocol, module in parts.items():
+            assert {name for name in vars(protocol) if not name.startswith("_")} <= set(dir(module))
         assert isinstance(layout_of(each.id), Layout) == bool(each.columns)
         for reference in (
             each.trial_run,
@@ -73,4 +78,9 @@ def test_what_another_package_installs_is_there_and_of_two_of_one_name_there_is_
 
 def test_an_experiment_that_is_not_there_is_refused() -> None:
     with pytest.raises(DataError, match=r"a\.db: unknown rigctl\.experiments 'tumble-test'; one of"):
-        kind_of("tumble-test", "a.db")
+        analysis_of("tumble-test", "a.db")
+
+
+def test_no_campaign_measures_a_table() -> None:
+    with pytest.raises(ConfigError, match=r"a\.toml: a 'table' is imported, not measured; use `rigctl import`"):
+        campaigns_of("table", "a.toml")

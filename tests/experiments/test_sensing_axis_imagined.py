@@ -10,12 +10,12 @@ import pytest
 
 from rigctl import runner
 from rigctl.campaign.store.store import Store
+from rigctl.composition import allowed_by_rig
 from rigctl.experiments.sensing_axis.observe import set_points
 from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S
 from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.files import config
-from rigctl.kinds import sensing_axis
 from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.study import Plannable, Proposal, Term
 from rigctl.workbench.verdict.attempt import Attempt
@@ -112,7 +112,7 @@ def test_longer_runs_have_less_noise_but_no_steadier_mean(study: SensingAxisStud
 def test_options_are_within_the_range_and_the_stages_limits(study: SensingAxisStudy, store: Store) -> None:
     assert isinstance(study, Plannable)
     options = study.options()
-    allowed = sensing_axis.allowed(store)
+    allowed = allowed_by_rig(store)
     assert allowed is not None
     kept = [each for each in options if allowed(each)]
     assert {-20.0, -0.8, 0.8, 20.0} <= {each.settings["angle_deg"] for each in kept}

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from procedures.inflight.calibration import TEN, Calibration, Flight, calibrate, check, on_grid
+from procedures.inflight.orbit import flight_of
 from rigctl import runner
 from rigctl.campaign.bundle.bundle import read_bundle, write_bundle
 from rigctl.campaign.recording import Header
@@ -23,7 +24,6 @@ from rigctl.campaign.store.store import Store
 from rigctl.core.errors import Aborted, ConfigError, ImplausibleSample, LimitError, LinkLost
 from rigctl.core.interfaces import DragFreeSatellite, FlightSession, Stimulus
 from rigctl.files import config
-from rigctl.kinds.inflight_campaign import flight_of
 from rigctl.rig import Rig
 from rigctl.serving import Served
 

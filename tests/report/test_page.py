@@ -12,12 +12,12 @@ import pytest
 
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.campaign.store.store import Store
+from rigctl.composition import workbench_of
 from rigctl.report import html
 from rigctl.report.document import write_report
 from rigctl.report.figures.residuals import CROWDED, ResidualRow, draw_residuals
 from rigctl.report.figures.sensing_axis.nulls import NullRow, draw_nulls
 from rigctl.report.quantities import p_value
-from rigctl.workbench.bench import Workbench
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 VOID = {"meta", "br"}
@@ -84,7 +84,7 @@ def reported(example: str, directory: Path, *effects: str, repeated: int = 0) ->
     with Store.open(store) as opened:
         for _ in range(repeated):
             opened.add_event("run-repeated", {"key": "a", "error": "LinkTimeout"})
-        bench = Workbench(opened)
+        bench = workbench_of(opened)
         bench.add(effects)
         written = write_report(bench, directory / "r.html", directory / "figures", lambda _: None)
     assert all(path.is_file() for path in written)

@@ -4,7 +4,9 @@ from rigctl.core.experiments import Experiment
 
 EXPERIMENT = Experiment(
     id="inflight-calibration",
-    application="rigctl.kinds.inflight",
+    campaign="procedures.inflight.campaign",
+    analysis="rigctl.experiments.inflight.analysis",
+    report="rigctl.report.experiments.inflight",
     tables={"procedure": "procedures.inflight.calibration:Calibration"},
     procedures={"monte-carlo": "procedures.inflight.calibration:MonteCarlo"},
     columns="rigctl.campaign.bundle.layout:INFLIGHT",

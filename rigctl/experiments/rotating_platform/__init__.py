@@ -4,7 +4,9 @@ from rigctl.core.experiments import Experiment
 
 EXPERIMENT = Experiment(
     id="rotating-platform",
-    application="rigctl.kinds.rotating_platform",
+    campaign="procedures.rotating_platform.campaign",
+    analysis="rigctl.experiments.rotating_platform.analysis",
+    report="rigctl.report.experiments.rotating_platform",
     tables={"procedure": "procedures.rotating_platform.tables:Procedure"},
     columns="rigctl.campaign.bundle.layout:ROTATING_PLATFORM",
     # force_m_s2 acts along a sensing axis, reading_m_s2 is the calibrated reading, bias included.

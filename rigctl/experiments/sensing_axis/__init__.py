@@ -4,7 +4,9 @@ from rigctl.core.experiments import Experiment
 
 EXPERIMENT = Experiment(
     id="sensing-axis",
-    application="rigctl.kinds.sensing_axis",
+    campaign="procedures.sensing_axis.campaign",
+    analysis="rigctl.experiments.sensing_axis.analysis",
+    report="rigctl.report.experiments.sensing_axis",
     tables={
         "procedure": "procedures.sensing_axis.tables:Procedure",
         "targets": "procedures.sensing_axis.tables:Targets",

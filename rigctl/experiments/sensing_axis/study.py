@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from math import degrees
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,16 +26,12 @@ from rigctl.experiments.sensing_axis.model.model import RecordingModel, origins_
 from rigctl.experiments.sensing_axis.model.parameters import family_of
 from rigctl.experiments.sensing_axis.model.testable import untestable
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
-from rigctl.experiments.sensing_axis.observe.recorded import recorded_heads, recorded_package
+from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
 from rigctl.experiments.sensing_axis.observe.set_points import Limits, options
 from rigctl.experiments.sensing_axis.observe.store_reduction import Reduction, line_scan, reduction
-from rigctl.files import config
-from rigctl.files.package import HeadSettings, Package
+from rigctl.files.package import HeadSettings
 from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Observations, Proposal, Term
-
-STANDARD_G = 9.80665
-"""Where nobody has given the local one."""
 
 LINE = "mains-pickup"
 """The effect that is found in the samples, not in the amplitudes."""
@@ -107,7 +102,7 @@ class SensingAxisStudy:
         self.catalogue: Mapping[str, Effect] = catalogue(self.experiment, added)
         self._reductions: dict[tuple[float, ...], Reduction] = {}
         self._scans: dict[tuple[float, ...], LineScan] = {}
-        self._package, self._heads, self._g_m_s2 = _bench_of(source)
+        self._package, self._heads, self._g_m_s2 = recorded_calibration(source.header)
         self._imagined: tuple[RunObservables, ...] = ()
 
     def effects(self) -> dict[str, str]:
@@ -342,18 +337,6 @@ def _plane(axis: str, vectors: FloatArray, nominal: FloatArray) -> dict[str, Any
     value = plane.std_hc_2sigma_arcsec
     sigma = value / np.sqrt(2.0 * (plane.vectors - 1.0))
     return {f"std_hc_2sigma[{axis}]": {"value": value, "sigma": float(sigma), "unit": "arcsec"}}
-
-
-def _bench_of(source: RunSource) -> tuple[Package, dict[str, HeadSettings], float]:
-    """Package, heads and gravity: from the rig file, else from what an imported recording says."""
-    header = source.header
-    if header.rig_toml is None:
-        g_m_s2 = float(header.constants.get("g_m_s2", STANDARD_G))
-        return recorded_package(header), recorded_heads(header), g_m_s2
-    rig_file = config.parse_rig(header.rig_toml, Path("rig file"))
-    if rig_file.package is None:
-        raise DataError("the recording's rig file has no [package]: what was calibrated is not known")
-    return rig_file.package, rig_file.heads, rig_file.constant("g_m_s2", STANDARD_G)
 
 
 def _own(model: Model) -> SensingAxisModel:

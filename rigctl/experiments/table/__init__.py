@@ -4,7 +4,8 @@ from rigctl.core.experiments import Experiment
 
 EXPERIMENT = Experiment(
     id="table",
-    application="rigctl.kinds.table",
+    analysis="rigctl.experiments.table.analysis",
+    report="rigctl.report.experiments.table",
     points=("response",),
     trial_run="rigctl.experiments.table.trial_run:trial_run",
     rank=4,

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 from rigctl.campaign.recording import Header
+from rigctl.core.errors import DataError
+from rigctl.files import config
 from rigctl.files.package import HeadSettings, Package
+
+STANDARD_G = 9.80665
+"""Where nobody has given the local one."""
 
 UNKNOWN = math.inf
 """Relative uncertainty of a data sheet nobody has given."""
@@ -14,6 +20,17 @@ ROUGHLY = 1.0
 """Relative uncertainty of a gain that a recording mentions: as good as none."""
 
 _NOMINAL = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+
+
+def recorded_calibration(header: Header) -> tuple[Package, dict[str, HeadSettings], float]:
+    """Package, heads and gravity: from the rig file, else from what an imported recording says; `DataError`."""
+    if header.rig_toml is None:
+        g_m_s2 = float(header.constants.get("g_m_s2", STANDARD_G))
+        return recorded_package(header), recorded_heads(header), g_m_s2
+    rig_file = config.parse_rig(header.rig_toml, Path("rig file"))
+    if rig_file.package is None:
+        raise DataError("the recording's rig file has no [package]: what was calibrated is not known")
+    return rig_file.package, rig_file.heads, rig_file.constant("g_m_s2", STANDARD_G)
 
 
 def recorded_package(header: Header) -> Package:

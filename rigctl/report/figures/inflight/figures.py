@@ -26,6 +26,11 @@ class EstimateRow:
     apart_sigma: float
 
 
+def plates_of(found: Mapping[str, Any]) -> list[Plate[Any]]:
+    """Those of a study of many calibrations, or of one."""
+    return [errors_plate(found), contributions_plate(found)] if "table2" in found else [estimates_plate(found)]
+
+
 def estimates_plate(found: Mapping[str, Any]) -> Plate[EstimateRow]:
     """Both estimates of one calibration, relative to what the published one claims to know."""
     rows = [

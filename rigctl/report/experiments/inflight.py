@@ -1,13 +1,36 @@
-"""Results of an in-flight calibration, and of a study of many, as tables for a page and a terminal."""
+"""Results of an in-flight calibration, and of a study of many, for a page and a terminal."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rigctl.core.errors import DataError, ProcedureError
+from rigctl.experiments.inflight.analysis import result
+from rigctl.report.drawn import Drawn
 from rigctl.report.quantities import number, quantity
 from rigctl.report.tables.result_table import ResultTable
+from rigctl.report.tables.terminal import print_tables
+from rigctl.workbench.workbench import Workbench
+
+
+def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
+    """Print the tables, and what is to be said of runs."""
+    del reference
+    print_tables(result_tables(found), found.get("remarks", ()))
+
+
+def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
+    """The tables of the result with their figures."""
+    from rigctl.report.figures.inflight.figures import plates_of
+
+    del lines_hz, found
+    try:
+        numbers = result(workbench)
+    except (ProcedureError, DataError) as error:
+        return Drawn(left_out={"result of the calibration": str(error)})
+    return Drawn(numbers, result_tables(numbers), plates_of(numbers))
 
 
 def result_tables(found: Mapping[str, Any]) -> list[ResultTable]:

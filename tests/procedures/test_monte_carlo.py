@@ -16,17 +16,18 @@ import numpy as np
 import pytest
 from distributed import LocalCluster
 
+from procedures.inflight import monte_carlo
 from procedures.inflight.calibration import MonteCarlo
+from procedures.inflight.monte_carlo import Unit
 from rigctl import results, runner
 from rigctl.campaign.origin import truth_path
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, LinkError
 from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.result.draws import NotWanted
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
 from rigctl.files import config
-from rigctl.kinds import inflight_monte_carlo
-from rigctl.kinds.inflight_draws import NotWanted, Unit
 from rigctl.rig import Rig
 from simulators.worlds.satellite.instrument import drawn
 from simulators.worlds.satellite.layout import COLUMNS
@@ -129,7 +130,7 @@ def test_killed_at_any_unit_a_study_goes_on_to_the_same_scores(alone: Path, tmp_
 
         def keep_five(store: Store, *arguments: Any) -> None:
             keep(store, *arguments)
-            if len(store.reduced_names(inflight_monte_carlo.RECIPE)) == 5:
+            if len(store.reduced_names(monte_carlo.RECIPE)) == 5:
                 os.kill(os.getpid(), signal.SIGKILL)
 
         try:
@@ -140,7 +141,7 @@ def test_killed_at_any_unit_a_study_goes_on_to_the_same_scores(alone: Path, tmp_
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     assert status_of(path)["state"] == "interrupted"
     with Store.open(path) as store:
-        before = store.reduced_names(inflight_monte_carlo.RECIPE)
+        before = store.reduced_names(monte_carlo.RECIPE)
     assert len(before) == 5
     runner.resume(path, runner.Options(unattended=True))
     assert json.dumps(scored(path)) == json.dumps(scored(alone))
@@ -234,7 +235,7 @@ class Slow:
 
 def test_who_leaves_a_study_does_not_wait_for_what_is_under_way() -> None:
     study, ensemble = MonteCarlo(name="monte-carlo", orbits=3.0, workers=1), Slow()
-    with inflight_monte_carlo._workers(study) as submit:
+    with monte_carlo._workers(study) as submit:
         promise = submit(Unit(ensemble, study, 5950.0, "dx", 1, (0,)))
         assert ensemble.begun.wait(60.0)
     assert ensemble.taken < 3 * 5950

@@ -12,17 +12,25 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Event
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import Any, Protocol, cast
 
+from procedures.campaigns import Instruments
 from procedures.inflight.calibration import Flight, MonteCarlo, calibrate, check
+from procedures.inflight.orbit import flight_of
+from rigctl.campaign.session.session import Session
 from rigctl.core.errors import ConfigError, LinkError
 from rigctl.core.interfaces import SatelliteEnsemble
+from rigctl.experiments.inflight.observe.sessions import session_of
+from rigctl.experiments.inflight.result.draws import (
+    CHUNK,
+    ExpectedNoise,
+    Flown,
+    ReducedUnit,
+    draw_of,
+    estimated,
+    reduced,
+)
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
-
-if TYPE_CHECKING:
-    from rigctl.campaign.session.session import Session
-    from rigctl.kinds.inflight_draws import Unit
-    from rigctl.rig import Rig
 
 RECIPE = "inflight draws 2"
 LOOKED_S = 0.2
@@ -37,7 +45,44 @@ class Promise(Protocol):
         ...
 
 
-Submit = Callable[["Unit"], Promise]
+@dataclass(frozen=True)
+class Unit:
+    """A session of some draws of an ensemble: it can be pickled, so it may be reduced elsewhere."""
+
+    ensemble: SatelliteEnsemble
+    study: MonteCarlo
+    orbit_period_s: float
+    name: str
+    run: int
+    draws: tuple[int, ...]
+
+    @property
+    def flown(self) -> Flown:
+        """Its session as the analysis knows it."""
+        return flown(self.study, self.name, self.orbit_period_s, self.ensemble.sample_period_s)
+
+
+Submit = Callable[[Unit], Promise]
+
+
+def flown(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) -> Flown:
+    """A session of a study as the analysis knows it."""
+    return Flown(
+        session_of(name, study.conditions(name, step_s), orbit_period_s, step_s),
+        study.session(name, orbit_period_s).duration_s,
+        ExpectedNoise(study.expected_m_s2_rthz, study.expected_corner_hz, study.expected_readout_m_rthz),
+    )
+
+
+def _never() -> bool:
+    return False
+
+
+def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> bytes:
+    """Simulate a unit and reduce it: `ReducedUnit` reads it back. `NotWanted` as soon as it is `unwanted`."""
+    asked = unit.study.session(unit.name, unit.orbit_period_s)
+    telemetry = unit.ensemble.telemetry(unit.draws, unit.run, asked, CHUNK)
+    return reduced(unit.flown, telemetry, unit.ensemble.columns, unit.draws, unwanted)
 
 
 @dataclass(frozen=True)
@@ -52,10 +97,8 @@ class MonteCarloPlan:
         kept = len(self.study.sessions) if self.study.kept_draw >= 0 else 0
         return len(self.study.sessions) * self.study.draws + kept
 
-    def on(self, rig: Rig) -> MonteCarloWork:
+    def on(self, rig: Instruments) -> MonteCarloWork:
         """With the simulated satellites of a rig; `ConfigError` for a real one, and where telemetry gets lost."""
-        from rigctl.kinds.inflight_campaign import flight_of
-
         flight = flight_of(rig)
         if rig.simulation is None:
             raise ConfigError(
@@ -69,7 +112,7 @@ class MonteCarloPlan:
         check(flight, self.study)
         return MonteCarloWork(flight, self.study, ensemble, rig.simulation.operate)
 
-    def told(self, rig: Rig) -> Mapping[str, Any]:
+    def told(self, rig: Instruments) -> Mapping[str, Any]:
         """How many draws of what."""
         del rig
         sessions = self.study.sessions
@@ -107,8 +150,6 @@ class MonteCarloWork:
             self._estimate(session)
 
     def _units(self, run: int, name: str) -> dict[str, Unit]:
-        from rigctl.kinds.inflight_draws import Unit
-
         everything = range(self.study.draws)
         draws = [tuple(everything[at : at + self.ensemble.at_once]) for at in everything[:: self.ensemble.at_once]]
         return {
@@ -127,22 +168,20 @@ class MonteCarloWork:
             session.counted(len(unit.draws), replayed=key in there)
 
     def _estimate(self, session: Session) -> None:
-        from rigctl.kinds.inflight_draws import ReducedUnit, draw_of, estimated
-
         scored = {int(document.data["draw"]) for document in session.store.documents(DRAW)}
-        step_s, orbit_s = self.ensemble.sample_period_s, self.flight.orbit_period_s
         by_session = {name: self._units(run, name) for run, name in enumerate(self.study.sessions, 1)}
+        sessions: dict[str, Flown] = {name: next(iter(units.values())).flown for name, units in by_session.items()}
         for place, unit in enumerate(next(iter(by_session.values())).values()):
             if scored.issuperset(unit.draws):
                 continue
-            reduced: dict[str, ReducedUnit] = {}
+            kept: dict[str, ReducedUnit] = {}
             for name, units in by_session.items():
                 data = session.store.reduction(RECIPE, list(units)[place])
                 assert data is not None
-                reduced[name] = ReducedUnit.from_bytes(data)
+                kept[name] = ReducedUnit.from_bytes(data)
             for draw in sorted(set(unit.draws) - scored):
                 session.checkpoint()
-                found = estimated(draw, self.study, orbit_s, step_s, reduced)
+                found = estimated(draw, sessions, kept)
                 session.store.add_document(DRAW, draw_of(draw, found, self.ensemble.truths(draw)).as_json())
 
 
@@ -158,8 +197,6 @@ def _awaited(session: Session, promise: Promise) -> bytes:
 @contextmanager
 def _workers(study: MonteCarlo) -> Iterator[Submit]:
     """Threads of this process (the loops let go of the interpreter), or the workers of a dask scheduler."""
-    from rigctl.kinds.inflight_draws import reduce_unit
-
     if study.scheduler:
         with _cluster(study.scheduler) as submit:
             yield submit
@@ -176,8 +213,6 @@ def _workers(study: MonteCarlo) -> Iterator[Submit]:
 
 @contextmanager
 def _cluster(address: str) -> Iterator[Submit]:
-    from rigctl.kinds.inflight_draws import reduce_unit
-
     try:
         from distributed import Client
     except ImportError:

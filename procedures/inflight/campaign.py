@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from procedures.campaigns import Instruments
 from procedures.inflight.calibration import Calibration, Flight, MonteCarlo, calibrate, check
-from rigctl.campaign.recording import ChannelInfo
+from procedures.inflight.monte_carlo import MonteCarloPlan
+from procedures.inflight.orbit import flight_of
+from rigctl.campaign.origin import campaign_of
+from rigctl.campaign.recording import ChannelInfo, LaserInfo
+from rigctl.campaign.session.session import Session
+from rigctl.campaign.store.parts import Part
+from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, LimitError
+from rigctl.effects.plugins import Plugin
 from rigctl.files import config
-from rigctl.kinds.inflight_monte_carlo import MonteCarloPlan
-from rigctl.rig import Rig
-
-if TYPE_CHECKING:
-    from rigctl.campaign.session.session import Session
-    from rigctl.workbench.next.recommend import Allowed
-    from rigctl.workbench.study import Proposal
-
-ORBIT = ("orbit_period_s", "eccentricity")
+from rigctl.workbench.next.recommend import Allowed
+from rigctl.workbench.study import Proposal
 
 
 @dataclass(frozen=True)
@@ -32,13 +33,13 @@ class CalibrationPlan:
         """One per session."""
         return len(self.calibration.sessions)
 
-    def on(self, rig: Rig) -> CalibrationWork:
+    def on(self, rig: Instruments) -> CalibrationWork:
         """With the satellite of a rig."""
         flight = flight_of(rig)
         check(flight, self.calibration)
         return CalibrationWork(flight, self.calibration)
 
-    def told(self, rig: Rig) -> Mapping[str, Any]:
+    def told(self, rig: Instruments) -> Mapping[str, Any]:
         """Sessions, and how long they are together."""
         del rig
         sessions = self.calibration.sessions
@@ -74,13 +75,8 @@ STRENGTH = {
 """Where a campaign file says how strong a session's stimulus is."""
 
 
-_SOME_WORLD = {"kind": "drag-free-satellite", "seed": 0}
-
-
-def within(rig_file: config.RigFile, calibration: Calibration) -> Allowed:
-    """Whether a rig's satellite can fly a proposal; what that does not say is as in `calibration`."""
-    # Any world will do for the limits; a store's is nobody's business.
-    flight = flight_of(Rig(rig_file.model_copy(update={"world": _SOME_WORLD})))
+def within(flight: Flight, calibration: Calibration) -> Allowed:
+    """Whether a satellite can fly a proposal; what that does not say is as in `calibration`."""
 
     def allowed(proposal: Proposal) -> bool:
         name = str(proposal.settings["session"])
@@ -96,8 +92,11 @@ def within(rig_file: config.RigFile, calibration: Calibration) -> Allowed:
     return allowed
 
 
-def plan_of(campaign: config.CampaignFile) -> CalibrationPlan | MonteCarloPlan:
-    """What a campaign file asks for; `ConfigError`."""
+def plan(
+    campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]
+) -> CalibrationPlan | MonteCarloPlan:
+    """The sessions a campaign file asks for; `ConfigError`."""
+    del part, plugins
     procedure = procedure_of(campaign)
     return MonteCarloPlan(procedure) if isinstance(procedure, MonteCarlo) else CalibrationPlan(procedure)
 
@@ -108,23 +107,36 @@ def procedure_of(campaign: config.CampaignFile) -> Calibration:
     return config.validated(model, campaign.procedure, campaign.path, "procedure")
 
 
-def flight_of(rig: Rig) -> Flight:
-    """The satellite of a rig and its orbit; `ConfigError` when the rig file lacks one."""
-    for name in ORBIT:
-        if name not in rig.file.constants:
-            raise ConfigError(f"{rig.file.path}: [constants.{name}] is missing; add what is believed of the orbit")
-    period_s, eccentricity = (rig.file.constants[name].value for name in ORBIT)
-    if not (1.0 <= period_s <= 1e9 and 0.0 <= eccentricity < 1.0):
-        raise ConfigError(
-            f"{rig.file.path}: constants: no orbit has a period of {period_s:g} s and e = {eccentricity:g}"
-        )
-    return Flight(rig.only("satellite"), period_s, eccentricity)
+def mounted(store: Store) -> Sequence[tuple[str, str, int]]:
+    """Nothing is mounted in orbit."""
+    del store
+    return ()
 
 
-def channels(rig: Rig) -> Mapping[str, ChannelInfo]:
+def channels(rig: Instruments) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInfo]]:
     """The columns of telemetry but for the time."""
     return {
         channel.name: ChannelInfo(channel.unit, channel.kind, full_scale=channel.full_scale)
         for channel in flight_of(rig).satellite.channels()
         if channel.name != "t_s"
-    }
+    }, {}
+
+
+def further(store: Store, runs: Sequence[Proposal], campaign: config.CampaignFile) -> Mapping[str, Any]:
+    """These sessions once more; of sessions that share a stimulus the strongest that is asked for."""
+    del store
+    asked: dict[str, float] = {}
+    for run in runs:
+        if key := STRENGTH.get(str(run.settings["session"])):
+            asked[key] = max(asked.get(key, 0.0), float(run.settings.get("amplitude", 0.0)))
+    strengths = {key: amplitude for key, amplitude in asked.items() if amplitude}
+    sessions = list(dict.fromkeys(str(run.settings["session"]) for run in runs))
+    return {**campaign.procedure, **strengths, "sessions": sessions}
+
+
+def allowed(store: Store, rig: Instruments | None) -> Allowed | None:
+    """What the satellite's limits leave; of a satellite that is not known what was flown already."""
+    if rig is None:
+        flown = {run.conditions.get("amplitude") for run in store.runs()}
+        return lambda proposal: proposal.settings.get("amplitude") in {None, *flown}
+    return within(flight_of(rig), procedure_of(campaign_of(store)))

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from procedures.inflight.calibration import MonteCarlo
+from procedures.inflight.monte_carlo import Unit, reduce_unit
 from rigctl.experiments.inflight.model.parameters import NAMES
-from rigctl.kinds.inflight_draws import ReducedUnit, Unit, estimated, reduce_unit
+from rigctl.experiments.inflight.result.draws import ReducedUnit, estimated
 from simulators.worlds.satellite.ensemble import Ensemble
 from simulators.worlds.satellite.instrument import drawn
 from simulators.worlds.satellite.settings import Bounds, SatelliteSettings
@@ -27,13 +28,12 @@ def test_without_noise_every_parameter_is_the_exact_one(seed: int) -> None:
         bounds=Bounds(eta_rad=0.0, tracker_bias_rad=0.0),
     )
     ensemble, study = Ensemble(nature), MonteCarlo(name="monte-carlo")
-    units = {
-        name: ReducedUnit.from_bytes(reduce_unit(Unit(ensemble, study, ORBIT_S, name, run, DRAWS)))
-        for run, name in enumerate(study.sessions, 1)
-    }
+    units = {name: Unit(ensemble, study, ORBIT_S, name, run, DRAWS) for run, name in enumerate(study.sessions, 1)}
+    flown = {name: unit.flown for name, unit in units.items()}
+    reduced = {name: ReducedUnit.from_bytes(reduce_unit(unit)) for name, unit in units.items()}
     missed: dict[str, list[list[float]]] = {"paper": [], "joint": []}
     for draw in DRAWS:
-        found, truth = estimated(draw, study, ORBIT_S, STEP_S, units), ensemble.truths(draw)["exact_truth"]
+        found, truth = estimated(draw, flown, reduced), ensemble.truths(draw)["exact_truth"]
         for estimate, rows in missed.items():
             rows.append([found[estimate][0][name] - truth[name] for name in NAMES])
     for estimate, rows in missed.items():

@@ -1,30 +1,24 @@
-"""One draw of the Monte Carlo after another: sessions reduced while they are simulated, estimates from what is left.
-
-A unit of work is one session of as many draws as the ensemble flies at once. What it needs can be pickled, so that it
-may run in a thread here or in a process elsewhere; what comes of it is the same.
-"""
+"""Draws of the Monte Carlo: sessions reduced while they are simulated, and estimates from what is left of them."""
 
 from __future__ import annotations
 
 import io
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from procedures.inflight.calibration import MonteCarlo
-from rigctl.core.interfaces import FloatArray, SatelliteEnsemble
+from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.inflight.model.baseline import Stretch
 from rigctl.experiments.inflight.model.joint import joint_estimate
 from rigctl.experiments.inflight.model.paper import FittedRun, paper_estimate
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.observed import own_sigma
 from rigctl.experiments.inflight.observe.series import INDEX, SERIES, Amplitudes, central, raw_series
-from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session, session_of
+from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
 from rigctl.experiments.inflight.observe.weights import response, weights
 from rigctl.experiments.inflight.result.monte_carlo import Draw
 from rigctl.workbench.threads import one_thread
@@ -34,15 +28,44 @@ CHUNK = 512
 
 
 @dataclass(frozen=True)
-class Unit:
-    """A session of some draws of an ensemble."""
+class ExpectedNoise:
+    """The noise a study expects of one sensor along x: one-sided amplitude densities, white above the corner."""
 
-    ensemble: SatelliteEnsemble
-    study: MonteCarlo
-    orbit_period_s: float
-    name: str
-    run: int
-    draws: tuple[int, ...]
+    white_m_s2_rthz: float
+    corner_hz: float
+    readout_m_rthz: float
+
+    def density(self, step_s: float, f_hz: FloatArray) -> FloatArray:
+        """One-sided density of m_1x - m_2x, (m/s2)^2/Hz.
+
+        Read-out noise is that of positions, which become accelerations by differences over `step_s`.
+        """
+        white = self.white_m_s2_rthz**2 * (1.0 + self.corner_hz / f_hz)
+        twice = (2.0 * np.sin(math.pi * step_s * f_hz) / step_s) ** 2
+        return np.asarray(2.0 * (white + (self.readout_m_rthz * twice) ** 2))
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A session of all draws, as the analysis knows it."""
+
+    session: Session
+    duration_s: float
+    noise: ExpectedNoise
+
+    @property
+    def published(self) -> tuple[Line, ...]:
+        """The lines of the published estimate."""
+        return self.session.fitted_lines()
+
+    @property
+    def observed(self) -> tuple[Line, ...]:
+        """The lines that are observed in a stretch so long."""
+        return self.session.reduced_lines(self.duration_s)
+
+    def density(self, f_hz: FloatArray) -> FloatArray:
+        """Of the expected noise."""
+        return self.noise.density(self.session.sample_period_s, f_hz)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +73,7 @@ class _Rows:
     """Weights of all samples, (2 lines, samples) each in single precision: of the published estimate's lines, and of
     those observed."""
 
-    session: Session
+    sample_period_s: float
     published: FloatArray
     observed: FloatArray
     sigma: FloatArray
@@ -60,34 +83,38 @@ class _Rows:
     def spread(self) -> FloatArray:
         """Standard uncertainty of one component of each observed line in noise of unit density, (lines,)."""
         square = np.array([np.dot(row, row) for row in self.observed])
-        return np.asarray(np.sqrt(0.5 * (square[0::2] + square[1::2]) / (2.0 * self.session.sample_period_s)))
+        return np.asarray(np.sqrt(0.5 * (square[0::2] + square[1::2]) / (2.0 * self.sample_period_s)))
 
 
 class NotWanted(Exception):
     """Nobody waits for a unit any more."""
 
 
-def _never() -> bool:
-    return False
-
-
 @one_thread
-def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> bytes:
-    """Simulate a unit and reduce it: `ReducedUnit` reads it back. `NotWanted` as soon as it is `unwanted`."""
-    prepared = rows_of(unit)
-    session, groups = prepared.session, (prepared.published, prepared.observed)
-    parts = [np.zeros((len(SERIES), len(rows), len(unit.draws))) for rows in groups]
-    totals = np.zeros((len(SERIES), len(unit.draws)))
+def reduced(
+    flown: Flown,
+    telemetry: Iterable[FloatArray],
+    columns: Sequence[str],
+    draws: tuple[int, ...],
+    unwanted: Callable[[], bool],
+) -> bytes:
+    """Some draws of a session, reduced as their telemetry comes, (samples, columns, draws) at a time.
+
+    `ReducedUnit` reads it back. `NotWanted` as soon as it is `unwanted`.
+    """
+    prepared, session = rows_of(flown), flown.session
+    groups = (prepared.published, prepared.observed)
+    parts = [np.zeros((len(SERIES), len(rows), len(draws))) for rows in groups]
+    totals = np.zeros((len(SERIES), len(draws)))
     filled = INDEX["force x" if session.moves_masses else "moved"]
     at = 0
-    asked = unit.study.session(unit.name, unit.orbit_period_s)
-    memory, products = np.zeros((len(SERIES), CHUNK, len(unit.draws))), [part[:filled].copy() for part in parts]
-    for chunk in unit.ensemble.telemetry(unit.draws, unit.run, asked, CHUNK):
+    memory, products = np.zeros((len(SERIES), CHUNK, len(draws))), [part[:filled].copy() for part in parts]
+    for chunk in telemetry:
         if unwanted():
             raise NotWanted
         t_s = session.sample_period_s * np.arange(at, at + len(chunk), dtype=np.float64)
-        columns = {name: chunk[:, place] for place, name in enumerate(unit.ensemble.columns)}
-        series = raw_series(session, t_s[:, np.newaxis], columns, memory[:, : len(chunk)]).T[:filled]
+        by_name = {name: chunk[:, place] for place, name in enumerate(columns)}
+        series = raw_series(session, t_s[:, np.newaxis], by_name, memory[:, : len(chunk)]).T[:filled]
         for part, rows, product in zip(parts, groups, products, strict=True):
             part[:filled] += np.matmul(rows[:, at : at + len(chunk)].astype(np.float64), series, out=product)
         totals[:filled] += np.ones(len(chunk)) @ series
@@ -101,43 +128,35 @@ def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> bytes:
         made,
         parts=np.concatenate(parts, axis=1),
         means=means,
-        draws=np.array(unit.draws),
+        draws=np.array(draws),
         sigma=prepared.sigma,
         spread=prepared.spread,
     )
     return made.getvalue()
 
 
-def rows_of(unit: Unit) -> _Rows:
-    """The weights of a unit's session, made once for all of its draws: large, so those of one session at a time."""
-    key = (unit.study, unit.name, unit.orbit_period_s, unit.ensemble.sample_period_s)
+def rows_of(flown: Flown) -> _Rows:
+    """The weights of a session, made once for all of its draws: large, so those of one session at a time."""
     with _MAKING:
-        if key not in _HELD:
+        if flown not in _HELD:
             _HELD.clear()
-            _HELD[key] = _rows(*key)
-        return _HELD[key]
+            _HELD[flown] = _rows(flown)
+        return _HELD[flown]
 
 
 _MAKING = threading.Lock()
-_HELD: dict[tuple[MonteCarlo, str, float, float], _Rows] = {}
+_HELD: dict[Flown, _Rows] = {}
 
 
-def _rows(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) -> _Rows:
-    session = flown(study, name, orbit_period_s, step_s)
-    duration_s = study.session(name, orbit_period_s).duration_s
-    t_s = step_s * np.arange(round(duration_s / step_s), dtype=np.float64)
+def _rows(flown: Flown) -> _Rows:
+    session, step_s = flown.session, flown.session.sample_period_s
+    t_s = step_s * np.arange(round(flown.duration_s / step_s), dtype=np.float64)
     published, observed = (
         weights(t_s, [session.frequency_of(line) for line in lines], single=True)
-        for lines in (session.fitted_lines(), session.reduced_lines(duration_s))
+        for lines in (flown.published, flown.observed)
     )
-    expected = partial(_density, study, step_s)
-    sigma = np.array([response(row, step_s, expected) for row in published])
-    return _Rows(session, published, observed, sigma.reshape(-1, 2))
-
-
-def flown(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) -> Session:
-    """A session as the analysis knows it."""
-    return session_of(name, study.conditions(name, step_s), orbit_period_s, step_s)
+    sigma = np.array([response(row, step_s, flown.density) for row in published])
+    return _Rows(step_s, published, observed, sigma.reshape(-1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +172,7 @@ class ReducedUnit:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> ReducedUnit:
-        """What `reduce_unit` has made."""
+        """What `reduced` has made."""
         with np.load(io.BytesIO(data), allow_pickle=False) as kept:
             return cls(kept["parts"], kept["means"], tuple(kept["draws"].tolist()), kept["sigma"], kept["spread"])
 
@@ -165,20 +184,18 @@ class ReducedUnit:
 
 
 def estimated(
-    draw: int, study: MonteCarlo, orbit_period_s: float, step_s: float, units: Mapping[str, ReducedUnit]
+    draw: int, flown: Mapping[str, Flown], units: Mapping[str, ReducedUnit]
 ) -> dict[str, tuple[dict[str, float], dict[str, float]]]:
     """Values and sigmas by parameter of both estimates, "paper" and "joint", from a draw's reduced sessions."""
     fitted, stretches = {}, []
     for name, unit in units.items():
-        session = flown(study, name, orbit_period_s, step_s)
+        session, observed = flown[name].session, flown[name].observed
         everything = unit.amplitudes(draw)
-        published = session.fitted_lines()
-        observed = session.reduced_lines(study.session(name, orbit_period_s).duration_s)
-        first, rest = slice(0, len(published)), slice(len(published), None)
+        count = len(flown[name].published)
         at_hz = np.array([session.frequency_of(line) for line in observed])
-        sigma = np.sqrt(_density(study, step_s, at_hz)) * unit.spread
-        fitted[name] = FittedRun(session, _at(everything, first), unit.sigma)
-        stretches.append(_stretch(name, session, observed, _at(everything, rest), sigma))
+        sigma = np.sqrt(flown[name].density(at_hz)) * unit.spread
+        fitted[name] = FittedRun(session, _at(everything, slice(0, count)), unit.sigma)
+        stretches.append(_stretch(name, session, observed, _at(everything, slice(count, None)), sigma))
     paper, joint = paper_estimate(fitted), joint_estimate(stretches)
     return {
         "paper": (_named(paper.values), _named(paper.sigmas)),
@@ -194,16 +211,6 @@ def draw_of(number: int, estimates: Mapping[str, Any], truths: Mapping[str, Mapp
         {name: sigmas for name, (_, sigmas) in estimates.items()},
         truths,
     )
-
-
-def _density(study: MonteCarlo, step_s: float, f_hz: FloatArray) -> FloatArray:
-    """One-sided density of m_1x - m_2x that the study expects, (m/s2)^2/Hz.
-
-    Read-out noise is that of positions, which become accelerations by differences over `step_s`.
-    """
-    white = study.expected_m_s2_rthz**2 * (1.0 + study.expected_corner_hz / f_hz)
-    twice = (2.0 * np.sin(math.pi * step_s * f_hz) / step_s) ** 2
-    return np.asarray(2.0 * (white + (study.expected_readout_m_rthz * twice) ** 2))
 
 
 def _stretch(name: str, session: Session, lines: tuple[Line, ...], found: Amplitudes, sigma: FloatArray) -> Stretch:

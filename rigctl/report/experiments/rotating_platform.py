@@ -1,4 +1,4 @@
-"""The result of the rotating platform at a terminal."""
+"""The result of the rotating platform, for a page and a terminal."""
 
 from __future__ import annotations
 
@@ -8,14 +8,21 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from rigctl.core.errors import DataError, ProcedureError
+from rigctl.experiments.rotating_platform.analysis import analyse
+from rigctl.experiments.rotating_platform.observe.bench_runs import noise_records, scans
+from rigctl.experiments.rotating_platform.observe.recorded import chains
+from rigctl.report.drawn import Drawn
 from rigctl.report.quantities import number, quantity
 from rigctl.report.tables.result_table import ResultTable
+from rigctl.workbench.workbench import Workbench
 
 _TURNED_OVER = (("gain_v_per_m_s2", "V s2/m"), ("bias_v", "V"))
 
 
-def print_platform(found: Mapping[str, Any]) -> None:
+def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
     """Gain, accelerations, wobbles, then a table of the runs; fits 80 columns."""
+    del reference
     console = Console()
     for line in headline(found):
         console.print(line, highlight=False, soft_wrap=True)
@@ -27,6 +34,23 @@ def print_platform(found: Mapping[str, Any]) -> None:
     for why in found["left_out"].values():
         console.print(f"left out: {why}", highlight=False, soft_wrap=True)
     console.print(f"Not tested by any modulation: {', '.join(found['not_tested'])}.", highlight=False, soft_wrap=True)
+
+
+def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
+    """Figures 5, 7, 8, 9 and table 4 as far as the runs allow, the noise, and the tables of the result."""
+    from rigctl.report.figures.rotating_platform.figures import plates_of
+
+    del lines_hz, found
+    believed = chains(workbench.store.header)
+    scanned, why_not = scans(workbench.store, believed)
+    noises, silent = noise_records(workbench.store)
+    try:
+        result = analyse(workbench)
+    except (ProcedureError, DataError) as error:
+        return Drawn(left_out={"figures of the platform": str(error), **why_not, **silent})
+    plates, left_out = plates_of(result, believed, scanned, noises)
+    numbers = result.as_json()
+    return Drawn(numbers, tables(numbers), plates, left_out={**left_out, **why_not, **silent})
 
 
 def headline(found: Mapping[str, Any]) -> list[str]:

@@ -8,16 +8,12 @@ from typing import Any
 from procedures.sensing_axis.bench import Bench, SetPoint
 from procedures.sensing_axis.tables import Procedure
 from rigctl.core.errors import ConfigError, LimitError
-from rigctl.files import config
-from rigctl.kinds.sensing_axis import bench_of
-from rigctl.rig import Rig
 from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Proposal
 
 
-def within(rig_file: config.RigFile, procedure: Procedure, axis: str, configuration: str) -> Allowed:
-    """Whether a rig can carry out a proposal; what that does not say is as in `procedure`."""
-    bench = bench_of(Rig.for_its_limits(rig_file))
+def within(bench: Bench, procedure: Procedure, axis: str, configuration: str) -> Allowed:
+    """Whether a bench can carry out a proposal; what that does not say is as in `procedure`."""
 
     def allowed(proposal: Proposal) -> bool:
         return _possible(bench, _set_point(proposal.settings, procedure, axis, configuration))

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import unknown_effect
-from rigctl.kinds import kind_of
-from rigctl.studies import study_of
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.model import versions
 from rigctl.workbench.model.versions import ModelVersion, PluginFile
@@ -31,18 +29,26 @@ ALPHA = 0.01
 class Workbench:
     """A store, its study, and the versions of its model; `plugins` are files with effects of one's own.
 
-    `ConfigError` when a plugin cannot be loaded.
+    `study_with` makes the study of the store's runs, with what plug-ins add to its effects; `allowed` says which
+    proposals the store's rig can carry out. `ConfigError` when a plugin cannot be loaded.
     """
 
-    def __init__(self, store: Store, plugins: Sequence[Path] = ()) -> None:
+    def __init__(
+        self,
+        store: Store,
+        study_with: Callable[[Sequence[Plugin]], Study],
+        plugins: Sequence[Path] = (),
+        allowed: Callable[[], Allowed | None] = lambda: None,
+    ) -> None:
         self.store = store
+        self._study_with, self._allowed = study_with, allowed
         self._attempts: dict[int, Attempt] = {}
         self._plugins = {PluginFile.of(path): _loaded(path) for path in plugins}
 
     @cached_property
     def study(self) -> Study:
         """The store's valid runs, reduced once."""
-        return study_of(self.store, list(self._plugins.values()))
+        return self._study_with(list(self._plugins.values()))
 
     @property
     def current(self) -> ModelVersion:
@@ -104,12 +110,8 @@ class Workbench:
 
         if found.verdict != "ambiguous":
             return found
-        further = recommend(self.study, found.terms, found, allowed=self._allowed)
+        further = recommend(self.study, found.terms, found, allowed=self._allowed())
         return replace(found, next_measurement=further.as_json())
-
-    @property
-    def _allowed(self) -> Allowed | None:
-        return kind_of(self.store.header.experiment, self.store.path).allowed(self.store)
 
     def recommend(self, progress: Callable[[str], None] | None = None, alpha: float = ALPHA) -> Recommendation:
         """What to measure next, after a diagnosis of the current model, with the rig that measured."""
@@ -118,7 +120,7 @@ class Workbench:
 
         terms = self.current.terms
         found = diagnose(self.study, terms, alpha, progress=progress)
-        return recommend(self.study, terms, found, allowed=self._allowed)
+        return recommend(self.study, terms, found, allowed=self._allowed())
 
     def history(self, progress: Callable[[str], None] | None = None) -> list[dict[str, Any]]:
         """The error ladder, keys of `rigctl model history --json`; fits what has not been fitted to these runs.

@@ -1,0 +1,133 @@
+"""What an experiment's campaigns are to the program that runs them: a plan, its instruments, its store.
+
+`campaigns_of` gives the module that the experiment's declaration names; `Campaigns` says which functions it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from rigctl.campaign.recording import ChannelInfo, LaserInfo
+from rigctl.campaign.session.session import Session
+from rigctl.campaign.store.parts import Part
+from rigctl.campaign.store.store import Store
+from rigctl.core.clock import Clock
+from rigctl.core.errors import ConfigError
+from rigctl.core.experiments import part_of
+from rigctl.effects.plugins import Plugin
+from rigctl.files.config import CampaignFile, RigFile
+from rigctl.workbench.next.recommend import Allowed
+from rigctl.workbench.study import Proposal
+
+
+class Simulation(Protocol):
+    """The world of a rig whose instruments are simulated."""
+
+    @property
+    def world(self) -> Any:
+        """Nature itself."""
+        ...
+
+    def operate(self, action: Mapping[str, Any]) -> float:
+        """What the operator's hands do; how long it takes [s]."""
+        ...
+
+
+class Instruments(Protocol):
+    """What a plan may ask of a rig."""
+
+    @property
+    def file(self) -> RigFile:
+        """Its rig file."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """Rig time."""
+        ...
+
+    @property
+    def simulation(self) -> Simulation | None:
+        """The world of simulated instruments; None for real ones."""
+        ...
+
+    def by_role(self, role: str) -> list[Any]:
+        """The instruments with this role, in the order of the file."""
+        ...
+
+    def only(self, role: str) -> Any:
+        """The one instrument with this role; `ConfigError` when there is none, or more."""
+        ...
+
+
+class Work(Protocol):
+    """A plan on its instruments, checked against what they can do."""
+
+    def run(self, session: Session) -> None:
+        """Carry it out; everything it finds is in the session's store. May be called for a half-done one."""
+        ...
+
+    def rest(self) -> None:
+        """Bring what moves to rest, at a pause; nothing where nothing moves."""
+        ...
+
+
+class Plan(Protocol):
+    """What a campaign file asks for; needs no instrument."""
+
+    @property
+    def runs(self) -> int:
+        """How many runs are expected."""
+        ...
+
+    def on(self, rig: Instruments) -> Work:
+        """With the instruments of `rig`, opened or not; `ConfigError` or `LimitError` for what it cannot do."""
+        ...
+
+    def told(self, rig: Instruments) -> Mapping[str, Any]:
+        """What it would do with a rig: keys of `rigctl run --dry-run --json` beyond those of every plan."""
+        ...
+
+    def kept(self) -> Mapping[str, Any]:
+        """What the recording's header keeps of it beside the campaign file: keys of `Header.extra`."""
+        ...
+
+
+class Campaigns(Protocol):
+    """The campaigns of an experiment. The module that its declaration names as `campaign` has these functions."""
+
+    def plan(self, campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
+        """The procedure of a campaign; `part` is what earlier campaigns of its store have left. `ConfigError`."""
+        ...
+
+    def mounted(self, store: Store) -> Sequence[tuple[str, str, int]]:
+        """Axis, configuration and number of all mountings a store's campaigns made, in order; () without any."""
+        ...
+
+    def channels(self, rig: Instruments) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInfo]]:
+        """The columns that runs will have, and what is known of laser heads."""
+        ...
+
+    def further(self, store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> Mapping[str, Any]:
+        """The `[procedure]` table of a campaign that makes proposed runs, otherwise like the store's own."""
+        ...
+
+    def allowed(self, store: Store, rig: Instruments | None) -> Allowed | None:
+        """Which proposals a store's rig can carry out, which is not open; None where nothing is known of that.
+
+        An imported recording has no rig.
+        """
+        ...
+
+
+def campaigns_of(experiment: str, path: Path | str = "") -> Campaigns:
+    """The campaigns of an experiment, named in a store, a bundle or a campaign file (`path`).
+
+    `DataError` for an experiment that is not installed, `ConfigError` for one that no campaign measures.
+    """
+    found: Campaigns | None = part_of(experiment, "campaign", path)
+    if found is None:
+        raise ConfigError(f"{path}: a '{experiment}' is imported, not measured; use `rigctl import`")
+    return found

@@ -1,0 +1,38 @@
+"""A store brought together with what its experiment declares: the workbench of every command, page and notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from procedures.campaigns import campaigns_of
+from rigctl.campaign.origin import rig_file_of
+from rigctl.campaign.store.store import Store
+from rigctl.core.experiments import experiment_named
+from rigctl.effects.plugins import Plugin
+from rigctl.experiments.analysis import analysis_of
+from rigctl.rig import Rig
+from rigctl.workbench.next.recommend import Allowed
+from rigctl.workbench.study import Study
+from rigctl.workbench.workbench import Workbench
+
+
+def workbench_of(store: Store, plugins: Sequence[Path] = ()) -> Workbench:
+    """A store with its study and the versions of its model; `plugins` are files with effects of one's own."""
+    return Workbench(store, partial(study_of, store), plugins, partial(allowed_by_rig, store))
+
+
+def study_of(store: Store, plugins: Sequence[Plugin] = ()) -> Study:
+    """A store's runs as the workbench sees them, with what `plugins` add to the catalogue; `DataError`."""
+    return analysis_of(store.header.experiment, store.path).study(store, plugins)
+
+
+def allowed_by_rig(store: Store) -> Allowed | None:
+    """Which proposals the rig that measured a store can carry out; None where nothing is known of that."""
+    header = store.header
+    if not experiment_named(header.experiment).campaign:
+        return None
+    measured_here = header.rig_toml is not None and header.campaign_toml is not None
+    rig = Rig.for_its_limits(rig_file_of(store)) if measured_here else None
+    return campaigns_of(header.experiment, store.path).allowed(store, rig)

@@ -1,0 +1,50 @@
+"""What an experiment makes of its recordings: `analysis_of` gives the module that its declaration names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from rigctl.campaign.recording import RunSource
+from rigctl.core.experiments import part_of
+from rigctl.effects.plugins import Plugin
+from rigctl.workbench.study import Study
+from rigctl.workbench.workbench import Workbench
+
+Progress = Callable[[int, int], None]
+"""Called with how many runs are done, and of how many."""
+
+
+class Result(Protocol):
+    """What an experiment finds, with everything it was made from; its further attributes are its own."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Its numbers, as `rigctl result --json` gives them."""
+        ...
+
+
+class Analysis(Protocol):
+    """The analysis of an experiment. The module that its declaration names as `analysis` has these functions."""
+
+    def reduced(self, source: RunSource, progress: Progress) -> Mapping[str, str]:
+        """Reduce the valid runs once and for all; which were left out, and why."""
+        ...
+
+    def study(self, source: RunSource, plugins: Sequence[Plugin]) -> Study:
+        """A recording's runs as the workbench sees them."""
+        ...
+
+    def analyse(self, workbench: Workbench) -> Result:
+        """What a store amounts to, for a notebook. `DataError`, `ProcedureError`."""
+        ...
+
+    def result(self, workbench: Workbench) -> dict[str, Any]:
+        """What a store amounts to: keys of `rigctl result --json`. `DataError`, `ProcedureError`."""
+        ...
+
+
+def analysis_of(experiment: str, path: Path | str = "") -> Analysis:
+    """The analysis of an experiment, named in a store or a bundle (`path`); `DataError` when it is not installed."""
+    found: Analysis = part_of(experiment, "analysis", path)
+    return found

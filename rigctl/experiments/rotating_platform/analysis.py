@@ -1,0 +1,53 @@
+"""Two accelerometers on a rotating platform: from a store to acceleration told from the accelerometers' own bias."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rigctl.campaign.recording import RunSource
+from rigctl.core.errors import DataError
+from rigctl.effects.plugins import Plugin
+from rigctl.experiments.analysis import Progress
+from rigctl.experiments.rotating_platform.observe.bench_runs import flips, noise_records, scans
+from rigctl.experiments.rotating_platform.observe.recorded import chains
+from rigctl.experiments.rotating_platform.observe.store_reduction import reduction
+from rigctl.experiments.rotating_platform.result.alignment import Value
+from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
+from rigctl.experiments.rotating_platform.study import PlatformStudy
+from rigctl.workbench.verdict.fit import fit
+from rigctl.workbench.workbench import Workbench
+
+
+def reduced(source: RunSource, progress: Progress) -> Mapping[str, str]:
+    """Their cells, run by run."""
+    return reduction(source, progress=progress).left_out
+
+
+def study(source: RunSource, plugins: Sequence[Plugin]) -> PlatformStudy:
+    """A recording's modulated runs as the workbench sees them."""
+    return PlatformStudy(source, plugins)
+
+
+def result(workbench: Workbench) -> dict[str, Any]:
+    """Tilt gain, accelerations, wobbles; of every run means and precision; scans, flips and noise records."""
+    store, believed = workbench.store, chains(workbench.store.header)
+    scanned, _ = scans(store, believed)
+    noises, _ = noise_records(store)
+    turned = flips(store, believed)
+    return {
+        **analyse(workbench).as_json(),
+        "scans": [each.as_json() for each in scanned],
+        "flips": {channel: flipped.as_json() for channel, flipped in turned.items()},
+        "noise": [each.as_json() for each in noises],
+    }
+
+
+def analyse(workbench: Workbench) -> PlatformResult:
+    """Fit a store's runs with its current model, and go through them one by one; `DataError`, `ProcedureError`."""
+    studied = workbench.study
+    if not isinstance(studied, PlatformStudy):
+        raise DataError(f"{workbench.store.path}: '{workbench.store.header.experiment}' recordings have no platform")
+    found = fit(studied, workbench.current.terms).parameters
+    fitted = {name: Value(each.value, each.sigma) for name, each in found.items()}
+    return platform_result(studied.recorded, chains(workbench.store.header), fitted, studied.left_out)

@@ -1,0 +1,58 @@
+"""The sensing axes of accelerometers on a turntable: from a store to axes, angles and their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rigctl.campaign.recording import Header, RunSource
+from rigctl.core.errors import DataError
+from rigctl.effects.plugins import Plugin
+from rigctl.experiments.analysis import Progress
+from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration, recorded_faces
+from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
+from rigctl.experiments.sensing_axis.result.budget import Uncertainties, axis_budgets
+from rigctl.experiments.sensing_axis.result.result import SensingAxisResult, sensing_axes
+from rigctl.experiments.sensing_axis.study import SensingAxisStudy
+from rigctl.files import config
+from rigctl.workbench.workbench import Workbench
+
+
+def reduced(source: RunSource, progress: Progress) -> Mapping[str, str]:
+    """Their harmonics, run by run."""
+    return reduction(source, progress=progress).left_out
+
+
+def study(source: RunSource, plugins: Sequence[Plugin]) -> SensingAxisStudy:
+    """A recording's runs as the workbench sees them."""
+    return SensingAxisStudy(source, plugins)
+
+
+def result(workbench: Workbench) -> dict[str, Any]:
+    """Axes, angles, nulls and the uncertainty budget; after a quick check what it said."""
+    store = workbench.store
+    quick = [event.data["result"] for event in store.events("once") if event.data["key"] == "quick check"]
+    axes = analyse(workbench)
+    budgets = axis_budgets(axes, uncertainties_of(store.header))
+    numbers = {**axes.as_json(), "budget": {name: each.as_json() for name, each in budgets.items()}}
+    return {**numbers, "quick_check": quick[-1]} if quick else numbers
+
+
+def analyse(workbench: Workbench) -> SensingAxisResult:
+    """Fit a store's runs with its current model and find the axes; `DataError` where there are none to find."""
+    store, studied = workbench.store, workbench.study
+    if not isinstance(studied, SensingAxisStudy):
+        raise DataError(f"{store.path}: '{store.header.experiment}' recordings have no sensing axes")
+    effects = studied.chosen(workbench.current.terms)
+    package, heads, g_m_s2 = recorded_calibration(store.header)
+    faces = recorded_faces(store.header) if store.header.rig_toml is None else None
+    return sensing_axes(store, package, heads, g_m_s2, effects, faces=faces)
+
+
+def uncertainties_of(header: Header) -> Uncertainties:
+    """Standard uncertainties from the rig file's certificates, by name."""
+    if header.rig_toml is None:
+        return {}
+    certificates = config.parse_rig(header.rig_toml, Path("rig file")).certificates
+    return {name: dict(certificate.uncertainty) for name, certificate in certificates.items()}

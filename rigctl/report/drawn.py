@@ -1,0 +1,44 @@
+"""What an experiment shows of its results: `drawing_of` gives the module that its declaration names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rigctl.core.experiments import part_of
+from rigctl.report.tables.result_table import ResultTable
+from rigctl.workbench.workbench import Workbench
+
+if TYPE_CHECKING:
+    from rigctl.report.figures.data import Plate  # needs matplotlib, which a printed result does not
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What an experiment adds to a report: its result, tables and figures, and why one is not there."""
+
+    result: Mapping[str, Any] = field(default_factory=dict)
+    tables: Sequence[ResultTable] = ()
+    plates: Sequence[Plate[Any]] = ()
+    spectra: Sequence[Plate[Any]] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+class Drawing(Protocol):
+    """What an experiment shows. The module that its declaration names as `report` has these functions."""
+
+    def show(self, found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
+        """Print a result, beside a campaign file's reference values."""
+        ...
+
+    def draw(self, workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
+        """What a report shows; `lines_hz` are lines the model has, `found` those it has not (study.Line)."""
+        ...
+
+
+def drawing_of(experiment: str, path: Path | str = "") -> Drawing:
+    """What an experiment shows, named in a store (`path`); `DataError` when it is not installed."""
+    found: Drawing = part_of(experiment, "report", path)
+    return found
