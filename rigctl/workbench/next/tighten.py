@@ -24,7 +24,8 @@ def tightening(
 ) -> tuple[list[int], list[Tightened]]:
     """Which proposals to make, and what they do to the parameters that a `result` names (as of `Study.result`).
 
-    Uncertainties are in units of the model's parameters, which a result may give in others. What counts is the sum of the logarithms of the standard uncertainties.
+    Uncertainties are in units of the model's parameters, which a result may give in others. What counts is the sum of
+    the logarithms of the standard uncertainties.
     """
     wanted = [name for name in imagined.names if name in result]
     if not wanted:
