@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from rigctl.core.numbers import MAGNITUDE_MAX
+from rigctl.core.units import unit_of_column
 
 ABSOLUTE_ZERO_C = -273.15
 HOTTEST_C = 1e4
@@ -37,7 +38,8 @@ def flaw_of_constant(name: str, value: float) -> str | None:
         return f"is {value:g}, shorter than any orbit; write it in seconds"
     if name == "eccentricity" and not 0.0 <= value < ECCENTRICITY_MAX:
         return f"is {value:g}, that of no orbit; write a number from 0 to below 1"
-    return _flaw_of_temperature(name, value)
+    lowest, _ = possible_range(unit_of_column(name))
+    return f"is {value:g}, below absolute zero; mend it" if value < lowest else None
 
 
 def doubt_of_constant(name: str, value: float) -> str | None:
@@ -46,17 +48,6 @@ def doubt_of_constant(name: str, value: float) -> str | None:
     if name == "g_m_s2" and not low <= value <= high:
         return f"is {value:g}, which is found nowhere on Earth ({low:g} to {high:g}); check it"
     return None
-
-
-def _flaw_of_temperature(name: str, value: float) -> str | None:
-    lowest, _ = possible_range(_temperature_unit(name))
-    return f"is {value:g}, below absolute zero; mend it" if value < lowest else None
-
-
-def _temperature_unit(name: str) -> str:
-    if not name.startswith("temp"):
-        return ""
-    return "degC" if name.endswith("_c") else "K" if name.endswith("_k") else ""
 
 
 def possible_range(unit: str) -> tuple[float, float]:

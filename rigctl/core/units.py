@@ -1,6 +1,9 @@
-"""Which unit the name of a column promises."""
+"""Units as text: what the name of a column promises, which texts are units, which two are the same."""
 
 from __future__ import annotations
+
+import re
+from collections.abc import Iterator
 
 _BY_SUFFIX = {
     "v_per_m_s2": "V/(m/s2)",
@@ -11,26 +14,15 @@ _BY_SUFFIX = {
     "m_s2": "m/s2",
     "m_s3": "m/s3",
     "m_s": "m/s",
-    "arcsec": "arcsec",
-    "mrad": "mrad",
-    "urad": "urad",
-    "deg": "deg",
-    "rad": "rad",
+    **{unit: unit for unit in ("arcsec", "mrad", "urad", "deg", "rad", "mbar", "ms", "us", "nm", "um", "mm", "cm")},
     "mhz": "mHz",
     "khz": "kHz",
     "hz": "Hz",
     "hpa": "hPa",
     "kpa": "kPa",
-    "mbar": "mbar",
     "pa": "Pa",
-    "ms": "ms",
-    "us": "us",
     "mv": "mV",
     "uv": "uV",
-    "nm": "nm",
-    "um": "um",
-    "mm": "mm",
-    "cm": "cm",
     "v": "V",
     "m": "m",
     "s": "s",
@@ -38,47 +30,54 @@ _BY_SUFFIX = {
     "k": "K",
 }
 
+_BASE = {
+    *("m", "g", "s", "A", "K", "mol", "cd", "rad", "sr", "Hz", "N", "Pa", "J", "W", "C", "V", "F", "ohm", "Ohm", "Ω"),
+    *("S", "Wb", "T", "H", "lm", "lx", "Bq", "L", "l", "bar", "eV", "gal", "Gal"),
+}
+_PREFIXES = {"", *"fpnuµmckMGTdh"}
+_OTHER = {
+    *("1", "%", "ppm", "ppb", "deg", "arcsec", "arcmin", "degC", "°C", "degF", "min", "h", "d", "day", "in", "inch"),
+    *("ft", "mil", "lb", "lbf", "klbf", "kip", "psi", "oz", "mmHg", "torr", "Torr", "atm", "rpm", "div", "count"),
+    *("counts", "LSB", "dB", "g0", "kgf", "hPa", "°"),
+}
 _SPELLINGS = {
-    "°c": "degc",
-    "℃": "degc",
-    "c": "degc",
-    "celsius": "degc",
-    "deg c": "degc",
+    **dict.fromkeys(("°c", "℃", "c", "celsius", "deg c"), "degc"),
+    **dict.fromkeys(("°", "degree", "degrees"), "deg"),
+    **dict.fromkeys(("volt", "volts"), "v"),
+    **dict.fromkeys(("metre", "meter"), "m"),
+    **dict.fromkeys(("second", "seconds"), "s"),
     "kelvin": "k",
-    "°": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "volt": "v",
-    "volts": "v",
-    "metre": "m",
-    "meter": "m",
-    "second": "s",
-    "seconds": "s",
     "hertz": "hz",
-    "m/s^2": "m/s2",
-    "m/s²": "m/s2",
-    "m/s**2": "m/s2",
-    "m s-2": "m/s2",
-    "rad/s^2": "rad/s2",
-    "rad/s²": "rad/s2",
-    "µm": "um",
-    "μm": "um",
-    "µv": "uv",
-    "μv": "uv",
-    "v/(m/s^2)": "v/(m/s2)",
-    "v s2/m": "v/(m/s2)",
 }
 
+_PLAIN = str.maketrans({"²": "2", "³": "3", "µ": "u", "μ": "u"})
+_PART = re.compile(
+    r"(?P<between>[\s*·/]+)|\(|(?:(?P<symbol>1|%|°[Cc]|[°℃]|[^\W\d_]+0?)|\))\^?(?P<power>-?\d+)?(?=[\s*·/()]|$)"
+)
+_CHARACTERS_MAX = 100
 
-def unit_of_column(name: str) -> str:
-    """The unit the suffix of `name` gives, "" without one.
+
+def name_and_unit(column: str) -> tuple[str, str]:
+    """A column's name without its suffix, and the unit that the suffix gives; "" where there is none.
 
     `_c` and `_k` are units of temperatures only: a third sensor may well be `sensor_c`.
     """
     for suffix, unit in _BY_SUFFIX.items():
-        if name.endswith(f"_{suffix}"):
-            return unit if suffix not in {"c", "k"} or name.startswith(("temp", "t_")) else ""
-    return ""
+        if column.endswith(f"_{suffix}"):
+            is_unit = suffix not in {"c", "k"} or column.startswith(("temp", "t_"))
+            return (column.removesuffix(f"_{suffix}"), unit) if is_unit else (column, "")
+    return column, ""
+
+
+def unit_of_column(name: str) -> str:
+    """The unit the suffix of `name` gives, "" without one."""
+    return name_and_unit(name)[1]
+
+
+def known_unit(text: object) -> bool:
+    """Whether a text is a unit: symbols with powers, a space or * between factors, / before divisors, brackets."""
+    powers = _powers(text) if isinstance(text, str) else None
+    return bool(powers) and all(_is_symbol(symbol) for symbol in powers or ())
 
 
 def same_unit(one: str, other: str) -> bool:
@@ -86,6 +85,56 @@ def same_unit(one: str, other: str) -> bool:
     return _canonical(one) == _canonical(other)
 
 
-def _canonical(unit: str) -> str:
+def power(unit: str, exponent: int) -> str:
+    """A unit to a power: s, s2, (m/s)3, 1/s."""
+    if not unit or exponent == 1:
+        return unit
+    plain = unit if unit.isalpha() else f"({unit})"
+    return f"1/{plain}" if exponent == -1 else f"{plain}{exponent}"
+
+
+def ratio(above: str, below: str) -> str:
+    """The unit of a quotient; "" where either is unknown."""
+    if not above or not below:
+        return ""
+    if below.startswith("1/"):
+        return f"{above} {below[2:]}"
+    return f"{above}/({below})" if "/" in below and not below.startswith("(") else f"{above}/{below}"
+
+
+def _is_symbol(word: str) -> bool:
+    return word in _OTHER or any(word.startswith(p) and word[len(p) :] in _BASE for p in _PREFIXES)
+
+
+def _canonical(unit: str) -> object:
     text = unit.strip().lower()
-    return _SPELLINGS.get(text, text)
+    powers = _powers(_SPELLINGS.get(text, text))
+    return text if powers is None else {_SPELLINGS.get(symbol, symbol): power for symbol, power in powers.items()}
+
+
+def _powers(text: str) -> dict[str, int] | None:
+    """Of each symbol: m 1, s -2 for m/s2, m s-2 and m/s^2; None where a text is no product of symbols."""
+    text = text.replace("**", "^").translate(_PLAIN)
+    if len(text) > _CHARACTERS_MAX or _PART.sub("", text) or text.count("(") != text.count(")"):
+        return None
+    return _product(_PART.finditer(text))[0]
+
+
+def _product(parts: Iterator[re.Match[str]]) -> tuple[dict[str, int], int]:
+    """The powers up to the bracket that closes, and the power that stands behind it."""
+    powers: dict[str, int] = {}
+    sign = 1
+    for part in parts:
+        if part["between"]:
+            sign = -1 if "/" in part["between"] else 1
+            continue
+        exponent = int(part["power"] or 1)
+        if part[0].startswith(")"):
+            return powers, exponent
+        factor = {part["symbol"]: 1}
+        if part[0] == "(":
+            factor, exponent = _product(parts)
+        for symbol, each in factor.items():
+            powers[symbol] = powers.get(symbol, 0) + sign * exponent * each
+        sign = 1
+    return powers, 1

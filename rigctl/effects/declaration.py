@@ -5,24 +5,11 @@ from __future__ import annotations
 import difflib
 import inspect
 import math
-import re
 from collections.abc import Collection
 
 from rigctl.core.experiments import EXPERIMENTS
+from rigctl.core.units import known_unit
 from rigctl.effects.catalogue import SCOPES, Effect, experiment_of
-
-_BASE = {
-    *("m", "g", "s", "A", "K", "mol", "cd", "rad", "sr", "Hz", "N", "Pa", "J", "W", "C", "V", "F", "ohm", "Ohm", "Ω"),
-    *("S", "Wb", "T", "H", "lm", "lx", "Bq", "L", "l", "bar", "eV", "gal", "Gal"),
-}
-_PREFIXES = {"", *"fpnuµmckMGTdh"}
-_OTHER = {
-    *("1", "%", "ppm", "ppb", "deg", "arcsec", "arcmin", "degC", "°C", "degF", "min", "h", "d", "day", "in", "inch"),
-    *("ft", "mil", "lb", "lbf", "klbf", "kip", "psi", "oz", "mmHg", "torr", "Torr", "atm", "rpm", "div", "count"),
-    *("counts", "LSB", "dB", "g0", "kgf", "hPa", "°"),
-}
-
-_WORD = re.compile(r"(?P<symbol>1|%|°|[^\W\d_]+0?|°C)(?:\^|\*\*)?(?P<power>-?\d+)?")
 
 
 def flaw_of_declaration(effect: Effect) -> str | None:
@@ -76,19 +63,3 @@ def _flaw_of_signature(effect: Effect) -> str | None:
 def _near(name: str, names: Collection[str]) -> str:
     found = difflib.get_close_matches(name, names, n=1)
     return f"; is it {found[0]}?" if found else ""
-
-
-def known_unit(text: object) -> bool:
-    """Whether a text is a unit: symbols with powers, a space or * between factors, / before divisors, brackets."""
-    if not isinstance(text, str):
-        return False
-    words = [word for word in re.split(r"[\s*·/()]+", text.replace("**", "^")) if word]
-    return bool(words) and all(_known_word(word) for word in words)
-
-
-def _known_word(word: str) -> bool:
-    found = _WORD.fullmatch(word)
-    if found is None:
-        return False
-    symbol = found["symbol"]
-    return symbol in _OTHER or any(symbol.startswith(p) and symbol[len(p) :] in _BASE for p in _PREFIXES)

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from rigctl.core.errors import ConfigError
+from rigctl.core.units import known_unit
 from rigctl.effects.catalogue import catalogue, chosen
-from rigctl.effects.declaration import known_unit
 from rigctl.effects.plugins import Plugin, load
 
 GOOD = '''

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from rigctl.core.units import unit_of_column
+from rigctl.core.units import name_and_unit
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import SOFT, new_figure, series_style
 from rigctl.workbench.findings import Comparison
@@ -165,12 +165,8 @@ def _scale(axes: Axes, residuals: Sequence[float]) -> None:
 
 def axis_label(covariate: str) -> str:
     """A covariate with its unit set apart, where its name promises one."""
-    words, unit = covariate.split("_"), unit_of_column(covariate)
-    for count in range(1, len(words)):
-        # "t_" makes the suffixes of temperatures count.
-        if unit and unit_of_column(f"t_{'_'.join(words[-count:])}") == unit:
-            return f"{' '.join(words[:-count])} / {unit.replace('degC', '°C')}"
-    return covariate
+    name, unit = name_and_unit(covariate)
+    return f"{name.replace('_', ' ')} / {unit.replace('degC', '°C')}" if unit else covariate
 
 
 def _file_name(covariate: str) -> str:

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from rigctl.core.interfaces import FloatArray
+from rigctl.core.units import power, ratio
 from rigctl.experiments.table.observe.readings import Category, Column
 
 Choice = Mapping[str, float]
@@ -254,20 +255,3 @@ class Level:
 def too_few(column: Column, needed: int) -> str:
     """The reason when a column takes fewer different values than an effect needs."""
     return f"{column.name} takes {column.distinct.size} different values, and {needed} are needed"
-
-
-def power(unit: str, exponent: int) -> str:
-    """A unit to a power: s, s2, (m/s)3, 1/s."""
-    if not unit or exponent == 1:
-        return unit
-    plain = unit if unit.isalpha() else f"({unit})"
-    return f"1/{plain}" if exponent == -1 else f"{plain}{exponent}"
-
-
-def ratio(above: str, below: str) -> str:
-    """The unit of a quotient; "" where either is unknown."""
-    if not above or not below:
-        return ""
-    if below.startswith("1/"):
-        return f"{above} {below[2:]}"
-    return f"{above}/({below})" if "/" in below and not below.startswith("(") else f"{above}/{below}"

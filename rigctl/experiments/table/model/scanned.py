@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from rigctl.core.interfaces import FloatArray
-from rigctl.experiments.table.model.forms import Choice, power, too_few
+from rigctl.core.units import power
+from rigctl.experiments.table.model.forms import Choice, too_few
 from rigctl.experiments.table.observe.readings import Column
 
 # Neighbours on a grid lie so close that midway between them no more than 5 % of an effect's power is lost.
