@@ -15,7 +15,8 @@ from drivers.transport import Connect
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.core.errors import LimitError, LinkLost, WrongInstrument
-from rigctl.core.interfaces import Channel, FlightSession, FloatArray, Identity, Stimulus
+from rigctl.core.interfaces import Channel, FloatArray, Identity
+from rigctl.core.satellites import FlightSession, Stimulus
 
 KIND = "drag-free satellite"
 

@@ -17,7 +17,8 @@ from drivers.transport import Connect
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.core.errors import InstrumentError, LimitError
-from rigctl.core.interfaces import Channel, Identity, Started, Waveform
+from rigctl.core.interfaces import Channel, Identity
+from rigctl.core.voltage_sources import Started, Waveform
 
 MAKERS, MODELS = ("Keysight", "Agilent"), ("33510B", "33512B", "33520B", "33522B")
 OUTPUTS = (1, 2)

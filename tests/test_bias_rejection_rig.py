@@ -13,7 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.core.errors import ConfigError, LimitError
-from rigctl.core.interfaces import StreamedRecorder, TimedRotationStage, VoltageSource, Waveform
+from rigctl.core.interfaces import StreamedRecorder, TimedRotationStage
+from rigctl.core.voltage_sources import VoltageSource, Waveform
 from rigctl.files import config
 from rigctl.rig import Rig, build_simulation
 from simulators.clock import VirtualClock

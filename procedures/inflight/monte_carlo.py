@@ -19,7 +19,7 @@ from procedures.inflight.calibration import Flight, MonteCarlo, calibrate, check
 from procedures.inflight.orbit import flight_of
 from rigctl.campaign.session.session import Session
 from rigctl.core.errors import ConfigError, LinkError
-from rigctl.core.interfaces import SatelliteEnsemble
+from rigctl.core.satellites import SatelliteEnsemble
 from rigctl.experiments.inflight.observe.sessions import session_of
 from rigctl.experiments.inflight.result.draws import (
     CHUNK,

@@ -22,15 +22,8 @@ from rigctl.campaign.store.event_kinds import FAULT, TEMPERATURE_MISSED
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.core.clock import Clock
 from rigctl.core.errors import ImplausibleSample, InstrumentError, LinkError, RigError
-from rigctl.core.interfaces import (
-    FloatArray,
-    Instrument,
-    Started,
-    Thermometer,
-    TimedRotationStage,
-    VoltageSource,
-    Waveform,
-)
+from rigctl.core.interfaces import FloatArray, Instrument, Thermometer, TimedRotationStage
+from rigctl.core.voltage_sources import Started, VoltageSource, Waveform
 
 FETCH_S, FETCH_ROWS = 60.0, 10_000
 """Meters are read at least so often: what a crash costs, and what their memories hold many times."""

@@ -23,7 +23,8 @@ from procedures.rotating_platform.time_table import TimeTable
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.core.errors import ConfigError
-from rigctl.core.interfaces import FloatArray, Waveform
+from rigctl.core.interfaces import FloatArray
+from rigctl.core.voltage_sources import Waveform
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator
 from rigctl.experiments.rotating_platform.observe.patterns import (
     Pattern,

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from drivers.keysight_33500b import Keysight33500B, SourceSettings
 from drivers.transport import InProcessTransport
 from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkLost, LinkTimeout, WrongInstrument
-from rigctl.core.interfaces import Waveform
+from rigctl.core.voltage_sources import Waveform
 from simulators.clock import VirtualClock
 from simulators.keysight_33500b import GeneratorSettings, Simulated33500B
 

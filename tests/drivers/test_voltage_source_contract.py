@@ -13,7 +13,7 @@ import pytest
 from drivers.keysight_33500b import Keysight33500B, SourceSettings
 from drivers.transport import InProcessTransport
 from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkLost
-from rigctl.core.interfaces import VoltageSource, Waveform
+from rigctl.core.voltage_sources import VoltageSource, Waveform
 from simulators.clock import SimulationClock, VirtualClock
 from simulators.keysight_33500b import Simulated33500B
 from simulators.wiring import VoltageLine

@@ -22,7 +22,7 @@ from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import Aborted, ConfigError, ImplausibleSample, LimitError, LinkLost
-from rigctl.core.interfaces import DragFreeSatellite, FlightSession, Stimulus
+from rigctl.core.satellites import DragFreeSatellite, FlightSession, Stimulus
 from rigctl.files import config
 from rigctl.rig import Rig
 from rigctl.serving import Served

@@ -20,6 +20,7 @@ from typing import Any
 from drivers.transport import InProcessTransport
 from rigctl.core import interfaces
 from rigctl.core.errors import RigError
+from rigctl.core.voltage_sources import VoltageSource, Waveform
 from rigctl.files import config
 from rigctl.rig import build_simulation, drivers_of
 from simulators.clock import VirtualClock
@@ -226,7 +227,7 @@ def _actions(driver: Any, draw: random.Random) -> Sequence[Action]:
 
 
 def _set_points(driver: Any, draw: random.Random) -> list[Action]:
-    if isinstance(driver, interfaces.VoltageSource) and not hasattr(driver, "fetch"):  # a pacing meter starts too
+    if isinstance(driver, VoltageSource) and not hasattr(driver, "fetch"):  # a pacing meter starts too
         return [lambda: driver.start(_waveforms(driver, draw))]
     actions: dict[type, list[Action]] = {
         interfaces.RotationStage: [lambda: driver.move_to(draw.uniform(-90.0, 90.0))],
@@ -241,11 +242,11 @@ def _set_points(driver: Any, draw: random.Random) -> list[Action]:
     return [action for interface, those in actions.items() if isinstance(driver, interface) for action in those]
 
 
-def _waveforms(driver: Any, draw: random.Random) -> dict[str, interfaces.Waveform]:
+def _waveforms(driver: Any, draw: random.Random) -> dict[str, Waveform]:
     shapes = (
-        interfaces.Waveform(offset_v=draw.uniform(-1.0, 1.0)),
-        interfaces.Waveform("sine", 0.0, 0.5, 100.0),
-        interfaces.Waveform("triangle", 0.0, 0.5, 100.0),
+        Waveform(offset_v=draw.uniform(-1.0, 1.0)),
+        Waveform("sine", 0.0, 0.5, 100.0),
+        Waveform("triangle", 0.0, 0.5, 100.0),
     )
     return {channel.name: draw.choice(shapes) for channel in driver.channels()}
 
