@@ -185,7 +185,7 @@ def test_nothing_but_the_room_differs(study: SensingAxisStudy) -> None:
 def test_angles_are_those_of_the_mounting_that_is_there(store: Store) -> None:
     runs = reduction(store, ()).runs
     before = [replace(run, mounting=0, theta_rad=run.theta_rad + 1e-3, start_s=run.start_s - 1e4) for run in runs]
-    limits = SensingAxisStudy(store)._limits
+    limits = SensingAxisStudy(store).data.recorded.limits
     angles = {each.settings["angle_deg"] for each in set_points.options([*before, *runs], limits)}
     assert {round(float(np.degrees(run.theta_rad)), 4) for run in runs} <= angles
     assert not {round(float(np.degrees(run.theta_rad)), 4) for run in before} & angles

@@ -2,117 +2,87 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import cached_property
 from itertools import product
 from typing import Any
 
 import numpy as np
 
-from rigctl.analysis.lines import FoundLine
-from rigctl.campaign.recording import RunSource
 from rigctl.core.errors import DataError
 from rigctl.core.interfaces import FloatArray
-from rigctl.effects.catalogue import Effect, catalogue, unknown_effect
-from rigctl.effects.plugins import Plugin
-from rigctl.experiments.rotating_platform.imagined import imagined_channels, options
+from rigctl.effects.catalogue import Effect
+from rigctl.experiments.rotating_platform.imagined import options
 from rigctl.experiments.rotating_platform.model.model import Placed, PlatformModel, Recorded, placed, slopes_at_zero
-from rigctl.experiments.rotating_platform.observe.lines import Spectra, found_lines
-from rigctl.experiments.rotating_platform.observe.observables import channel_runs
-from rigctl.experiments.rotating_platform.observe.recorded import chains
-from rigctl.experiments.rotating_platform.observe.store_reduction import reduction, refined_line, scan
-from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Proposal, Term
+from rigctl.experiments.rotating_platform.observe.lines import found_lines
+from rigctl.experiments.rotating_platform.observe.store_reduction import refined_line
+from rigctl.experiments.rotating_platform.study_data import PlatformData, RecordedRuns
+from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
+from rigctl.workbench.study_base import (
+    StudyBase,
+    line_frequencies_hz,
+    own_model,
+    parameters_as_json,
+    steady_line,
+)
 
 LINE = "line"
 """The effect that is found in the samples, not in the outputs of the periods."""
 
+_RESULTS = 3
+"""The first parameters are the result: the gain of the tilt, and the two accelerations without a tilt."""
 
-class PlatformStudy:
-    """A recording of modulated runs, ours or imported, with what `plugins` add to the catalogue.
 
-    Runs are reduced when they are first needed. `ConfigError` when two effects share an id.
-    """
+class PlatformStudy(StudyBase[PlatformData]):
+    """A recording of modulated runs."""
 
     experiment = "rotating-platform"
 
-    def __init__(self, source: RunSource, plugins: Sequence[Plugin] = ()) -> None:
-        self.source = source
-        added = [effect for plugin in plugins for effect in plugin.effects.values()]
-        self.catalogue: Mapping[str, Effect] = catalogue(self.experiment, added)
-        self.left_out: dict[str, str] = {}
-        self._reduced: dict[tuple[float, ...], Recorded] = {}
-        self._spectra: dict[tuple[float, ...], Spectra] = {}
-        self._proposals: tuple[Proposal, ...] = ()
-        self._wider: dict[tuple[tuple[float, ...], int], Recorded] = {}
+    def reduced_source(self) -> PlatformData:
+        """The recorded runs; each set of lines taken off their samples is reduced when it is asked for."""
+        return PlatformData(RecordedRuns(self.source))
 
     @property
     def recorded(self) -> Recorded:
         """All runs, reduced; `DataError` when there are none."""
-        return self._recorded(())
+        return self.data.channels()
 
-    def _recorded(self, lines_hz: tuple[float, ...]) -> Recorded:
-        """The same with lines taken off the samples, and proposed runs beside them."""
-        if lines_hz not in self._reduced:
-            found = reduction(self.source, lines_hz)
-            channels, refused = channel_runs(found.runs)
-            self.left_out = {**found.left_out, **refused}
-            if not channels:
-                why = next(iter(self.left_out.values()), "it has no modulated run")
-                raise DataError(f"no valid run could be reduced: {why}")
-            runs = list({each.run.run_id: each.run for each in channels}.values())
-            self._spectra[lines_hz] = scan(self.source, runs, lines_hz)
-            g_m_s2 = chains(self.source.header).g_m_s2
-            self._reduced[lines_hz] = Recorded(tuple(channels), g_m_s2, peaks=self._spectra[lines_hz].peaks)
-        here = self._reduced[lines_hz]
-        if not self._proposals:
-            return here
-        key = (lines_hz, len(self._proposals))
-        if key not in self._wider:
-            further = imagined_channels(self._proposals, here.channels, chains(self.source.header))
-            self._wider[key] = replace(
-                here,
-                channels=(*here.channels, *further),
-                imagined=frozenset(each.run.run_id for each in further),
-                peaks=None,
-            )
-        return self._wider[key]
-
-    def effects(self) -> dict[str, str]:
-        """Every effect that can be added, in the order in which they act: id and the physics in a sentence."""
-        return {name: effect.summary for name, effect in self.catalogue.items()}
+    @property
+    def left_out(self) -> Mapping[str, str]:
+        """By run_id, why a valid run could not be reduced."""
+        return self.data.recorded.reduced(()).left_out
 
     def model(self, terms: Sequence[Term]) -> PlatformModel:
         """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
-        for term in terms:
-            if term.effect not in self.catalogue:
-                raise unknown_effect(term.effect, self.catalogue)
-            if reason := self._untestable(self.catalogue[term.effect]):
-                raise DataError(f"'{term.effect}' cannot be in a model of this recording: {reason}")
-        return PlatformModel(self._recorded(_lines_of(terms)), self._placed(terms), terms)
+        by_effect = {term.effect: term for term in terms}
+        parts: list[Placed] = []
+        for effect in self.chosen(terms):
+            if reason := self._lacking_condition(effect):
+                raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
+            if not effect.scanned:
+                parts.append(placed(effect, by_effect[effect.id], _names_in(parts)))
+        return PlatformModel(self.data.channels(line_frequencies_hz(terms)), parts, terms)
 
-    def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
-        """Every effect that `model` lacks, at the fitted `values`; a scanned one once per value of its scan."""
-        here = own_model(model)
-        present = {term.effect for term in here.terms}
-        taken = [parameter.own for each in here.placed for parameter in each.parameters]
-        found: list[Candidate] = []
-        refused: list[NotTestable] = []
-        for effect in self.catalogue.values():
-            if effect.id in present or effect.scanned:
-                continue
-            if reason := self._untestable(effect):
-                refused.append(NotTestable(effect.id, reason))
-                continue
-            own = [self._candidate(here, values, placed(effect, term, taken)) for term in choices(effect)]
-            own = [each for each in own if np.any(each.derivative)]
-            found += own
-            if not own:
-                refused.append(
-                    NotTestable(effect.id, _NOTHING_HERE.get(effect.id, "it changes nothing in these runs"))
-                )
-        return found, refused
+    def untestable(self, effect: Effect, model: Model) -> str | None:
+        """Why the runs of `model` cannot be asked about an effect; None when they can."""
+        del model
+        return self._lacking_condition(effect)
+
+    def _lacking_condition(self, effect: Effect) -> str | None:
+        if "temperature" in effect.needs and not self.data.temperature_varies_within_runs:
+            return "no run has samples of temperature_c that vary"
+        if "time" in effect.needs and not self.data.times_are_known:
+            return "the runs do not say when they began; write start_s"
+        return None
+
+    def candidates_for(self, effects: Sequence[Effect], model: Model, values: FloatArray) -> list[list[Candidate]]:
+        """One candidate per effect; of a scanned one, one per value of its scan."""
+        return [[self.candidate(model, values, term) for term in _choices(effect)] for effect in effects]
+
+    def reason_for_no_change(self, effect: Effect) -> str:
+        """Why an effect without any influence on the data cannot be tested."""
+        if effect.id == "off-centre":
+            return "the platform is at rest wherever samples count"
+        return super().reason_for_no_change(effect)
 
     def neighbours(self, term: Term) -> dict[str, tuple[float, float]]:
         """Between which values the scan leaves open what a choice really is, by name; empty for what has no scan."""
@@ -121,52 +91,9 @@ class PlatformStudy:
 
     def candidate(self, model: Model, values: FloatArray, term: Term) -> Candidate:
         """An effect that `model` lacks with any values of its choice."""
-        here = own_model(model)
-        taken = [parameter.own for each in here.placed for parameter in each.parameters]
-        return self._candidate(here, values, placed(self.catalogue[term.effect], term, taken))
-
-    def lines(self, model: Model) -> Sequence[Line]:
-        """Steady lines in what is left of the samples."""
-        lines_hz = _lines_of(model.terms)
-        self._recorded(lines_hz)
-        periods_s = [each.run.cells.period_s for each in self._reduced[lines_hz].channels]
-        spectra = self._spectra[lines_hz]
-        runs = list({each.run.run_id: each.run for each in self._reduced[lines_hz].channels}.values())
-        found = [refined_line(self.source, runs, lines_hz, each) for each in found_lines(spectra, periods_s)]
-        return [_line(each, spectra.scan.longest_s) for each in found]
-
-    def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
-        """The gain of the tilt and the accelerations without one."""
-        here = own_model(model)
-        sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        return {
-            parameter.name: {"value": float(value), "sigma": float(sigma), "unit": unit}
-            for parameter, value, sigma, unit, _ in zip(
-                here.parameters, values, sigmas, here.units, range(3), strict=False
-            )
-        }
-
-    def options(self) -> list[Proposal]:
-        """Patterns, periods and tilts for the next runs."""
-        return options([each.run for each in self.recorded.channels])
-
-    def extended(self, proposals: Sequence[Proposal]) -> PlatformStudy:
-        """This recording and runs that could be made next."""
-        other = copy.copy(self)
-        other._proposals, other._wider = tuple(proposals), {}
-        return other
-
-    def _placed(self, terms: Sequence[Term]) -> list[Placed]:
-        found: list[Placed] = []
-        by_id = {term.effect: term for term in terms}
-        for name, effect in self.catalogue.items():
-            if name in by_id and not effect.scanned:
-                taken = [parameter.own for each in found for parameter in each.parameters]
-                found.append(placed(effect, by_id[name], taken))
-        return found
-
-    def _candidate(self, model: PlatformModel, values: FloatArray, one: Placed) -> Candidate:
-        amplitudes, columns = slopes_at_zero(model, values, one, model.observations.sigma)
+        here = own_model(model, PlatformModel)
+        one = placed(self.catalogue[term.effect], term, _names_in(here.placed))
+        amplitudes, columns = slopes_at_zero(here, values, one, here.observations.sigma)
         return Candidate(
             term=one.term,
             names=tuple(each.name for each in amplitudes),
@@ -175,51 +102,35 @@ class PlatformStudy:
             typical=np.array([each.typical for each in amplitudes]),
         )
 
-    def _untestable(self, effect: Effect) -> str | None:
-        chain = self.recorded.chain["z"]
-        if "temperature" in effect.needs and not (
-            np.isfinite(chain.temperature).all() and self._temperature_varies_within_a_run
-        ):
-            return "no run has samples of temperature_c that vary"
-        if "time" in effect.needs and not all(
-            np.isfinite(float(each.run.conditions.get("start_s", np.nan))) for each in self.recorded.channels
-        ):
-            return "the runs do not say when they began; write start_s"
-        return None
+    def lines(self, model: Model) -> Sequence[Line]:
+        """Steady lines in what is left of the samples."""
+        lines_hz = line_frequencies_hz(model.terms)
+        reduced = self.data.recorded.reduced(lines_hz)
+        periods_s = [each.run.cells.period_s for each in reduced.channels.channels]
+        longest_s = reduced.spectra.scan.longest_s
+        lines = []
+        for rough in found_lines(reduced.spectra, periods_s):
+            line = refined_line(self.source, reduced.runs, lines_hz, rough)
+            term = Term(LINE, {"frequency_hz": line.frequency_hz})
+            lines.append(steady_line(line, term, "m_z", "m/s2", longest_s))
+        return lines
 
-    @cached_property
-    def _temperature_varies_within_a_run(self) -> bool:
-        return any(np.ptp(each.run.cells.state[:, 2]) > 0.0 for each in self.recorded.channels)
+    def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+        """The gain of the tilt and the accelerations without one."""
+        return parameters_as_json(model, values, covariance, _RESULTS)
+
+    def options(self) -> list[Proposal]:
+        """Patterns, periods and tilts for the next runs."""
+        return options([each.run for each in self.recorded.channels])
+
+    def extended(self, proposals: Sequence[Proposal]) -> PlatformStudy:
+        """This recording and runs that could be made next."""
+        return self.with_data(PlatformData(self.data.recorded, proposals))
 
 
-_NOTHING_HERE = {
-    "off-centre": "the platform is at rest wherever samples count",
-}
-
-
-def _lines_of(terms: Sequence[Term]) -> tuple[float, ...]:
-    """Frequencies that are taken off the samples."""
-    return tuple(float(term.choice["frequency_hz"]) for term in terms if "frequency_hz" in term.choice)
-
-
-def _line(found: FoundLine, duration_s: float) -> Line:
-    # Cramer-Rao for a sine of free phase in each run, in terms of the relative uncertainty of its amplitude.
-    spread_hz = 3.0**0.5 / (np.pi * duration_s) * found.sigma / found.amplitude
-    frequency = {"value": found.frequency_hz, "sigma": float(spread_hz), "unit": "Hz"}
-    return Line(
-        term=Term(LINE, {"frequency_hz": found.frequency_hz}),
-        channel="m_z",
-        frequency_hz=found.frequency_hz,
-        amplitude=found.amplitude,
-        sigma=found.sigma,
-        unit="m/s2",
-        p_value=found.p_value,
-        held_out_error_ratio=found.held_out_error_ratio,
-        parameters={
-            "amplitude": {"value": found.amplitude, "sigma": found.sigma, "unit": "m/s2"},
-            "frequency": {**frequency, "aliases_hz": list(found.aliases_hz)},
-        },
-    )
+def _names_in(parts: Sequence[Placed]) -> list[str]:
+    """The effects' own names of the parameters that are in a model already."""
+    return [parameter.own for each in parts for parameter in each.parameters]
 
 
 def _between(scan: Sequence[float], value: float) -> tuple[float, float]:
@@ -230,14 +141,7 @@ def _between(scan: Sequence[float], value: float) -> tuple[float, float]:
     return low, (min(above) if above else value**2 / max(below))
 
 
-def choices(effect: Effect) -> list[Term]:
-    """The terms an effect may come as: one, or one per value of its scan."""
+def _choices(effect: Effect) -> list[Term]:
+    """The terms an effect may come as: one, or one per combination of the values of its scans."""
     names = list(effect.scans)
     return [Term(effect.id, dict(zip(names, values, strict=True))) for values in product(*effect.scans.values())]
-
-
-def own_model(model: Model) -> PlatformModel:
-    """A model of this study."""
-    if not isinstance(model, PlatformModel):
-        raise TypeError("a model of this study is wanted")
-    return model
