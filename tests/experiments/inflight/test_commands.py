@@ -72,8 +72,8 @@ def test_runs_are_reduced_once(store, monkeypatch):
     with Store.open(store) as opened:
         monkeypatch.setattr(Store, "samples", lambda *_: pytest.fail("samples were read again"))
         study = InflightStudy(opened)
-        assert len(study.reduced.runs) == 11
-        assert np.isfinite(study.observations.value).all()
+        assert len(study.data.reduced.runs) == 11
+        assert np.isfinite(study.data.observations.value).all()
 
 
 def test_a_study_of_draws_has_tables(store, tmp_path):

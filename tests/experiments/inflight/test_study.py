@@ -155,9 +155,8 @@ def test_missing_samples_cost_precision_and_nothing_else(flight, plain, share):
     found, whole = fit(study, ()), fit(plain, ())
     assert np.all(np.abs(pulls(found, exact(flight))) < 4.0)
     assert found.error_fit < 1.25
-    assert (
-        study.reduced.runs[0].remarks[0].endswith("of its samples are missing: lines are fitted on those there are")
-    )
+    remarks = study.data.reduced.runs[0].remarks
+    assert remarks[0].endswith("of its samples are missing: lines are fitted on those there are")
     ratio = found.parameters["ac11_dx_m"].sigma / whole.parameters["ac11_dx_m"].sigma
     assert 0.9 < ratio < 2.2
 
@@ -168,7 +167,7 @@ def test_times_that_jump_are_a_gap(flight):
         return {name: column[kept] for name, column in columns.items()}, conditions
 
     study = InflightStudy(recording(flight, spoil=cut, sessions=("dx", "dz")))
-    assert [run.remarks[0][:6] for run in study.reduced.runs] == ["0.17 %", "0.17 %"]
+    assert [run.remarks[0][:6] for run in study.data.reduced.runs] == ["0.17 %", "0.17 %"]
 
 
 def test_short_and_broken_sessions_are_left_out_with_a_reason(flight):
@@ -180,7 +179,7 @@ def test_short_and_broken_sessions_are_left_out_with_a_reason(flight):
         return columns, conditions
 
     study = InflightStudy(recording(flight, spoil=short, sessions=("dx", "dz", "dy", "ad11")))
-    study.reduced  # noqa: B018
+    study.data.reduced  # noqa: B018
     assert study.left_out["dz"].startswith("run dz: 3.36 orbits are too short to tell its lines apart")
     assert study.left_out["dy"] == "run dy: column t_xy is missing; add it"
     found = calibration(study, fit(study, ()).as_json()["parameters"])
@@ -204,7 +203,9 @@ def test_a_stimulus_of_no_whole_number_of_periods_is_said(flight):
         return {key: column[:-300] for key, column in columns.items()}, conditions
 
     study = InflightStudy(recording(flight, spoil=cut, sessions=("ad11",)))
-    assert any("72.264 periods in the run, no whole number" in remark for remark in study.reduced.runs[0].remarks)
+    assert any(
+        "72.264 periods in the run, no whole number" in remark for remark in study.data.reduced.runs[0].remarks
+    )
     ad11 = fit(study, ()).parameters["ad11"]
     assert ad11.value == pytest.approx(exact(flight)[5], abs=5.0 * ad11.sigma + 1e-6)
 
@@ -217,11 +218,11 @@ def test_a_tracker_askew_does_what_the_effect_says(flight):
         InflightStudy(recording(flight, sky=sky, sessions=sessions))
         for sky in (flight.Sky(), flight.Sky(unseen_attitude=-tilt))
     )
-    moved = askew.observations.value - straight.observations.value
+    moved = askew.data.observations.value - straight.data.observations.value
     model = straight.model(())
     start = np.array([each.start for each in model.parameters])
     start[: len(NAMES)] = exact(flight)
-    (candidate,) = [each for each in model.study.candidates(model, start)[0] if each.term.effect == "tracker-bias"]
+    (candidate,) = [each for each in straight.candidates(model, start)[0] if each.term.effect == "tracker-bias"]
     predicted = candidate.derivative @ tilt
     assert moved == pytest.approx(predicted, abs=0.02 * np.abs(predicted).max())
 
@@ -262,8 +263,8 @@ def test_pulses_are_found_masked_and_no_longer_there(flight):
     assert found.parameters["number"]["value"] == pytest.approx(36, abs=6)
     masked = study.model((found.term,))
     assert not [line for line in study.lines(masked) if line.term.effect == "glitches"]
-    assert len(masked.observations.value) == len(study.observations.value)
-    assert masked.study.reduced.runs[0].coarse.present.mean() < 0.999
+    assert len(masked.observations.value) == len(study.data.observations.value)
+    assert masked.data.reduced.runs[0].coarse.present.mean() < 0.999
 
 
 def test_pulses_that_both_sensors_show_alike_along_x_are_found_across_it(flight):
@@ -293,10 +294,10 @@ def test_a_stronger_stimulus_is_among_what_can_be_flown_and_tells_what_it_would(
         offered = [each for each in plain.options() if each.settings["session"] == name]
         weak, strong = (each.settings["amplitude"] for each in offered)
         assert strong == pytest.approx(2.0 * weak)
-        imagined = plain.extended(offered[1:]).baseline
+        imagined = plain.extended(offered[1:]).data.baseline
         with pytest.MonkeyPatch.context() as patch:
             patch.setitem(flight.STIMULI, name, (flight.STIMULI[name][0], strong))
-            flown = InflightStudy(recording(flight, sessions=(name,))).baseline
+            flown = InflightStudy(recording(flight, sessions=(name,))).data.baseline
         assert [each.run_id for each in imagined.stretches[-2:]] == ["next 1"] * 2
         told, true = (
             each.jacobian(np.array([parameter.start for parameter in each.parameters]))[:, : len(NAMES)]

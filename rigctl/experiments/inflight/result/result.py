@@ -19,9 +19,9 @@ COUPLING_RAD = 1e-4 / math.sqrt(3.0)
 
 def calibration(study: InflightStudy, joint: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Keys of `rigctl result --json`; `joint` are value and sigma by parameter, as the study's model was fitted."""
-    paper = paper_estimate(study.observed.fitted_runs())
-    beyond = systematic(joint, study.constants)
-    remarks = [f"run {run.run_id}: {remark}" for run in study.reduced.runs for remark in run.remarks]
+    paper = paper_estimate(study.data.observed.fitted_runs())
+    beyond = systematic(joint, study.source.header.constants)
+    remarks = [f"run {run.run_id}: {remark}" for run in study.data.reduced.runs for remark in run.remarks]
     return {
         "parameters": {
             name: {
