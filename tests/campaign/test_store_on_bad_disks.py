@@ -1,6 +1,8 @@
 """The store on a disk that loses power, is full, refuses or fails."""
 
 import random
+import signal
+import threading
 
 import numpy as np
 import pytest
@@ -79,3 +81,30 @@ def test_a_campaign_whose_disk_is_full_stops_the_rig_says_so_and_is_resumed(desk
     assert ended.err.splitlines()[-1] == f"{desk.store}: the disk is full; free some space, then `rigctl resume`"
     assert order[-1] == "stop"
     assert desk.rigctl("resume", desk.store, "--yes").status == 0
+
+
+def test_a_disk_that_does_not_come_back_keeps_no_stop_from_the_instruments(desk, monkeypatch):
+    layer, stopped, held = FileLayer(), threading.Event(), []
+    stop = Rig.stop
+
+    def stop_and_say(rig):
+        stop(rig)
+        if held:
+            stopped.set()
+
+    def hold(step):
+        runs_are_measured = sum(earlier.kind == "sync" for earlier in layer.steps) > 20
+        if step.kind == "sync" and not held and runs_are_measured:
+            held.append(step)
+            signal.raise_signal(signal.SIGINT)
+            held.append(stopped.wait(20.0))
+        return OK
+
+    layer.refuse = hold
+    monkeypatch.setattr(Rig, "stop", stop_and_say)
+    with watched_files(layer):
+        ended = desk.rigctl("run", "campaign.toml", "--store", desk.store, "--yes")
+    assert held[1:] == [True]
+    assert ended.status == 130
+    with Store.open(desk.store) as store:
+        assert [run.state for run in store.runs()].count("finished") > 0
