@@ -24,7 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from machine import conditions
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.demodulation import Demodulator, PeriodSums
 from rigctl.experiments.rotating_platform.observe.estimates import estimates
 from rigctl.experiments.rotating_platform.observe.estimators import OUTPUTS

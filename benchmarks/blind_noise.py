@@ -6,12 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.blind_sampler import SampledRun
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.keyed_random import generator
-
-FloatArray = NDArray[np.float64]
 
 
 def _power_law(exponent: float) -> Callable[[FloatArray, float], FloatArray]:

@@ -33,7 +33,8 @@ from benchmarks.blind_sampler import Design
 from benchmarks.blind_world import draw, record
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.composition import study_of
-from rigctl.workbench.study import Candidate, FloatArray, Model, NotTestable, Observations, Study, Term
+from rigctl.core.arrays import FloatArray
+from rigctl.workbench.study import Candidate, Model, NotTestable, Observations, Study, Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.score import likeness

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procedures.sensing_axis.bench import SetPoint
 from procedures.sensing_axis.mounting import Seated
 from procedures.sensing_axis.scan import stretches
 from procedures.sensing_axis.tables import Procedure
+from rigctl.core.arrays import FloatArray
 from simulators.motion import MotionAxis
 from simulators.wiring import Train
 from simulators.worlds import mounting as mountings
@@ -30,8 +30,6 @@ from simulators.worlds.sensor import Electronics
 from simulators.worlds.specific_force import vertical_lab
 from simulators.worlds.stages import Stages
 from simulators.worlds.temperature import Room
-
-FloatArray = NDArray[np.float64]
 
 REMOUNT_S = 1200.0
 SETTLE_S = 24.0

@@ -12,14 +12,12 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.blind_sampler import Design, Perturbation, SampledRun, sample_world
+from rigctl.core.arrays import BoolArray, FloatArray
 from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.mounting import Mounting
 from simulators.worlds.rotations import Configuration, rotation
-
-FloatArray = NDArray[np.float64]
 
 HARMONICS = 3
 ACCEL = "accel_v"
@@ -140,7 +138,7 @@ def _of(run: SampledRun) -> list[tuple[str, str]]:
     return [(ACCEL, "mean"), *((ACCEL, c) for c in components), *((head, c) for head in heads for c in components)]
 
 
-def _is_accel(run: SampledRun) -> NDArray[np.bool_]:
+def _is_accel(run: SampledRun) -> BoolArray:
     return np.array([name == ACCEL and component != "mean" for name, component in _of(run)])
 
 

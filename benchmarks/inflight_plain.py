@@ -9,13 +9,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite.forcing import Command
 from simulators.worlds.satellite.instrument import Instrument
 from simulators.worlds.satellite.settings import SatelliteSettings
-
-FloatArray = NDArray[np.float64]
 
 
 def kepler(mean: float, e: float) -> tuple[float, float]:

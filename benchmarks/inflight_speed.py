@@ -26,19 +26,17 @@ from collections.abc import Callable
 import numpy as np
 from inflight_plain import PlainSatellite, State
 from machine import conditions
-from numpy.typing import NDArray
 from scipy import signal
 
 from procedures.inflight.calibration import MonteCarlo
 from procedures.inflight.monte_carlo import Unit, reduce_unit
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.result.draws import rows_of
 from simulators.worlds.satellite.ensemble import Ensemble
 from simulators.worlds.satellite.forcing import Command
 from simulators.worlds.satellite.instrument import drawn
 from simulators.worlds.satellite.settings import SatelliteSettings
 from simulators.worlds.satellite.simulation import Simulation
-
-FloatArray = NDArray[np.float64]
 
 ORBIT_S, STEP_S, SETTLE_S = 5950.0, 0.25, 6000.0
 STEPS_OF_A_DRAW = round((140 * ORBIT_S + 11 * SETTLE_S) / STEP_S)

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, Recording, RunRecord
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.patterns import Pattern, named_pattern
 from simulators.clock import VirtualClock
 from simulators.motion import MotionAxis
@@ -24,7 +24,6 @@ from simulators.wiring import TriggerLine, VoltageLine
 from simulators.worlds.platform_settings import PlatformSettings
 from simulators.worlds.rotating_platform import RotatingPlatform
 
-FloatArray = NDArray[np.float64]
 Columns = dict[str, FloatArray]
 
 GAINS = {

@@ -27,7 +27,7 @@ from rigctl.campaign.recording import Header
 from rigctl.campaign.store import checked_rows, ledger, synced
 from rigctl.campaign.store.checksums import ColumnSums
 from rigctl.campaign.store.store import Store
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 
 ROWS, COLUMNS = 2000, ("t_s", "stage_x_mm", "accel_v", "laser_1_mm", "laser_2_mm")
 RUNS = 200

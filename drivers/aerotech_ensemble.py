@@ -28,6 +28,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.aerotech_ascii import FAULT, INVALID, Answer, AsciiLink
 from drivers.aerotech_axis import SAFETY_FAULTS, AsciiAxis, AxisStatus, fault_text
 from drivers.transport import Connect
+from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.core.errors import (
@@ -37,7 +38,7 @@ from rigctl.core.errors import (
     MotionStopped,
     WrongInstrument,
 )
-from rigctl.core.interfaces import Channel, FloatArray, Identity, LinearLimits, Reading
+from rigctl.core.interfaces import Channel, Identity, LinearLimits, Reading
 
 UNITS_NAME, AXIS_NAME, COUNTS_PER_UNIT = 129, 140, 2
 NOT_WRITTEN = 1e12

@@ -12,10 +12,11 @@ from typing import Any, Protocol, cast
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.transport import Connect
+from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.core.errors import LimitError, LinkLost, WrongInstrument
-from rigctl.core.interfaces import Channel, FloatArray, Identity
+from rigctl.core.interfaces import Channel, Identity
 from rigctl.core.satellites import FlightSession, Stimulus
 
 KIND = "drag-free satellite"

@@ -19,10 +19,11 @@ from drivers.keyence_settings import AVERAGES, Generation, KeyenceSettings
 from drivers.keyence_values import parse_values
 from drivers.numbers import whole
 from drivers.transport import Connect
+from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import USUAL_BAUD, DriverDeclaration, Use
 from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkTimeout, WrongInstrument
-from rigctl.core.interfaces import Channel, FloatArray, Identity, Reading
+from rigctl.core.interfaces import Channel, Identity, Reading
 
 __all__ = ["KeyenceLkg", "KeyenceSettings"]
 

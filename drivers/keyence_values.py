@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray
 
 VALUE_CHARACTERS = 8
 _POWERS = 10.0 ** np.arange(5, -1, -1)
@@ -46,13 +46,13 @@ def _cells(text: bytes) -> Characters:
     return cells[:, :VALUE_CHARACTERS]
 
 
-def _special(cells: Characters) -> NDArray[np.bool_]:
+def _special(cells: Characters) -> BoolArray:
     invalid = (cells == ord("X")).all(axis=1)
     out_of_range = _signed(cells) & (cells[:, 1:] == ord("F")).all(axis=1)
     return np.asarray(invalid | out_of_range)
 
 
-def _signed(cells: Characters) -> NDArray[np.bool_]:
+def _signed(cells: Characters) -> BoolArray:
     return np.asarray((cells[:, 0] == ord("+")) | (cells[:, 0] == ord("-")))
 
 

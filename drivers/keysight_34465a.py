@@ -14,10 +14,11 @@ from drivers.keysight_memory import OVERLOAD, ReadingMemory
 from drivers.keysight_settings import PROBES, ThermometerSettings, VoltmeterSettings
 from drivers.scpi import ScpiLink
 from drivers.transport import Connect
+from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.core.errors import InstrumentError, LimitError, RigError
-from rigctl.core.interfaces import Channel, FloatArray, Identity, Reading
+from rigctl.core.interfaces import Channel, Identity, Reading
 
 MAKERS, MODELS = ("Keysight",), ("34465A",)
 SAMPLES_MAXIMUM = 1_000_000

@@ -8,7 +8,7 @@ import numpy as np
 
 from drivers.numbers import CHARACTERS_MAX, decimal
 from drivers.scpi import ScpiLink
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 
 OVERLOAD = 9.9e37
 """Overloads are +-9.9E37 and not-a-number is 9.91E37."""

@@ -23,8 +23,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from procedures.sine_fit import MAD_TO_SIGMA, ROUNDED, SMALLEST, Column, Course, median_of, resolution_of
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ImplausibleSample
-from rigctl.core.interfaces import Channel, FloatArray
+from rigctl.core.interfaces import Channel
 
 FALSE_ALARM = 1e-8
 """Probability that Gaussian noise raises an alarm in a column."""

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rigctl.core.interfaces import FloatArray
-
-BoolArray = NDArray[np.bool_]
+from rigctl.core.arrays import BoolArray, FloatArray
 
 HARMONICS = 5
 SMALLEST = 24

@@ -8,10 +8,11 @@ from typing import Any, Protocol
 
 from pydantic import BaseModel
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.entry_points import Registry
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis
-from simulators.wiring import FloatArray, Signal, TriggerLine, VoltageLine
+from simulators.wiring import Signal, TriggerLine, VoltageLine
 
 WORLD_CONTRACT = 1
 """The version of what is between a rig and a world: `WorldDeclaration`, `Bench`."""

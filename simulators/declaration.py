@@ -9,13 +9,14 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from pydantic import BaseModel
 
+from rigctl.core.arrays import FloatArray
 from simulators.benches import Bench
 from simulators.clock import SimulationClock
 from simulators.faults import FaultPlan, faults_of
 from simulators.faults.signals import FaultySensor, LossyTrigger
 from simulators.measured import Tap
 from simulators.motion import MotionAxis
-from simulators.wiring import FloatArray, Signal, TriggerLine
+from simulators.wiring import Signal, TriggerLine
 
 STAGE_FAULTS = frozenset({"power_cycle", "following_error", "limit_hit", "emergency_stop"})
 """What every simulated stage can suffer."""

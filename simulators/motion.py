@@ -13,11 +13,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray, IntArray
 from simulators.stretches import stretches
-
-FloatArray = NDArray[np.float64]
 
 HISTORY_S = 120.0
 """How far back an axis remembers; longer than any sensor rings."""
@@ -168,7 +166,7 @@ class MotionAxis:
         velocity = self.sample(times_s)[1]
         return np.where(velocity == 0.0, np.array(before)[self._segment_index(times_s)], np.sign(velocity))
 
-    def stops(self, times_s: FloatArray) -> tuple[list[Stop], NDArray[np.intp]]:
+    def stops(self, times_s: FloatArray) -> tuple[list[Stop], IntArray]:
         """The stops remembered, in order, and which of them was the last one before each time."""
         return self._stops, np.searchsorted([stop.start_s for stop in self._stops[1:]], times_s, side="right")
 
@@ -265,7 +263,7 @@ class MotionAxis:
         position, velocity, acceleration = segment.sample(np.array([at_s]))
         return float(position[0]), float(velocity[0]), float(acceleration[0])
 
-    def _segment_index(self, times_s: FloatArray) -> NDArray[np.intp]:
+    def _segment_index(self, times_s: FloatArray) -> IntArray:
         later_starts = [s.start_s for s in self._segments[1:]]
         return np.searchsorted(later_starts, times_s, side="right")
 

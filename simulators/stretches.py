@@ -6,10 +6,11 @@ import itertools
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rigctl.core.arrays import BoolArray, IntArray
 
 
-def stretches(piece_of: NDArray[np.intp]) -> Iterator[tuple[int, slice | NDArray[np.bool_]]]:
+def stretches(piece_of: IntArray) -> Iterator[tuple[int, slice | BoolArray]]:
     """Each piece that occurs, and where: slices when the pieces come in order, as in times that do; else masks."""
     if not piece_of.size:
         return

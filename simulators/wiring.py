@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.stretches import stretches
-
-FloatArray = NDArray[np.float64]
 
 Signal = Callable[[FloatArray], FloatArray]
 """A quantity of the world at given rig times [s], same shape; NaN where there is none (a laser's target lost)."""

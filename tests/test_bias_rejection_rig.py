@@ -10,16 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.core.interfaces import StreamedRecorder, TimedRotationStage
 from rigctl.core.voltage_sources import VoltageSource, Waveform
 from rigctl.files import config
 from rigctl.rig import Rig, build_simulation
 from simulators.clock import VirtualClock
-
-FloatArray = NDArray[np.float64]
 
 RIG = "bias-rejection-rig.toml"
 NAMES = ("platform", "q_a", "q_b", "tilt", "thermometer")

@@ -16,9 +16,10 @@ from pydantic import Field, field_validator, model_validator
 from rigctl.campaign.session.recovery import Apparatus
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, ImplausibleSample, LimitError
 from rigctl.core.file_tables import Table
-from rigctl.core.interfaces import Channel, FloatArray
+from rigctl.core.interfaces import Channel
 from rigctl.core.satellites import DragFreeSatellite, FlightSession, Stimulus
 
 SessionName = Literal["dx", "dz", "dx+dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2"]

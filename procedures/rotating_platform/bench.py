@@ -10,7 +10,6 @@ from itertools import zip_longest
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procedures.rotating_platform.course import Course, Leg
 from procedures.rotating_platform.stream import Block, FollowingMeter, PacingMeter, Stream
@@ -20,9 +19,10 @@ from rigctl.campaign.session.recovery import Apparatus, Faults, require_homed, t
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.event_kinds import FAULT, TEMPERATURE_MISSED
 from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.core.arrays import BoolArray, FloatArray, Int8Array
 from rigctl.core.clock import Clock
 from rigctl.core.errors import ImplausibleSample, InstrumentError, LinkError, RigError
-from rigctl.core.interfaces import FloatArray, Instrument, Thermometer, TimedRotationStage
+from rigctl.core.interfaces import Instrument, Thermometer, TimedRotationStage
 from rigctl.core.voltage_sources import Started, VoltageSource, Waveform
 
 FETCH_S, FETCH_ROWS = 60.0, 10_000
@@ -41,7 +41,7 @@ THERMOMETER_S = 3.0
 
 TILT_Y, TILT_Z = "dm1_y_v", "dm1_z_v"
 
-Watch = Callable[[FloatArray, NDArray[np.int8]], None]
+Watch = Callable[[FloatArray, Int8Array], None]
 """Is given every stretch of rows, shape (n, 2), and cos(theta) of each where the platform was at rest, else 0."""
 
 
@@ -320,7 +320,7 @@ class _Recording:
         self._course.forget(float(times_s[-1]))
         self._watch(rows, np.where(moving, 0, np.rint(np.cos(np.deg2rad(theta_deg)))).astype(np.int8))
 
-    def _believed(self, rows: FloatArray, moving: NDArray[np.bool_]) -> FloatArray:
+    def _believed(self, rows: FloatArray, moving: BoolArray) -> FloatArray:
         """Rows without what cannot be true: from such a sample on nothing of its record is believed."""
         meters: tuple[PacingMeter | FollowingMeter, ...] = (self._bench.readout, self._bench.voltmeter)
         for place, meter in enumerate(meters):

@@ -13,7 +13,6 @@ from itertools import zip_longest
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procedures.rotating_platform import time_table
 from procedures.rotating_platform.bench import TILT_Y, TILT_Z, PlatformBench, Wanted, Watch
@@ -22,8 +21,8 @@ from procedures.rotating_platform.tables import ListedRun, Procedure, Turning
 from procedures.rotating_platform.time_table import TimeTable
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.core.arrays import FloatArray, Int8Array
 from rigctl.core.errors import ConfigError
-from rigctl.core.interfaces import FloatArray
 from rigctl.core.voltage_sources import Waveform
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator
 from rigctl.experiments.rotating_platform.observe.patterns import (
@@ -202,7 +201,7 @@ def _watch(session: Session, bench: PlatformBench, recording: Recording, estimat
     )
 
 
-def _nobody(rows: FloatArray, sign: NDArray[np.int8]) -> None:
+def _nobody(rows: FloatArray, sign: Int8Array) -> None:
     """Nothing is estimated without a pattern."""
 
 

@@ -6,10 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from procedures.rotating_platform.time_table import TimeTable
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray
 
 SAME_SAMPLE = 1e-3
 """Of a sample period: how exactly a sample at the edge of a dwell can be said to be before or after it."""
@@ -67,7 +66,7 @@ class Course:
         )
         return theta_deg
 
-    def moving(self, times_s: FloatArray) -> NDArray[np.bool_]:
+    def moving(self, times_s: FloatArray) -> BoolArray:
         """Whether it moves at such times, same shape."""
         moving = _inside(times_s + self._edge_s, self._starts_s, self._stops_s)
         began_s = np.array([leg.began_s for leg in self._legs])
@@ -75,7 +74,7 @@ class Course:
         return np.asarray(moving | _inside(times_s, began_s, ended_s))
 
 
-def _inside(times_s: FloatArray, starts_s: FloatArray, stops_s: FloatArray) -> NDArray[np.bool_]:
+def _inside(times_s: FloatArray, starts_s: FloatArray, stops_s: FloatArray) -> BoolArray:
     """Whether times lie in one of successive intervals [start, stop)."""
     if not starts_s.size:
         return np.zeros(times_s.shape, dtype=np.bool_)

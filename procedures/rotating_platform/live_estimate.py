@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.campaign.session.session import Session
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray, Int8Array
 from rigctl.experiments.rotating_platform.observe.demodulation import Demodulator, PeriodSums
 from rigctl.experiments.rotating_platform.observe.estimates import estimates
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator
@@ -40,7 +39,7 @@ class LiveEstimate:
         self._done = 0
         self._periods = periods
 
-    def __call__(self, rows: FloatArray, sign: NDArray[np.int8]) -> None:
+    def __call__(self, rows: FloatArray, sign: Int8Array) -> None:
         """The next rows of the run, shape (n, 2), and cos(theta) of each as it was, 0 in motion, shape (n,)."""
         place = np.arange(self._taken, self._taken + len(rows)) % self._sampled.samples
         wanted = self._sampled.sign[place]

@@ -23,8 +23,9 @@ from procedures.pace import Pace
 from rigctl.campaign.session.recovery import Apparatus, told
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.event_kinds import FAULT
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import InstrumentError, LinkError, ProcedureError, RigError
-from rigctl.core.interfaces import FloatArray, Instrument, PacingRecorder, StreamedRecorder, Voltmeter
+from rigctl.core.interfaces import Instrument, PacingRecorder, StreamedRecorder, Voltmeter
 
 PREPARE_S = 0.05
 """Setting up the pacing meter for a record that begins at a given time."""

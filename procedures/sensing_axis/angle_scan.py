@@ -11,8 +11,8 @@ from procedures.sensing_axis.bench import Bench, SetPoint
 from procedures.sensing_axis.mounting import Fixture, Mounting
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.session.session import Session
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
 
 

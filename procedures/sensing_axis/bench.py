@@ -16,11 +16,11 @@ from rigctl.campaign.session.recovery import Apparatus, require_homed
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.event_kinds import TEMPERATURE_MISSED
 from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.errors import ImplausibleSample, LimitError
 from rigctl.core.interfaces import (
     DisplacementMeter,
-    FloatArray,
     Instrument,
     LinearStage,
     PacedRecorder,

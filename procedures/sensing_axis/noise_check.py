@@ -9,8 +9,8 @@ import numpy as np
 
 from procedures.sensing_axis.bench import Bench
 from rigctl.campaign.session.session import Session
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
-from rigctl.core.interfaces import FloatArray
 
 NOISE_CHECK = "noise check"
 """The key of its densities."""

@@ -11,8 +11,9 @@ import numpy as np
 
 from procedures.sample_checks import Flaw, encoder_flaw, laser_flaw, voltage_flaw
 from procedures.sine_fit import Column, Sine
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ImplausibleSample, ProcedureError
-from rigctl.core.interfaces import DisplacementMeter, FloatArray, LinearStage, PacedRecorder, PacingRecorder
+from rigctl.core.interfaces import DisplacementMeter, LinearStage, PacedRecorder, PacingRecorder
 
 CHANGE_K, ROOM_C = 2.0, (-20.0, 60.0)
 """What a bench's temperature changes by at most within a run, and what rooms have [degC]."""

@@ -13,8 +13,8 @@ from typing import Literal
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
-from rigctl.core.interfaces import FloatArray
 
 Measurement = Callable[[Mapping[str, float]], FloatArray]
 

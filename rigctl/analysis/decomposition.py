@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 
 
 def svd(matrix: FloatArray, *, full: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -12,15 +12,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.analysis.decomposition import svd
+from rigctl.core.arrays import BoolArray, FloatArray, IntArray
 from rigctl.core.errors import ProcedureError
-from rigctl.core.interfaces import FloatArray
 
 Verdict = Literal["converged", "ill-conditioned", "at-limit", "not-converged"]
-BoolArray = NDArray[np.bool_]
-IndexArray = NDArray[np.intp]
 Function = Callable[[FloatArray], FloatArray]
 
 _RELATIVE_STEP = float(np.finfo(float).eps ** (1.0 / 3.0))
@@ -163,7 +160,7 @@ class _State:
     p: FloatArray
     r: FloatArray
     J: FloatArray
-    active: IndexArray
+    active: IntArray
     scale: FloatArray
     projected: FloatArray
     s: FloatArray
@@ -308,7 +305,7 @@ class _Problem:
         return np.asarray((low | high) & self.free)
 
     def _verdict(
-        self, converged: bool, iterations: int, limited: IndexArray, state: _State, null: FloatArray
+        self, converged: bool, iterations: int, limited: IntArray, state: _State, null: FloatArray
     ) -> tuple[Verdict, str]:
         if len(null):
             directions = "; ".join(self._direction(row, state) for row in _reduced(null))

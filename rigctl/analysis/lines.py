@@ -20,7 +20,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from rigctl.analysis.noise import Spectrum
 from rigctl.analysis.sine_fit import HarmonicBasis
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 
 MAX_BINS = 2**17
 _OVERSAMPLING = 2.0

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 
 if TYPE_CHECKING:
     from rigctl.analysis.sine_fit import HarmonicBasis
@@ -93,7 +92,7 @@ class Spectrum:
         merged = self._merged(np.flatnonzero(new))
         return Spectrum(*(_single(each) for each in (merged.frequency_hz, merged.psd, merged.weight)))
 
-    def _merged(self, first: NDArray[np.intp]) -> Spectrum:
+    def _merged(self, first: IntArray) -> Spectrum:
         """Join the bins from each of `first` to the next."""
         if not first.size:
             return self

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.analysis.decomposition import svd
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
-from rigctl.core.interfaces import FloatArray
 
 ARCSEC = np.pi / 648000.0
 """One second of arc in rad."""

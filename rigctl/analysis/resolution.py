@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rigctl.analysis.sine_fit import HarmonicBasis
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 
 _ENOUGH = 8
 _FINEST = 1e4

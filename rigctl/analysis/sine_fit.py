@@ -12,13 +12,11 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.analysis.noise import spectrum
+from rigctl.core.arrays import ComplexArray, FloatArray, IntArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 
-ComplexArray = NDArray[np.complex128]
 ComplexLike = TypeVar("ComplexLike", complex, ComplexArray)
 
 # Beyond this the columns are a mixture no amplitude can be read from.
@@ -156,7 +154,7 @@ class HarmonicBasis:
         return bool(np.abs(steps - np.rint(steps)).max() <= _GRID_TOLERANCE)
 
     @cached_property
-    def grid_index(self) -> NDArray[np.intp]:
+    def grid_index(self) -> IntArray:
         """Place of each sample on the uniform time grid; raises `DataError` when there is no such grid."""
         if not self.uniform:
             raise DataError("times are no uniform grid: this needs equally spaced samples")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rigctl.campaign.recording import ChannelInfo, RunRecord
     from rigctl.campaign.session.questions import Question
     from rigctl.campaign.store.store import Event, Store
-    from rigctl.core.interfaces import FloatArray
+    from rigctl.core.arrays import FloatArray
 
 LOOK_S = 0.25
 EVENTS = 2000

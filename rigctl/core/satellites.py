@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
-from rigctl.core.interfaces import Channel, FloatArray, Instrument
+from rigctl.core.arrays import FloatArray
+from rigctl.core.interfaces import Channel, Instrument
 
 
 @dataclass(frozen=True)

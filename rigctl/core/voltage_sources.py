@@ -9,7 +9,8 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from rigctl.core.interfaces import Channel, FloatArray, Instrument
+from rigctl.core.arrays import FloatArray
+from rigctl.core.interfaces import Channel, Instrument
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,9 @@ from dataclasses import dataclass, field
 from inspect import unwrap
 from typing import Any, Literal, get_args
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError, RigError
 from rigctl.core.experiments import EXPERIMENTS, Experiment
-
-FloatArray = NDArray[np.float64]
 
 Scope = Literal["recording", "axis", "axis-configuration", "head", "channel"]
 """How many values a parameter has: one for the recording, one per axis, per axis in a configuration, per head, per

@@ -12,12 +12,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import PLUGIN_BYTES
 from rigctl.core.errors import ConfigError, PluginError
 from rigctl.core.experiments import EXPERIMENTS
 from rigctl.core.messages import one_line
 from rigctl.core.reading import read_regular
-from rigctl.effects.catalogue import Effect, FloatArray, catalogue, effects_in, line_of, said
+from rigctl.effects.catalogue import Effect, catalogue, effects_in, line_of, said
 from rigctl.effects.declaration import flaw_of_declaration
 from rigctl.effects.rehearsal import rehearse
 from rigctl.effects.trial import flaw_of_function

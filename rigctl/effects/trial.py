@@ -10,7 +10,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigctl.effects.catalogue import Effect, FloatArray, experiment_of
+from rigctl.core.arrays import FloatArray
+from rigctl.effects.catalogue import Effect, experiment_of
 
 _NOTHING = 1e-12
 _DIFFERENT = 1e-12

@@ -10,12 +10,10 @@ import math
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.file_tables import Table
-
-FloatArray = NDArray[np.float64]
 
 Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Face = Literal["x", "y", "z", "-x", "-y", "-z"]

@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rigctl.workbench.study import FloatArray, Observations, Term
+from rigctl.core.arrays import FloatArray
+from rigctl.workbench.study import Observations, Term
 
 Verdict = Literal["adequate", "effect", "ambiguous", "unknown"]
 

@@ -10,13 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rigctl.analysis.least_squares import Parameter
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from rigctl.core.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

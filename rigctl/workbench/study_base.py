@@ -11,9 +11,10 @@ import numpy as np
 
 from rigctl.analysis.lines import FoundLine
 from rigctl.campaign.recording import RunSource
+from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import Effect, catalogue, unknown_effect
 from rigctl.effects.plugins import Plugin
-from rigctl.workbench.study import Candidate, FloatArray, Line, Model, NotTestable, Term
+from rigctl.workbench.study import Candidate, Line, Model, NotTestable, Term
 
 Data = TypeVar("Data")
 ModelType = TypeVar("ModelType", bound=Model)

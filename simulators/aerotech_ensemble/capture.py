@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.measured import Tap
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
 from simulators.worlds.keyed_random import generator
-
-FloatArray = NDArray[np.float64]
 
 
 class PositionCapture:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rigctl.core.arrays import FloatArray
 from simulators.aerotech_ensemble.grammar import Command, Invalid, number, whole
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 
@@ -23,7 +21,7 @@ class Registers:
         self._integers = [0] * len(self._integers)
         self._doubles = [0.0] * len(self._doubles)
 
-    def store(self, first: int, values: NDArray[np.float64]) -> None:
+    def store(self, first: int, values: FloatArray) -> None:
         """Put values into consecutive doubles."""
         self._doubles[first : first + len(values)] = values.tolist()
 

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from simulators.faults.mishaps import InstrumentFaults, MissingEdges
 from simulators.measured import Tap
-from simulators.wiring import FloatArray, Signal, TriggerLine
+from simulators.wiring import Signal, TriggerLine
 from simulators.worlds.keyed_random import generator, uniform_of_integers
 
 

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import LinkLost
 from simulators.clock import SimulationClock
 from simulators.faults.line import Occasions
@@ -15,7 +16,6 @@ from simulators.faults.plan import FaultPlan
 from simulators.faults.signals import FaultySensor
 from simulators.faults.when import Occasion
 from simulators.measured import Tap
-from simulators.wiring import FloatArray
 
 FULL_SCALE_M_S2 = 1e-6
 """What a saturated accelerometer reports."""

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from simulators.wiring import FloatArray
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.keyed_random import generator
 
 SLOT_S = 3600.0

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulators.wiring import FloatArray, Signal
+from rigctl.core.arrays import FloatArray
+from simulators.wiring import Signal
 
 CUTOFFS_HZ = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1)
 """Of the low-pass and high-pass filters, by the number that selects them."""

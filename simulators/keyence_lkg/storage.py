@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from simulators.clock import SimulationClock
 from simulators.keyence_lkg.heads import Output
 from simulators.keyence_lkg.model import LkgSettings
 from simulators.keyence_lkg.values import shown_mm
 from simulators.measured import Tap
-from simulators.wiring import FloatArray, TriggerLine
+from simulators.wiring import TriggerLine
 
 _LOOK_EVERY_S = 30.0
 

@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rigctl.core.arrays import FloatArray
 
 NO_VALUE = "XXXXXXXX"
 OVER_RANGE = "+FFFFFFF"
@@ -29,7 +30,7 @@ def format_values(values_mm: Iterable[float], decimals: int) -> str:
     return ",".join([format_value(value, decimals) for value in values_mm])
 
 
-def shown_mm(values_mm: Iterable[float], decimals: int) -> NDArray[np.float64]:
+def shown_mm(values_mm: Iterable[float], decimals: int) -> FloatArray:
     """The numbers a reader of the text gets, NaN where it shows none."""
     texts = [format_value(value, decimals) for value in values_mm]
     return np.array([float(text) if text[1:2].isdigit() else np.nan for text in texts])

@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.clock import SimulationClock
 from simulators.keysight_33500b.settings import GeneratorSettings
 from simulators.measured import Tap
 from simulators.scpi import ScpiError
 from simulators.wiring import VoltageLine
-
-FloatArray = NDArray[np.float64]
 
 SOURCE_OHM = 50.0
 PEAK_V = 10.0

@@ -6,11 +6,9 @@ import math
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.wiring import TriggerLine
-
-FloatArray = NDArray[np.float64]
 
 BOUNDLESS = 1_000_000_000
 """What TRIG:COUN INF comes to: at 50 000 readings per second, five and a half hours."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from simulators.keysight_34465a.acquisition import FloatArray
+from rigctl.core.arrays import FloatArray
 from simulators.keysight_34465a.configuration import TIMER_MAXIMUM_S, Configuration
 from simulators.keysight_34465a.measurement_commands import MeasurementCommands
 from simulators.keysight_34465a.meter import NOT_A_NUMBER, Meter

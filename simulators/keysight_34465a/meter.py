@@ -6,14 +6,9 @@ import math
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from simulators.clock import SimulationClock
-from simulators.keysight_34465a.acquisition import (
-    FloatArray,
-    Memory,
-    PacedReadings,
-    Readings,
-    TimedReadings,
-)
+from simulators.keysight_34465a.acquisition import Memory, PacedReadings, Readings, TimedReadings
 from simulators.keysight_34465a.configuration import OVERLOAD_V, RANGES_V, Configuration, Integration
 from simulators.keysight_34465a.settings import MeterSettings
 from simulators.measured import Tap

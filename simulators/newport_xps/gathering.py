@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.clock import SimulationClock
 from simulators.newport_xps.codes import Refused
 from simulators.newport_xps.grammar import format_number
 from simulators.newport_xps.settings import XpsSimulatorSettings
-
-FloatArray = NDArray[np.float64]
 
 REPLY_BYTES_MAX = 65536
 CAPTURE_EVERY_S = 30.0

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.measured import Tap
 from simulators.motion import MotionAxis
 from simulators.newport_xps.codes import (
@@ -17,8 +17,6 @@ from simulators.newport_xps.codes import (
     Refused,
 )
 from simulators.newport_xps.settings import XpsSimulatorSettings
-
-FloatArray = NDArray[np.float64]
 
 
 class Positioner:

@@ -9,8 +9,8 @@ from functools import partial
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import BoolArray, FloatArray
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis
 from simulators.wiring import Signal, Train, TriggerLine
@@ -23,8 +23,6 @@ from simulators.worlds.sensor import Electronics, bias_v
 from simulators.worlds.specific_force import vertical_lab
 from simulators.worlds.stages import Stages
 from simulators.worlds.temperature import Room
-
-FloatArray = NDArray[np.float64]
 
 _SINGLE_PERIOD_S = 0.01
 LEVELLING_DIGITS = 4
@@ -167,7 +165,7 @@ class AccelerometerBench:
             readings[chosen] = train.displacement_mm(head, times_s[chosen])
         return readings
 
-    def _trains_at(self, times_s: FloatArray) -> Iterator[tuple[BenchTrain, NDArray[np.bool_]]]:
+    def _trains_at(self, times_s: FloatArray) -> Iterator[tuple[BenchTrain, BoolArray]]:
         """The trains the times fall in, each with a mask of its times; a reading outside is its own train."""
         self._note_train()
         left = np.ones(times_s.shape, dtype=np.bool_)

@@ -9,15 +9,11 @@ from __future__ import annotations
 import math
 from typing import Literal, Self
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from simulators.worlds import effect_sizes
 from simulators.worlds.effect_sizes import Scope
 from simulators.worlds.rotations import Configuration, CubeAxis
-
-FloatArray = NDArray[np.float64]
 
 
 class _Settings(BaseModel):

@@ -6,8 +6,8 @@ import math
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
 from simulators.wiring import Train
 from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.keyed_random import generator
@@ -16,8 +16,6 @@ from simulators.worlds.mounting import Mounting
 from simulators.worlds.sensor import SensorRecord
 from simulators.worlds.stages import Stages
 from simulators.worlds.temperature import Room
-
-FloatArray = NDArray[np.float64]
 
 _BLOCK = 1024
 
@@ -59,7 +57,7 @@ class BenchTrain:
             self._since_s,
         )
 
-    def covers(self, times_s: FloatArray) -> NDArray[np.bool_]:
+    def covers(self, times_s: FloatArray) -> BoolArray:
         """Which times are at or near an edge of the train."""
         edges = self._nearest_edges(times_s)
         return (edges >= 0) & (edges < self._train.count)
@@ -71,7 +69,7 @@ class BenchTrain:
         noise_mm = 1e-3 * self._settings.lasers[head].noise_um * self._noise_of_edges(head, times_s)
         return 1e3 * self._heads[head].reading_m(times_s) + noise_mm
 
-    def _nearest_edges(self, times_s: FloatArray) -> NDArray[np.int64]:
+    def _nearest_edges(self, times_s: FloatArray) -> Int64Array:
         return np.rint((times_s - self._train.first_s) / self._train.period_s).astype(np.int64)
 
     def _noise_of_edges(self, head: str, times_s: FloatArray) -> FloatArray:

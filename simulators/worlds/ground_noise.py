@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import iirpeak, sosfilt
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.bench_settings import GroundNoiseSettings
-
-FloatArray = NDArray[np.float64]
 
 _BLOCK = 512
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rigctl.core.arrays import FloatArray, Int64Array
 
 
 def generator(*key: int | str) -> np.random.Generator:
@@ -16,7 +15,7 @@ def generator(*key: int | str) -> np.random.Generator:
     return np.random.default_rng(int.from_bytes(digest, "little"))
 
 
-def uniform_of_integers(salt: int, integers: NDArray[np.int64]) -> FloatArray:
+def uniform_of_integers(salt: int, integers: Int64Array) -> FloatArray:
     """One number in [-1, 1) for each integer, a fixed function of it and of `salt` (splitmix64)."""
     mixed = integers.astype(np.uint64) + np.uint64(salt)
     mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

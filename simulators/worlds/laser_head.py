@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.mounting import Mounting
 from simulators.worlds.rotations import Components, nominal_table_from_cube, turned_about_z
 from simulators.worlds.stages import Stages
-
-FloatArray = NDArray[np.float64]
 
 _OUTWARD = {"+x": (1.0, 0.0, 0.0), "+y": (0.0, 1.0, 0.0), "+z": (0.0, 0.0, 1.0)}
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.keyed_random import generator
 from simulators.worlds.rotations import (
@@ -17,8 +17,6 @@ from simulators.worlds.rotations import (
     rotation,
     rotation_vector,
 )
-
-FloatArray = NDArray[np.float64]
 
 _ARCSEC_RAD = math.radians(1.0 / 3600.0)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray, Int64Array
 from simulators.worlds.keyed_random import generator
 from simulators.worlds.platform_effects import EFFECTS
 from simulators.worlds.platform_filter import RingingFilter
@@ -15,8 +15,6 @@ from simulators.worlds.platform_pendulum import Pendulum
 from simulators.worlds.platform_settings import PlatformSettings
 from simulators.worlds.platform_turntable import Attitude, Turntable
 from simulators.worlds.temperature import Room
-
-FloatArray = NDArray[np.float64]
 
 CHAINS = {"q_a_v": "z", "q_b_v": "y"}
 """The chains by the column they fill, and the channel each is."""
@@ -33,7 +31,7 @@ class IndexedNoise:
         self._begin = 0
         self._kept = np.empty(0)
 
-    def at(self, index: NDArray[np.int64]) -> FloatArray:
+    def at(self, index: Int64Array) -> FloatArray:
         """The noise at sample numbers of the record."""
         if not index.size:
             return np.empty(0)
@@ -96,7 +94,7 @@ class ChainRecord:
             return (self._amplified(felt, times_s) + noise_v) / self._chain.amplifier
         return self._converted(self._amplified(self._felt(times_s, index), times_s) + noise_v)
 
-    def _felt(self, times_s: FloatArray, index: NDArray[np.int64]) -> FloatArray:
+    def _felt(self, times_s: FloatArray, index: Int64Array) -> FloatArray:
         """Force along the sensing axis [m/s2]."""
         own_s = self._turntable.own_time(times_s)
         attitude = self._turntable.attitude(own_s)
@@ -108,16 +106,14 @@ class ChainRecord:
             felt += self._inertial(attitude.speed_rad_s, attitude.acceleration_rad_s2)
         return felt + self._turning_with(attitude) + self._recovering(attitude) + self._line(times_s)
 
-    def _external(
-        self, times_s: FloatArray, index: NDArray[np.int64], attitude: Attitude
-    ) -> tuple[FloatArray, FloatArray]:
+    def _external(self, times_s: FloatArray, index: Int64Array, attitude: Attitude) -> tuple[FloatArray, FloatArray]:
         """The laboratory's acceleration along the sensing axis and across it."""
         cos, sin = np.cos(attitude.angle_rad), np.sin(attitude.angle_rad)
         y, z = (self._laboratory(axis, times_s, index) for axis in "yz")
         along_y, along_z = y * cos + z * sin, z * cos - y * sin
         return (along_y, along_z) if self._channel == "y" else (along_z, along_y)
 
-    def _laboratory(self, axis: str, times_s: FloatArray, index: NDArray[np.int64]) -> FloatArray:
+    def _laboratory(self, axis: str, times_s: FloatArray, index: Int64Array) -> FloatArray:
         shaking = self._shaking[axis]
         steady = self._pendulum.accel_m_s2(axis, times_s)
         return steady + shaking.at(index) if shaking else steady

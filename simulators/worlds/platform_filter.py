@@ -6,14 +6,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import ellip, lfilter
 
+from rigctl.core.arrays import ComplexArray, FloatArray
 from simulators.motion import Stop
 from simulators.worlds.platform_turntable import Turntable
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 ORDER, RIPPLE_DB, STOP_DB = 8, 0.1, 80.0
 NODES = 4097

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, nnls
 from scipy.signal import sosfilt
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.keyed_random import generator
-
-FloatArray = NDArray[np.float64]
 
 BLOCK = 16384
 """Samples made at a time, whatever is asked for: what comes does not depend on how it is taken."""

@@ -6,12 +6,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.wiring import VoltageLine
 from simulators.worlds.platform_settings import PlatformSettings, ServoSettings
-
-FloatArray = NDArray[np.float64]
 
 INPUTS = {"dm1_y_v": "y", "dm1_z_v": "z"}
 """Offset inputs of the servo accelerometer, and the tilt each commands."""

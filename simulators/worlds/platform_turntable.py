@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.motion import MotionAxis, Stop
 from simulators.stretches import stretches
 from simulators.worlds.keyed_random import generator
 from simulators.worlds.platform_settings import PlatformSettings
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,9 @@ import math
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-FloatArray = NDArray[np.float64]
+from rigctl.core.arrays import FloatArray
 
 
 class Response(Protocol):

@@ -9,8 +9,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import BoolArray, FloatArray
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis
 from simulators.wiring import Signal, Train, TriggerLine, VoltageLine
@@ -19,8 +19,6 @@ from simulators.worlds.platform_pendulum import Pendulum
 from simulators.worlds.platform_settings import PlatformSettings
 from simulators.worlds.platform_turntable import Turntable
 from simulators.worlds.temperature import Room
-
-FloatArray = NDArray[np.float64]
 
 SINGLE_PERIOD_S = 0.01
 LONGEST_GAP_S = 3600.0
@@ -37,7 +35,7 @@ class Record:
     key: tuple[int | str, ...]
     chains: dict[str, ChainRecord] = field(default_factory=dict)
 
-    def covers(self, times_s: FloatArray) -> NDArray[np.bool_]:
+    def covers(self, times_s: FloatArray) -> BoolArray:
         """Which times are at or near one of its edges."""
         half_s = 0.5 * self.period_s
         return (times_s >= self.first_s - half_s) & (times_s < self.last_s + half_s)

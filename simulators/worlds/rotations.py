@@ -6,9 +6,8 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rigctl.core.arrays import FloatArray
 
 CubeAxis = Literal["X", "Y", "Z"]
 Configuration = Literal["pendulum", "flag"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.ground_noise import GroundNoise
 from simulators.worlds.keyed_random import generator
@@ -15,8 +15,6 @@ from simulators.worlds.resonator import response
 from simulators.worlds.specific_force import SpecificForce
 from simulators.worlds.stages import Stages
 from simulators.worlds.temperature import Room
-
-FloatArray = NDArray[np.float64]
 
 _STEP_S = 0.01
 """Longest step of integration: a hundredth of the drive's fastest period."""

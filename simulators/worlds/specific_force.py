@@ -7,14 +7,12 @@ right-handed. Lucente et al. 2022, eq. 5, is what this comes to for small angles
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.mounting import Mounting
 from simulators.worlds.rotations import Components, turned_about_z
 from simulators.worlds.stages import Stages
-
-FloatArray = NDArray[np.float64]
 
 
 def vertical_lab(settings: BenchSettings) -> FloatArray:

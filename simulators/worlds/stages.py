@@ -6,13 +6,11 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.motion import MotionAxis
 from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.keyed_random import generator, uniform_of_integers
-
-FloatArray = NDArray[np.float64]
 
 
 class Stages:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.bench_settings import TemperatureSettings
-
-FloatArray = NDArray[np.float64]
 
 _DAY_S = 86400.0
 

@@ -20,8 +20,8 @@ from rigctl.campaign.status import status_of
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
 from rigctl.composition import workbench_of
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, InstrumentError, LimitError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.analysis import result
 from rigctl.experiments.rotating_platform.observe.patterns import custom_pattern, named_pattern
 from rigctl.files import config

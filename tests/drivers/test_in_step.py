@@ -19,8 +19,8 @@ from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
 from drivers.newport_esp301 import Esp301Settings, NewportEsp301
 from drivers.newport_xps import NewportXps, XpsSettings
 from drivers.transport import InProcessTransport
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import OutOfStep, RigError
-from rigctl.core.interfaces import FloatArray
 from rigctl.core.voltage_sources import Waveform
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEnsemble
 from simulators.clock import VirtualClock

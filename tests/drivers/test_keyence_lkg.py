@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from drivers.keyence_lkg import KeyenceLkg, KeyenceSettings
 from drivers.keyence_values import parse_values
 from drivers.transport import Endpoint, InProcessTransport
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import (
     BadReply,
     InstrumentError,
@@ -25,7 +26,7 @@ from rigctl.core.errors import (
     RigError,
     WrongInstrument,
 )
-from rigctl.core.interfaces import DisplacementMeter, FloatArray
+from rigctl.core.interfaces import DisplacementMeter
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings, SimulatedLkg3001, SimulatedLkg5000
 from simulators.wiring import Signal, TriggerLine

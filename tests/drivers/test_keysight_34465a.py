@@ -12,19 +12,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from drivers.keysight_34465a import MeterThermometer, PacedVoltmeter, PacingVoltmeter
 from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
 from drivers.scpi import ScpiLink
 from drivers.transport import InProcessTransport
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkLost, LinkTimeout, WrongInstrument
 from rigctl.core.interfaces import Instrument, PacedRecorder, PacingRecorder, StreamedRecorder, Thermometer, Voltmeter
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.keysight_34465a import MeterSettings, Simulated34465A
 from simulators.wiring import TriggerLine
 
-FloatArray = NDArray[np.float64]
 IDENTITY = "Keysight Technologies,34465A,MY12345678,A.03.01-03.15-03.01-00.52-04-02"
 NO_ERROR = b'+0,"No error"\n'
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from rigctl.campaign.recording import READINGS, ChannelInfo, Header, ImportReport, Recording, RunRecord
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.table.model.model import TableModel, fitted
 from rigctl.experiments.table.study import TableStudy

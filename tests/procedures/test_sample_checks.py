@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from procedures.sample_checks import encoder_flaw, laser_flaw, odd_sample, sigmas_allowed, voltage_flaw
 from procedures.sine_fit import Column, Sine
-from rigctl.core.interfaces import Channel, FloatArray
+from rigctl.core.arrays import FloatArray
+from rigctl.core.interfaces import Channel
 
 RATE_HZ, FREQUENCY_HZ, AMPLITUDE_MM = 20.0, 0.6, 4.0
 TIMES_S = np.arange(400) / RATE_HZ

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from procedures.pace import TIMING_S
 from procedures.rotating_platform.stream import RETRIES_S, Stream
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import Aborted, InstrumentError, LinkLost, OutOfStep, ProcedureError
-from rigctl.core.interfaces import FloatArray
 from simulators.clock import VirtualClock
 
 PERIOD_S, DELAY_S = 0.1, 0.003

@@ -20,8 +20,8 @@ import numpy as np
 from rigctl.campaign.recording import Header
 from rigctl.campaign.store import synced
 from rigctl.campaign.store.store import Store
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import RigError
-from rigctl.core.interfaces import FloatArray
 from tests.reliability.file_layer import FileLayer, Step, watched_files
 
 PROMISE = "After a power cut at any step of its writing a store opens, with all its finished runs, and goes on."

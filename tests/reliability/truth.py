@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.campaign.store.store import Store
+from rigctl.core.arrays import FloatArray
 from simulators.measured import from_file
-
-FloatArray = NDArray[np.float64]
 
 AROUND_S = 120.0
 """A set-point of a run is read so long before or after it at most."""

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rigctl.core.arrays import FloatArray
 from simulators.clock import VirtualClock
 from simulators.keyence_lkg import (
     Lkg3001Settings,
@@ -21,7 +22,7 @@ from simulators.keyence_lkg import (
 )
 from simulators.keyence_lkg.heads import high_pass, low_pass, moving_average
 from simulators.keyence_lkg.values import format_value
-from simulators.wiring import FloatArray, Signal, TriggerLine
+from simulators.wiring import Signal, TriggerLine
 
 Simulated = SimulatedLkg3001 | SimulatedLkg5000
 

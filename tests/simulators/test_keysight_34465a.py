@@ -9,14 +9,12 @@ import pytest
 import pyvisa
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.clock import ScaledClock, VirtualClock
 from simulators.keysight_34465a import MeterSettings, Simulated34465A
 from simulators.serve import Server
 from simulators.wiring import TriggerLine
-
-FloatArray = NDArray[np.float64]
 
 FAST = ("CONF:VOLT:DC 10", "SENS:VOLT:DC:ZERO:AUTO OFF", "SENS:VOLT:DC:APER 1E-3")
 

@@ -12,8 +12,9 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from rigctl.analysis.least_squares import Parameter
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
-from rigctl.workbench.study import Candidate, FloatArray, Line, NoisePool, NotTestable, Observations, Series, Term
+from rigctl.workbench.study import Candidate, Line, NoisePool, NotTestable, Observations, Series, Term
 
 ANGLES_DEG = (-60.0, -40.0, -20.0, -5.0, 5.0, 20.0, 40.0, 60.0)
 FREQUENCIES_HZ = (0.3, 0.5, 0.6)

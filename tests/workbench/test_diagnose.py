@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from rigctl.cli.io import print_json
+from rigctl.core.arrays import FloatArray
 from rigctl.workbench.findings import Diagnosis
-from rigctl.workbench.study import Candidate, FloatArray, NotTestable, Term
+from rigctl.workbench.study import Candidate, NotTestable, Term
 from rigctl.workbench.verdict.diagnose import diagnose
 
 SINGLE = ("roll", "pitch", "lag", "resonance", "square", "hysteresis", "tilt")

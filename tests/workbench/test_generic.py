@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigctl.core.arrays import FloatArray
 from rigctl.workbench.findings import Unexplained
-from rigctl.workbench.study import FloatArray, NoisePool, Observations, Series
+from rigctl.workbench.study import NoisePool, Observations, Series
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.generic import POLYNOMIAL, Generic
 

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigctl.workbench.study import FloatArray, NoisePool, Observations, Series
+from rigctl.core.arrays import FloatArray
+from rigctl.workbench.study import NoisePool, Observations, Series
 from rigctl.workbench.verdict.held_out import HeldOut
 from rigctl.workbench.verdict.noise import orthonormal
 

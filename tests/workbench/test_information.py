@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.next.information import Asked, Information, Precision
 from rigctl.workbench.next.questions import Question
 from rigctl.workbench.next.triangle import SECOND_ORDER, triangle_of
-from rigctl.workbench.study import Candidate, FloatArray, IntArray, Term
+from rigctl.workbench.study import Candidate, Term
 from rigctl.workbench.verdict.score import ABSORBED
 
 J, K = Term("j"), Term("k")

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from rigctl.workbench.study import FloatArray, IntArray, NoisePool, Observations, Series
+from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.workbench.study import NoisePool, Observations, Series
 from rigctl.workbench.verdict.noise import Correlation, Noise, NoiseEstimator, felt, orthonormal, saturated
 
 MINUTE = 60.0

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from rigctl.core.arrays import FloatArray
 from rigctl.workbench.next.plan import COMPANY, Plan, runs_needed, shuffled
 from rigctl.workbench.next.rig_time import RigTime, total_s
-from rigctl.workbench.study import FloatArray, Proposal
+from rigctl.workbench.study import Proposal
 
 
 class Known:

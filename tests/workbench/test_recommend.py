@@ -12,13 +12,13 @@ import pytest
 from scipy import stats
 
 from rigctl.analysis.least_squares import Parameter
+from rigctl.core.arrays import FloatArray
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.next.promise import LEVEL, PROMISE
 from rigctl.workbench.next.recommend import recommend
 from rigctl.workbench.next.recommendation import Recommendation
 from rigctl.workbench.study import (
     Candidate,
-    FloatArray,
     Line,
     NoisePool,
     NotTestable,

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from rigctl.workbench.study import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.workbench.verdict.score import (
     Projector,
     contained,

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
-from rigctl.workbench.study import FloatArray, Line, Term
+from rigctl.workbench.study import Line, Term
 from rigctl.workbench.verdict.score import contained, likeness
 from rigctl.workbench.verdict.search import CATALOGUE_SHARE, LINES_SHARE, SHAPES_SHARE, Search, corrected_for
 

@@ -14,9 +14,9 @@ from rigctl.campaign.bundle.writer import RunWithSamples, padded, whole_director
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord, RunSource
 from rigctl.campaign.store import synced
 from rigctl.campaign.store.store import Store
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.core.experiments import of_readings
-from rigctl.core.interfaces import FloatArray
 
 _PIECE = 1 << 20
 

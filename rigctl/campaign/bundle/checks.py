@@ -13,7 +13,7 @@ import numpy as np
 from rigctl.campaign.bundle.layout import Layout
 from rigctl.campaign.bundle.sample_file import SampleFile
 from rigctl.campaign.recording import ChannelInfo
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.core.plausible import possible_range
 from rigctl.core.units import unit_of_column
 

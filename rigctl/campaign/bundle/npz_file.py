@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.bundle.unpacking import UNREADABLE, open_zip
 from rigctl.campaign.recording import flaw_of_column
+from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import COLUMNS, RUN_VALUES, SAMPLES
-from rigctl.core.interfaces import FloatArray
 from rigctl.core.numbers import MAGNITUDE_MAX, measurable
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)

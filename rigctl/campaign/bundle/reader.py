@@ -17,8 +17,8 @@ from rigctl.campaign.bundle.layout import Field, Layout, face, layout_of, number
 from rigctl.campaign.bundle.recording_toml import read_header
 from rigctl.campaign.bundle.sample_file import SUFFIXES, SampleFile, read_sample_file
 from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id
+from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
-from rigctl.core.interfaces import FloatArray
 from rigctl.core.numbers import decimal_or_missing, is_missing
 from rigctl.core.plausible import doubt_of_constant
 

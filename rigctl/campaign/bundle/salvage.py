@@ -19,9 +19,9 @@ from rigctl.campaign.store.header_json import header_from_json
 from rigctl.campaign.store.ledger import PARTS, Mark
 from rigctl.campaign.store.schema import first_chunk_id
 from rigctl.campaign.store.sqlite_pages import Cell, Pages, Values
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.core.experiments import EXPERIMENTS
-from rigctl.core.interfaces import FloatArray
 
 HEADER_LOST = "the header was lost: title, constants, channels and lasers are missing, the experiment is a guess"
 

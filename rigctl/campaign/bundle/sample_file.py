@@ -14,9 +14,9 @@ from rigctl.campaign.bundle.files import BundleFiles
 from rigctl.campaign.bundle.npz_file import read_npz
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.bundle.unpacking import gunzipped
+from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import NPZ_BYTES, RUN_TEXT_BYTES, RUN_VALUES, SAMPLES
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.core.numbers import NotMeasurable, decimal_or_missing, measurable
 
 SUFFIXES = (".csv", ".csv.gz", ".npz")

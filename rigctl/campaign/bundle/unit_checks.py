@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 
 Columns = Mapping[str, FloatArray]
 

@@ -20,8 +20,8 @@ from rigctl.campaign.bundle.npz_file import npz_bytes
 from rigctl.campaign.bundle.recording_toml import header_to_toml
 from rigctl.campaign.bundle.sample_file import csv_bytes
 from rigctl.campaign.recording import RunRecord, RunSource
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 
 LONG_RUN_VALUES = 1_000_000
 """A run with more numbers than this is written as .npz: a spreadsheet could not open it anyway."""

@@ -17,8 +17,8 @@ from rigctl.campaign.store.checksums import ColumnSums
 from rigctl.campaign.store.event_kinds import RUN_ENDED
 from rigctl.campaign.store.header_json import dumps
 from rigctl.campaign.store.schema import database_errors, first_chunk_id, transaction
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 
 _INSERT = "INSERT INTO samples (id, name, data) VALUES (?, ?, ?)"
 

@@ -24,8 +24,9 @@ from rigctl.campaign.store.checked_rows import CheckedRows, Row, seal
 from rigctl.campaign.store.header_json import dumps, header_from_json, header_to_json, utc_now
 from rigctl.campaign.store.ledger import Mark
 from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray, Identity
+from rigctl.core.interfaces import Identity
 
 _WITH_REDUCTIONS = 2
 

@@ -25,7 +25,7 @@ from rigctl.core.numbers import decimal
 if TYPE_CHECKING:
     from rigctl.campaign.recording import ChannelInfo
     from rigctl.console.feed import StoreView
-    from rigctl.core.interfaces import FloatArray
+    from rigctl.core.arrays import FloatArray
 
 COLUMNS = ("instrument", "state", "value", "age", "identity")
 MARKS = {"ready": "●", "moving": "▶", "homing": "▶", "stopped": "■", "lost": "✗", "silent": "?", "connecting": "…"}

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rigctl.core.arrays import FloatArray, Int64Array
 
 BLANK = 0x2800
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.int64)
@@ -17,7 +16,7 @@ def scaled(values: FloatArray, low: float, high: float, dots: int) -> FloatArray
     return np.asarray((values - low) / (span if span else 1.0) * (dots - 1))
 
 
-def dotted(x: FloatArray, y: FloatArray, width: int, height: int) -> NDArray[np.int64]:
+def dotted(x: FloatArray, y: FloatArray, width: int, height: int) -> Int64Array:
     """Code points, shape (height, width), of dots at x in [0, 2 width), y in [0, 4 height) counted from below."""
     cells = np.zeros((height, width), dtype=np.int64)
     finite = np.isfinite(x) & np.isfinite(y)

@@ -14,7 +14,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 if TYPE_CHECKING:
-    from rigctl.console.widgets.braille import FloatArray
+    from rigctl.core.arrays import FloatArray
 
 MARKS = ("o", "x", "+", "#", "*", "@")
 ON_DARK = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")

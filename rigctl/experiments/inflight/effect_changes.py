@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.inflight.model.flight import Reducer
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
-from rigctl.experiments.inflight.observe.weights import ComplexArray
 
 STEP = 1e-3
 """Of a parameter's typical size: the step of its derivative by differences."""

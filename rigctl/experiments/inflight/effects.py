@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rigctl.effects.catalogue import FloatArray, effect
+from rigctl.core.arrays import FloatArray
+from rigctl.effects.catalogue import effect
 
 if TYPE_CHECKING:
     from rigctl.experiments.inflight.model.flight import FlightRun

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.observe.grid import Grid
 from rigctl.experiments.inflight.observe.reduction import ReducedRun, reduce_run
 from rigctl.experiments.inflight.observe.sessions import Line

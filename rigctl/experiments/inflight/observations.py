@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.model.baseline import Baseline, Stretch
 from rigctl.experiments.inflight.observe.observed import Observed
 from rigctl.workbench.study import NoisePool, Observations, Series

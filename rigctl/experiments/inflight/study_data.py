@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from rigctl.campaign.recording import KeepsReductions, RunSource
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.inflight.effect_changes import EffectChanges
 from rigctl.experiments.inflight.imagined import stronger
 from rigctl.experiments.inflight.model.baseline import Baseline, Stretch

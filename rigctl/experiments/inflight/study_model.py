@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigctl.analysis.least_squares import Parameter
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.inflight.effect_changes import STEP
 from rigctl.experiments.inflight.model.baseline import NUISANCES
 from rigctl.experiments.inflight.model.parameters import NAMES
-from rigctl.experiments.inflight.observe.weights import ComplexArray
 from rigctl.experiments.inflight.study_data import FlightData
 from rigctl.workbench.study import Observations, Term
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.effects.catalogue import FloatArray, effect
+from rigctl.core.arrays import FloatArray
+from rigctl.effects.catalogue import effect
 from rigctl.experiments.rotating_platform.model.chain import PlatformRuns
 
 LENOIR = "Lenoir, Christophe, Reynaud 2013 (Measurement 46, 1411)"

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Cells, cells_of
 from rigctl.experiments.rotating_platform.observe.observables import ChannelRun, channel_run
 from rigctl.experiments.rotating_platform.observe.patterns import Pattern, named_pattern

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.rotating_platform.imagined import options
 from rigctl.experiments.rotating_platform.model.model import Placed, PlatformModel, Recorded, placed, slopes_at_zero

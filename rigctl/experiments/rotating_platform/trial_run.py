@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.effects.trial import AnyColumns
 from rigctl.experiments.rotating_platform.model.chain import PlatformRuns
 

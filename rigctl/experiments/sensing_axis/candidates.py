@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.chain import FloatArray
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.model.parameters import family_of
 from rigctl.experiments.sensing_axis.study_model import SensingAxisModel

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigctl.effects.catalogue import FloatArray, effect
+from rigctl.core.arrays import FloatArray
+from rigctl.effects.catalogue import effect
 from rigctl.experiments.sensing_axis.model.chain import Runs
 
 LUCENTE = "Lucente et al. 2022 (Planetary and Space Science 211)"

@@ -8,13 +8,8 @@ from math import radians
 
 import numpy as np
 
-from rigctl.experiments.sensing_axis.observe.observables import (
-    HARMONICS,
-    Amplitudes,
-    FloatArray,
-    RunObservables,
-    heads_of,
-)
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables, heads_of
 from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S, Limits, last_of, place_of
 from rigctl.files.package import Package
 from rigctl.workbench.study import Proposal

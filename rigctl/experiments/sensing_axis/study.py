@@ -11,10 +11,10 @@ import numpy as np
 
 from rigctl.analysis.lines import find_lines
 from rigctl.analysis.plane import fit_plane
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.candidates import candidates_of, free_heads
-from rigctl.experiments.sensing_axis.model.chain import FloatArray
 from rigctl.experiments.sensing_axis.model.components import stacked
 from rigctl.experiments.sensing_axis.model.fit import mountings_of, null_point
 from rigctl.experiments.sensing_axis.model.model import RecordingModel

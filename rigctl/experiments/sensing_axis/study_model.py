@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rigctl.analysis.least_squares import Parameter, Prior
-from rigctl.experiments.sensing_axis.model.chain import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.model.components import Stacked, observed
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.workbench.study import Observations, Term

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.effects.trial import AnyColumns
 from rigctl.experiments.sensing_axis.model.chain import Origins, Runs, periodic_motion
 

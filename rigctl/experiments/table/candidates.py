@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.table.model.forms import Form
 from rigctl.experiments.table.model.pieces import PluginPiece
 from rigctl.experiments.table.model.start import span_of

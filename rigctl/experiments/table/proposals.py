@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.observe.readings import Category, Column, Readings
 from rigctl.workbench.study import Proposal
 

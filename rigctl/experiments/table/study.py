@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from rigctl.campaign.recording import RunSource
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.table.candidates import candidate_of, plugin_candidate
 from rigctl.experiments.table.catalogue import base_of, generic, next_id, why_not

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.next.information import Information
 from rigctl.workbench.next.plan import Plan, runs_needed
@@ -15,7 +16,7 @@ from rigctl.workbench.next.questions import Question
 from rigctl.workbench.next.recommendation import Answer
 from rigctl.workbench.next.rig_time import RigTime
 from rigctl.workbench.next.triangle import Triangle, triangle_of
-from rigctl.workbench.study import Candidate, FloatArray, Term
+from rigctl.workbench.study import Candidate, Term
 
 _SCANNED = 3
 """Effects with more choices than that (an unknown period) are scanned for: too many to count with beside others."""

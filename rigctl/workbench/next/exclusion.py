@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.next.information import Asked, Information
 from rigctl.workbench.next.plan import Plan
@@ -15,7 +16,7 @@ from rigctl.workbench.next.promise import needed
 from rigctl.workbench.next.questions import Question
 from rigctl.workbench.next.rig_time import RigTime
 from rigctl.workbench.next.triangle import triangle_of
-from rigctl.workbench.study import Candidate, FloatArray, Plannable, Proposal, Term
+from rigctl.workbench.study import Candidate, Plannable, Proposal, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.search import CATALOGUE_SHARE

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.workbench.next.plan import shuffled
-from rigctl.workbench.study import FloatArray, Plannable, Proposal, Term
+from rigctl.workbench.study import Plannable, Proposal, Term
 from rigctl.workbench.threads import one_thread
 
 LOOSE = 1e3

@@ -8,18 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import UNFIT
-from rigctl.workbench.study import (
-    Candidate,
-    FloatArray,
-    IntArray,
-    Model,
-    Observations,
-    Plannable,
-    Proposal,
-    Study,
-    Term,
-)
+from rigctl.workbench.study import Candidate, Model, Observations, Plannable, Proposal, Study, Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.noise import Noise
 

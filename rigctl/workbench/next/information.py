@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.next.questions import Question
 from rigctl.workbench.next.triangle import SECOND_ORDER, Triangle, root_of
-from rigctl.workbench.study import FloatArray, IntArray, Term
+from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.score import ABSORBED
 
 _TINY = float(np.finfo(np.float64).tiny)

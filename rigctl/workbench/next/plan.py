@@ -7,9 +7,10 @@ from math import ceil
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.next.information import Asked, Information
 from rigctl.workbench.next.rig_time import RigTime
-from rigctl.workbench.study import FloatArray, IntArray, Proposal
+from rigctl.workbench.study import Proposal
 
 _WORTH = 0.02
 """Of what is wanted: runs that add less are not worth their time."""

@@ -8,9 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import UNFIT
 from rigctl.workbench.findings import Diagnosis, Rank
-from rigctl.workbench.study import FloatArray, IntArray, ScansBetween, Study, Term
+from rigctl.workbench.study import ScansBetween, Study, Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.score import ABSORBED
 

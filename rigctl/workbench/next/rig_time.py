@@ -6,7 +6,8 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from rigctl.workbench.study import FloatArray, IntArray, Proposal
+from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.workbench.study import Proposal
 
 
 class RigTime:

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.next.information import Precision
 from rigctl.workbench.next.plan import greedy
 from rigctl.workbench.next.recommendation import Tightened
 from rigctl.workbench.next.rig_time import RigTime
 from rigctl.workbench.next.triangle import triangle_of
-from rigctl.workbench.study import FloatArray
 
 _MOST_RUNS = 6
 _TIGHTER = 0.01

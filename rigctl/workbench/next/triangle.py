@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.next.imagined import Imagined
-from rigctl.workbench.study import Candidate, FloatArray, IntArray, Term
+from rigctl.workbench.study import Candidate, Term
 
 ROUNDING = 1e-7
 """Of a column's length: columns that are multiples of others must not leave a direction open by rounding."""

@@ -10,18 +10,10 @@ import numpy as np
 from scipy import optimize
 
 from rigctl.analysis.least_squares import FitResult, Parameter, least_squares
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError, ProcedureError
 from rigctl.workbench.findings import Estimate
-from rigctl.workbench.study import (
-    Candidate,
-    FloatArray,
-    IntArray,
-    Model,
-    NotTestable,
-    ScansBetween,
-    Study,
-    Term,
-)
+from rigctl.workbench.study import Candidate, Model, NotTestable, ScansBetween, Study, Term
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.held_out import HeldOut

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import special
 
-from rigctl.workbench.study import FloatArray, IntArray
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.score import ABSORBED, p_of
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.findings import ChannelFit, Comparison, Outlier, Trend
-from rigctl.workbench.study import FloatArray, IntArray, Study, Term
+from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.covariates import distinct

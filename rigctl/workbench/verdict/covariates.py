@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rigctl.workbench.study import FloatArray
+from rigctl.core.arrays import FloatArray
 
 COPY = 1e-4
 """Two conditions say the same when their squared correlation is nearer to 1: one follows the other within 1 %."""

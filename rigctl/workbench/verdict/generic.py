@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.findings import Unexplained
-from rigctl.workbench.study import FloatArray, IntArray, Observations
+from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.score import ABSORBED, Projector, corrected, p_of, smallest_p, trials_of
 

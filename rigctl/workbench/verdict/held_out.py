@@ -10,15 +10,13 @@ on it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.analysis.decomposition import svd
-from rigctl.workbench.study import FloatArray, IntArray, Observations
+from rigctl.core.arrays import BoolArray, FloatArray, IntArray
+from rigctl.workbench.study import Observations
 
 _ONLY_HERE = 1e-9
 """Of a direction's information, left over in all other blocks: below, only this block knows it."""
-
-BoolArray = NDArray[np.bool_]
 
 
 class HeldOut:

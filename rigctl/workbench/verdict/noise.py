@@ -16,7 +16,8 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from rigctl.analysis.decomposition import svd
-from rigctl.workbench.study import FloatArray, IntArray, Observations
+from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.workbench.study import Observations
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 """Variance of the correlated part over the white part."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import stats
 
 from rigctl.analysis.decomposition import svd
-from rigctl.workbench.study import FloatArray, IntArray
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.verdict.noise import orthonormal
 
 ABSORBED = 1e-2

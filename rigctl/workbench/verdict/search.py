@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.core.arrays import IntArray
 from rigctl.core.errors import UNFIT
-from rigctl.workbench.study import IntArray, Line, Study, Term
+from rigctl.workbench.study import Line, Study, Term
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.fit import chi2_p_value
 from rigctl.workbench.verdict.generic import Best, Generic

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from simulators.benches import WorldDeclaration, no_such_action
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis
-from simulators.wiring import FloatArray, Signal, TriggerLine, VoltageLine
+from simulators.wiring import Signal, TriggerLine, VoltageLine
 from simulators.worlds.satellite.settings import SatelliteSettings
 from simulators.worlds.satellite.world import Satellite
 

@@ -7,14 +7,12 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite.forcing import Command, Injection
 from simulators.worlds.satellite.instrument import truths
 from simulators.worlds.satellite.layout import COLUMNS, LANES
 from simulators.worlds.satellite.settings import SatelliteSettings
-
-FloatArray = NDArray[np.float64]
 
 
 class Ensemble:

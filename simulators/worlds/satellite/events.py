@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.keyed_random import generator
 from simulators.worlds.satellite.forcing import Command
 from simulators.worlds.satellite.settings import SatelliteSettings
-
-FloatArray = NDArray[np.float64]
 
 RISE_S, FALL_S = 1.0, 3.0
 LASTS_S = 40.0 * FALL_S

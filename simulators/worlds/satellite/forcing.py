@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite import layout
 from simulators.worlds.satellite.layout import FORCING, FORCINGS
 from simulators.worlds.satellite.orbit import oblateness, place
 from simulators.worlds.satellite.settings import SatelliteSettings
-
-FloatArray = NDArray[np.float64]
 
 Target = Literal["none", "drag-free", "attitude", "masses", "mass-1", "mass-2"]
 

@@ -10,12 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.keyed_random import generator
 from simulators.worlds.satellite.settings import SatelliteSettings
-
-FloatArray = NDArray[np.float64]
 
 LEVER_M = 0.02
 """Force from torque, as accelerations."""

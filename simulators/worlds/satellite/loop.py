@@ -11,11 +11,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite import layout
 from simulators.worlds.satellite.layout import LANES
 from simulators.worlds.satellite.normals import PER_STEP, fill
 
-FloatArray = NDArray[np.float64]
 KeyArray = NDArray[np.uint64]
 
 L = LANES

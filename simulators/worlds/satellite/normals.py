@@ -14,9 +14,9 @@ from numba import njit
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite.layout import LANES
 
-FloatArray = NDArray[np.float64]
 KeyArray = NDArray[np.uint64]
 
 CALLS = 5

@@ -9,9 +9,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rigctl.core.arrays import FloatArray
 
 EARTH_M3_S2 = 3.986004418e14
 EARTH_RADIUS_M = 6378137.0

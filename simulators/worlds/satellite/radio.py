@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import BoolArray, FloatArray
 from simulators.worlds.keyed_random import generator
 from simulators.worlds.satellite.forcing import Command
 from simulators.worlds.satellite.settings import SatelliteSettings
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 class Radio:

@@ -10,8 +10,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.keyed_random import generator
 from simulators.worlds.platform_noise import PowerLaw, power_law_filter
 from simulators.worlds.satellite.events import Events
@@ -32,8 +32,6 @@ from simulators.worlds.satellite.loop import advance
 from simulators.worlds.satellite.normals import key_of
 from simulators.worlds.satellite.radio import Radio
 from simulators.worlds.satellite.settings import SatelliteSettings
-
-FloatArray = NDArray[np.float64]
 
 BOLTZMANN_J_K = 1.380649e-23
 SETTLED_AT_ONCE = 4096

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.clock import SimulationClock
 from simulators.measured import unheard
 from simulators.worlds.satellite.ensemble import Ensemble, command_of
@@ -18,8 +18,6 @@ from simulators.worlds.satellite.settings import SatelliteSettings
 
 if TYPE_CHECKING:
     from simulators.worlds.satellite.simulation import Simulation
-
-FloatArray = NDArray[np.float64]
 
 
 class Satellite:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from benchmarks.platform_sampler import SampledRun, sampled
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.model.motion import motion_of
 from rigctl.experiments.rotating_platform.observe import cells as module
@@ -21,7 +21,6 @@ from rigctl.experiments.rotating_platform.observe.recorded import Chains, chains
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer
 from simulators.worlds.platform_settings import PlatformSettings
 
-FloatArray = NDArray[np.float64]
 Columns = dict[str, FloatArray]
 
 

@@ -9,15 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.clock import VirtualClock
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
 from simulators.worlds.accelerometer_bench import AccelerometerBench
 from simulators.worlds.bench_settings import BenchSettings, isa_twin
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass

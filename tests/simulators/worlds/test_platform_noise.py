@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.signal import sosfreqz
 from scipy.stats import chi2, norm
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.platform_noise import BLOCK, NoiseStream, PowerLaw, RisingNoise, shape
-
-FloatArray = NDArray[np.float64]
 
 WHITE, RED, EXPONENT = 3.1925e-5, 9.052e-8, 1.6384
 CHAIN = PowerLaw(WHITE, RED, EXPONENT)

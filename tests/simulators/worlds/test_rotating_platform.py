@@ -11,16 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from rigctl.core.arrays import FloatArray
 from simulators.clock import VirtualClock
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine, VoltageLine
 from simulators.worlds.platform_settings import PlatformSettings
 from simulators.worlds.rotating_platform import RotatingPlatform
-
-FloatArray = NDArray[np.float64]
 
 G_A, G_B = 846.73, 804.32
 SILENT: dict[str, Any] = {

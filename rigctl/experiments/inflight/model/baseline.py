@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.analysis.least_squares import Parameter, Prior
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.inflight.model.parameters import NAMES, UNITS, of_masses
 from rigctl.experiments.inflight.observe.series import INDEX, SERIES, Amplitudes, straightened
 from rigctl.experiments.inflight.observe.sessions import QUADRATIC, STIMULUS, Line, Session, moved_axis
-from rigctl.experiments.inflight.observe.weights import ComplexArray
 
 _PRIORS = {
     "ac11": (1.0, 6e-3),

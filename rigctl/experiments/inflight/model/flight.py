@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import AnyColumns
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import GRADIENTS, INDEX, SERIES
 from rigctl.experiments.inflight.observe.sessions import Session, moved_axis, moved_shares
-from rigctl.experiments.inflight.observe.weights import ComplexArray, amplitudes, weights
+from rigctl.experiments.inflight.observe.weights import amplitudes, weights
 
 MEASURED_POINT, FORCE_POINT, GRADIENT_POINT, PLACE_POINT = (
     "measured_m_s2",

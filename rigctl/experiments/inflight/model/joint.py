@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.analysis.least_squares import FitResult, least_squares
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.model.baseline import Baseline, Stretch
 from rigctl.experiments.inflight.model.parameters import NAMES
 

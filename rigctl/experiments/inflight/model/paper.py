@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.inflight.model.baseline import held_elsewhere
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.series import Amplitudes, straightened
 from rigctl.experiments.inflight.observe.sessions import MASS_MOTION, Session
-from rigctl.experiments.inflight.observe.weights import ComplexArray
 
 SWEEPS = 8
 SETTLED = 1e-3

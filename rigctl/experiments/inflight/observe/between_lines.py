@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.inflight.observe.grid import Grid, thinning_gain
 from rigctl.experiments.inflight.observe.series import raw_series
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
-from rigctl.experiments.inflight.observe.weights import ComplexArray, taper, templates
+from rigctl.experiments.inflight.observe.weights import taper, templates
 
 
 @dataclass(frozen=True)

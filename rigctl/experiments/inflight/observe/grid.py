@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
+from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.inflight.observe.series import NEEDED
-from rigctl.experiments.inflight.observe.weights import BoolArray, taper
+from rigctl.experiments.inflight.observe.weights import taper
 
 THINNED_S = 4.0
 """Step of thinned columns: effects and the noise near the lines are slower by far."""

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.experiments.inflight.model.baseline import SHARED, coefficients, own_channel
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
-from rigctl.experiments.inflight.observe.weights import BoolArray
 
 POWERS = (-2, -1, 0, 2, 4)
 """The density is a sum of these powers of frequency with positive weights: drift, flicker, white, read-out."""

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.inflight.model.baseline import Stretch, own_channel, own_force
 from rigctl.experiments.inflight.model.joint import joint_estimate
 from rigctl.experiments.inflight.model.paper import FittedRun
 from rigctl.experiments.inflight.observe.noise import RunNoise, run_noises
 from rigctl.experiments.inflight.observe.reduction import ReducedRun, ReducedStretch
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Session
-from rigctl.experiments.inflight.observe.weights import ComplexArray
 
 _ROUNDS = 3
 _FIRST = 4e-24

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.inflight.observe.reduction import VERSION, ReducedRun, from_bytes, reduce_run, to_bytes
 
 RECIPE = f"inflight-calibration {VERSION}"

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.inflight.observe.between_lines import BetweenLines, between_lines
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of, thinned
 from rigctl.experiments.inflight.observe.series import Amplitudes, Sums

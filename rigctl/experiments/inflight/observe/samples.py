@@ -9,12 +9,12 @@ from itertools import pairwise
 import numpy as np
 from scipy import ndimage, signal, stats
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.experiments.inflight.model.baseline import SHARED, coefficients
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import NEEDED, raw_series
-from rigctl.experiments.inflight.observe.weights import BoolArray, taper, templates
+from rigctl.experiments.inflight.observe.weights import taper, templates
 
 RISE_S, FALL_S = 1.0, 3.0
 THRESHOLD_SIGMA = 6.0

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
-from rigctl.experiments.inflight.observe.weights import ComplexArray
 
 MEASURED = ("m1_x", "m1_y", "m1_z", "m2_x", "m2_y", "m2_z")
 GRADIENTS = ("t_xx", "t_xz", "t_yy", "t_zz", "t_xy", "t_yz")

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 
 SESSIONS = ("dx", "dz", "dx+dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2")
 GRADIENT = ("dx", "dz", "dx+dz")

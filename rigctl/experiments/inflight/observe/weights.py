@@ -15,14 +15,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, signal
 
+from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
-
-ComplexArray = NDArray[np.complex128]
-BoolArray = NDArray[np.bool_]
 
 DROPPED_S = 200.0
 TAPER_S = 12.0

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.model.baseline import Stretch
 from rigctl.experiments.inflight.model.joint import joint_estimate
 from rigctl.experiments.inflight.model.paper import FittedRun, paper_estimate

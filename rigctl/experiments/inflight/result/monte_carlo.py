@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.inflight.model.parameters import NAMES, UNITS
 from rigctl.experiments.inflight.result.published import published
 

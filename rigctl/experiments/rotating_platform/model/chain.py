@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.model.motion import Motion, motion_of
 from rigctl.experiments.rotating_platform.observe.cells import BESIDE_S, Cells
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from rigctl.analysis.least_squares import Parameter, Prior
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.rotating_platform.model.chain import PlatformRuns, off_stop
 from rigctl.experiments.rotating_platform.observe.observables import (

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import interpolate, optimize, signal
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 
 _CYCLOID_RAD = 2e-4
 _NODES_PER_CYCLE = 64.0

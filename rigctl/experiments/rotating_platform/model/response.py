@@ -11,10 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator, weights
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 
@@ -30,8 +29,8 @@ class Transfer:
     `external` of an acceleration outside, `bias` of a bias that varies so.
     """
 
-    external: NDArray[np.complex128]
-    bias: NDArray[np.complex128]
+    external: ComplexArray
+    bias: ComplexArray
 
 
 @dataclass(frozen=True)

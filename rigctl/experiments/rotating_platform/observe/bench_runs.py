@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from rigctl.campaign.recording import RunRecord, RunSource
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.noise_fit import NoiseFit, fit_noise
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS, Chains
 from rigctl.experiments.rotating_platform.observe.spectrum import NoiseSpectrum, noise_spectrum

@@ -15,14 +15,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, COMMANDS, READINGS, Chains
 
-IndexArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 Columns = Mapping[str, FloatArray]
 
 AFTER_S = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
@@ -77,11 +74,11 @@ class Cells:
 
     sample_rate_hz: float
     samples: int
-    period: IndexArray
-    sign: IndexArray
-    bin: IndexArray
-    since: IndexArray
-    to_go: IndexArray
+    period: Int64Array
+    sign: Int64Array
+    bin: Int64Array
+    since: Int64Array
+    to_go: Int64Array
     direction: FloatArray
     count: FloatArray
     centre: FloatArray
@@ -89,11 +86,11 @@ class Cells:
     geometry: FloatArray
     ramps: FloatArray
     state: FloatArray
-    faults: IndexArray
+    faults: Int64Array
     off_stop: int
     drift_s: float
     turns: FloatArray
-    turn_kinds: IndexArray
+    turn_kinds: Int64Array
     turn_before: int
 
     @property
@@ -112,7 +109,7 @@ class Cells:
         return np.asarray((self.period + 0.5 + 0.5 * self.centre / self.samples) * self.period_s)
 
     @cached_property
-    def kind(self) -> IndexArray:
+    def kind(self) -> Int64Array:
         """Which of `followed` each cell's last turn was, shape (cells,)."""
         return self._kinds[1]
 
@@ -122,7 +119,7 @@ class Cells:
         return [(way, end) for way, end in self._kinds[0].tolist()]
 
     @cached_property
-    def _kinds(self) -> tuple[IndexArray, IndexArray]:
+    def _kinds(self) -> tuple[Int64Array, Int64Array]:
         first = np.rint(0.5 * (self.centre + self.samples - self.count)).astype(np.int64)
         end = np.where(self.direction != 0.0, (first - self.since) % self.samples, 0)
         found, which = np.unique(self.direction.astype(np.int64) * self.samples + end, return_inverse=True)
@@ -253,7 +250,7 @@ class _Cutter:
         self._edges = np.ceil(edges * rate_hz - 1e-6).astype(np.int64)
         self._bin_edges = np.ceil(np.array(AFTER_S) * rate_hz - 1e-6).astype(np.int64)
         self._longest = max(round(max(LONGEST_CELL_S, samples / rate_hz / _CELLS_PER_PERIOD) * rate_hz), 1)
-        self._faults: list[IndexArray] = []
+        self._faults: list[Int64Array] = []
         self._periods, self._off_stop = 0, 0
         self._since, self._direction, self._stop_rad, self._beside = _FAR, 0.0, math.nan, _FAR
         self._angles_rad = np.zeros(0)
@@ -285,7 +282,7 @@ class _Cutter:
         self._remember(rests, theta, since, direction, length)
         return int(length)
 
-    def _since_turn(self, rests: BoolArray, index: IndexArray) -> tuple[IndexArray, IndexArray]:
+    def _since_turn(self, rests: BoolArray, index: Int64Array) -> tuple[Int64Array, Int64Array]:
         """Of each sample that rests, its number since the last turn and how many follow before the next."""
         last = np.maximum.accumulate(np.where(rests, -1 - self._since, index))
         following = np.minimum.accumulate(np.where(rests, _FAR, index)[::-1])[::-1]
@@ -323,7 +320,7 @@ class _Cutter:
             total, count = self._turns.get(kind, (np.zeros(course.size), 0))
             self._turns[kind] = total + course, count + 1
 
-    def _edges_of(self, sign: IndexArray, since: IndexArray, to_go: IndexArray, index: IndexArray) -> BoolArray:
+    def _edges_of(self, sign: Int64Array, since: Int64Array, to_go: Int64Array, index: Int64Array) -> BoolArray:
         """Where a cell begins."""
         bounded = np.minimum(since, 1 << 30)
         parts = (
@@ -344,11 +341,11 @@ class _Cutter:
         block: FloatArray,
         theta_ahead: FloatArray,
         rests: BoolArray,
-        sign: IndexArray,
-        since: IndexArray,
-        to_go: IndexArray,
+        sign: Int64Array,
+        since: Int64Array,
+        to_go: Int64Array,
         direction: FloatArray,
-        starts: IndexArray,
+        starts: Int64Array,
         kept: BoolArray,
         periods: int,
     ) -> None:
@@ -410,7 +407,7 @@ class _Cutter:
             }
         )
 
-    def _bins(self, since: IndexArray, to_go: IndexArray) -> IndexArray:
+    def _bins(self, since: Int64Array, to_go: Int64Array) -> Int64Array:
         found = np.searchsorted(self._bin_edges, since, side="right") - 1
         found = np.where(to_go <= round(BEFORE_S * self._rate_hz), BEFORE, found)
         return np.asarray(np.where(since < _FAR, found, NO_BIN))
@@ -431,7 +428,7 @@ class _Cutter:
         return np.where(near, speed, 0.0), np.where(near, turning, 0.0)
 
     def _remember(
-        self, rests: BoolArray, theta: FloatArray, since: IndexArray, direction: FloatArray, length: int
+        self, rests: BoolArray, theta: FloatArray, since: Int64Array, direction: FloatArray, length: int
     ) -> None:
         last = length - 1
         self._since = int(min(since[last] + 1, 2 * _FAR)) if rests[last] else 0
@@ -515,7 +512,7 @@ def _mean_of_known(total: Any, values: FloatArray) -> FloatArray:
         return np.asarray(total(np.where(known, values, 0.0)) / np.where(count > 0.0, count, np.nan))
 
 
-def _shifts(joined: Mapping[str, Any], periods: int) -> tuple[IndexArray, float]:
+def _shifts(joined: Mapping[str, Any], periods: int) -> tuple[Int64Array, float]:
     """Of each period, the samples by which its dwells are elsewhere than in most; and how far they went in all."""
     period, negative = joined["period"].astype(np.int64), joined["sign"] < 0
     keys = 2 * period + negative

@@ -21,13 +21,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.noise import Density
 
-ComplexArray = NDArray[np.complex128]
 Sided = Literal[1, 2]
 
 # Errors of 1e-9: of the sum over harmonics, which varies as 1 / (1 + x)^2, and of one turn of the transform.
@@ -94,7 +92,7 @@ class _Folded:
 
     place: FloatArray
     values: ComplexArray
-    divergent: NDArray[np.bool_]
+    divergent: BoolArray
 
     def integral(self, kernel: ComplexArray) -> FloatArray:
         """Over kernels of shape (kernels, nodes); shape (kernels, outputs, outputs)."""

@@ -16,14 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.core.arrays import BoolArray, FloatArray, Int8Array, Int64Array
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.dwell_sums import dwell_sums, line_sums
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 
-BoolArray = NDArray[np.bool_]
-SignArray = NDArray[np.int8]
-CountArray = NDArray[np.int64]
 Segment = tuple[int, int, int]
 
 FAULTS = ("gap", "saturated", "angle")
@@ -42,7 +39,7 @@ class PeriodSums:
     """
 
     values: FloatArray
-    faults: CountArray
+    faults: Int64Array
 
     @classmethod
     def zeros(cls, periods: int, channels: int) -> PeriodSums:
@@ -78,7 +75,7 @@ class Demodulator:
         return self._at
 
     def feed(
-        self, samples: Sequence[FloatArray], *, sign: SignArray | None = None, off_stop: BoolArray | None = None
+        self, samples: Sequence[FloatArray], *, sign: Int8Array | None = None, off_stop: BoolArray | None = None
     ) -> PeriodSums:
         """Take in one array of equal length per channel; give the sums of the periods that are now complete.
 
@@ -112,7 +109,7 @@ class Demodulator:
             done.append(self.feed([lost[: samples - at]] * self._channels))
         return PeriodSums.joined(done)
 
-    def _check(self, rows: Sequence[NDArray[Any]], sign: SignArray | None, off_stop: BoolArray | None) -> None:
+    def _check(self, rows: Sequence[NDArray[Any]], sign: Int8Array | None, off_stop: BoolArray | None) -> None:
         if len(rows) != self._channels:
             raise DataError(f"{len(rows)} arrays for {self._channels} channels: pass one of each")
         shapes = {each.shape for each in (*rows, sign, off_stop) if each is not None}
@@ -137,7 +134,7 @@ class Demodulator:
         return found
 
     def _part_of_period(
-        self, rows: Sequence[FloatArray], sign: SignArray | None, off_stop: BoolArray | None
+        self, rows: Sequence[FloatArray], sign: Int8Array | None, off_stop: BoolArray | None
     ) -> list[PeriodSums]:
         """Add to the open period; it, once it is complete."""
         first, length = self._at, rows[0].size
@@ -177,7 +174,7 @@ class Demodulator:
         segments: Sequence[Segment],
         off_stop: BoolArray | None,
         sums: FloatArray,
-        faults: CountArray,
+        faults: Int64Array,
     ) -> None:
         """Add what can be used of the dwells of one row, whose first sample is number `first` of its period."""
         for sign, start, stop in segments:
@@ -197,7 +194,7 @@ def sums_of(
     samples: Sequence[FloatArray],
     *,
     full_scale: float | None = None,
-    sign: SignArray | None = None,
+    sign: Int8Array | None = None,
     off_stop: BoolArray | None = None,
 ) -> PeriodSums:
     """The sums of a recording that is there as a whole, arguments as for `Demodulator`; a part period is left out.
@@ -224,7 +221,7 @@ def _overlap(segments: Iterable[Segment], first: int, length: int) -> list[Segme
     return [(sign, start, stop) for sign, start, stop in cut if start < stop]
 
 
-def _runs(sign: SignArray, first: int) -> list[Segment]:
+def _runs(sign: Int8Array, first: int) -> list[Segment]:
     """Stretches of one sign other than zero, their indices counted from `first`."""
     edges = [0, *(np.flatnonzero(np.diff(sign)) + 1).tolist(), sign.size]
     return [(int(sign[i]), first + i, first + j) for i, j in itertools.pairwise(edges) if sign[i]]

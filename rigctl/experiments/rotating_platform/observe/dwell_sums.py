@@ -11,11 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from rigctl.core.interfaces import FloatArray
-
-BoolArray = NDArray[np.bool_]
+from rigctl.core.arrays import BoolArray, FloatArray
 
 _PIECE = 1024
 

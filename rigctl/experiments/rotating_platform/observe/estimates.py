@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rigctl.core.interfaces import FloatArray
-from rigctl.experiments.rotating_platform.observe.demodulation import BoolArray, CountArray, PeriodSums
+from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
+from rigctl.experiments.rotating_platform.observe.demodulation import PeriodSums
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 
@@ -34,7 +33,7 @@ class PeriodEstimates:
     bias_slope: FloatArray
     refitted: BoolArray
     invalid: BoolArray
-    faults: CountArray
+    faults: Int64Array
 
     def __len__(self) -> int:
         return len(self.accel_mean)
@@ -90,7 +89,7 @@ def _projection(moments: FloatArray) -> FloatArray:
         )
 
 
-def _joint(moments: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _joint(moments: FloatArray) -> tuple[FloatArray, BoolArray]:
     """The four outputs from a line through the samples of either sign, and where both lines are determined."""
     count, time, square, level, ramp = np.moveaxis(moments, -1, 0)
     with np.errstate(invalid="ignore", divide="ignore"):

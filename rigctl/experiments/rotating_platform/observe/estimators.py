@@ -12,8 +12,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 
 Estimator = Literal["projection", "joint-ls"]

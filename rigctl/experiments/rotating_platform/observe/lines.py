@@ -13,13 +13,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special, stats
 from scipy.ndimage import uniform_filter1d
 
 from rigctl.analysis.lines import MAX_BINS, FoundLine, LineScan, ScannedRun
 from rigctl.campaign.recording import KeepsReductions, RunSource
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns, Stream, filled
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS, Chains
 from rigctl.experiments.rotating_platform.observe.reducer import usual_mask
@@ -165,7 +164,7 @@ def refined(
     apart = np.linspace(-_AROUND * step_hz, _AROUND * step_hz, 2 * _AROUND * _FINER + 1)
     power, weight, count = np.zeros(apart.size), 0.0, 0.0
     for cells, chunks in runs:
-        sums: dict[str, list[NDArray[np.complex128]]] = {channel: [] for channel in CHANNELS}
+        sums: dict[str, list[ComplexArray]] = {channel: [] for channel in CHANNELS}
         square, kept = dict.fromkeys(CHANNELS, 0.0), 0.0
         for block in _left(chunks, chains, cells):
             down = np.exp(-2j * np.pi * near_hz * block.time_s)

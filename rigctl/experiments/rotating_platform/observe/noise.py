@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 
 Density = Callable[[FloatArray], FloatArray]
 """A noise spectrum: density over positive frequency [Hz]. Where it is used `sided` says if one-sided or two-sided."""

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import digamma
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.noise import PowerLawNoise
 from rigctl.experiments.rotating_platform.observe.spectrum import NoiseSpectrum, expected
 

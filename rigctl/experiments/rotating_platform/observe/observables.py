@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import AFTER_S, BEFORE, BEFORE_S, GEOMETRY, Cells
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.reducer import Bin, Reducer
@@ -24,7 +24,7 @@ from rigctl.experiments.rotating_platform.observe.run_noise import (
     run_noise,
 )
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
-from rigctl.workbench.study import IntArray, NoisePool, Observations, Series
+from rigctl.workbench.study import NoisePool, Observations, Series
 
 OUTPUTS = ("accel mean", "accel slope", "bias mean", "bias slope")
 AFTER_TURN, BEFORE_TURN, SPECTRUM = "after turn", "before turn", "spectrum"

@@ -15,10 +15,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray, Int8Array
 from rigctl.core.errors import ConfigError
-from rigctl.core.interfaces import FloatArray
 
 ROTATIONS = {"a": 2, "b": 2, "c": 4, "c_tm": 6}
 """Half turns per period of the patterns with a name."""
@@ -175,7 +174,7 @@ class SampledPattern:
         return sum(stop - start for _, start, stop in self.segments)
 
     @cached_property
-    def sign(self) -> NDArray[np.int8]:
+    def sign(self) -> Int8Array:
         """c_k, shape (samples,): cos(theta) where the platform rests, 0 where it moves."""
         sign = np.zeros(self.samples, dtype=np.int8)
         for value, start, stop in self.segments:

@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
+from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
-from rigctl.experiments.rotating_platform.observe.cells import BEFORE, NO_BIN, BoolArray, Cells, IndexArray
+from rigctl.experiments.rotating_platform.observe.cells import BEFORE, NO_BIN, Cells
 from rigctl.experiments.rotating_platform.observe.estimates import FEWEST_SAMPLES
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern, custom_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
@@ -64,7 +64,7 @@ class Reducer:
         self._readings = level, ramp / time - centre * level
 
     @cached_property
-    def groups(self) -> IndexArray:
+    def groups(self) -> Int64Array:
         """Numbers of the groups that have a valid period."""
         return np.unique(np.flatnonzero(self.valid) // self.per_group)
 
@@ -179,7 +179,7 @@ class Reducer:
         """Cells of valid periods with a sample of this channel."""
         return np.asarray(self.valid[self.cells.period] & (self._sums[:, 0] > 0.0))
 
-    def _of_bin(self, each: Bin) -> IndexArray:
+    def _of_bin(self, each: Bin) -> Int64Array:
         own = (self.cells.bin == each.number) & (self.cells.sign == each.sign) & self._counts
         return np.flatnonzero(own)
 
@@ -246,7 +246,7 @@ def usual_mask(cells: Cells) -> SampledPattern:
     return mask_of(cells, np.ones(cells.period.size, dtype=np.bool_))[0]
 
 
-def mask_of(cells: Cells, keep: BoolArray) -> tuple[SampledPattern, IndexArray]:
+def mask_of(cells: Cells, keep: BoolArray) -> tuple[SampledPattern, Int64Array]:
     """The dwells of most periods as far as their cells are kept, and which periods, by samples, are otherwise."""
     key = 2 * cells.period[keep] + (cells.sign[keep] < 0)
     count = np.bincount(key, cells.count[keep], 2 * cells.periods).reshape(-1, 2)

@@ -13,16 +13,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import ComplexArray, FloatArray, Int64Array
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.covariance import Sided, covariance
 from rigctl.experiments.rotating_platform.observe.estimators import weights
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
-
-ComplexArray = NDArray[np.complex128]
-IndexArray = NDArray[np.int64]
 
 SIDED: Sided = 2
 """Densities here are over both signs of the frequency."""
@@ -166,7 +162,7 @@ def covariance_within(noise: RunNoise, rate_hz: float, rows: FloatArray) -> Floa
     return np.asarray(((transform.conj() * (share * noise(frequency))) @ transform.T).real)
 
 
-def _transforms(series: FloatArray, numbers: IndexArray) -> ComplexArray:
+def _transforms(series: FloatArray, numbers: Int64Array) -> ComplexArray:
     """Tapered Fourier transforms at the places number / groups, shape (numbers, tapers, 4)."""
     groups = series.shape[1]
     at = np.arange(groups)

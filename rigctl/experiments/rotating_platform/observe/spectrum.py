@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray, Int64Array
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 
 TAPERS = 5
 """Tapers per bin; the lowest have as many as their number."""
@@ -41,8 +40,8 @@ class NoiseSpectrum:
     density: FloatArray
     weight: FloatArray
     dof: FloatArray
-    first: NDArray[np.int64]
-    stop: NDArray[np.int64]
+    first: Int64Array
+    stop: Int64Array
     bin_hz: float
     filled: float
 
@@ -113,7 +112,7 @@ def expected(spectrum: NoiseSpectrum, exponent: float) -> FloatArray:
     return np.asarray(found * spectrum.bin_hz**-exponent)
 
 
-def _mean_power(first: NDArray[np.int64], stop: NDArray[np.int64], exponent: float) -> FloatArray:
+def _mean_power(first: Int64Array, stop: Int64Array, exponent: float) -> FloatArray:
     """Mean of k^-exponent over bins far from zero, with what the curvature adds within the tapers' window."""
     low, high = first - 0.5, stop - 0.5
     if abs(exponent - 1.0) < 1e-6:
@@ -146,7 +145,7 @@ def _low_window() -> tuple[FloatArray, FloatArray]:
     return place, window
 
 
-def _bands(last: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _bands(last: int) -> tuple[Int64Array, Int64Array]:
     """First bin and the one after the last of each band of the bins 1 to `last`."""
     edges = [1]
     while edges[-1] <= last:

@@ -11,8 +11,8 @@ import numpy as np
 
 from rigctl.analysis.lines import FoundLine
 from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns, cells_of
 from rigctl.experiments.rotating_platform.observe.lines import (
     Spectra,

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 
 _MAX_CONDITION = 1e8
 

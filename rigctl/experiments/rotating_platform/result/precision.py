@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.covariance import Sided, covariance, two_sided
 from rigctl.experiments.rotating_platform.observe.estimators import OUTPUTS, Estimator, weights
 from rigctl.experiments.rotating_platform.observe.noise import Density, PowerLawNoise

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.model.model import Recorded
 from rigctl.experiments.rotating_platform.model.response import SineResponse, measured_sine
-from rigctl.experiments.rotating_platform.observe.cells import FAULTS, BoolArray, Cells, IndexArray
+from rigctl.experiments.rotating_platform.observe.cells import FAULTS, Cells
 from rigctl.experiments.rotating_platform.observe.covariance import covariance, covariance_of_mean
 from rigctl.experiments.rotating_platform.observe.demodulation import PeriodSums
 from rigctl.experiments.rotating_platform.observe.estimates import PeriodEstimates, estimates
@@ -212,7 +212,7 @@ def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
     )
 
 
-def period_sums(cells: Cells, keep: BoolArray, shifted: IndexArray) -> PeriodSums:
+def period_sums(cells: Cells, keep: BoolArray, shifted: Int64Array) -> PeriodSums:
     """The sums of every period over the cells that count, with what is wrong with it."""
     key = 2 * cells.period[keep] + (cells.sign[keep] < 0)
     flat = cells.sums[keep].reshape(len(key), -1)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator, weights
 from rigctl.experiments.rotating_platform.observe.patterns import Pattern, SampledPattern
 

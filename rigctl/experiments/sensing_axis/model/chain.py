@@ -11,12 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import ComplexArray, FloatArray, TextArray
 from rigctl.core.errors import ConfigError
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 GRID_POINTS = 32
 """Points per period: harmonics up to the 15th are free of aliasing, far beyond what the physics makes."""
@@ -54,8 +51,8 @@ class Runs:
     approach: FloatArray
     start: FloatArray
     middle: FloatArray
-    axis: NDArray[np.str_]
-    configuration: NDArray[np.str_]
+    axis: TextArray
+    configuration: TextArray
     origins: Origins
     columns: Mapping[str, FloatArray] = field(default_factory=dict)
     signal: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rigctl.experiments.sensing_axis.model.chain import ComplexArray, FloatArray
+from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from rigctl.experiments.sensing_axis.model.model import Prediction
 from rigctl.experiments.sensing_axis.model.parameters import by_configuration, by_mounting
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
-from rigctl.workbench.study import IntArray, NoisePool, Observations, Series
+from rigctl.workbench.study import NoisePool, Observations, Series
 
 BLOCKS_OF_TIME = 5
 """Stretches of a recording that are held out in turn, where mountings are too few for that."""
@@ -47,7 +46,7 @@ class Stacked:
     """Observations and where they are among all runs and series: `present` (runs, series)."""
 
     observations: Observations
-    present: NDArray[np.bool_]
+    present: BoolArray
 
 
 def stacked(runs: Sequence[RunObservables], heads: Sequence[str]) -> Stacked:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.analysis.least_squares import FitResult, least_squares
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
-from rigctl.experiments.sensing_axis.model.chain import FloatArray
 from rigctl.experiments.sensing_axis.model.geometry import motion_in_cube
 from rigctl.experiments.sensing_axis.model.model import Prediction, RecordingModel
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rigctl.core.arrays import FloatArray
 
 X_LAB = np.array([1.0, 0.0, 0.0])
 

@@ -7,16 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.chain import (
-    ComplexArray,
-    FloatArray,
-    Origins,
-    Runs,
-    harmonics,
-    periodic_motion,
-    referred,
-)
+from rigctl.experiments.sensing_axis.model.chain import Origins, Runs, harmonics, periodic_motion, referred
 from rigctl.experiments.sensing_axis.model.geometry import X_LAB, components, lab_from_cube_mount, leaning
 from rigctl.experiments.sensing_axis.model.parameters import Layout, family_of, scale_of
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, RunObservables, heads_of

@@ -10,10 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from rigctl.core.arrays import ComplexArray, FloatArray
 
 HARMONICS = 3
 """Harmonics of the drive kept per channel."""

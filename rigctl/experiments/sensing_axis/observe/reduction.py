@@ -8,13 +8,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.analysis.noise import NoisePool, Spectrum, pooled_psd, spectrum
 from rigctl.analysis.resolution import amplitude_floor
 from rigctl.analysis.sine_fit import HarmonicBasis, find_frequency
+from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.sensing_axis.model.chain import ComplexArray, FloatArray
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables
 
 STAGE, ACCEL = "stage_x_mm", "accel_v"
@@ -216,7 +215,7 @@ def face_column(head: str) -> str:
     return f"{head.removesuffix('_mm')}_face"
 
 
-def _seen(samples: Mapping[str, FloatArray]) -> slice | NDArray[np.bool_]:
+def _seen(samples: Mapping[str, FloatArray]) -> slice | BoolArray:
     """The samples that have a time and a place."""
     whole = np.isfinite(samples[STAGE]) & np.isfinite(samples["t_s"])
     if whole.all():

@@ -16,7 +16,7 @@ import numpy as np
 
 from rigctl.analysis.budget import Budget, Comparison, Contribution, budget, compare, monte_carlo
 from rigctl.analysis.plane import ARCSEC, fit_plane
-from rigctl.experiments.sensing_axis.model.chain import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, residuals_of
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.result.result import AxisResult, SensingAxisResult

@@ -12,9 +12,9 @@ import numpy as np
 
 from rigctl.analysis.plane import PlaneFit, angle_between, fit_plane
 from rigctl.campaign.recording import RunSource
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.chain import FloatArray
 from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, fit_recording
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.observe.reduction import face_column, observables, reduce_run

@@ -9,8 +9,8 @@ import numpy as np
 from scipy import optimize
 
 from rigctl.analysis.least_squares import FitResult, Parameter, least_squares
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
-from rigctl.core.interfaces import FloatArray
 
 Function = Callable[[FloatArray], FloatArray]
 _EVALUATIONS = 400

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.core.units import power, ratio
 from rigctl.experiments.table.observe.readings import Category, Column
 

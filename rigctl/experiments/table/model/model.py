@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.analysis.least_squares import FitResult, Parameter
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.model.descent import descend
 from rigctl.experiments.table.model.pieces import Piece
 from rigctl.experiments.table.observe.readings import Readings

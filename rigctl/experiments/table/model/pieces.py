@@ -9,12 +9,12 @@ from typing import Protocol
 import numpy as np
 
 from rigctl.analysis.least_squares import Parameter
+from rigctl.core.arrays import FloatArray, TextArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.table.model.forms import Choice, Form
 from rigctl.experiments.table.model.scanned import Periodic, Scanned, Step
-from rigctl.experiments.table.observe.readings import Readings, TextArray
+from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Term
 
 _STEP_IN_TYPICAL = 1e-4

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.core.units import power
 from rigctl.experiments.table.model.forms import Choice, too_few
 from rigctl.experiments.table.observe.readings import Column

@@ -9,8 +9,8 @@ from scipy.optimize import minimize_scalar
 
 from rigctl.analysis.decomposition import svd
 from rigctl.analysis.least_squares import FitResult, Parameter
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.experiments.table.model.descent import descend
 from rigctl.experiments.table.model.scanned import Scanned, Step
 from rigctl.experiments.table.observe.expression import refuse_undefined

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.experiments.table.observe.syntax import Name, Node, Number, Operation, flaw, leaves, names, parse
-from rigctl.workbench.study import IntArray
 
 _Columns = Mapping[str, FloatArray]
 _Values = Mapping[str, float]

@@ -6,18 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.campaign.recording import READINGS, Header, RunSource, TableSpec
+from rigctl.core.arrays import FloatArray, IntArray, TextArray
 from rigctl.core.errors import DataError
-from rigctl.core.interfaces import FloatArray
 from rigctl.core.numbers import MAGNITUDE_MAX, measurable
 from rigctl.core.units import unit_of_column
 from rigctl.experiments.table.observe.expression import Expression
 from rigctl.experiments.table.observe.syntax import CONSTANTS, flaw
-from rigctl.workbench.study import IntArray
-
-TextArray = NDArray[np.str_]
 
 _WINDOW_POINTS = 10_000_000
 _DARK, _BRIGHT = 0.25, 0.5

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigctl.analysis.plane import ARCSEC
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
 from rigctl.report.figures.data import Plate

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rigctl.analysis.plane import ARCSEC
-from rigctl.core.interfaces import FloatArray
+from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.result.result import AxisResult
 from rigctl.files.package import CYCLIC, AxisSettings
 from rigctl.report.figures.data import Plate

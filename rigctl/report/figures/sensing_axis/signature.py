@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rigctl.campaign.recording import Header
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.chain import FloatArray, Origins
+from rigctl.experiments.sensing_axis.model.chain import Origins
 from rigctl.experiments.sensing_axis.model.components import observed, series_of
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite.forcing import Command, Injection
 from simulators.worlds.satellite.layout import COLUMNS
 from simulators.worlds.satellite.settings import SatelliteSettings
 from simulators.worlds.satellite.simulation import Simulation
-
-FloatArray = NDArray[np.float64]
 
 ORBIT_S, STEP_S = 5950.0, 0.25
 TEN_ORBITS = 238_000

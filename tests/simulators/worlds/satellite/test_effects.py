@@ -7,18 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from benchmarks.inflight_plain import gradient
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite.effect_ids import EFFECTS
 from simulators.worlds.satellite.forcing import Injection, temperature_k
 from simulators.worlds.satellite.instrument import Instrument, drawn, operating_point
 from simulators.worlds.satellite.orbit import oblateness, place
 from simulators.worlds.satellite.settings import SatelliteSettings
 from tests.simulators.worlds.satellite.flights import F_ORB, ORBIT_S, STEP_S, Flown, fly, line, quiet
-
-FloatArray = NDArray[np.float64]
 
 SAMPLES = 47_600
 T_S = STEP_S * np.arange(SAMPLES)

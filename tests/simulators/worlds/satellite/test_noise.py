@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite.settings import SatelliteSettings
 from tests.simulators.worlds.satellite.flights import STEP_S, Flown, fly
-
-FloatArray = NDArray[np.float64]
 
 DRAWS = 16
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite.layout import LANES
 from simulators.worlds.satellite.normals import PER_STEP, fill, key_of
-
-FloatArray = NDArray[np.float64]
 
 
 def numbers(keys: list[int], steps: range) -> FloatArray:

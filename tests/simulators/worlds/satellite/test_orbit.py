@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from rigctl.core.arrays import FloatArray
 from simulators.worlds.satellite.orbit import EARTH_M3_S2, EARTH_RADIUS_M, Place, oblateness, place
 from tests.simulators.worlds.satellite.flights import F_ORB, ORBIT_S, STEP_S, line
-
-FloatArray = NDArray[np.float64]
 
 T_S = STEP_S * np.arange(238_000)
 
