@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,7 +13,9 @@ from rigctl.campaign.recording import ChannelInfo, LaserInfo
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.parts import Part
 from rigctl.campaign.store.store import Store
+from rigctl.core.additions import procedure_for
 from rigctl.core.clock import Clock
+from rigctl.core.entry_points import resolved
 from rigctl.core.errors import ConfigError
 from rigctl.core.experiments import part_of
 from rigctl.effects.plugins import Plugin
@@ -95,6 +97,10 @@ class Plan(Protocol):
         ...
 
 
+Planning = Callable[[CampaignFile, Part | None, Sequence[Plugin]], Plan]
+"""A function like `Campaigns.plan`."""
+
+
 class Campaigns(Protocol):
     """The campaigns of an experiment. The module that its declaration names as `campaign` has these functions."""
 
@@ -120,6 +126,15 @@ class Campaigns(Protocol):
         An imported recording has no rig.
         """
         ...
+
+
+def plan_of(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
+    """What a campaign file asks for, of its experiment or of a procedure that was added to it; `ConfigError`."""
+    added = procedure_for(campaign.experiment, campaign.procedure.get("name"))
+    if added is None:
+        return campaigns_of(campaign.experiment, campaign.path).plan(campaign, part, plugins)
+    plan: Planning = resolved(added.plan, f"procedure '{added.id}'")
+    return plan(campaign, part, plugins)
 
 
 def campaigns_of(experiment: str, path: Path | str = "") -> Campaigns:

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from procedures.campaigns import Plan, Work, campaigns_of
+from procedures.campaigns import Plan, Work, campaigns_of, plan_of
 from rigctl.campaign.origin import rig_file_of, truth_path
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import locks, rig_time
@@ -156,7 +156,7 @@ def _plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Pl
         chosen(campaign.experiment, campaign.model.effects, brought)
     except ConfigError as error:
         raise ConfigError(f"{campaign.path}: model.effects: {error}") from None
-    return campaigns_of(campaign.experiment, campaign.path).plan(campaign, part, plugins)
+    return plan_of(campaign, part, plugins)
 
 
 @contextmanager

@@ -1,1 +1,10 @@
 """Campaigns in orbit."""
+
+from rigctl.core.additions import Procedure
+
+MONTE_CARLO = Procedure(
+    "inflight-calibration",
+    "monte-carlo",
+    table="procedures.inflight.calibration:MonteCarlo",
+    plan="procedures.inflight.monte_carlo:plan",
+)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from procedures.campaigns import Instruments
-from procedures.inflight.calibration import Calibration, Flight, MonteCarlo, calibrate, check
-from procedures.inflight.monte_carlo import MonteCarloPlan
+from procedures.inflight.calibration import Calibration, Flight, calibrate, check
 from procedures.inflight.orbit import flight_of
 from rigctl.campaign.origin import campaign_of
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
@@ -18,6 +17,7 @@ from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.effects.plugins import Plugin
 from rigctl.files import config
+from rigctl.files.campaign_tables import settings_of
 from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Proposal
 
@@ -92,19 +92,18 @@ def within(flight: Flight, calibration: Calibration) -> Allowed:
     return allowed
 
 
-def plan(
-    campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]
-) -> CalibrationPlan | MonteCarloPlan:
+def plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> CalibrationPlan:
     """The sessions a campaign file asks for; `ConfigError`."""
     del part, plugins
-    procedure = procedure_of(campaign)
-    return MonteCarloPlan(procedure) if isinstance(procedure, MonteCarlo) else CalibrationPlan(procedure)
+    return CalibrationPlan(procedure_of(campaign))
 
 
 def procedure_of(campaign: config.CampaignFile) -> Calibration:
     """The `[procedure]` table of a campaign file; `ConfigError`."""
-    model: type[Calibration] = MonteCarlo if campaign.procedure.get("name") == "monte-carlo" else Calibration
-    return config.validated(model, campaign.procedure, campaign.path, "procedure")
+    model = settings_of(campaign.experiment, campaign.procedure)["procedure"]
+    found = config.validated(model, campaign.procedure, campaign.path, "procedure")
+    assert isinstance(found, Calibration)
+    return found
 
 
 def mounted(store: Store) -> Sequence[tuple[str, str, int]]:

@@ -7,7 +7,7 @@ store, so that an interrupted study goes on with what is left. What comes out do
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,8 +18,10 @@ from procedures.campaigns import Instruments
 from procedures.inflight.calibration import Flight, MonteCarlo, calibrate, check
 from procedures.inflight.orbit import flight_of
 from rigctl.campaign.session.session import Session
+from rigctl.campaign.store.parts import Part
 from rigctl.core.errors import ConfigError, LinkError
 from rigctl.core.satellites import SatelliteEnsemble
+from rigctl.effects.plugins import Plugin
 from rigctl.experiments.inflight.observe.sessions import session_of
 from rigctl.experiments.inflight.result.draws import (
     CHUNK,
@@ -31,6 +33,7 @@ from rigctl.experiments.inflight.result.draws import (
     reduced,
 )
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
+from rigctl.files import config
 
 RECIPE = "inflight draws 2"
 LOOKED_S = 0.2
@@ -122,6 +125,12 @@ class MonteCarloPlan:
     def kept(self) -> Mapping[str, Any]:
         """Nothing beside the campaign file."""
         return {}
+
+
+def plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> MonteCarloPlan:
+    """The study a campaign file asks for; `ConfigError`."""
+    del part, plugins
+    return MonteCarloPlan(config.validated(MonteCarlo, campaign.procedure, campaign.path, "procedure"))
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,13 @@ def effects(
     as_json: Json = False,
 ) -> None:
     """The catalogue of physical effects, or one of them: equation, parameters, source."""
+    from rigctl.core.additions import EFFECTS
     from rigctl.core.experiments import REGISTRY
     from rigctl.effects.catalogue import unknown_effect
 
-    for flaw in REGISTRY.flaws():
-        tell(flaw)
+    for registry in (REGISTRY, EFFECTS):
+        for flaw in registry.flaws():
+            tell(flaw)
     known = _known(plugin or ())
     if effect is None:
         if figure is not None:

@@ -52,6 +52,7 @@ class Listing:
 
 def entries(text: str) -> list[Entry | Listing]:
     """The keys a campaign file may have, table by table, with what it says; what is not TOML says nothing."""
+    from rigctl.core.additions import procedures_for
     from rigctl.core.experiments import measured
 
     data = _tables(text)
@@ -61,6 +62,8 @@ def entries(text: str) -> list[Entry | Listing]:
         for key, field in model.model_fields.items():
             choices, words, listed = _kind(field.annotation)
             choices = tuple(measured()) if (table, key) == ("", "experiment") else choices
+            if (table, key) == ("procedure", "name"):
+                choices = tuple(dict.fromkeys((*choices, *procedures_for(str(data.get("experiment"))))))
             if not table and key in {"path", "text"}:
                 continue
             if any(isinstance(each, type) and issubclass(each, BaseModel) for each in _parts(field.annotation)):

@@ -23,12 +23,12 @@ class Experiment:
     "" when no campaign measures it; `analysis` those of `rigctl.experiments.analysis.Analysis`; `report` those of
     `rigctl.report.drawn.Drawing`.
 
-    `tables` are the pydantic models of a campaign file's `[procedure]` and `[targets]`, `procedures` those of
-    `[procedure]` by its `name` where one has another. `columns` is the `rigctl.campaign.bundle.layout.Layout` of its
-    runs; without one a recording is a table of readings.
+    `tables` are the pydantic models of a campaign file's `[procedure]` and `[targets]`. `columns` is the
+    `rigctl.campaign.bundle.layout.Layout` of its runs; without one a recording is a table of readings. Effects, and
+    procedures beside those of `campaign`, are declared by themselves: `rigctl.core.additions`.
 
     Effects act at `points` of its chain, in the order in which a signal passes, and have one value per each of
-    `scopes`; `effects` is the module of those it knows. `trial_run(point)` makes runs to try a foreign effect on, and
+    `scopes`. `trial_run(point)` makes runs to try a foreign effect on, and
     `signature(effect)` draws one; without it there is no such figure. `rank` is its place in lists.
     """
 
@@ -40,9 +40,7 @@ class Experiment:
     scopes: tuple[str, ...] = ("recording",)
     campaign: str = ""
     tables: Mapping[str, str] = field(default_factory=dict)
-    procedures: Mapping[str, str] = field(default_factory=dict)
     columns: str = ""
-    effects: str = ""
     signature: str = ""
     rank: int = 100
     contract: int = CONTRACT

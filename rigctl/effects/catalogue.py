@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from inspect import unwrap
 from typing import Any, Literal, get_args
 
+from rigctl.core.additions import effects_for
 from rigctl.core.arrays import FloatArray
+from rigctl.core.entry_points import resolved
 from rigctl.core.errors import ConfigError, DataError, RigError
 from rigctl.core.experiments import EXPERIMENTS, Experiment
 
@@ -101,11 +103,9 @@ def catalogue(experiment: str, plugins: Sequence[Effect] = ()) -> dict[str, Effe
 
     Raises `ConfigError` when two share an id.
     """
-    declared = EXPERIMENTS[experiment]
-    known = {each.id: each for each in _own(declared)}
-    for each in plugins:
-        if each.on not in declared.points:
-            continue
+    points = EXPERIMENTS[experiment].points
+    known: dict[str, Effect] = {}
+    for each in (*_installed(experiment), *(each for each in plugins if each.on in points)):
         if each.id in known:
             raise ConfigError(f"two effects are called '{each.id}': give the plug-in's another id")
         known[each.id] = each
@@ -154,5 +154,12 @@ def experiment_of(effect: Effect) -> Experiment:
     return next(each for each in EXPERIMENTS.values() if effect.on in each.points)
 
 
-def _own(experiment: Experiment) -> tuple[Effect, ...]:
-    return effects_in(experiment.load(experiment.effects)) if experiment.effects else ()
+def _installed(experiment: str) -> Iterator[Effect]:
+    """Those of the installed modules; `ConfigError` for one that acts elsewhere."""
+    points = EXPERIMENTS[experiment].points
+    for declared in effects_for(experiment):
+        who = f"effects '{declared.name}'"
+        for each in effects_in(resolved(declared.module, who)):
+            if each.on not in points:
+                raise ConfigError(f"{who}: '{each.id}' acts on {each.on!r}; {experiment} has {', '.join(points)}")
+            yield each

@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from rigctl.core.additions import procedure_for
 from rigctl.core.experiments import EXPERIMENTS
 
 
@@ -18,6 +19,6 @@ def settings_of(experiment: str, procedure: Mapping[str, Any]) -> Mapping[str, t
     if experiment not in EXPERIMENTS:
         return {}
     declared = EXPERIMENTS[experiment]
-    other = declared.procedures.get(str(procedure.get("name")))
-    references = {**declared.tables, "procedure": other} if other else declared.tables
+    other = procedure_for(experiment, procedure.get("name"))
+    references = {**declared.tables, "procedure": other.table} if other else declared.tables
     return {table: declared.load(reference) for table, reference in references.items()}

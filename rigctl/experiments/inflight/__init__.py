@@ -1,5 +1,6 @@
 """In-flight calibration of a drag-free differential accelerometer: sessions, estimates, model, result."""
 
+from rigctl.core.additions import Effects
 from rigctl.core.experiments import Experiment
 
 EXPERIMENT = Experiment(
@@ -8,10 +9,10 @@ EXPERIMENT = Experiment(
     analysis="rigctl.experiments.inflight.analysis",
     report="rigctl.report.experiments.inflight",
     tables={"procedure": "procedures.inflight.calibration:Calibration"},
-    procedures={"monte-carlo": "procedures.inflight.calibration:MonteCarlo"},
     columns="rigctl.campaign.bundle.layout:INFLIGHT",
     points=("gradient_1_s2", "off_centring_m", "mass_force_m_s2", "measured_m_s2"),
-    effects="rigctl.experiments.inflight.effects",
     trial_run="rigctl.experiments.inflight.model.flight:trial_run",
     rank=3,
 )
+
+EFFECTS = Effects("inflight-calibration", "inflight-calibration", "rigctl.experiments.inflight.effects")
