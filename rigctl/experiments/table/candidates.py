@@ -6,7 +6,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.table.model.forms import Form
+from rigctl.experiments.table.model.form import Form
 from rigctl.experiments.table.model.pieces import PluginPiece
 from rigctl.experiments.table.model.start import span_of
 from rigctl.workbench.study import Candidate, NotTestable, Term

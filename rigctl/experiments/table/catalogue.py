@@ -8,38 +8,26 @@ import numpy as np
 
 from rigctl.core.errors import ConfigError
 from rigctl.effects.catalogue import unknown_effect
-from rigctl.experiments.table.model.forms import Drift, Form, Interaction, Level, Power
+from rigctl.experiments.table.model.form import Form
+from rigctl.experiments.table.model.forms import Drift, Interaction, Level, Power
 from rigctl.experiments.table.model.scanned import Exponential, Periodic, Scanned, Step
-from rigctl.experiments.table.observe.readings import Column, Readings
+from rigctl.experiments.table.observe.readings import Readings
 
 
 def generic(readings: Readings) -> dict[str, Form]:
     """Every form by its id, simple ones first, whether or not it can be tested."""
     columns = list(readings.columns.values())
     forms: list[Form] = [Drift(readings.order)]
-    for name, exponent in (("linear", 1), ("power2", 2), ("power3", 3), ("inverse", -1)):
-        forms += [Power(f"{name}[{column.name}]", column, exponent) for column in columns]
+    forms += [Power(column, exponent) for exponent in (1, 2, 3, -1) for column in columns]
     forms += [Interaction(one, other) for one, other in combinations(columns, 2)]
     forms += [Level(category) for category in readings.categories.values()]
     forms += [kind(column) for kind in (Step, Exponential, Periodic) for column in columns]
     return {form.id: form for form in forms}
 
 
-def columns_of(form: Form) -> tuple[Column, ...]:
-    """The columns of numbers a form looks at."""
-    if isinstance(form, Interaction):
-        return (form.one, form.other)
-    if isinstance(form, Drift):
-        return (form.column,) if form.column else ()
-    if isinstance(form, Level):
-        return ()
-    assert isinstance(form, Power | Scanned)
-    return (form.column,)
-
-
 def why_not(form: Form, readings: Readings) -> str:
     """Why these readings cannot be asked about a form; "" when they can."""
-    for column in columns_of(form):
+    for column in form.columns:
         missing = np.flatnonzero(~np.isfinite(column.values))
         if missing.size:
             shown = ", ".join(readings.labels[i] for i in missing[:3])

@@ -3,72 +3,45 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.units import power, ratio
+from rigctl.experiments.table.model.form import Choice, Form, too_few
 from rigctl.experiments.table.observe.readings import Category, Column
 
-Choice = Mapping[str, float]
-
 _READINGS_OF_A_LEVEL = 2
-
-
-class Form(Protocol):
-    """One effect of the generic catalogue: linear parameters on a basis that a scanned choice may shape."""
-
-    @property
-    def id(self) -> str:
-        """As in commands."""
-        ...
-
-    @property
-    def sentence(self) -> str:
-        """The physics in a sentence."""
-        ...
-
-    def untestable(self) -> str:
-        """Why these readings cannot be asked; "" when they can."""
-        ...
-
-    def names(self) -> tuple[str, ...]:
-        """Of the linear parameters, without the effect's id: "", ".cos"."""
-        ...
-
-    def units(self, response: str) -> tuple[str, ...]:
-        """Of the linear parameters, for a response in this unit."""
-        ...
-
-    def basis(self, choice: Choice) -> FloatArray:
-        """What one unit of each linear parameter adds, shape (n, d)."""
-        ...
-
-    def parts(self, choice: Choice) -> list[FloatArray]:
-        """Arrays (n, d) whose sum is the basis, the simplest first: a baseline may hold these already."""
-        ...
-
-    def trivial(self) -> list[FloatArray]:
-        """Simple functions, shape (n,), that a baseline often holds and this effect is told from."""
-        ...
+_POWERS = {
+    1: ("linear", "is proportional to"),
+    2: ("power2", "goes as the square of"),
+    3: ("power3", "goes as the cube of"),
+    -1: ("inverse", "goes inversely as"),
+}
 
 
 @dataclass(frozen=True)
-class Power:
+class Power(Form):
     """p C**k; for k = 1 `linear[C]`, for k = -1 `inverse[C]`."""
 
-    id: str
     column: Column
     exponent: int
 
     @property
+    def id(self) -> str:
+        """As in commands."""
+        return f"{_POWERS[self.exponent][0]}[{self.column.name}]"
+
+    @property
     def sentence(self) -> str:
         """The physics in a sentence."""
-        kind = {1: "is proportional to", 2: "goes as the square of", 3: "goes as the cube of"}
-        return f"Something {kind.get(self.exponent, 'goes inversely as')} {self.column.name}."
+        return f"Something {_POWERS[self.exponent][1]} {self.column.name}."
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Its only one."""
+        return (self.column,)
 
     def untestable(self) -> str:
         """Why not, or ""."""
@@ -77,10 +50,6 @@ class Power:
             return f"{self.column.name} is zero in {int((self.column.values == 0.0).sum())} readings"
         needed = abs(self.exponent) + 1
         return too_few(self.column, needed) if different < needed else ""
-
-    def names(self) -> tuple[str, ...]:
-        """One, named like the effect."""
-        return ("",)
 
     def units(self, response: str) -> tuple[str, ...]:
         """Response over column**k."""
@@ -108,11 +77,20 @@ class Power:
 
 
 @dataclass(frozen=True)
-class Drift:
+class Drift(Form):
     """p C, with C the column that orders the readings: `drift`."""
 
     column: Column | None
-    id: str = "drift"
+
+    @property
+    def id(self) -> str:
+        """As in commands."""
+        return "drift"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The one of time, where there is one."""
+        return (self.column,) if self.column else ()
 
     @property
     def sentence(self) -> str:
@@ -124,10 +102,6 @@ class Drift:
         if self.column is None:
             return "the readings are in no order; name the column that tells when in [table] order"
         return ""
-
-    def names(self) -> tuple[str, ...]:
-        """One, named like the effect."""
-        return ("",)
 
     def units(self, response: str) -> tuple[str, ...]:
         """Response over the column's."""
@@ -148,11 +122,11 @@ class Drift:
     @property
     def _line(self) -> Power:
         assert self.column is not None
-        return Power(self.id, self.column, 1)
+        return Power(self.column, 1)
 
 
 @dataclass(frozen=True)
-class Interaction:
+class Interaction(Form):
     """p A B: `interaction[A,B]`."""
 
     one: Column
@@ -168,13 +142,10 @@ class Interaction:
         """The physics in a sentence."""
         return f"What {self.one.name} does depends on {self.other.name}."
 
-    def untestable(self) -> str:
-        """Why not, or ""."""
-        return ""
-
-    def names(self) -> tuple[str, ...]:
-        """One, named like the effect."""
-        return ("",)
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Both."""
+        return (self.one, self.other)
 
     def units(self, response: str) -> tuple[str, ...]:
         """Response over both columns."""
@@ -200,7 +171,7 @@ class Interaction:
 
 
 @dataclass(frozen=True)
-class Level:
+class Level(Form):
     """One number for each level of a column of words but the first, which it is counted from: `level[C]`."""
 
     category: Category
@@ -243,15 +214,6 @@ class Level:
         del choice
         return np.asarray(self.category.codes[:, None] == np.arange(1, len(self.category.levels)), dtype=np.float64)
 
-    def parts(self, choice: Choice) -> list[FloatArray]:
-        """The basis in one piece."""
-        return [self.basis(choice)]
-
     def trivial(self) -> list[FloatArray]:
         """A constant."""
         return [np.ones(self.category.values.size)]
-
-
-def too_few(column: Column, needed: int) -> str:
-    """The reason when a column takes fewer different values than an effect needs."""
-    return f"{column.name} takes {column.distinct.size} different values, and {needed} are needed"

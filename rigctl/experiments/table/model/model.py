@@ -61,14 +61,14 @@ class TableModel:
     def predict(self, values: FloatArray) -> FloatArray:
         """The response, shape (n,); NaN or infinite where undefined."""
         own, parts = self._split(values)
-        signal, _ = self._baseline(own)
+        signal, _ = self.readings.baseline(own)
         added = (piece.added(part, signal) for piece, part in zip(self.pieces, parts, strict=True))
         return np.asarray(sum(added, signal))
 
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
         own, parts = self._split(values)
-        signal, slopes = self._baseline(own)
+        signal, slopes = self.readings.baseline(own)
         through = slopes + sum(
             (piece.passed_on(part, signal, slopes) for piece, part in zip(self.pieces, parts, strict=True)),
             np.zeros_like(slopes),
@@ -78,11 +78,7 @@ class TableModel:
 
     def signal(self, values: FloatArray) -> FloatArray:
         """What the baseline alone predicts, shape (n,)."""
-        return self._baseline(self._split(values)[0])[0]
-
-    def _baseline(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        given = dict(zip(self.readings.expression.parameters, (float(x) for x in values), strict=True))
-        return self.readings.expression.evaluate(self.readings.numbers, given)
+        return self.readings.baseline(self._split(values)[0])[0]
 
     def _split(self, values: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
         sizes = [len(self.readings.expression.parameters), *(len(piece.units) for piece in self.pieces)]

@@ -12,7 +12,7 @@ from rigctl.analysis.least_squares import Parameter
 from rigctl.core.arrays import FloatArray, TextArray
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.table.model.forms import Choice, Form
+from rigctl.experiments.table.model.form import Choice, Form
 from rigctl.experiments.table.model.scanned import Periodic, Scanned, Step
 from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Term

@@ -9,7 +9,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.units import power
-from rigctl.experiments.table.model.forms import Choice, too_few
+from rigctl.experiments.table.model.form import Choice, Form, too_few
 from rigctl.experiments.table.observe.readings import Column
 
 # Neighbours on a grid lie so close that midway between them no more than 5 % of an effect's power is lost.
@@ -23,7 +23,7 @@ _FAR_FROM_ZERO = 3.0
 
 
 @dataclass(frozen=True)
-class _OfColumn:
+class _OfColumn(Form):
     column: Column
     kind: ClassVar[str]
     scanned: ClassVar[str]
@@ -35,13 +35,10 @@ class _OfColumn:
         """As in commands."""
         return f"{self.kind}[{self.column.name}]"
 
-    def parts(self, choice: Choice) -> list[FloatArray]:
-        """The basis in one piece."""
-        return [self.basis(choice)]
-
-    def basis(self, choice: Choice) -> FloatArray:
-        """See `Form`."""
-        raise NotImplementedError
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Its only one."""
+        return (self.column,)
 
     def trivial(self) -> list[FloatArray]:
         """A constant and a line."""
@@ -122,10 +119,6 @@ class Exponential(_OfColumn):
         """Why not, or ""."""
         return too_few(self.column, 4) if self.column.distinct.size < 4 else ""
 
-    def names(self) -> tuple[str, ...]:
-        """The size at the origin, named like the effect."""
-        return ("",)
-
     def units(self, response: str) -> tuple[str, ...]:
         """The response's."""
         return (response,)
@@ -175,10 +168,6 @@ class Step(_OfColumn):
         if not self._places().size:
             return f"{self.column.name} has nowhere {_ROWS_BESIDE_A_STEP} readings on either side of a step"
         return ""
-
-    def names(self) -> tuple[str, ...]:
-        """Its height, named like the effect."""
-        return ("",)
 
     def units(self, response: str) -> tuple[str, ...]:
         """The response's."""

@@ -130,9 +130,7 @@ def _misfit(readings: Readings, values: FloatArray) -> float:
 
 
 def _residuals(readings: Readings, values: FloatArray) -> FloatArray:
-    given = dict(zip(readings.expression.parameters, values, strict=True))
-    predicted = readings.expression.evaluate(readings.numbers, given)[0]
-    return np.asarray((readings.response.values - predicted) / readings.sigma)
+    return np.asarray((readings.response.values - readings.baseline(values)[0]) / readings.sigma)
 
 
 def _linear_part(readings: Readings, curved: Mapping[str, float]) -> FloatArray:
@@ -157,8 +155,7 @@ def _fitted(readings: Readings, start: FloatArray) -> FitResult | None:
     expression = readings.expression
 
     def jacobian(values: FloatArray) -> FloatArray:
-        given = dict(zip(expression.parameters, values, strict=True))
-        return np.asarray(-expression.evaluate(readings.numbers, given)[1] / readings.sigma[:, None])
+        return np.asarray(-readings.baseline(values)[1] / readings.sigma[:, None])
 
     parameters = [Parameter(name, float(x)) for name, x in zip(expression.parameters, start, strict=True)]
     return descend(lambda values: _residuals(readings, values), jacobian, parameters)
@@ -194,8 +191,7 @@ def _refuse_idle(readings: Readings) -> None:
     rng = np.random.default_rng(1)
     moved = np.zeros(len(expression.parameters), dtype=bool)
     for _ in range(8):
-        values = dict(zip(expression.parameters, rng.uniform(0.1, 1.0, moved.size), strict=True))
-        slopes = expression.evaluate(readings.numbers, values)[1]
+        slopes = readings.baseline(rng.uniform(0.1, 1.0, moved.size))[1]
         moved |= (~np.isfinite(slopes) | (slopes != 0.0)).any(axis=0)
     for name, moves in zip(expression.parameters, moved, strict=True):
         if not moves:

@@ -131,6 +131,11 @@ class Readings:
         """Every column but the response, by name: numbers and words."""
         return {**self.numbers, **{name: category.values for name, category in self.categories.items()}}
 
+    def baseline(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The expression with its parameters at `values` (m,): what it predicts, (n,), and derivatives, (n, m)."""
+        given = dict(zip(self.expression.parameters, map(float, values), strict=True))
+        return self.expression.evaluate(self.numbers, given)
+
     @property
     def order(self) -> Column | None:
         """The column that orders the readings; None when they are in no order that means anything."""

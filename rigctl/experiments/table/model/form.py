@@ -1,0 +1,60 @@
+"""What an effect of the generic catalogue is: the name, units and shape of what it adds to the response."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.table.observe.readings import Column
+
+Choice = Mapping[str, float]
+"""Values of what was scanned, and of what goes with them."""
+
+
+class Form(ABC):
+    """One effect of the generic catalogue: linear parameters on a basis that a scanned choice may shape."""
+
+    @property
+    @abstractmethod
+    def id(self) -> str:
+        """As in commands."""
+
+    @property
+    @abstractmethod
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns of numbers it looks at."""
+        return ()
+
+    def untestable(self) -> str:
+        """Why these readings cannot be asked; "" when they can."""
+        return ""
+
+    def names(self) -> tuple[str, ...]:
+        """Of the linear parameters, without the effect's id: "" for one that is named like the effect, ".cos"."""
+        return ("",)
+
+    @abstractmethod
+    def units(self, response: str) -> tuple[str, ...]:
+        """Of the linear parameters, for a response in this unit."""
+
+    @abstractmethod
+    def basis(self, choice: Choice) -> FloatArray:
+        """What one unit of each linear parameter adds, shape (n, d)."""
+
+    def parts(self, choice: Choice) -> list[FloatArray]:
+        """Arrays (n, d) whose sum is the basis, the simplest first: a baseline may hold these already."""
+        return [self.basis(choice)]
+
+    @abstractmethod
+    def trivial(self) -> list[FloatArray]:
+        """Simple functions, shape (n,), that a baseline often holds and this effect is told from."""
+
+
+def too_few(column: Column, needed: int) -> str:
+    """The reason when a column takes fewer different values than an effect needs."""
+    return f"{column.name} takes {column.distinct.size} different values, and {needed} are needed"
