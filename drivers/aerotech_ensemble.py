@@ -10,8 +10,6 @@ golaborate). Where these are silent the driver decides:
   change both. No exchange is long then, so `stop` gets its turn at once.
 - `OSCILLATE` is a raised cosine that begins at one end; whether its distance is the whole travel or the
   amplitude is a setting.
-- `DATAACQ READ`: successive reads go on where the last ended (`capture_read`). Before each read the last
-  register is marked, so that a controller with fewer points cannot pass old values off as new.
 """
 
 from __future__ import annotations
@@ -20,73 +18,24 @@ import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.aerotech_ascii import FAULT, INVALID, Answer, AsciiLink
+from drivers.aerotech_ascii import INVALID, Answer, AsciiLink
 from drivers.aerotech_axis import SAFETY_FAULTS, AsciiAxis, AxisStatus, fault_text
+from drivers.aerotech_capture import PositionCapture
+from drivers.aerotech_settings import EnsembleSettings
+from drivers.numbers import plain
 from drivers.transport import Connect
 from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
-from rigctl.core.errors import (
-    InstrumentError,
-    LimitError,
-    LinkLost,
-    MotionStopped,
-    WrongInstrument,
-)
-from rigctl.core.interfaces import Channel, Identity, LinearLimits, Reading
+from rigctl.core.errors import InstrumentError, LinkLost, MotionStopped, WrongInstrument
+from rigctl.core.interfaces import Channel, Identity, Reading
 
 UNITS_NAME, AXIS_NAME, COUNTS_PER_UNIT = 129, 140, 2
-NOT_WRITTEN = 1e12
-"""Marks a register; far beyond any position in mm or counts."""
-
-
-class EnsembleSettings(BaseModel):
-    """The stage's keys in a rig file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    axis: str = Field(default="X", pattern=r"^([A-Za-z]\w*|@\d)$")
-    plane: int = Field(default=0, ge=0)
-    position_min_mm: float = -25.0
-    position_max_mm: float = 25.0
-    speed_mm_s: float = Field(default=100.0, gt=0)
-    acceleration_mm_s2: float = Field(default=1000.0, gt=0)
-    move_speed_mm_s: float = Field(default=20.0, gt=0)
-    """Of positioning moves; never above `speed_mm_s`."""
-    ramp_rate_mm_s2: float = Field(default=100.0, gt=0)
-    """Of positioning moves; never above `acceleration_mm_s2`."""
-    position_tolerance_mm: float = Field(default=0.001, gt=0)
-    oscillate_distance: Literal["peak-to-peak", "amplitude"] = "peak-to-peak"
-    """What the controller's OSCILLATE takes its distance for."""
-
-    capture_input: int = Field(default=1, ge=0)
-    capture_trigger: int = Field(default=1, ge=0)
-    capture_register_first: int = Field(default=10, ge=0)
-    capture_registers: int = Field(default=500, ge=1)
-    """How many DGLOBAL registers, from the first, one DATAACQ READ may fill."""
-    capture_points_max: int = Field(default=50_000, ge=1)
-    capture_period_min_s: float = Field(default=0.0005, ge=0)
-    capture_unit: Literal["mm", "counts"] = "mm"
-    """What the controller puts into the registers."""
-    capture_read: Literal["continues", "restarts"] = "continues"
-    """Does a second DATAACQ READ go on, or begin with the first point again? Then one read must hold all."""
-    latency_s: float = 0.0
-    """From the trigger edge to the latched position."""
-
-    link_timeout_s: float = Field(default=2.0, gt=0)
-    motion_timeout_s: float = Field(default=120.0, gt=0)
-    poll_interval_s: float = Field(default=0.02, gt=0)
-
-    @model_validator(mode="after")
-    def _travel_is_not_empty(self) -> Self:
-        if not self.position_min_mm < self.position_max_mm:
-            raise ValueError("position_min_mm must lie below position_max_mm")
-        return self
+DECIMALS = 9
+"""Of mm and Hz in commands."""
 
 
 class AerotechEnsemble:
@@ -94,19 +43,14 @@ class AerotechEnsemble:
 
     def __init__(self, name: str, settings: EnsembleSettings, connect: Connect, clock: Clock) -> None:
         self.name = name
-        self.limits = LinearLimits(
-            settings.position_min_mm,
-            settings.position_max_mm,
-            settings.speed_mm_s,
-            settings.acceleration_mm_s2,
-        )
+        self.limits = settings.limits
         self._settings = settings
         self._axis = settings.axis
         self._clock = clock
         self._link = AsciiLink(name, connect, settings.link_timeout_s)
         self._wire = AsciiAxis(name, settings.axis, settings.plane, self._link)
+        self._capture = PositionCapture(name, settings, self._wire, clock)
         self._stops = 0
-        self._armed = 0
         self._counts_per_mm = 1.0
 
     # instrument
@@ -138,9 +82,7 @@ class AerotechEnsemble:
         self._stops += 1
         with self._link.urgently():
             self._wire.abort()
-            if self._armed:
-                self._armed = 0
-                self._wire.insist(f"DATAACQ {self._axis} OFF")
+            self._capture.end()
             self._await_standstill()
 
     # linear stage
@@ -173,18 +115,18 @@ class AerotechEnsemble:
 
     def move_to(self, position_mm: float) -> None:
         """Move and return when the axis is in position."""
-        self._check_position(position_mm)
+        self.limits.require_position(self.name, position_mm)
         with self._stoppable(f"move to {position_mm:g} mm") as stops:
             self._prepare_motion()
             self._move(position_mm, stops)
 
     def oscillate(self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float) -> None:
         """Go to the negative end and start whole cycles for at least `duration_s`; returns once they run."""
-        self._check_oscillation(centre_mm, amplitude_mm, frequency_hz, duration_s)
+        self.limits.require_oscillation(self.name, centre_mm, amplitude_mm, frequency_hz, duration_s)
         whole_travel = self._settings.oscillate_distance == "peak-to-peak"
         distance_mm = 2.0 * amplitude_mm if whole_travel else amplitude_mm
         cycles = math.ceil(round(duration_s * frequency_hz, 9))
-        command = f"OSCILLATE {self._axis}, {_decimal(distance_mm)}, {_decimal(frequency_hz)}, {cycles}"
+        command = f"OSCILLATE {self._axis}, {plain(distance_mm, DECIMALS)}, {plain(frequency_hz, DECIMALS)}, {cycles}"
         with self._stoppable("oscillation") as stops:
             self._prepare_motion()
             self._move(centre_mm - amplitude_mm, stops)
@@ -208,66 +150,18 @@ class AerotechEnsemble:
 
     def longest_record(self, period_s: float) -> int:
         """Most positions of one record; `LimitError` when the capture is not that fast."""
-        s = self._settings
-        if period_s < s.capture_period_min_s:
-            raise LimitError(
-                f"{self.name}: cannot capture every {period_s:g} s; "
-                f"the shortest period is {s.capture_period_min_s:g} s"
-            )
-        return (
-            min(s.capture_points_max, s.capture_registers) if s.capture_read == "restarts" else s.capture_points_max
-        )
+        return self._capture.longest_record(period_s)
 
     def arm(self, samples: int, period_s: float) -> None:
         """Clear and wait for `samples` edges, `period_s` apart."""
-        s = self._settings
-        capacity = self.longest_record(period_s)
-        if not 1 <= samples <= capacity:
-            raise LimitError(
-                f"{self.name}: cannot capture {samples} positions, at most {capacity}; "
-                "record for a shorter time or at a longer period"
-            )
-        self._wire.tell(f"DATAACQ {self._axis} INPUT {s.capture_input}")
-        self._wire.tell(f"DATAACQ {self._axis} TRIGGER {s.capture_trigger}")
-        self._wire.tell(f"DATAACQ {self._axis} ON {samples}")
-        self._armed = samples
+        self._capture.arm(samples, period_s)
 
     def collect(self) -> FloatArray:
         """The captured positions, shape (samples, 1) [mm]; `InstrumentError` when edges were missed."""
-        samples, self._armed = self._armed, 0
-        if not samples:
-            raise InstrumentError(f"{self.name}: no capture is armed; arm it before the run", instrument=self.name)
-        if self._settings.latency_s > 0.0:
-            self._clock.sleep_s(self._settings.latency_s)
-        values: list[float] = []
-        while len(values) < samples:
-            count = min(self._settings.capture_registers, samples - len(values))
-            values += self._read_captured(count, len(values), samples)
+        registers = self._capture.registers()
         self._require_unit()
         mm_per_register = 1.0 / self._counts_per_mm if self._settings.capture_unit == "counts" else 1.0
-        return np.array(values)[:, np.newaxis] * mm_per_register
-
-    def _read_captured(self, count: int, already: int, samples: int) -> list[float]:
-        first = self._settings.capture_register_first
-        last = first + count - 1
-        self._wire.tell(f"DGLOBAL({last}) = {NOT_WRITTEN:.0f}")
-        command = f"DATAACQ {self._axis} READ {first}, {count}"
-        answer = self._link.tell(command)
-        if answer.status == FAULT and not self._wire.fault_word():
-            raise self._too_few(already, count, samples)
-        self._wire.succeed(command, answer)
-        values = self._wire.ask_numbers([f"DGLOBAL({register})" for register in range(first, last + 1)])
-        if values[-1] == NOT_WRITTEN:
-            raise self._too_few(already, count, samples)
-        return values
-
-    def _too_few(self, already: int, count: int, samples: int) -> InstrumentError:
-        return InstrumentError(
-            f"{self.name}: fewer positions captured than the {samples} armed for "
-            f"(points {already + 1} to {already + count} are not all there); "
-            "check the trigger line and capture_trigger, and collect after the last edge",
-            instrument=self.name,
-        )
+        return registers[:, np.newaxis] * mm_per_register
 
     # what the motions are made of
 
@@ -294,7 +188,7 @@ class AerotechEnsemble:
 
     def _move(self, position_mm: float, stops: int) -> None:
         speed_mm_s = min(self._settings.move_speed_mm_s, self._settings.speed_mm_s)
-        command = f"MOVEABS {self._axis} {_decimal(position_mm)} F{_decimal(speed_mm_s)}"
+        command = f"MOVEABS {self._axis} {plain(position_mm, DECIMALS)} F{plain(speed_mm_s, DECIMALS)}"
         self._start(command, stops)
         deadline_s = self._clock.now_s() + self._settings.motion_timeout_s
         idle_polls = 0
@@ -355,7 +249,7 @@ class AerotechEnsemble:
         ramp_mm_s2 = min(self._settings.ramp_rate_mm_s2, self._settings.acceleration_mm_s2)
         self._wire.tell("WAIT MODE NOWAIT")
         self._wire.tell("RAMP MODE RATE")
-        self._wire.tell(f"RAMP RATE {self._axis} {_decimal(ramp_mm_s2)}")
+        self._wire.tell(f"RAMP RATE {self._axis} {plain(ramp_mm_s2, DECIMALS)}")
 
     def _start(self, command: str, stops: int) -> None:
         self._wire.succeed(command, self._send_motion(command, stops))
@@ -380,35 +274,7 @@ class AerotechEnsemble:
         if self._stops != stops:
             raise MotionStopped(f"{self.name}: {motion} was stopped", instrument=self.name)
 
-    # limits
-
-    def _check_position(self, position_mm: float) -> None:
-        low, high = self.limits.position_min_mm, self.limits.position_max_mm
-        if not low <= position_mm <= high:
-            raise LimitError(f"{self.name}: {position_mm:g} mm is outside the travel {low:g} to {high:g} mm")
-
-    def _check_oscillation(
-        self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float
-    ) -> None:
-        if not (amplitude_mm > 0 and 0 < frequency_hz < math.inf and 0 < duration_s < math.inf):
-            raise LimitError(
-                f"{self.name}: an oscillation needs amplitude, frequency and duration above zero, "
-                f"not {amplitude_mm:g} mm, {frequency_hz:g} Hz, {duration_s:g} s"
-            )
-        self._check_position(centre_mm)
-        w = 2.0 * math.pi * frequency_hz
-        limits = self.limits
-        room_mm = min(centre_mm - limits.position_min_mm, limits.position_max_mm - centre_mm)
-        largest_mm, limit = min(
-            (room_mm, f"travel {limits.position_min_mm:g} to {limits.position_max_mm:g} mm"),
-            (limits.speed_mm_s / w, f"speed limit {limits.speed_mm_s:g} mm/s"),
-            (limits.acceleration_mm_s2 / w**2, f"acceleration limit {limits.acceleration_mm_s2:g} mm/s2"),
-        )
-        if amplitude_mm > largest_mm:
-            raise LimitError(
-                f"{self.name}: {amplitude_mm:g} mm at {frequency_hz:g} Hz about {centre_mm:g} mm exceeds the "
-                f"{limit}; the amplitude can be {largest_mm:.4g} mm at most"
-            )
+    # who it is
 
     def _check_who_answers(self) -> None:
         try:
@@ -453,11 +319,6 @@ class AerotechEnsemble:
                 f"home (POSOFFSET of another client); send POSOFFSET CLEAR {self._axis} or restart it",
                 instrument=self.name,
             )
-
-
-def _decimal(value: float) -> str:
-    """Plain decimal notation, to 1e-9."""
-    return f"{round(value, 9) + 0.0:.9f}".rstrip("0").rstrip(".")
 
 
 DRIVER = DriverDeclaration(

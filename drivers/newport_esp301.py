@@ -18,11 +18,12 @@ import statistics
 from pydantic import Field
 
 from drivers.newport_esp301_line import ERRORS_QUEUED_MAX, EspLine, QueuedError
+from drivers.numbers import plain
 from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
-from rigctl.core.errors import InstrumentError, LimitError, LinkError, MotionStopped, SafetyStop
+from rigctl.core.errors import InstrumentError, LinkError, MotionStopped, SafetyStop
 from rigctl.core.interfaces import Identity, Reading
 
 UNIT_DEGREE = 7
@@ -128,13 +129,11 @@ class NewportEsp301:
 
     def move_to(self, angle_deg: float) -> None:
         """Move and return when the controller reports motion done at the target."""
-        low_deg, high_deg = self.limits.angle_min_deg, self.limits.angle_max_deg
-        if not low_deg <= angle_deg <= high_deg:
-            raise LimitError(f"{self.name}: {angle_deg:g} deg is outside the limits {low_deg:g} to {high_deg:g} deg")
+        self.limits.require_angle(self.name, angle_deg)
         stops = self._stops
         if not self.is_homed():
             raise InstrumentError(f"{self.name}: axis {self._axis} is not homed; home it", instrument=self.name)
-        move = f"{self._axis}PA{_decimal(angle_deg)}"
+        move = f"{self._axis}PA{plain(angle_deg)}"
         self._start(move, stops)
         self._finish(move, stops)
         reached_deg = self.angle().value
@@ -155,15 +154,10 @@ class NewportEsp301:
     def _prepare(self) -> None:
         """Check the travel limits, set speed and ramps."""
         low_deg, high_deg = (self._line.ask_number(f"{self._axis}{limit}?") for limit in ("SL", "SR"))
-        if low_deg > self.limits.angle_min_deg or high_deg < self.limits.angle_max_deg:
-            raise LimitError(
-                f"{self.name}: the limits {self.limits.angle_min_deg:g} to {self.limits.angle_max_deg:g} deg reach "
-                f"beyond the controller's own, {low_deg:g} to {high_deg:g} deg; narrow angle_min_deg and "
-                "angle_max_deg, or widen SL and SR"
-            )
-        self._command(f"{self._axis}VA{_decimal(self.limits.speed_deg_s)}")
-        self._command(f"{self._axis}AC{_decimal(self.limits.acceleration_deg_s2)}")
-        self._command(f"{self._axis}AG{_decimal(self.limits.acceleration_deg_s2)}")
+        self.limits.require_inside(self.name, low_deg, high_deg, "SL and SR")
+        self._command(f"{self._axis}VA{plain(self.limits.speed_deg_s)}")
+        self._command(f"{self._axis}AC{plain(self.limits.acceleration_deg_s2)}")
+        self._command(f"{self._axis}AG{plain(self.limits.acceleration_deg_s2)}")
 
     def _require_degrees(self) -> None:
         unit = self._line.ask_number(f"{self._axis}SN?")
@@ -231,11 +225,6 @@ def _is_safety(error: QueuedError) -> bool:
     """The emergency stop, or a limit of an axis."""
     of_axis = error.code >= AXIS_ERRORS and error.code % AXIS_ERRORS in LIMITS
     return of_axis or error.code == EMERGENCY_STOP
-
-
-def _decimal(value: float) -> str:
-    """A micro-unit is far below the resolution; no exponent, no negative zero."""
-    return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
 
 
 DRIVER = DriverDeclaration(

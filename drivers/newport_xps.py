@@ -22,7 +22,21 @@ from collections.abc import Iterator
 
 from pydantic import Field
 
-from drivers.newport_xps_socket import FIRMWARE, Reply, XpsSocket
+from drivers.newport_xps_group import (
+    ABORTED,
+    AT_REST,
+    DISABLED,
+    IN_MOTION,
+    NOT_ALLOWED,
+    NOT_INITIALISED,
+    NOT_REFERENCED,
+    ONLY_KILL_STOPS,
+    READY,
+    SAFETY_STATES,
+    XpsGroup,
+)
+from drivers.newport_xps_socket import FIRMWARE, XpsSocket
+from drivers.numbers import plain
 from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.core.clock import Clock
@@ -35,50 +49,13 @@ from rigctl.core.errors import (
     LinkTimeout,
     MotionStopped,
     RigError,
-    SafetyStop,
     WrongInstrument,
 )
 from rigctl.core.interfaces import Identity, Reading
 
-NOT_INITIALISED = frozenset({*range(10), 50, 63, 66, 67, 71, 72, 83, 106})
-READY = frozenset({*range(10, 20), 56, 70, 77})
-DISABLED = frozenset(range(20, 39))
-NOT_REFERENCED = 42
-AT_REST = NOT_INITIALISED | READY | DISABLED | {NOT_REFERENCED}
 REST_POLL_S = 0.02
-ONLY_KILL_STOPS = frozenset({41, 43, 49})
-IN_MOTION = frozenset({40, 41, *range(43, 50), 51, 64, 68, 69, 73})
-
-SAFETY_STATES = frozenset({1, 2, 8, 40})
-"""After an emergency brake, an emergency stop, or an end of run; braking."""
-
-NOT_ALLOWED, ABORTED = -22, -27
-SAFETY_ERRORS = frozenset({-26, -45, -113})
 STANDING_DEG = 1e-3
 """A motion that is shorter is none that could take a time."""
-ERROR_TEXTS = {
-    -1: "socket busy with the previous command",
-    -4: "unknown command",
-    -5: "not allowed due to a positioner error or hardware status",
-    -9: "wrong number of parameters",
-    -17: "parameter out of range",
-    -18: "unknown positioner name",
-    -19: "unknown group name",
-    -21: "controller is initialising",
-    -22: "not allowed in this state",
-    -25: "following error",
-    -26: "emergency signal",
-    -27: "move aborted",
-    -28: "home search timeout",
-    -31: "home position out of range",
-    -33: "motion done timeout",
-    -35: "beyond the travel limits",
-    -45: "end of run",
-    -49: "home search: mechanical zero error",
-    -50: "motor initialisation error",
-    -108: "socket closed by administrator",
-    -113: "both end-of-runs active",
-}
 
 
 class XpsSettings(RotationSettings):
@@ -103,6 +80,7 @@ class NewportXps:
         self._clock = clock
         self._motions = XpsSocket(name, connect, settings.link_timeout_s)
         self._queries = XpsSocket(name, connect, settings.link_timeout_s)
+        self._wire = XpsGroup(name, settings.group, self._queries, settings.link_timeout_s)
         self._open = False
         self._prepared = False
         self._jerk_times_s: tuple[float, ...] = ()
@@ -135,7 +113,7 @@ class NewportXps:
         """Model and firmware as `FirmwareVersionGet` tells them; `WrongInstrument` when it is no XPS."""
         request = FIRMWARE
         try:
-            reply = self._query(request)
+            reply = self._wire.query(request)
         except BadReply as error:
             raise WrongInstrument(str(error), instrument=self.name) from error
         model = re.search(r"XPS(-\w+)?", reply.text)
@@ -172,36 +150,36 @@ class NewportXps:
         stops = self._stops
         with self._one_motion:
             self._prepare()
-            status = self._status()
+            status = self._wire.status()
             if status in NOT_INITIALISED:
                 self._move(f"GroupKill({self._group})", stops)
                 self._move(f"GroupInitialize({self._group})", stops)
-                status = self._status()
+                status = self._wire.status()
             if status in DISABLED:
                 self._move(f"GroupMotionEnable({self._group})", stops)
-                status = self._status()
+                status = self._wire.status()
             if status == NOT_REFERENCED:
                 self._move(f"GroupHomeSearch({self._group})", stops)
-                status = self._status()
+                status = self._wire.status()
             if status not in READY:
-                raise self._not_ready(status)
+                raise self._wire.not_ready(status)
 
     def is_homed(self) -> bool:
         """True when the group is in one of its ready states."""
-        return self._status() in READY
+        return self._wire.status() in READY
 
     def safety_stop(self) -> str:
         """The group's state, when an emergency signal or an end of run has brought it there."""
-        status = self._status()
-        return self._status_text(status) if status in SAFETY_STATES else ""
+        status = self._wire.status()
+        return self._wire.status_text(status) if status in SAFETY_STATES else ""
 
     def is_moving(self) -> bool:
         """True while the group moves, brakes, homes or is initialised."""
-        return self._status() in IN_MOTION
+        return self._wire.status() in IN_MOTION
 
     def move_to(self, angle_deg: float) -> None:
         """Move and return when the controller reports motion done."""
-        self._check_target(angle_deg)
+        self.limits.require_angle(self.name, angle_deg)
         self._go(angle_deg, self.limits.speed_deg_s, self.limits.acceleration_deg_s2)
 
     def turn_to(self, angle_deg: float, duration_s: float) -> None:
@@ -209,7 +187,7 @@ class NewportXps:
 
         `LimitError`, before anything moves, when that takes more speed or acceleration than the limits allow.
         """
-        self._check_target(angle_deg)
+        self.limits.require_angle(self.name, angle_deg)
         if not duration_s > 0.0:
             raise LimitError(f"{self.name}: a motion cannot take {duration_s:g} s")
         distance_deg = abs(angle_deg - self.angle().value)
@@ -228,15 +206,10 @@ class NewportXps:
     def angle(self) -> Reading:
         """The encoder's angle [deg] half-way between question and answer."""
         asked_s = self._clock.now_s()
-        (angle_deg,) = self._numbers(f"GroupPositionCurrentGet({self._group},double *)", 1)
+        (angle_deg,) = self._wire.numbers(f"GroupPositionCurrentGet({self._group},double *)", 1)
         return Reading(angle_deg, "deg", 0.5 * (asked_s + self._clock.now_s()))
 
     # what these are made of
-
-    def _check_target(self, angle_deg: float) -> None:
-        low_deg, high_deg = self.limits.angle_min_deg, self.limits.angle_max_deg
-        if not low_deg <= angle_deg <= high_deg:
-            raise LimitError(f"{self.name}: {angle_deg:g} deg is outside the limits {low_deg:g} to {high_deg:g} deg")
 
     def _go(self, angle_deg: float, speed_deg_s: float, acceleration_deg_s2: float) -> None:
         stops = self._stops
@@ -245,26 +218,23 @@ class NewportXps:
                 self._prepare()
             if self._profile != (speed_deg_s, acceleration_deg_s2):
                 self._set_profile(speed_deg_s, acceleration_deg_s2)
-            self._move(f"GroupMoveAbsolute({self._group},{_decimal(angle_deg)})", stops)
+            self._move(f"GroupMoveAbsolute({self._group},{plain(angle_deg)})", stops)
 
     def _prepare(self) -> None:
         """Compare the travel limits and set speed and acceleration, keeping the jerk times."""
-        low_deg, high_deg = self._numbers(f"PositionerUserTravelLimitsGet({self._positioner},double *,double *)", 2)
-        if low_deg > self.limits.angle_min_deg or high_deg < self.limits.angle_max_deg:
-            raise LimitError(
-                f"{self.name}: the limits {self.limits.angle_min_deg:g} to {self.limits.angle_max_deg:g} deg reach "
-                f"beyond the controller's own, {low_deg:g} to {high_deg:g} deg; narrow angle_min_deg and "
-                "angle_max_deg, or widen the user travel limits of the stage"
-            )
+        low_deg, high_deg = self._wire.numbers(
+            f"PositionerUserTravelLimitsGet({self._positioner},double *,double *)", 2
+        )
+        self.limits.require_inside(self.name, low_deg, high_deg, "the user travel limits of the stage")
         outputs = ",".join(["double *"] * 4)
-        found = self._numbers(f"PositionerSGammaParametersGet({self._positioner},{outputs})", 4)
+        found = self._wire.numbers(f"PositionerSGammaParametersGet({self._positioner},{outputs})", 4)
         self._jerk_times_s = found[2:]
         self._set_profile(self.limits.speed_deg_s, self.limits.acceleration_deg_s2)
         self._prepared = True
 
     def _set_profile(self, speed_deg_s: float, acceleration_deg_s2: float) -> None:
         parameters = (speed_deg_s, acceleration_deg_s2, *self._jerk_times_s)
-        self._succeed(f"PositionerSGammaParametersSet({self._positioner},{','.join(map(_decimal, parameters))})")
+        self._wire.succeed(f"PositionerSGammaParametersSet({self._positioner},{','.join(map(plain, parameters))})")
         self._profile = (speed_deg_s, acceleration_deg_s2)
 
     def _move(self, request: str, stops: int) -> None:
@@ -277,7 +247,7 @@ class NewportXps:
             raise
         if reply.code == ABORTED or (reply.code < 0 and self._stops != stops):
             raise self._stopped(request, str(reply.code))
-        self._check(request, reply)
+        self._wire.check(request, reply)
 
     @contextlib.contextmanager
     def _start(self, request: str, stops: int) -> Iterator[None]:
@@ -291,20 +261,20 @@ class NewportXps:
 
     def _halt(self) -> None:
         request = f"GroupMoveAbort({self._group})"
-        reply = self._query(request)
+        reply = self._wire.query(request)
         if reply.code == 0:
             return
-        if self._status() in ONLY_KILL_STOPS:
-            self._succeed(f"GroupKill({self._group})")
+        if self._wire.status() in ONLY_KILL_STOPS:
+            self._wire.succeed(f"GroupKill({self._group})")
         elif reply.code != NOT_ALLOWED:
-            raise self._refused(request, reply.code)
+            raise self._wire.refused(request, reply.code)
 
     def _await_rest(self) -> None:
         braking_s = self.limits.speed_deg_s / self.limits.acceleration_deg_s2
         deadline_s = self._clock.now_s() + braking_s + self._settings.link_timeout_s
-        while (status := self._status()) not in AT_REST:
+        while (status := self._wire.status()) not in AT_REST:
             if self._clock.now_s() > deadline_s:
-                text = self._status_text(status)
+                text = self._wire.status_text(status)
                 raise InstrumentError(
                     f"{self.name}: {self._group} is not at rest after an abort, it is in state {status} ({text}); "
                     "press the emergency stop and look at the stage",
@@ -313,73 +283,6 @@ class NewportXps:
                     text=text,
                 )
             self._clock.sleep_s(REST_POLL_S)
-
-    def _status(self) -> int:
-        request = f"GroupStatusGet({self._group},int *)"
-        (status,) = self._numbers(request, 1)
-        if not status.is_integer():
-            raise BadReply(f"{self.name}: {request!r} gave {status:g}, which is no state", instrument=self.name)
-        return int(status)
-
-    def _numbers(self, request: str, count: int) -> tuple[float, ...]:
-        reply = self._query(request)
-        self._check(request, reply)
-        try:
-            return reply.numbers(count)
-        except ValueError as error:
-            raise BadReply(
-                f"{self.name}: {request!r} gave {reply.text[:80]!r}: {error}; check the firmware's version",
-                instrument=self.name,
-                text=reply.text,
-            ) from error
-
-    def _succeed(self, request: str) -> None:
-        self._check(request, self._query(request))
-
-    def _query(self, request: str) -> Reply:
-        return self._queries.exchange(request, self._settings.link_timeout_s)
-
-    def _check(self, request: str, reply: Reply) -> None:
-        if reply.code != 0:
-            raise self._refused(request, reply.code)
-
-    def _refused(self, request: str, code: int) -> InstrumentError:
-        text = self._look_up(f"ErrorStringGet({code},char *)") or ERROR_TEXTS.get(code, "unknown error")
-        kind = SafetyStop if code in SAFETY_ERRORS else InstrumentError
-        return kind(
-            f"{self.name}: {request!r} failed with {code} ({text}){self._advice(code)}",
-            instrument=self.name,
-            code=str(code),
-            text=text,
-        )
-
-    def _advice(self, code: int) -> str:
-        if code != NOT_ALLOWED:
-            return ""
-        with contextlib.suppress(RigError):
-            status = self._status()
-            return f" in state {status} ({self._status_text(status)}); home the stage"
-        return "; home the stage"
-
-    def _not_ready(self, status: int) -> InstrumentError:
-        text = self._status_text(status)
-        return InstrumentError(
-            f"{self.name}: group {self._group} is in state {status} ({text}), not ready to move; "
-            "stop it, then home it",
-            instrument=self.name,
-            code=str(status),
-            text=text,
-        )
-
-    def _status_text(self, status: int) -> str:
-        return self._look_up(f"GroupStatusStringGet({status},char *)") or "no text"
-
-    def _look_up(self, request: str) -> str:
-        """A text for a message, empty when it cannot be had."""
-        with contextlib.suppress(LinkError, BadReply):
-            reply = self._query(request)
-            return reply.text if reply.code == 0 else ""
-        return ""
 
     def _stopped(self, request: str, code: str = "") -> MotionStopped:
         return MotionStopped(
@@ -390,11 +293,6 @@ class NewportXps:
 def cycloid_peaks(distance_deg: float, duration_s: float) -> tuple[float, float]:
     """Largest speed and acceleration of a cycloid from rest to rest [deg/s, deg/s2]."""
     return 2.0 * distance_deg / duration_s, 2.0 * math.pi * distance_deg / duration_s**2
-
-
-def _decimal(value: float) -> str:
-    """A micro-unit is far below the resolution; no exponent, no negative zero."""
-    return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
 
 
 DRIVER = DriverDeclaration(

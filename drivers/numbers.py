@@ -1,4 +1,4 @@
-"""Numbers as instruments send them: plain decimal notation in ASCII, nothing that only Python takes for a number."""
+"""Numbers as instruments send and take them: plain decimal notation in ASCII, not all that Python takes for one."""
 
 from __future__ import annotations
 
@@ -25,3 +25,8 @@ def whole(text: str) -> int:
     if not value.is_integer() or abs(value) > LARGEST_WHOLE:
         raise ValueError(f"{text!r} is no whole number")
     return int(value)
+
+
+def plain(value: float, places: int = 6) -> str:
+    """A number without exponent or negative zero; the last place is far below any stage's resolution."""
+    return f"{round(value, places) + 0.0:.{places}f}".rstrip("0").rstrip(".")

@@ -6,7 +6,7 @@ from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from rigctl.core.interfaces import RotationLimits
+from rigctl.core.limits import RotationLimits
 
 
 class RotationSettings(BaseModel):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rigctl.core.errors import LimitError
-from rigctl.core.interfaces import RotationLimits
+from rigctl.core.limits import RotationLimits
 from rigctl.experiments.rotating_platform.observe.patterns import Pattern
 
 HALF_TURN_DEG = 180.0

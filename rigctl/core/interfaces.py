@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from rigctl.core.arrays import FloatArray
+from rigctl.core.limits import LinearLimits, RotationLimits
 
 
 @dataclass(frozen=True)
@@ -67,26 +68,6 @@ class Instrument(Protocol):
         raises `LinkError` or `InstrumentError` otherwise.
         """
         ...
-
-
-@dataclass(frozen=True)
-class RotationLimits:
-    """Soft limits of a rotation stage."""
-
-    angle_min_deg: float
-    angle_max_deg: float
-    speed_deg_s: float
-    acceleration_deg_s2: float
-
-
-@dataclass(frozen=True)
-class LinearLimits:
-    """Soft limits of a linear stage; positions are relative to home."""
-
-    position_min_mm: float
-    position_max_mm: float
-    speed_mm_s: float
-    acceleration_mm_s2: float
 
 
 @runtime_checkable

@@ -302,15 +302,15 @@ def test_stop_tries_again_over_a_new_connection() -> None:
 
 def test_a_stop_between_two_steps_of_homing_lets_the_next_one_not_begin(monkeypatch: pytest.MonkeyPatch) -> None:
     stage, controller = opened({"GroupStatusGet(Group1,int *)": b"0,42,EndOfAPI"})
-    ask_status = stage._status
+    ask_status = stage._wire.status
 
     def ask_status_and_be_stopped() -> int:
-        monkeypatch.setattr(stage, "_status", ask_status)
+        monkeypatch.setattr(stage._wire, "status", ask_status)
         status = ask_status()
         stage.stop()
         return status
 
-    monkeypatch.setattr(stage, "_status", ask_status_and_be_stopped)
+    monkeypatch.setattr(stage._wire, "status", ask_status_and_be_stopped)
     with pytest.raises(MotionStopped):
         stage.home()
     assert "GroupHomeSearch(Group1)" not in controller.texts()

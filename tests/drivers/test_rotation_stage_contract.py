@@ -13,7 +13,8 @@ from drivers.newport_esp301 import Esp301Settings, NewportEsp301
 from drivers.newport_xps import NewportXps, XpsSettings
 from drivers.transport import InProcessTransport
 from rigctl.core.errors import InstrumentError, LimitError, LinkError, MotionStopped, RigError, WrongInstrument
-from rigctl.core.interfaces import RotationLimits, RotationStage
+from rigctl.core.interfaces import RotationStage
+from rigctl.core.limits import RotationLimits
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.motion import MotionAxis
 from simulators.newport_esp301 import SimulatedEsp301

@@ -12,7 +12,7 @@ from procedures.rotating_platform.course import Course, Leg
 from procedures.rotating_platform.time_table import EARLY_S, Motion, TimeTable, shortest_turn_s
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, LimitError
-from rigctl.core.interfaces import RotationLimits
+from rigctl.core.limits import RotationLimits
 from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, Pattern, custom_pattern, named_pattern
 
 LIMITS = RotationLimits(-10.0, 370.0, 120.0, 120.0)

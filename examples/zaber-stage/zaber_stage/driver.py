@@ -17,8 +17,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.transport import Connect
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import USUAL_BAUD, DriverDeclaration, Use
-from rigctl.core.errors import InstrumentError, LimitError, LinkLost, MotionStopped, WrongInstrument
-from rigctl.core.interfaces import Identity, LinearLimits, Reading
+from rigctl.core.errors import InstrumentError, LinkLost, MotionStopped, WrongInstrument
+from rigctl.core.interfaces import Identity, Reading
+from rigctl.core.limits import LinearLimits
 from zaber_stage.line import ZaberLine
 
 SPEED_UNIT, ACCELERATION_UNIT = 1.6384, 1.6384e-4
@@ -123,14 +124,14 @@ class ZaberLinear:
 
     def move_to(self, position_mm: float) -> None:
         """Move and return when the axis stands at its target."""
-        self._check_position(position_mm)
+        self.limits.require_position(self.name, position_mm)
         stops = self._stops
         self._prepare_motion()
         self._go_to(position_mm, stops)
 
     def oscillate(self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float) -> None:
         """Go to the negative end and start whole cycles for at least `duration_s`; returns once they run."""
-        self._check_oscillation(centre_mm, amplitude_mm, frequency_hz, duration_s)
+        self.limits.require_oscillation(self.name, centre_mm, amplitude_mm, frequency_hz, duration_s)
         stops = self._stops
         self._prepare_motion()
         self._go_to(centre_mm - amplitude_mm, stops)
@@ -219,26 +220,6 @@ class ZaberLinear:
                 f"{self.name}: the device travels from {low_mm - s.zero_mm:g} to {high_mm - s.zero_mm:g} mm; "
                 "correct position_min_mm, position_max_mm, zero_mm or microstep_mm",
                 instrument=self.name,
-            )
-
-    def _check_position(self, position_mm: float) -> None:
-        low, high = self.limits.position_min_mm, self.limits.position_max_mm
-        if not low <= position_mm <= high:
-            raise LimitError(f"{self.name}: {position_mm:g} mm is outside the travel {low:g} to {high:g} mm")
-
-    def _check_oscillation(
-        self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float
-    ) -> None:
-        if not (amplitude_mm > 0 and 0 < frequency_hz < math.inf and 0 < duration_s < math.inf):
-            raise LimitError(f"{self.name}: an oscillation needs amplitude, frequency and duration above zero")
-        self._check_position(centre_mm - amplitude_mm)
-        self._check_position(centre_mm + amplitude_mm)
-        w = 2.0 * math.pi * frequency_hz
-        largest_mm = min(self.limits.speed_mm_s / w, self.limits.acceleration_mm_s2 / w**2)
-        if amplitude_mm > largest_mm:
-            raise LimitError(
-                f"{self.name}: {amplitude_mm:g} mm at {frequency_hz:g} Hz exceeds the limit of speed or of "
-                f"acceleration; the amplitude can be {largest_mm:.4g} mm at most"
             )
 
 

@@ -1,0 +1,58 @@
+"""What an operator says of an Ensemble's axis: limits, speeds, position capture, how long to wait."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from rigctl.core.limits import LinearLimits
+
+
+class EnsembleSettings(BaseModel):
+    """The stage's keys in a rig file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    axis: str = Field(default="X", pattern=r"^([A-Za-z]\w*|@\d)$")
+    plane: int = Field(default=0, ge=0)
+    position_min_mm: float = -25.0
+    position_max_mm: float = 25.0
+    speed_mm_s: float = Field(default=100.0, gt=0)
+    acceleration_mm_s2: float = Field(default=1000.0, gt=0)
+    move_speed_mm_s: float = Field(default=20.0, gt=0)
+    """Of positioning moves; never above `speed_mm_s`."""
+    ramp_rate_mm_s2: float = Field(default=100.0, gt=0)
+    """Of positioning moves; never above `acceleration_mm_s2`."""
+    position_tolerance_mm: float = Field(default=0.001, gt=0)
+    oscillate_distance: Literal["peak-to-peak", "amplitude"] = "peak-to-peak"
+    """What the controller's OSCILLATE takes its distance for."""
+
+    capture_input: int = Field(default=1, ge=0)
+    capture_trigger: int = Field(default=1, ge=0)
+    capture_register_first: int = Field(default=10, ge=0)
+    capture_registers: int = Field(default=500, ge=1)
+    """How many DGLOBAL registers, from the first, one DATAACQ READ may fill."""
+    capture_points_max: int = Field(default=50_000, ge=1)
+    capture_period_min_s: float = Field(default=0.0005, ge=0)
+    capture_unit: Literal["mm", "counts"] = "mm"
+    """What the controller puts into the registers."""
+    capture_read: Literal["continues", "restarts"] = "continues"
+    """Does a second DATAACQ READ go on, or begin with the first point again? Then one read must hold all."""
+    latency_s: float = 0.0
+    """From the trigger edge to the latched position."""
+
+    link_timeout_s: float = Field(default=2.0, gt=0)
+    motion_timeout_s: float = Field(default=120.0, gt=0)
+    poll_interval_s: float = Field(default=0.02, gt=0)
+
+    @property
+    def limits(self) -> LinearLimits:
+        """The soft limits."""
+        return LinearLimits(self.position_min_mm, self.position_max_mm, self.speed_mm_s, self.acceleration_mm_s2)
+
+    @model_validator(mode="after")
+    def _travel_is_not_empty(self) -> Self:
+        if not self.position_min_mm < self.position_max_mm:
+            raise ValueError("position_min_mm must lie below position_max_mm")
+        return self
