@@ -61,6 +61,10 @@ class StudyBase(ABC, Generic[Data]):
                 raise unknown_effect(term.effect, self.catalogue)
         return [effect for name, effect in self.catalogue.items() if name in named]
 
+
+class CatalogueStudy(StudyBase[Data]):
+    """A study whose candidates are effects of the catalogue, asked one after the other."""
+
     def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         """Every effect that `model` lacks, at the fitted `values`; a scanned one appears once per choice."""
         asked: list[Effect] = []

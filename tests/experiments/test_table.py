@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from rigctl.campaign.recording import READINGS, ChannelInfo, Header, ImportRepor
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import Effect
+from rigctl.effects.plugins import Plugin
 from rigctl.experiments.table.model.model import TableModel, fitted
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.study import Term
@@ -257,12 +259,16 @@ def _self_heating(run: Any, share: float) -> FloatArray:
     return np.asarray(share * run.signal**2 * run.column("x"))
 
 
+def _plugin(*effects: Effect) -> Plugin:
+    return Plugin(Path("own.py"), "", {each.id: each for each in effects})
+
+
 def test_a_plugin_acts_on_what_the_baseline_predicts() -> None:
     effect = Effect(
         "self-heating", "response", {"share": "1/V"}, {"share": 1e-3}, "bench notes", "recording", _self_heating
     )
     y = 1.0 + 0.5 * X
-    study = TableStudy(_recording({"y": y + 0.01 * y**2 * X, "x": X}), [effect])
+    study = TableStudy(_recording({"y": y + 0.01 * y**2 * X, "x": X}), [_plugin(effect)])
     assert study.effects()["self-heating"] == "The response heats its own sensor."
     model = study.model([Term("self-heating")])
     result = fitted(model)
@@ -293,7 +299,7 @@ def test_a_plugin_that_does_nothing_here_or_fails_here_says_so() -> None:
         _past(50.0),
         Effect("broken", "response", {"size": "V"}, {"size": 1.0}, "", "recording", broken),
     ]
-    study = TableStudy(_recording({"y": 1.0 + 0.5 * X, "x": X}), effects)
+    study = TableStudy(_recording({"y": 1.0 + 0.5 * X, "x": X}), [_plugin(*effects)])
     found, refused = study.candidates(study.model([]), np.array([1.0, 0.5]))
     reasons = {each.effect: each.reason for each in refused}
     assert {"past-5"} == {each.term.effect for each in found} & {effect.id for effect in effects}

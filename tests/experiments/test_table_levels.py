@@ -28,7 +28,7 @@ DIRECTION = np.where(np.arange(ROWS) % 2, "up", "down")
 
 
 def study(
-    seed: int = 2, effects: Any = (), operator: Any = OPERATOR, block: str | None = None, **more: Any
+    seed: int = 2, plugins: Any = (), operator: Any = OPERATOR, block: str | None = None, **more: Any
 ) -> TableStudy:
     """A line, on which Ben reads 0.05 more than the others; noise of 0.01."""
     noise = 0.01 * np.random.default_rng(seed).standard_normal(ROWS)
@@ -37,7 +37,8 @@ def study(
     spec = {"response": "y_mm", "baseline": "b0 + b1 * x_mm", "start": {}, "block": block}
     record = RunRecord(READINGS, READINGS, "import", {name: list(map(str, text)) for name, text in texts.items()})
     header = Header("table", extra={"table": spec})
-    return TableStudy(Recording(header, (record,), {READINGS: {"y_mm": y, "x_mm": X}}, ImportReport(1)), effects)
+    recording = Recording(header, (record,), {READINGS: {"y_mm": y, "x_mm": X}}, ImportReport(1))
+    return TableStudy(recording, plugins)
 
 
 def reasons(table: TableStudy) -> dict[str, str]:
@@ -136,7 +137,7 @@ def test_another_table_is_compared_by_the_same_words() -> None:
 def test_readings_that_could_be_taken_are_of_the_last_word() -> None:
     table = study()
     more = table.extended([Proposal({"x_mm": 3.0}), Proposal({"x_mm": 20.0})])
-    assert more.readings.categories["operator"].values.tolist() == [*OPERATOR, OPERATOR[-1], OPERATOR[-1]]
+    assert more.data.readings.categories["operator"].values.tolist() == [*OPERATOR, OPERATOR[-1], OPERATOR[-1]]
     candidates, _ = more.candidates(more.model([]), np.array([1.0, 0.5]))
     (found,) = [each for each in candidates if each.term.effect == "level[operator]"]
     assert found.derivative.shape == (ROWS + 2, 2)
@@ -158,8 +159,8 @@ def test_a_plugin_may_look_at_words(tmp_path: Path) -> None:
     path.write_text(PLUGIN)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        effects = list(load(path).effects.values())
-    table = study(effects=effects)
+        plugins = [load(path)]
+    table = study(plugins=plugins)
     candidates, _ = table.candidates(table.model([]), np.array([1.0, 0.5]))
     (found,) = [each for each in candidates if each.term.effect == "bens-thumb"]
     assert found.derivative[:, 0] == pytest.approx((OPERATOR == "Ben") * X)

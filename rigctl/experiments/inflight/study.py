@@ -16,7 +16,7 @@ from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.study_data import FlightData
 from rigctl.experiments.inflight.study_model import InflightModel, shown_name
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
-from rigctl.workbench.study_base import StudyBase, line_frequencies_hz, own_model, parameters_as_json
+from rigctl.workbench.study_base import CatalogueStudy, line_frequencies_hz, own_model, parameters_as_json
 
 INSEPARABLE: Mapping[str, tuple[str, ...]] = {
     "tracker-bias": ("ac12_rad", "ac13_rad", "ac11_dx_m", "ac11_dz_m"),
@@ -44,7 +44,7 @@ STRONGER = 2.0
 _IN_SAMPLES = (PULSES, LEVEL, LINE)
 
 
-class InflightStudy(StudyBase[FlightData]):
+class InflightStudy(CatalogueStudy[FlightData]):
     """A recording of calibration sessions; `DataError` when no run can be used."""
 
     experiment = "inflight-calibration"

@@ -18,7 +18,7 @@ from rigctl.experiments.rotating_platform.observe.store_reduction import refined
 from rigctl.experiments.rotating_platform.study_data import PlatformData, RecordedRuns
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
 from rigctl.workbench.study_base import (
-    StudyBase,
+    CatalogueStudy,
     line_frequencies_hz,
     own_model,
     parameters_as_json,
@@ -32,7 +32,7 @@ _RESULTS = 3
 """The first parameters are the result: the gain of the tilt, and the two accelerations without a tilt."""
 
 
-class PlatformStudy(StudyBase[PlatformData]):
+class PlatformStudy(CatalogueStudy[PlatformData]):
     """A recording of modulated runs."""
 
     experiment = "rotating-platform"

@@ -24,13 +24,13 @@ from rigctl.experiments.sensing_axis.observe.set_points import options
 from rigctl.experiments.sensing_axis.study_data import RecordedRuns, ScanData
 from rigctl.experiments.sensing_axis.study_model import SensingAxisModel
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
-from rigctl.workbench.study_base import StudyBase, line_frequencies_hz, own_model, steady_line
+from rigctl.workbench.study_base import CatalogueStudy, line_frequencies_hz, own_model, steady_line
 
 LINE = "mains-pickup"
 """The effect that is found in the samples, not in the amplitudes."""
 
 
-class SensingAxisStudy(StudyBase[ScanData]):
+class SensingAxisStudy(CatalogueStudy[ScanData]):
     """A recording of the null search."""
 
     experiment = "sensing-axis"

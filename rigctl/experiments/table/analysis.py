@@ -22,7 +22,7 @@ def reduced(source: RunSource, progress: Progress) -> Mapping[str, str]:
 
 def study(source: RunSource, plugins: Sequence[Plugin]) -> TableStudy:
     """A recording's readings as the workbench sees them."""
-    return TableStudy(source, [effect for plugin in plugins for effect in plugin.effects.values()])
+    return TableStudy(source, plugins)
 
 
 def result(workbench: Workbench) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -12,57 +11,55 @@ import numpy as np
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
-from rigctl.effects.catalogue import Effect
+from rigctl.effects.plugins import Plugin
 from rigctl.experiments.table.candidates import candidate_of, plugin_candidate
-from rigctl.experiments.table.catalogue import base_of, generic, next_id, why_not
+from rigctl.experiments.table.catalogue import base_of, next_id, why_not
 from rigctl.experiments.table.model.model import TableModel, fitted
 from rigctl.experiments.table.model.pieces import ColumnPiece, Piece, PluginPiece
 from rigctl.experiments.table.model.scanned import Scanned
-from rigctl.experiments.table.model.start import POINTS_MAX, baseline_start, place, solve, span_of
-from rigctl.experiments.table.observe.readings import Readings, declares_noise, read
-from rigctl.experiments.table.proposals import options, with_proposals
+from rigctl.experiments.table.model.start import POINTS_MAX, place, solve, span_of
+from rigctl.experiments.table.proposals import options
+from rigctl.experiments.table.study_data import TableData
 from rigctl.workbench.study import (
     Candidate,
     Line,
     Model,
-    NoisePool,
     NotTestable,
     Observations,
     Proposal,
-    Series,
     Term,
 )
+from rigctl.workbench.study_base import StudyBase, parameters_as_json
 
-_ROUNDING = 1e-13
 _RESTARTS = 8
 _GRID_POINTS, _GRID_LEAST = 1500, 100
 
 
-class TableStudy:
-    """A `rigctl.workbench.study.Study` of a `table` recording: each row of readings.csv is a run.
+class TableStudy(StudyBase[TableData]):
+    """A `table` recording: each row of readings.csv is a run.
 
-    `plugins` are further effects; those that act on "response" join the catalogue. `DataError` or `ConfigError`,
-    one line, for a question that the readings cannot be asked.
+    Plug-ins that act on "response" join the catalogue made from the columns. `DataError` or `ConfigError`, one line,
+    for a question that the readings cannot be asked.
     """
 
     experiment = "table"
 
-    def __init__(self, source: RunSource, plugins: Sequence[Effect] = ()) -> None:
-        self.readings = read(source)
-        self._forms = generic(self.readings)
-        self._plugins = {effect.id: effect for effect in plugins if effect.on == "response"}
-        self._start = baseline_start(self.readings)
-        if not declares_noise(source.header, self.readings.response.name):
-            self.readings = replace(self.readings, sigma=self._scatter())
-        self.observations = _observations(self.readings)
-        self._require_enough(len(self._start))
-        self._imagined = False
+    def __init__(self, source: RunSource, plugins: Sequence[Plugin] = (), data: TableData | None = None) -> None:
+        super().__init__(source, plugins, data)
+        self._require_enough(len(self.data.start))
+
+    def reduced_source(self) -> TableData:
+        """The readings, each a run."""
+        return TableData.of(self.source)
+
+    @property
+    def observations(self) -> Observations:
+        """The response and its conditions."""
+        return self.data.observations
 
     def effects(self) -> Mapping[str, str]:
         """The catalogue made from the columns, then the plug-ins; of the scanned ones there may be `#2`, `#3`, ..."""
-        return {name: form.sentence for name, form in self._forms.items()} | {
-            name: effect.summary for name, effect in self._plugins.items()
-        }
+        return {name: form.sentence for name, form in self.data.forms.items()} | dict(super().effects())
 
     def model(self, terms: Sequence[Term]) -> TableModel:
         """The baseline with these terms; what a term's choice leaves open is scanned for."""
@@ -74,10 +71,10 @@ class TableStudy:
         for i, piece in enumerate(pieces):
             if isinstance(piece, ColumnPiece) and isinstance(piece.form, Scanned):
                 pieces[i] = self._placed(piece, pieces[:i] + pieces[i + 1 :])
-        model = TableModel(self.observations, self.readings, tuple(pieces), self._starts(pieces))
+        model = TableModel(self.observations, self.data.readings, tuple(pieces), self._starts(pieces))
         self._require_enough(len(model.starts))
-        curved = len(self.readings.expression.linear_in()) < len(self._start)
-        return self._settled(model) if curved and pieces and not self._imagined else model
+        curved = len(self.data.readings.expression.linear_in()) < len(self.data.start)
+        return self._settled(model) if curved and pieces and not self.data.imagined else model
 
     def _settled(self, model: TableModel) -> TableModel:
         """The model starting where its fit ends: beside a curved baseline a scan is only a first guess."""
@@ -104,19 +101,19 @@ class TableStudy:
         left = self.observations.value - model.predict(values)
         found: list[Candidate] = []
         untestable: list[NotTestable] = []
-        for base, form in self._forms.items():
+        for base, form in self.data.forms.items():
             if base in taken and not isinstance(form, Scanned):
                 continue
-            if reason := why_not(form, self.readings):
+            if reason := why_not(form, self.data.readings):
                 untestable.append(NotTestable(base, reason))
                 continue
             effect = next_id(base, taken)
             choices = self._grid(form) if isinstance(form, Scanned) else [{}]
-            unit = self.readings.response.unit
+            unit = self.data.readings.response.unit
             found += [candidate_of(form, Term(effect, choice), unit, held, left) for choice in choices]
-        for name, effect_ in self._plugins.items():
+        for name, effect_ in self.catalogue.items():
             if name not in taken:
-                piece = PluginPiece(Term(name), effect_, self.readings)
+                piece = PluginPiece(Term(name), effect_, self.data.readings)
                 entry = plugin_candidate(piece, model.signal(values))
                 (found if isinstance(entry, Candidate) else untestable).append(entry)  # type: ignore[arg-type]
         return found, untestable
@@ -128,39 +125,29 @@ class TableStudy:
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """The parameters: they are what a calibration is for."""
-        sigmas = np.sqrt(np.diag(covariance))
-        rows = zip(model.parameters, values, sigmas, model.units, strict=True)
-        return {
-            each.name: {"value": float(value), "sigma": float(sigma), "unit": unit}
-            for each, value, sigma, unit in rows
-        }
+        return parameters_as_json(model, values, covariance)
 
     def options(self) -> list[Proposal]:
         """Values of the columns at which the next readings might be taken."""
-        return options(self.readings)
+        return options(self.data.readings)
 
     def extended(self, proposals: Sequence[Proposal]) -> TableStudy:
         """These readings and some more, which mean nothing but where they are taken."""
-        other = copy.copy(self)
-        other.readings = with_proposals(self.readings, proposals)
-        other._forms = generic(other.readings)
-        other.observations = _observations(other.readings)
-        other._imagined = True
-        return other
+        return self.with_data(self.data.with_proposals(proposals))
 
     def _grid(self, form: Scanned) -> list[dict[str, float]]:
-        points = max(_GRID_POINTS // max(len(self.readings.columns), 1), _GRID_LEAST)
+        points = max(_GRID_POINTS // max(len(self.data.readings.columns), 1), _GRID_LEAST)
         return [form.full_choice(float(value)) for value in form.grid(min(points, POINTS_MAX))]
 
     def _piece(self, term: Term, before: Sequence[Piece]) -> Piece:
-        if term.effect in self._plugins:
-            return PluginPiece(Term(term.effect), self._plugins[term.effect], self.readings)
-        form = self._forms[base_of(term.effect, self._forms)]
-        if reason := why_not(form, self.readings):
+        if term.effect in self.catalogue:
+            return PluginPiece(Term(term.effect), self.catalogue[term.effect], self.data.readings)
+        form = self.data.forms[base_of(term.effect, self.data.forms)]
+        if reason := why_not(form, self.data.readings):
             raise DataError(f"effect '{term.effect}' cannot be fitted: {reason}; remove it from the model")
-        piece = ColumnPiece(term, form, self.readings.response.unit)
+        piece = ColumnPiece(term, form, self.data.readings.response.unit)
         if not isinstance(form, Scanned):
-            return ColumnPiece(Term(term.effect), form, self.readings.response.unit)
+            return ColumnPiece(Term(term.effect), form, self.data.readings.response.unit)
         return piece if form.scanned in term.choice else self._placed(piece, before)
 
     def _placed(self, piece: ColumnPiece, others: Sequence[Piece]) -> ColumnPiece:
@@ -168,8 +155,8 @@ class TableStudy:
         form = piece.form
         assert isinstance(form, Scanned)
         beside = [each for each in others if isinstance(each, ColumnPiece) and _is_placed(each)]
-        weight = self.readings.sigma[:, None]
-        signal, slopes = self._baseline()
+        weight = self.data.readings.sigma[:, None]
+        signal, slopes = self.data.baseline
         held = np.concatenate([slopes, *(each.form.basis(each.choice) for each in beside)], axis=1)
         near = piece.choice.get(form.scanned)
         value = place(form, held / weight, (self.observations.value - signal) / weight[:, 0], near)
@@ -178,15 +165,16 @@ class TableStudy:
 
     def _starts(self, pieces: Sequence[Piece]) -> FloatArray:
         """The baseline's curved parameters as it alone is fitted; everything linear solved for beside them."""
-        expression = self.readings.expression
+        expression = self.data.readings.expression
         linear = [expression.parameters.index(name) for name in expression.linear_in()]
         columns = [piece for piece in pieces if isinstance(piece, ColumnPiece)]
         bases = [piece.form.basis(piece.choice) for piece in columns]
-        signal, slopes = self._baseline()
+        signal, slopes = self.data.baseline
+        sigma = self.data.readings.sigma
         with np.errstate(over="ignore"):
-            design = np.concatenate([slopes[:, linear], *bases], axis=1) / self.readings.sigma[:, None]
-        change = solve(design, (self.observations.value - signal) / self.readings.sigma) if design.shape[1] else None
-        own = self._start.copy()
+            design = np.concatenate([slopes[:, linear], *bases], axis=1) / sigma[:, None]
+        change = solve(design, (self.observations.value - signal) / sigma) if design.shape[1] else None
+        own = self.data.start.copy()
         if change is None:
             return own
         own[linear] += change[: len(linear)]
@@ -196,16 +184,6 @@ class TableStudy:
             for piece in pieces
         ]
         return np.concatenate([own, *parts])
-
-    def _scatter(self) -> FloatArray:
-        """What the baseline alone leaves, rms, but never less than rounding."""
-        left = self.readings.response.values - self._baseline()[0]
-        floor = _ROUNDING * float(np.abs(self.readings.response.values).max())
-        return np.full(left.size, max(float(np.sqrt(np.mean(left**2))), floor) or 1.0)
-
-    def _baseline(self) -> tuple[FloatArray, FloatArray]:
-        given = dict(zip(self.readings.expression.parameters, self._start, strict=True))
-        return self.readings.expression.evaluate(self.readings.numbers, given)
 
     def _require_enough(self, parameters: int) -> None:
         rows = self.observations.value.size
@@ -217,23 +195,3 @@ class TableStudy:
 
 def _is_placed(piece: ColumnPiece) -> bool:
     return not isinstance(piece.form, Scanned) or piece.form.scanned in piece.choice
-
-
-def _observations(readings: Readings) -> Observations:
-    n = readings.response.values.size
-    none = np.zeros(n, dtype=np.intp)
-    grouped = [category for category in readings.categories.values() if category.names_groups]
-    return Observations(
-        run_ids=readings.labels,
-        series=(Series(readings.response.name, "", readings.response.unit),),
-        pools=(NoisePool(readings.response.name, 0.0, readings.spec.order),),
-        value=readings.response.values,
-        sigma=readings.sigma,
-        series_of=none,
-        run_of=np.arange(n, dtype=np.intp),
-        pool_of=none,
-        group_of=none,
-        block_of=readings.block_of,
-        covariates={**readings.numbers, **{category.name: category.codes for category in grouped}},
-        levels={category.name: category.levels for category in grouped},
-    )

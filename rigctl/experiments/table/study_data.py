@@ -1,0 +1,81 @@
+"""What a study of a table works on: its readings, the forms they could follow, the baseline's fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rigctl.campaign.recording import RunSource
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.table.catalogue import generic
+from rigctl.experiments.table.model.form import Form
+from rigctl.experiments.table.model.start import baseline_start
+from rigctl.experiments.table.observe.readings import Readings, declares_noise, read
+from rigctl.experiments.table.proposals import with_proposals
+from rigctl.workbench.study import NoisePool, Observations, Proposal, Series
+
+_ROUNDING = 1e-13
+
+
+@dataclass(frozen=True)
+class TableData:
+    """Readings, some of them perhaps `imagined`, and the baseline's parameters as it alone is fitted, `start`."""
+
+    readings: Readings
+    start: FloatArray
+    imagined: bool = False
+
+    @classmethod
+    def of(cls, source: RunSource) -> TableData:
+        """The readings of a recording; `DataError` for a question they cannot be asked."""
+        readings = read(source)
+        data = cls(readings, baseline_start(readings))
+        if declares_noise(source.header, readings.response.name):
+            return data
+        return cls(replace(readings, sigma=data.scatter()), data.start)
+
+    def with_proposals(self, proposals: Sequence[Proposal]) -> TableData:
+        """These readings and some more, which mean nothing but where they are taken."""
+        return replace(self, readings=with_proposals(self.readings, proposals), imagined=True)
+
+    @cached_property
+    def forms(self) -> dict[str, Form]:
+        """The catalogue made from the columns."""
+        return generic(self.readings)
+
+    @cached_property
+    def baseline(self) -> tuple[FloatArray, FloatArray]:
+        """What the baseline alone predicts, (n,), and its derivatives, (n, m), at `start`."""
+        return self.readings.baseline(self.start)
+
+    def scatter(self) -> FloatArray:
+        """What the baseline alone leaves, rms, but never less than rounding; (n,)."""
+        values = self.readings.response.values
+        left = values - self.baseline[0]
+        floor = _ROUNDING * float(np.abs(values).max())
+        return np.full(left.size, max(float(np.sqrt(np.mean(left**2))), floor) or 1.0)
+
+    @cached_property
+    def observations(self) -> Observations:
+        """Each row is a run."""
+        readings = self.readings
+        n = readings.response.values.size
+        none = np.zeros(n, dtype=np.intp)
+        grouped = [category for category in readings.categories.values() if category.names_groups]
+        return Observations(
+            run_ids=readings.labels,
+            series=(Series(readings.response.name, "", readings.response.unit),),
+            pools=(NoisePool(readings.response.name, 0.0, readings.spec.order),),
+            value=readings.response.values,
+            sigma=readings.sigma,
+            series_of=none,
+            run_of=np.arange(n, dtype=np.intp),
+            pool_of=none,
+            group_of=none,
+            block_of=readings.block_of,
+            covariates={**readings.numbers, **{category.name: category.codes for category in grouped}},
+            levels={category.name: category.levels for category in grouped},
+        )
