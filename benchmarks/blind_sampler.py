@@ -150,7 +150,7 @@ def _mountings(nature: BenchSettings, design: Design) -> Iterator[tuple[Mounting
         timed = []
         for point in points:
             timed.append((point, at_s))
-            at_s += SETTLE_S + point.duration_s + AFTER_S
+            at_s += SETTLE_S + point.dwell_s + AFTER_S
         yield mounting, timed
 
 

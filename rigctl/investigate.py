@@ -146,7 +146,7 @@ def set_points(campaign: config.CampaignFile) -> SetPoints:
         )
     settings = [
         {
-            "angle_deg": run.angle_deg,
+            "theta_deg": run.theta_deg,
             "frequency_hz": run.frequency_hz,
             "amplitude_mm": run.amplitude_mm or procedure.amplitude_mm,
             "approach": run.approach,

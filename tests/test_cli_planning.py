@@ -93,7 +93,7 @@ def test_next_promises_and_writes_a_campaign_that_can_be_run(advised: tuple[dict
     assert found["runs"]
     assert {"effect", "from", "lambda", "power"} <= set((found["promises"] + found["cannot_be_separated"])[0])
     document = tomllib.loads(written.read_text())
-    assert [run["angle_deg"] for run in document["procedure"]["runs"]] == [r["angle_deg"] for r in found["runs"]]
+    assert [run["theta_deg"] for run in document["procedure"]["runs"]] == [r["theta_deg"] for r in found["runs"]]
     assert document["model"]["effects"] == ["roll-gravity", "resonance"]
     plan = desk.rigctl("run", written, "--dry-run", "--json").json
     assert plan["runs_planned"] == len(found["runs"])

@@ -48,10 +48,10 @@ def test_the_durations_planned_for_a_null_search_reach_its_target(target_arcsec:
     noise_v = 3e-4 / sensor.gain_v_per_m_s2 / 3e-6
     runs = [
         {
-            "angle_deg": 0.0,
+            "theta_deg": 0.0,
             "frequency_hz": point.frequency_hz,
             "amplitude_mm": point.amplitude_mm,
-            "dwell_s": point.duration_s * noise_v**2,
+            "dwell_s": point.dwell_s * noise_v**2,
         }
         for point in first
     ]

@@ -24,7 +24,7 @@ from rigctl.workbench.study import Proposal
 
 CAMPAIGNS = Path(__file__).parent.parent / "campaigns"
 TURN: dict[str, Any] = {"pattern": "c", "modulation_period_s": 60.0, "periods": 3, "v_z_v": 1.5, "v_y_v": 0.0}
-POINT: dict[str, Any] = {"angle_deg": -3.0, "frequency_hz": 0.5, "approach": -1, "dwell_s": 20.0, "start_s": 7.0}
+POINT: dict[str, Any] = {"theta_deg": -3.0, "frequency_hz": 0.5, "approach": -1, "dwell_s": 20.0, "start_s": 7.0}
 
 
 def planned(like: config.CampaignFile, procedure: Any) -> tuple[config.CampaignFile, dict[str, Any]]:

@@ -31,9 +31,9 @@ class AngleScan:
         """All angles at each frequency in turn; returns the runs."""
         runs = []
         for frequency_hz in frequencies_hz:
-            for angle_deg in angles_deg:
-                point = self.point(mounting, angle_deg, frequency_hz)
-                key = f"{mounting.key} scan {frequency_hz:g} Hz {angle_deg:g} deg"
+            for theta_deg in angles_deg:
+                point = self.point(mounting, theta_deg, frequency_hz)
+                key = f"{mounting.key} scan {frequency_hz:g} Hz {theta_deg:g} deg"
                 runs.append(self.bench.run(self.session, key, point, before=lambda: self.fixture.confirm(mounting)))
         return runs
 

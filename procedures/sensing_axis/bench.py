@@ -64,14 +64,14 @@ class SetPoint:
     theta_deg: float
     frequency_hz: float
     amplitude_mm: float
-    duration_s: float
+    dwell_s: float
     sample_rate_hz: float
     approach: int = 1
 
     @property
     def samples(self) -> int:
         """Samples of the whole periods that the duration asks for, at least one."""
-        periods = max(math.ceil(self.duration_s * self.frequency_hz - 1e-6), 1)
+        periods = max(math.ceil(self.dwell_s * self.frequency_hz - 1e-6), 1)
         return math.ceil(periods / self.frequency_hz * self.sample_rate_hz)
 
     @property
@@ -137,7 +137,7 @@ class Bench:
         longest_s = self.longest_run_s(point.sample_rate_hz, lasers=lasers)
         if point.samples > longest_s * point.sample_rate_hz:
             raise LimitError(
-                f"{point.duration_s:g} s at {point.sample_rate_hz:g} Hz is more than the recorders' memories hold; "
+                f"{point.dwell_s:g} s at {point.sample_rate_hz:g} Hz is more than the recorders' memories hold; "
                 f"at this rate at most {longest_s:.0f} s"
             )
         margin_mm = self.package.spot_margin_mm(point.theta_deg, point.amplitude_mm)
@@ -311,7 +311,7 @@ class Bench:
         self._approached = approach
 
     def _oscillate(self, point: SetPoint) -> None:
-        lasting_s = 1.5 * point.duration_s + 2 * OSCILLATION_MARGIN_S
+        lasting_s = 1.5 * point.dwell_s + 2 * OSCILLATION_MARGIN_S
         self._oscillating = True
         self.linear.oscillate(0.0, point.amplitude_mm, point.frequency_hz, lasting_s)
 

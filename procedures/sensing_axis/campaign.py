@@ -51,7 +51,7 @@ class _Plan:
         return {
             "mountings": [mounting.key for mounting in self.plan.mountings],
             "theta0_sigma_arcsec": self._theta0_sigma_arcsec(bench),
-            "rig_time_s": round(noise_check_s + sum(point.duration_s + OVERHEAD_S for point in points)),
+            "rig_time_s": round(noise_check_s + sum(point.dwell_s + OVERHEAD_S for point in points)),
         }
 
     def _theta0_sigma_arcsec(self, bench: Bench) -> float | None:
@@ -126,7 +126,7 @@ def scan_of(axis: str, configuration: str, runs: Sequence[Proposal], like: Proce
     }
 
 
-_OF_A_RUN = ("angle_deg", "frequency_hz", "amplitude_mm", "approach", "dwell_s", "temperature_c")
+_OF_A_RUN = ("theta_deg", "frequency_hz", "amplitude_mm", "approach", "dwell_s", "temperature_c")
 
 
 def place_of(store: Store) -> tuple[str, str]:

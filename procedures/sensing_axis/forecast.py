@@ -35,9 +35,9 @@ def _settings(point: SetPoint) -> dict[str, Any]:
         "axis": point.axis,
         "configuration": point.configuration,
         "mounting": point.mounting,
-        "angle_deg": point.theta_deg,
+        "theta_deg": point.theta_deg,
         "frequency_hz": point.frequency_hz,
         "amplitude_mm": point.amplitude_mm,
-        "dwell_s": point.duration_s,
+        "dwell_s": point.dwell_s,
         "approach": point.approach,
     }

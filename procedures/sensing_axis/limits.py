@@ -26,7 +26,7 @@ def _set_point(settings: Mapping[str, Any], procedure: Procedure, axis: str, con
         axis,
         configuration,
         0,
-        float(settings["angle_deg"]),
+        float(settings["theta_deg"]),
         float(settings["frequency_hz"]),
         float(settings.get("amplitude_mm", procedure.amplitude_mm)),
         float(settings.get("dwell_s", procedure.dwell_s)),

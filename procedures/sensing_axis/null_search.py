@@ -109,7 +109,7 @@ class NullSearch:
             theta_deg = found_deg
         raise ProcedureError(f"{self.mounting.key}: no null within reach of {self.settings.start_deg:g} deg")
 
-    def _measure(self, theta_deg: float, frequency_hz: float, duration_s: float) -> None:
+    def _measure(self, theta_deg: float, frequency_hz: float, dwell_s: float) -> None:
         settings = self.settings
         point = SetPoint(
             self.mounting.axis,
@@ -118,7 +118,7 @@ class NullSearch:
             theta_deg,
             frequency_hz,
             settings.amplitude_mm,
-            duration_s,
+            dwell_s,
             settings.sample_rate_hz,
         )
         # The set-point is part of the name: when a run is declared invalid, what follows from it changes too.
@@ -172,7 +172,7 @@ class NullSearch:
         return _slope_m_s2(self.settings, self.pair)
 
 
-def expected_durations_s(settings: NullSearchSettings, effects: Sequence[Effect]) -> list[tuple[float, float]]:
+def expected_dwells_s(settings: NullSearchSettings, effects: Sequence[Effect]) -> list[tuple[float, float]]:
     """Frequency [Hz] and duration [s] of the runs that a search takes in a room of the settings' noise.
 
     `ConfigError` where that is more than a search may take.

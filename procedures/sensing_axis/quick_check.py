@@ -59,7 +59,7 @@ def quick_check(session: Session, bench: Bench, fixture: Fixture, start: SetPoin
         samples = session.store.samples(record.run_id)
         return observables([reduce_run(record.run_id, record.conditions, samples)])[0]
 
-    near = measure("near null", replace(start, duration_s=DWELL_S), lasers=True)
+    near = measure("near null", replace(start, dwell_s=DWELL_S), lasers=True)
     fit = fit_recording(RecordingModel([near], bench.package, bench.heads, bench.g_m_s2))
     null = fit.null(mounting.axis, mounting.configuration, mounting.number)
     theta0_deg = round(math.degrees(null.theta0_rad) / ANGLE_RESOLUTION_DEG) * ANGLE_RESOLUTION_DEG
@@ -74,7 +74,7 @@ def quick_check(session: Session, bench: Bench, fixture: Fixture, start: SetPoin
 
 def reversal_points(null: SetPoint) -> tuple[SetPoint, SetPoint]:
     """A quarter turn to either side of a null."""
-    aside = replace(null, duration_s=DWELL_S, amplitude_mm=REVERSAL_AMPLITUDE_MM)
+    aside = replace(null, dwell_s=DWELL_S, amplitude_mm=REVERSAL_AMPLITUDE_MM)
     return replace(aside, theta_deg=null.theta_deg + 90.0), replace(aside, theta_deg=null.theta_deg - 90.0)
 
 

@@ -31,9 +31,9 @@ class CapturingStage(LinearStage, PacedRecorder, Protocol):
 
 def require_standing(stage: str, asked_deg: float, angles_deg: Sequence[float]) -> None:
     """`ImplausibleSample` when the encoder, before and after a run, is not where the stage was sent."""
-    for angle_deg in angles_deg:
-        if not abs(angle_deg - asked_deg) <= ANGLE_TOLERANCE_DEG:
-            said = f"{stage}: {angle_deg:g} deg where {asked_deg:g} deg was asked for"
+    for theta_deg in angles_deg:
+        if not abs(theta_deg - asked_deg) <= ANGLE_TOLERANCE_DEG:
+            said = f"{stage}: {theta_deg:g} deg where {asked_deg:g} deg was asked for"
             raise ImplausibleSample(said, channel="theta_deg", instrument=stage)
 
 

@@ -92,7 +92,7 @@ def listed(procedure: Procedure) -> tuple[ListedRun, ...]:
     )
     return tuple(
         ListedRun(
-            angle_deg=angle_deg,
+            theta_deg=theta_deg,
             frequency_hz=frequency_hz,
             amplitude_mm=amplitude_mm,
             approach=approach,
@@ -100,7 +100,7 @@ def listed(procedure: Procedure) -> tuple[ListedRun, ...]:
             configuration=configuration,
             mounting=mounting,
         )
-        for axis, configuration, mounting, _, amplitude_mm, frequency_hz, approach, angle_deg in grid
+        for axis, configuration, mounting, _, amplitude_mm, frequency_hz, approach, theta_deg in grid
     )
 
 
@@ -213,7 +213,7 @@ def _set_point(procedure: Procedure, mounting: Mounting, run: ListedRun) -> Want
         mounting.axis,
         mounting.configuration,
         mounting.number,
-        run.angle_deg,
+        run.theta_deg,
         run.frequency_hz,
         run.amplitude_mm or procedure.amplitude_mm,
         run.dwell_s or procedure.dwell_s,
@@ -224,7 +224,7 @@ def _set_point(procedure: Procedure, mounting: Mounting, run: ListedRun) -> Want
     at = "" if run.temperature_c is None else f" at {run.temperature_c:g} C"
     name = (
         f"{point.theta_deg:.4f} deg from {side} {point.frequency_hz:g} Hz {point.amplitude_mm:g} mm "
-        f"{point.duration_s:g} s{at}"
+        f"{point.dwell_s:g} s{at}"
     )
     return Wanted(name, point, run.temperature_c)
 

@@ -16,7 +16,7 @@ from procedures.sensing_axis.angle_scan import AngleScan
 from procedures.sensing_axis.bench import Bench, SetPoint
 from procedures.sensing_axis.mounting import Fixture, Mounting, MountingLostError, Seated
 from procedures.sensing_axis.noise_check import NOISE_CHECK, check_noise
-from procedures.sensing_axis.null_search import ROLL, NullSearch, NullSearchSettings, expected_durations_s
+from procedures.sensing_axis.null_search import ROLL, NullSearch, NullSearchSettings, expected_dwells_s
 from procedures.sensing_axis.quick_check import DWELL_S, quick_check, reversal_points
 from procedures.sensing_axis.tables import Procedure, Targets
 from rigctl.campaign.session.session import Session
@@ -92,15 +92,15 @@ class Plan:
             return [wanted.point for stretch in self.stretches for wanted in stretch.wanted]
         if procedure.name == "angle-scan":
             grid = itertools.product(self.mountings, procedure.frequencies_hz, procedure.angles_deg)
-            return [self.point(mounting, angle_deg, frequency_hz) for mounting, frequency_hz, angle_deg in grid]
+            return [self.point(mounting, theta_deg, frequency_hz) for mounting, frequency_hz, theta_deg in grid]
         if procedure.name == "quick-check":
             start = self.point(self.mountings[0], procedure.start_deg, max(procedure.frequencies_hz))
-            return [replace(start, duration_s=DWELL_S), *reversal_points(start)]
-        durations_s = expected_durations_s(self.search(self.targets.noise_m_s2_rthz), self.effects)
+            return [replace(start, dwell_s=DWELL_S), *reversal_points(start)]
+        dwells_s = expected_dwells_s(self.search(self.targets.noise_m_s2_rthz), self.effects)
         return [
-            replace(self.point(mounting, procedure.start_deg, frequency_hz), duration_s=duration_s)
+            replace(self.point(mounting, procedure.start_deg, frequency_hz), dwell_s=dwell_s)
             for mounting in self.mountings
-            for frequency_hz, duration_s in durations_s
+            for frequency_hz, dwell_s in dwells_s
         ]
 
     def check(self, bench: Bench) -> None:
@@ -126,7 +126,7 @@ class Plan:
             for point in reversal_points(self._extremes()[0]):
                 bench.check(point, lasers=False)
         if procedure.name in NULL_SEARCHES:
-            expected_durations_s(self.search(self.targets.noise_m_s2_rthz), self.effects)
+            expected_dwells_s(self.search(self.targets.noise_m_s2_rthz), self.effects)
 
     def _check_scan(self, bench: Bench) -> None:
         for i, run in enumerate(self.procedure.runs):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import AliasChoices, Field, field_validator
 
 from rigctl.core.file_tables import Table
 
@@ -19,10 +19,10 @@ Approach = Literal[1, -1]
 class ListedRun(Table):
     """A `[[procedure.runs]]` table: one run of a scan that is given as a list.
 
-    What is left out is as in `[procedure]`. `mounting` 0 is what is mounted already, 1, 2, ... are new ones.
+    What is left out is as in `[procedure]`; older files say `angle_deg` for `theta_deg`. `mounting` 0 is what is mounted already, 1, 2, ... are new ones.
     """
 
-    angle_deg: float
+    theta_deg: Annotated[float, Field(validation_alias=AliasChoices("theta_deg", "angle_deg"))]
     frequency_hz: FrequencyHz
     amplitude_mm: AmplitudeMm | None = None
     approach: Approach = 1

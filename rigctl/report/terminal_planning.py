@@ -11,7 +11,7 @@ from rich.text import Text
 from rigctl.report.quantities import counted, number
 from rigctl.report.verdicts import Findings, model_name
 
-SHORT = {"angle_deg": "deg", "frequency_hz": "Hz", "amplitude_mm": "mm", "dwell_s": "s", "temperature_c": "C"}
+SHORT = {"theta_deg": "deg", "frequency_hz": "Hz", "amplitude_mm": "mm", "dwell_s": "s", "temperature_c": "C"}
 
 
 def print_recommendation(found: Findings) -> None:

@@ -58,7 +58,7 @@ def attempt(study: SensingAxisStudy) -> Attempt:
 
 def as_made(store: Store) -> list[Proposal]:
     """The runs of a store as proposals."""
-    names = {"theta_asked_deg": "angle_deg", "frequency_hz": "frequency_hz", "amplitude_mm": "amplitude_mm"}
+    names = {"theta_asked_deg": "theta_deg", "frequency_hz": "frequency_hz", "amplitude_mm": "amplitude_mm"}
     return [
         Proposal(
             {
@@ -115,22 +115,22 @@ def test_options_are_within_the_range_and_the_stages_limits(study: SensingAxisSt
     allowed = allowed_by_rig(store)
     assert allowed is not None
     kept = [each for each in options if allowed(each)]
-    assert {-20.0, -0.8, 0.8, 20.0} <= {each.settings["angle_deg"] for each in kept}
+    assert {-20.0, -0.8, 0.8, 20.0} <= {each.settings["theta_deg"] for each in kept}
     assert {0.3, 0.6, 1.0} <= {each.settings["frequency_hz"] for each in kept}
     assert {each.settings["approach"] for each in kept} == {1, -1}
     for each in kept:
         given = each.settings
         w = 2.0 * np.pi * given["frequency_hz"]
-        volts = 100.0 * 1e-3 * given["amplitude_mm"] * w**2 * abs(np.sin(np.radians(given["angle_deg"])))
+        volts = 100.0 * 1e-3 * given["amplitude_mm"] * w**2 * abs(np.sin(np.radians(given["theta_deg"])))
         assert volts < 10.0
         assert each.takes_s > given["dwell_s"]
-    assert not allowed(Proposal({**kept[0].settings, "angle_deg": 175.0}))
+    assert not allowed(Proposal({**kept[0].settings, "theta_deg": 175.0}))
     assert not allowed(Proposal({**kept[0].settings, "amplitude_mm": 30.0}))
 
 
 def test_lasers_are_seen_near_the_null_only(study: SensingAxisStudy) -> None:
     settings = {"frequency_hz": 0.6, "amplitude_mm": 5.0, "approach": 1, "dwell_s": 10.0}
-    near, far = (Proposal({**settings, "angle_deg": angle}, 25.0) for angle in (1.0, 20.0))
+    near, far = (Proposal({**settings, "theta_deg": angle}, 25.0) for angle in (1.0, 20.0))
     given = study.extended([near, far]).model(TERMS).observations
     last = len(given.run_ids) - 1
     channels = [{given.series[s].channel for s in given.series_of[given.run_of == run]} for run in (last - 1, last)]
@@ -138,7 +138,7 @@ def test_lasers_are_seen_near_the_null_only(study: SensingAxisStudy) -> None:
     assert channels[1] == {"accel_v"}
 
 
-SETTINGS = {"angle_deg": 0.8, "frequency_hz": 0.6, "amplitude_mm": 5.0, "approach": 1, "dwell_s": 10.0}
+SETTINGS = {"theta_deg": 0.8, "frequency_hz": 0.6, "amplitude_mm": 5.0, "approach": 1, "dwell_s": 10.0}
 
 
 def conditions(study: SensingAxisStudy, *changes: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -177,7 +177,7 @@ def test_a_room_is_paid_for_once(study: SensingAxisStudy) -> None:
 def test_nothing_but_the_room_differs(study: SensingAxisStudy) -> None:
     offered = study.options()
     warm = [each.settings for each in offered if "temperature_c" in each.settings]
-    assert {each["angle_deg"] for each in warm} == {-20.0, -0.8, 0.8, 20.0}
+    assert {each["theta_deg"] for each in warm} == {-20.0, -0.8, 0.8, 20.0}
     assert {each["frequency_hz"] for each in warm} == {0.3, 0.6}
     assert {each["dwell_s"] for each in warm} == {max(each.settings["dwell_s"] for each in offered)}
 
@@ -186,6 +186,6 @@ def test_angles_are_those_of_the_mounting_that_is_there(store: Store) -> None:
     runs = reduction(store, ()).runs
     before = [replace(run, mounting=0, theta_rad=run.theta_rad + 1e-3, start_s=run.start_s - 1e4) for run in runs]
     limits = SensingAxisStudy(store).data.recorded.limits
-    angles = {each.settings["angle_deg"] for each in set_points.options([*before, *runs], limits)}
+    angles = {each.settings["theta_deg"] for each in set_points.options([*before, *runs], limits)}
     assert {round(float(np.degrees(run.theta_rad)), 4) for run in runs} <= angles
     assert not {round(float(np.degrees(run.theta_rad)), 4) for run in before} & angles

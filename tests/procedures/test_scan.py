@@ -62,20 +62,20 @@ def test_repeats_and_amplitudes_multiply_and_each_mounting_has_an_order_of_its_o
 
 def test_a_list_is_measured_by_mounting_and_room_and_takes_from_the_procedure_what_it_leaves_out() -> None:
     runs = (
-        {"angle_deg": 0.1, "frequency_hz": 0.6, "mounting": 1, "temperature_c": 22.0},
-        {"angle_deg": 0.2, "frequency_hz": 0.6, "mounting": 2, "axis": "Y", "dwell_s": 9.0},
-        {"angle_deg": 0.3, "frequency_hz": 0.6, "mounting": 0, "amplitude_mm": 2.0},
-        {"angle_deg": 0.4, "frequency_hz": 0.6, "mounting": 1, "temperature_c": 24.0},
-        {"angle_deg": 0.5, "frequency_hz": 0.6, "temperature_c": 22.0},
+        {"theta_deg": 0.1, "frequency_hz": 0.6, "mounting": 1, "temperature_c": 22.0},
+        {"theta_deg": 0.2, "frequency_hz": 0.6, "mounting": 2, "axis": "Y", "dwell_s": 9.0},
+        {"theta_deg": 0.3, "frequency_hz": 0.6, "mounting": 0, "amplitude_mm": 2.0},
+        {"theta_deg": 0.4, "frequency_hz": 0.6, "mounting": 1, "temperature_c": 24.0},
+        {"theta_deg": 0.5, "frequency_hz": 0.6, "temperature_c": 22.0},
     )
     seated = Seated(4, Mounting("X", "flag", 4))
     found = stretches(procedure(angles_deg=(), runs=runs), seated)
     assert [stretch.mounting.key for stretch in found] == ["X flag 4", "X flag 5", "Y flag 6"]
     old, new, other = ([wanted.point for wanted in stretch.wanted] for stretch in found)
-    assert [(p.theta_deg, p.amplitude_mm, p.duration_s, p.mounting) for p in old] == [(0.3, 2.0, 4.0, 4)]
+    assert [(p.theta_deg, p.amplitude_mm, p.dwell_s, p.mounting) for p in old] == [(0.3, 2.0, 4.0, 4)]
     assert {p.theta_deg for p in new[:2]} == {0.1, 0.5}
     assert new[2].theta_deg == 0.4
-    assert [(p.duration_s, p.amplitude_mm) for p in other] == [(9.0, 5.0)]
+    assert [(p.dwell_s, p.amplitude_mm) for p in other] == [(9.0, 5.0)]
 
 
 def test_runs_arrive_from_the_side_asked_for_and_say_so(make_twin: Callable[..., Any]) -> None:
@@ -115,12 +115,12 @@ def test_lasers_are_left_out_where_their_spots_would_leave_the_cube(make_twin: C
     ("changes", "facts"),
     [
         ({"angles_deg": ()}, ["procedure.angles_deg is missing", "[[procedure.runs]]"]),
-        ({"runs": ({"angle_deg": 0.0, "frequency_hz": 0.5},)}, ["angles_deg and runs", "leave one out"]),
+        ({"runs": ({"theta_deg": 0.0, "frequency_hz": 0.5},)}, ["angles_deg and runs", "leave one out"]),
         ({"mounting": "same"}, ["nothing is mounted yet"]),
         ({"axes": ("Q",)}, ["procedure.axes", "no axis Q", "X, Y, Z"]),
         ({"configurations": ("upside-down",)}, ["no configuration upside-down"]),
         (
-            {"angles_deg": (), "runs": ({"angle_deg": 0.0, "frequency_hz": 0.5, "axis": "W"},)},
+            {"angles_deg": (), "runs": ({"theta_deg": 0.0, "frequency_hz": 0.5, "axis": "W"},)},
             ["procedure.runs.0.axis", "no axis W"],
         ),
         ({"angles_deg": (-170.0,)}, ["outside -169.95", "approach from below"]),
@@ -145,8 +145,8 @@ def test_what_cannot_be_done_is_refused_in_a_line_before_anything_moves(
         ("approaches", [], ["procedure.approaches"]),
         ("repeats", 0, ["procedure.repeats", "not 0"]),
         ("order", "backwards", ["procedure.order", "backwards"]),
-        ("runs", [{"frequency_hz": 0.5}], ["procedure.runs.0.angle_deg is missing"]),
-        ("runs", [{"angle_deg": 0.0, "frequency_hz": 0.5, "speed": 1}], ["unknown key procedure.runs.0.speed"]),
+        ("runs", [{"frequency_hz": 0.5}], ["procedure.runs.0.theta_deg is missing"]),
+        ("runs", [{"theta_deg": 0.0, "frequency_hz": 0.5, "speed": 1}], ["unknown key procedure.runs.0.speed"]),
     ],
 )
 def test_bad_keys_are_named(desk: Any, key: str, value: Any, facts: list[str]) -> None:
@@ -169,7 +169,7 @@ def _toml(procedure: dict[str, Any], effects: str = "[]") -> str:
 def test_the_room_is_brought_to_each_temperature_once_and_the_sensor_feels_it(make_twin: Callable[..., Any]) -> None:
     twin = make_twin(seed=24, effects={"thermal-gain": {"kT": 1e-2}})
     runs = tuple(
-        {"angle_deg": 20.0, "frequency_hz": 0.6, "temperature_c": celsius} for celsius in (22.0, 26.0, 22.0, 26.0)
+        {"theta_deg": 20.0, "frequency_hz": 0.6, "temperature_c": celsius} for celsius in (22.0, 26.0, 22.0, 26.0)
     )
     asked: list[float] = []
     bring = twin.session.operator.bring_room_to

@@ -110,10 +110,10 @@ def test_runs_needed_are_those_made_or_as_many_more_as_the_last_suggest(
 
 
 def test_runs_come_in_random_order_and_every_room_temperature_once() -> None:
-    offered = [Proposal({"angle_deg": i, **({"temperature_c": 20.0 + i % 2} if i % 3 else {})}) for i in range(24)]
+    offered = [Proposal({"theta_deg": i, **({"temperature_c": 20.0 + i % 2} if i % 3 else {})}) for i in range(24)]
     mixed = shuffled(offered, 5)
-    assert sorted(run.settings["angle_deg"] for run in mixed) == list(range(24))
-    assert [run.settings["angle_deg"] for run in mixed] != list(range(24))
+    assert sorted(run.settings["theta_deg"] for run in mixed) == list(range(24))
+    assert [run.settings["theta_deg"] for run in mixed] != list(range(24))
     rooms = [run.settings.get("temperature_c") for run in mixed]
     assert [room for room, _ in itertools.groupby(rooms)] == [None, 20.0, 21.0]
     assert shuffled(offered, 5) == mixed

@@ -104,12 +104,12 @@ class Bench:
 
     def options(self) -> list[Proposal]:
         return [
-            Proposal({"angle_deg": float(np.degrees(theta)), "frequency_hz": f}, 30.0)
+            Proposal({"theta_deg": float(np.degrees(theta)), "frequency_hz": f}, 30.0)
             for theta, f in itertools.product(ANGLES, self.offered)
         ]
 
     def extended(self, proposals: Sequence[Proposal]) -> Bench:
-        theta = np.radians([float(each.settings["angle_deg"]) for each in proposals])
+        theta = np.radians([float(each.settings["theta_deg"]) for each in proposals])
         frequency = [float(each.settings["frequency_hz"]) for each in proposals]
         return replace(
             self,
@@ -278,7 +278,7 @@ def test_a_result_is_tightened_as_a_fit_with_these_runs_says() -> None:
         design = study.extended(runs).model(()).design
         assert sigma == pytest.approx(np.linalg.inv(design.T @ design)[1, 1] ** 0.5, rel=1e-3)
     assert slope.sigma_promised < 0.95 * slope.sigma_now
-    assert {round(abs(run.settings["angle_deg"])) for run in advice.runs} == {60}
+    assert {round(abs(run.settings["theta_deg"])) for run in advice.runs} == {60}
 
 
 def test_what_the_baseline_holds_has_no_promise() -> None:

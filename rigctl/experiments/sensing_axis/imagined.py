@@ -59,7 +59,7 @@ def _recorded(runs: Sequence[RunObservables], limits: Limits) -> _Circumstances:
         temperature_c=_going_on(runs),
         heads=heads_of(runs) or tuple(limits.heads),
         faces=lambda _: faces,
-        seen=_spots_stay(limits.package) if limits.known else lambda angle_deg, _: radians(angle_deg) <= farthest_rad,
+        seen=_spots_stay(limits.package) if limits.known else lambda theta_deg, _: radians(theta_deg) <= farthest_rad,
         extra=runs[-1].extra,
     )
 
@@ -73,7 +73,7 @@ def _nominal(limits: Limits) -> _Circumstances:
 
 
 def _spots_stay(package: Package) -> Callable[[float, float], bool]:
-    return lambda angle_deg, amplitude_mm: package.spot_margin_mm(angle_deg, amplitude_mm) >= 0.0
+    return lambda theta_deg, amplitude_mm: package.spot_margin_mm(theta_deg, amplitude_mm) >= 0.0
 
 
 def _waits(proposals: Sequence[Proposal]) -> dict[float, float]:
@@ -87,18 +87,18 @@ def _imagined(
 ) -> RunObservables:
     given = proposal.settings
     place = here.place or (str(given["axis"]), str(given["configuration"]), int(given["mounting"]))
-    angle_deg, amplitude_mm = float(given["angle_deg"]), float(given["amplitude_mm"])
+    theta_deg, amplitude_mm = float(given["theta_deg"]), float(given["amplitude_mm"])
     frequency_hz, dwell_s = float(given["frequency_hz"]), float(given["dwell_s"])
     start_s = float(given.get("start_s", here.start_s + wait_s.get(given.get("temperature_c", np.nan), 0.0)))
     motion = np.zeros(HARMONICS, dtype=np.complex128)
     motion[0] = -1e-3j * amplitude_mm
-    heads = here.heads if here.seen(abs(angle_deg), amplitude_mm) else ()
+    heads = here.heads if here.seen(abs(theta_deg), amplitude_mm) else ()
     return RunObservables(
         run_id=run_id,
         axis=place[0],
         configuration=place[1],
         mounting=place[2],
-        theta_rad=radians(angle_deg),
+        theta_rad=radians(theta_deg),
         approach=float(given["approach"]),
         frequency_hz=frequency_hz,
         temperature_c=float(given.get("temperature_c", here.temperature_c(start_s + 0.5 * dwell_s))),

@@ -78,7 +78,7 @@ def place_of(run: RunObservables) -> tuple[str, str, int]:
 
 @dataclass(frozen=True)
 class _SetPoint:
-    angle_deg: float
+    theta_deg: float
     frequency_hz: float
     amplitude_mm: float
     approach: int
@@ -115,23 +115,23 @@ def _frequencies(runs: Sequence[RunObservables], limits: Limits) -> list[float]:
     return _used([*used, *(f for f in FREQUENCIES_HZ if limits.known or used[0] <= f <= used[-1])])
 
 
-def _within(last: RunObservables, limits: Limits, angle_deg: float, frequency_hz: float, amplitude_mm: float) -> bool:
+def _within(last: RunObservables, limits: Limits, theta_deg: float, frequency_hz: float, amplitude_mm: float) -> bool:
     """The sensor's output within its range, as far as that is known."""
     if limits.full_scale_v is None:
         return True
     sensor = limits.package.axes[last.axis].sensor[last.configuration]
     w = 2.0 * np.pi * frequency_hz
     response = 1.0 / abs(complex(1.0 - w**2 * sensor.inv_w0_squared, w * sensor.damping))
-    force_m_s2 = 1e-3 * amplitude_mm * w**2 * abs(np.sin(radians(angle_deg)))
+    force_m_s2 = 1e-3 * amplitude_mm * w**2 * abs(np.sin(radians(theta_deg)))
     return bool(sensor.gain_v_per_m_s2 * response * force_m_s2 + limits.package.level_limit_v < limits.full_scale_v)
 
 
 def _largest(
-    last: RunObservables, limits: Limits, angle_deg: float, frequency_hz: float, amplitude_mm: float
+    last: RunObservables, limits: Limits, theta_deg: float, frequency_hz: float, amplitude_mm: float
 ) -> float:
     """The amplitude, or half or a quarter of it where it would take the output out of its range; 0 for none."""
     parts = (amplitude_mm, 0.5 * amplitude_mm, 0.25 * amplitude_mm)
-    return next((part for part in parts if _within(last, limits, angle_deg, frequency_hz, part)), 0.0)
+    return next((part for part in parts if _within(last, limits, theta_deg, frequency_hz, part)), 0.0)
 
 
 def _rooms(runs: Sequence[RunObservables]) -> list[float]:
