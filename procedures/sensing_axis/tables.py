@@ -19,7 +19,8 @@ Approach = Literal[1, -1]
 class ListedRun(Table):
     """A `[[procedure.runs]]` table: one run of a scan that is given as a list.
 
-    What is left out is as in `[procedure]`; older files say `angle_deg` for `theta_deg`. `mounting` 0 is what is mounted already, 1, 2, ... are new ones.
+    What is left out is as in `[procedure]`; older files say `angle_deg` for `theta_deg`. `mounting` 0 is what is
+    mounted already, 1, 2, ... are new ones.
     """
 
     theta_deg: Annotated[float, Field(validation_alias=AliasChoices("theta_deg", "angle_deg"))]
