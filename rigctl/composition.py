@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -21,6 +22,13 @@ from rigctl.workbench.workbench import Workbench
 def workbench_of(store: Store, plugins: Sequence[Path] = ()) -> Workbench:
     """A store with its study and the versions of its model; `plugins` are files with effects of one's own."""
     return Workbench(store, partial(study_of, store), plugins, partial(allowed_by_rig, store))
+
+
+@contextmanager
+def opened_workbench(store: Path, plugins: Sequence[Path] = ()) -> Iterator[Workbench]:
+    """The workbench of the store at a path, which is closed at the end."""
+    with Store.open(store) as opened:
+        yield workbench_of(opened, plugins)
 
 
 def study_of(store: Store, plugins: Sequence[Plugin] = ()) -> Study:

@@ -9,8 +9,7 @@ from typing import Any
 
 from rigctl import runner
 from rigctl.campaign.status import status_of
-from rigctl.campaign.store.store import Store
-from rigctl.composition import workbench_of
+from rigctl.composition import opened_workbench
 from rigctl.experiments.analysis import Result, analysis_of
 from rigctl.files import config
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
@@ -105,8 +104,8 @@ class Campaign:
 @contextmanager
 def on_the_bench(store: Path | str, plugins: Sequence[Path | str] = ()) -> Iterator[Workbench]:
     """A store with its study and its model's versions, to ask more than one thing of; closed at the end."""
-    with Store.open(Path(store)) as opened:
-        yield workbench_of(opened, _paths(plugins))
+    with opened_workbench(Path(store), _paths(plugins)) as workbench:
+        yield workbench
 
 
 def _paths(plugins: Sequence[Path | str]) -> tuple[Path, ...]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import socket
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -428,3 +430,16 @@ def test_json_is_one_document_on_stdout(done: Any) -> None:
         assert found.err == ""
         assert json.loads(found.out)
         assert len(found.out.splitlines()) == 1
+
+
+def test_the_page_of_all_commands_needs_nothing_that_they_work_with() -> None:
+    """Its texts are the docstrings, read from the source: a command's module is imported when the command is used."""
+    code = (
+        "import sys, typer.testing, rigctl.cli as cli\n"
+        "print(typer.testing.CliRunner().invoke(cli.app, ['--help']).output)\n"
+        "print(sorted({name.split('.')[0] for name in sys.modules}))\n"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "Run a campaign from start to result." in told
+    assert "The versions of a store's model." in told
+    assert not [name for name in ("numpy", "pydantic", "scipy", "textual", "matplotlib") if f"'{name}'" in told]

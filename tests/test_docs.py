@@ -8,6 +8,7 @@ import re
 import shlex
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -238,10 +239,12 @@ def test_toml_examples_parse(path: Path) -> None:
 # Commands
 
 
+@cache
 def _commands() -> dict[str, Any]:
     """The command tree, click's or the one that typer brings along, by full names: "run", "model add"."""
     found: dict[str, Any] = {}
-    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+    for name, lazy in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+        command = lazy.imported()
         below = getattr(command, "commands", {})
         found |= {f"{name} {part}": each for part, each in below.items()} if below else {name: command}
     return found

@@ -11,17 +11,16 @@ from typing import NoReturn
 
 import typer
 
-from rigctl.cli import campaigns, console, effects, exchange, instruments, planning, results, workbench
+from rigctl.cli.commands import Commands
 from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, RigError
 
-app = typer.Typer(
-    help="Instrument control and model building for precision accelerometer calibration.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-for part in (campaigns, results, workbench, planning, effects, exchange, instruments, console):
-    app.add_typer(part.app)
+app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+
+
+@app.callback()
+def rigctl() -> None:
+    """Instrument control and model building for precision accelerometer calibration."""
+
 
 # The matrices here are small: a second thread only waits, and the other core belongs to the console.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from rigctl.cli.io import Plugins
+from rigctl.console.start import start
 
-app = typer.Typer()
+app = typer.Typer(add_completion=False)
 
 
 @app.command()
@@ -20,6 +21,4 @@ def console(
     plugin: Plugins = None,
 ) -> None:
     """The operator's console: rig, campaign, results, workbench, log."""
-    from rigctl.console.start import start
-
     start(place, plugin or ())

@@ -5,17 +5,19 @@ from __future__ import annotations
 import inspect
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from rigctl.cli.io import Json, Plugins, print_json, say, tell
+from rigctl.core.additions import EFFECTS
 from rigctl.core.errors import ConfigError, DataError
+from rigctl.core.experiments import EXPERIMENTS, REGISTRY
+from rigctl.effects.catalogue import Effect, catalogue, experiment_of, unknown_effect
+from rigctl.effects.plugins import load
+from rigctl.effects.trial import columns_of
 
-if TYPE_CHECKING:
-    from rigctl.effects.catalogue import Effect
-
-app = typer.Typer()
+app = typer.Typer(add_completion=False)
 
 
 @app.command()
@@ -28,10 +30,6 @@ def effects(
     as_json: Json = False,
 ) -> None:
     """The catalogue of physical effects, or one of them: equation, parameters, source."""
-    from rigctl.core.additions import EFFECTS
-    from rigctl.core.experiments import REGISTRY
-    from rigctl.effects.catalogue import unknown_effect
-
     for registry in (REGISTRY, EFFECTS):
         for flaw in registry.flaws():
             tell(flaw)
@@ -40,18 +38,18 @@ def effects(
         if figure is not None:
             raise ConfigError("--figure draws one effect: name it, as in `rigctl effects roll-gravity --figure FILE`")
         if as_json:
-            print_json([_told(each) for each in known])
+            print_json([_as_json(each) for each in known])
         else:
             _print_catalogue(known)
         return
     experiment, _, name = effect.rpartition(":")
-    found = [each for each in known if each.id == name and experiment in ("", _experiment(each))]
+    found = [each for each in known if each.id == name and experiment in ("", experiment_of(each).id)]
     if not found:
         raise unknown_effect(effect, [each.id for each in known])
     if figure is not None:
         _draw(found[0], figure)
     if as_json:
-        print_json({**_told(found[0]), "others": [_told(each) for each in found[1:]]})
+        print_json({**_as_json(found[0]), "others": [_as_json(each) for each in found[1:]]})
     else:
         for each in found:
             _print_effect(each)
@@ -59,29 +57,14 @@ def effects(
 
 def _known(plugins: Sequence[Path]) -> list[Effect]:
     """Every experiment's effects: an id may mean one thing here and another there."""
-    from rigctl.core.experiments import EXPERIMENTS
-    from rigctl.effects.catalogue import catalogue
-
-    found: list[Effect] = []
-    if plugins:
-        from rigctl.effects.plugins import load
-
-        found = [each for path in plugins for each in load(path).effects.values()]
-    return [each for experiment in EXPERIMENTS for each in catalogue(experiment, found).values()]
+    added = [effect for path in plugins for effect in load(path).effects.values()]
+    return [each for experiment in EXPERIMENTS for each in catalogue(experiment, added).values()]
 
 
-def _experiment(effect: Effect) -> str:
-    from rigctl.effects.catalogue import experiment_of
-
-    return experiment_of(effect).id
-
-
-def _told(effect: Effect) -> dict[str, Any]:
-    from rigctl.effects.trial import columns_of
-
+def _as_json(effect: Effect) -> dict[str, Any]:
     return {
         "id": effect.id,
-        "experiment": _experiment(effect),
+        "experiment": experiment_of(effect).id,
         "on": effect.on,
         "summary": effect.summary,
         "parameters": effect.parameters,
@@ -97,8 +80,8 @@ def _print_catalogue(found: Sequence[Effect]) -> None:
     width = max(len(each.id) for each in found)
     experiment = ""
     for each in found:
-        if _experiment(each) != experiment:
-            experiment = _experiment(each)
+        if experiment_of(each).id != experiment:
+            experiment = experiment_of(each).id
             say(f"{experiment}:")
         say(f"{each.id:{width}}  {each.summary}")
     say("A `table` recording has a catalogue made from its columns: linear[C], power2[C], power3[C], inverse[C],")
@@ -106,10 +89,8 @@ def _print_catalogue(found: Sequence[Effect]) -> None:
 
 
 def _print_effect(effect: Effect) -> None:
-    from rigctl.effects.trial import columns_of
-
     each = effect.scope.replace("-", " and ")
-    say(f"{effect.id} ({_experiment(effect)}), acts on {effect.on}, one value per {each}")
+    say(f"{effect.id} ({experiment_of(effect).id}), acts on {effect.on}, one value per {each}")
     say(inspect.cleandoc(effect.function.__doc__ or ""))
     for name, unit in effect.parameters.items():
         say(f"  {name} / {unit or '1'}, typically {effect.typical[name]:g}")
@@ -120,9 +101,6 @@ def _print_effect(effect: Effect) -> None:
 
 
 def _draw(effect: Effect, path: Path) -> None:
-    from rigctl.effects.catalogue import experiment_of
-    from rigctl.effects.trial import columns_of
-
     if columns := columns_of(effect):
         raise DataError(
             f"'{effect.id}' needs {', '.join(columns)} of a recording: without, it has no signature to draw; "
@@ -134,6 +112,6 @@ def _draw(effect: Effect, path: Path) -> None:
             f"'{effect.id}' has no figure: no signature is drawn for effects of {experiment.id}; "
             "`rigctl report` draws what is left in a store's runs with and without it"
         )
-    from rigctl.report.figures.data import svg_document
+    from rigctl.report.figures.data import svg_document  # matplotlib, for this option alone
 
     path.write_text(svg_document(experiment.load(experiment.signature)(effect)), encoding="utf-8")

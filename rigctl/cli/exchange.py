@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from rigctl.cli.io import Json, StoreFile, print_json, say, tell, tell_if_unchecked
+from rigctl.campaign.bundle.bundle import import_bundle, import_report, salvage_bundle, write_bundle
+from rigctl.campaign.bundle.hdf5 import write_hdf5
+from rigctl.campaign.recording import READINGS, ImportReport
+from rigctl.campaign.store.store import Store
+from rigctl.cli.io import Json, StoreFile, print_json, print_outcome, say, tell
+from rigctl.cli.steering import tell_if_unchecked
 from rigctl.core.errors import ConfigError
-
-if TYPE_CHECKING:
-    from rigctl.campaign.recording import ImportReport
-    from rigctl.campaign.store.store import Store
+from rigctl.core.experiments import of_readings
+from rigctl.experiments.analysis import analysis_of
+from rigctl.report.quantities import counted
 
 SAY_EVERY_S = 2.0
 
@@ -27,9 +31,6 @@ def import_(
     as_json: Json = False,
 ) -> None:
     """Read a recording, ours or another laboratory's, into a store."""
-    from rigctl.campaign.bundle.bundle import import_bundle, import_report
-    from rigctl.campaign.recording import ImportReport
-
     with import_bundle(bundle, store) as imported:
         report = import_report(imported) or ImportReport(len(imported.runs()))
         read = _read(imported, report)
@@ -55,10 +56,6 @@ def import_(
 
 def _read(store: Store, report: ImportReport) -> str:
     """What was read: runs, or the rows of a table, which are one run."""
-    from rigctl.campaign.recording import READINGS
-    from rigctl.core.experiments import of_readings
-    from rigctl.report.quantities import counted
-
     if of_readings(store.header.experiment):
         rows = max(map(len, store.samples(READINGS).values()), default=0)
         return f"{counted(rows, 'row')} read into {store.path}"
@@ -67,8 +64,6 @@ def _read(store: Store, report: ImportReport) -> str:
 
 def _reduced(store: Store) -> dict[str, str]:
     """Reduce the valid runs once and for all, saying how fast; which were left out, and why."""
-    from rigctl.experiments.analysis import analysis_of
-
     began_s = said_s = time.monotonic()
 
     def progress(done: int, runs: int) -> None:
@@ -92,9 +87,6 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a store as a bundle of plain files, or as one HDF5 file in DIR."""
-    from rigctl.campaign.bundle.bundle import write_bundle
-    from rigctl.campaign.store.store import Store
-
     if format_ not in {"bundle", "hdf5"}:
         raise ConfigError(f"--format {format_} is unknown; bundle or hdf5")
     if salvage:
@@ -104,22 +96,15 @@ def export(
     written = directory
     with Store.open(store, readonly=True) as opened:
         if format_ == "hdf5":
-            from rigctl.campaign.bundle.hdf5 import write_hdf5
-
             directory.mkdir(parents=True, exist_ok=True)
             written = directory / f"{store.stem}.h5"
             write_hdf5(opened, written)
         else:
             write_bundle(opened, directory)
-    if as_json:
-        print_json({"written": str(written), "lost": []})
-    else:
-        say(f"written: {written}")
+    print_outcome({"written": str(written), "lost": []}, f"written: {written}", as_json=as_json)
 
 
 def _salvage(store: Path, directory: Path, format_: str, *, as_json: bool) -> None:
-    from rigctl.campaign.bundle.bundle import salvage_bundle
-
     if format_ != "bundle":
         raise ConfigError("--salvage writes a bundle; leave out --format")
     if not store.is_file():
@@ -127,8 +112,6 @@ def _salvage(store: Path, directory: Path, format_: str, *, as_json: bool) -> No
     found = salvage_bundle(store, directory)
     for line in found.lost:
         tell(line)
-    if as_json:
-        print_json({"written": str(directory), "saved": list(found.saved), "lost": list(found.lost)})
-    else:
-        say(f"saved: {', '.join(found.saved) or 'no run'}")
-        say(f"written: {directory}")
+    document = {"written": str(directory), "saved": list(found.saved), "lost": list(found.lost)}
+    text = f"saved: {', '.join(found.saved) or 'no run'}\nwritten: {directory}"
+    print_outcome(document, text, as_json=as_json)

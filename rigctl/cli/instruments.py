@@ -2,59 +2,28 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from rigctl.cli.io import Json, RigToml, number, print_json, say, tell
+from rigctl.campaign.session.holders import Used, told_to_leave
+from rigctl.charge import in_charge
+from rigctl.cli.io import Json, RigToml, number, print_json, print_outcome, say, tell
 from rigctl.core.errors import ConfigError
+from rigctl.core.making_safe import bring_to_rest, let_go
+from rigctl.files import config
+from rigctl.rig import Rig
 
 app = typer.Typer()
 
 
 @app.command()
-def simulate(
-    rig: RigToml,
-    write_rig: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also write a rig file that points at the served instruments.")
-    ] = None,
-    measured: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Append what the instruments really measure, for trials.")
-    ] = None,
-    as_json: Json = False,
-) -> None:
-    """Serve a rig file's simulated instruments on loopback ports and pseudo-terminals until interrupted."""
-    from rigctl.files import config
-    from rigctl.serving import Served
-
-    with Served(config.read_rig(rig), measured=measured) as served:
-        if write_rig is not None:
-            # Whole or not at all: somebody may be waiting for it to appear.
-            partial = write_rig.with_name(f".{write_rig.name}.{os.getpid()}")
-            partial.write_text(served.rig_text(), encoding="utf-8")
-            partial.rename(write_rig)
-        if as_json:
-            print_json({"instruments": served.addresses})
-        else:
-            for address in served.addresses:
-                say(" ".join(f"{key}={value}" for key, value in address.items()))
-        sys.stdout.flush()
-        served.serve()
-
-
-@app.command()
 def check(rig: RigToml, as_json: Json = False) -> None:
     """Connect to every instrument and ask who it is; moves nothing."""
-    from dataclasses import asdict
-
-    from rigctl.files import config
-    from rigctl.rig import Rig
-
     opened = Rig(config.read_rig(rig))
     opened.open()
     try:
@@ -73,11 +42,6 @@ def check(rig: RigToml, as_json: Json = False) -> None:
 @app.command()
 def stop(rig: RigToml, as_json: Json = False) -> None:
     """Bring every instrument of a rig to rest; a program that uses one is told to leave."""
-    from rigctl.campaign.session.holders import Used, told_to_leave
-    from rigctl.core.making_safe import bring_to_rest, let_go
-    from rigctl.files import config
-    from rigctl.rig import Rig
-
     file = config.read_rig(rig)
     instruments = Rig(file).instruments
     with told_to_leave(file) as holders:
@@ -108,10 +72,7 @@ def home(
         for stage in chosen:
             stage.home()
         homed = [stage.name for stage in chosen]
-    if as_json:
-        print_json({"homed": homed})
-    else:
-        say(f"homed: {', '.join(homed)}")
+    print_outcome({"homed": homed}, f"homed: {', '.join(homed)}", as_json=as_json)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})
@@ -129,19 +90,13 @@ def move(
         stage.home()
         stage.move_to(value)
         reading = stage.angle() if hasattr(stage, "angle") else stage.position()
-    if as_json:
-        print_json({"name": name, "value": reading.value, "unit": reading.unit})
-    else:
-        say(f"{name}: {reading.value:g} {reading.unit}")
+    document = {"name": name, "value": reading.value, "unit": reading.unit}
+    print_outcome(document, f"{name}: {reading.value:g} {reading.unit}", as_json=as_json)
 
 
 @contextmanager
 def _stages(path: Path) -> Iterator[dict[str, Any]]:
     """The stages of a rig, in our hands; what ends the command stops them."""
-    from rigctl.charge import in_charge
-    from rigctl.files import config
-    from rigctl.rig import Rig
-
     rig = Rig(config.read_rig(path))
     with in_charge(rig):
         if rig.found_moving:

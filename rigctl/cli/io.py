@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
-    from rigctl.workbench.workbench import Workbench
+from rigctl.core.numbers import decimal
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="A campaign file, by convention *.rig.sqlite.")]
@@ -26,8 +24,6 @@ Plugins = Annotated[
 
 def number(text: str | float) -> float:
     """A number of a command line, in plain decimal digits; a usage error otherwise. Defaults are numbers already."""
-    from rigctl.core.numbers import decimal
-
     try:
         return decimal(str(text).strip())
     except ValueError as expected:
@@ -39,28 +35,17 @@ def print_json(document: object) -> None:
     print(json.dumps(_plain(document), allow_nan=False, default=str))  # noqa: T201
 
 
+def print_outcome(document: object, text: str, *, as_json: bool) -> None:
+    """What came of a command, as a document or in words."""
+    if as_json:
+        print_json(document)
+    else:
+        say(text)
+
+
 def say(text: str) -> None:
     """A line on stdout."""
     print(text)  # noqa: T201
-
-
-@contextmanager
-def workbench(store: Path, plugins: Sequence[Path] | None) -> Iterator[Workbench]:
-    """A store on the workbench, closed at the end."""
-    from rigctl.campaign.store.store import Store
-    from rigctl.composition import workbench_of
-
-    with Store.open(store) as opened:
-        yield workbench_of(opened, plugins or ())
-
-
-def tell_if_unchecked(store: Path) -> None:
-    """A line on stderr when a store has no checksums yet, so that damage in it cannot be seen."""
-    from rigctl.campaign.store.store import Store
-
-    with Store.open(store, readonly=True) as opened:
-        if not opened.has_checksums:
-            tell(f"{store}: made before checksums were kept; it gets them when it is next opened for writing")
 
 
 def tell(text: str) -> None:

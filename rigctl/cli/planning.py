@@ -7,8 +7,16 @@ from typing import Annotated
 
 import typer
 
-from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell, workbench
+from rigctl import planning, runner
+from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell
+from rigctl.composition import opened_workbench
 from rigctl.core.errors import DataError
+from rigctl.core.making_safe import ended_by_signals
+from rigctl.files import config
+from rigctl.investigate import Settings
+from rigctl.investigate import investigate as carry_out
+from rigctl.report.terminal import ProgressBar
+from rigctl.report.terminal_planning import print_outcome, print_recommendation
 
 app = typer.Typer()
 
@@ -23,19 +31,15 @@ def next_(
     as_json: Json = False,
 ) -> None:
     """The measurement that best separates what is ambiguous, or most tightens the result."""
-    from rigctl import planning
-    from rigctl.files.config import parse_campaign
-    from rigctl.report.terminal_planning import print_recommendation
-
-    with workbench(store, plugin) as bench:
+    with opened_workbench(store, plugin or ()) as workbench:
         if write is not None:
-            planning.require_rig(bench.store)
-        found = bench.recommend(tell)
+            planning.require_rig(workbench.store)
+        found = workbench.recommend(tell)
         if write is not None:
             if not found.runs:
                 raise DataError(f"{store}: there is nothing to write: {found.words}")
-            effects = bench.current.effects
-            text = planning.campaign_text(bench.store, found.runs, f"Next: {found.purpose}", write, effects)
+            effects = workbench.current.effects
+            text = planning.campaign_text(workbench.store, found.runs, f"Next: {found.purpose}", write, effects)
             write.write_text(text, encoding="utf-8")
     if as_json:
         print_json({**found.as_json(), "written": None if write is None else str(write)})
@@ -43,7 +47,7 @@ def next_(
     print_recommendation(found.as_json())
     if write is not None:
         own = "".join(f" --plugin {path}" for path in plugin or ())
-        into = store if parse_campaign(text, write).goes_on else write.with_suffix(".rig.sqlite")
+        into = store if config.parse_campaign(text, write).goes_on else write.with_suffix(".rig.sqlite")
         say(f"written: {write}; measure it with `rigctl run {write} --store {into}{own}`")
 
 
@@ -59,14 +63,6 @@ def investigate(
     as_json: Json = False,
 ) -> None:
     """Measure, diagnose, ask, add, measure again, until the model is adequate or it is said what remains."""
-    from rigctl import runner
-    from rigctl.core.making_safe import ended_by_signals
-    from rigctl.files import config
-    from rigctl.investigate import Settings
-    from rigctl.investigate import investigate as carry_out
-    from rigctl.report.terminal import ProgressBar
-    from rigctl.report.terminal_planning import print_outcome
-
     campaign_file = config.read_campaign(campaign)
     rig_file = config.read_rig(campaign_file.rig_path) if campaign_file.rig and not store.exists() else None
     with ProgressBar() as bar:

@@ -19,9 +19,10 @@ from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import ContentSwitcher, Footer, Static
 
-from rigctl.console import campaigns, state
 from rigctl.console import messages as say
+from rigctl.console import state
 from rigctl.console.analyses import Analyses
+from rigctl.console.campaigns import Campaigns
 from rigctl.console.feed import Feed, StoreView
 from rigctl.console.holding import Holding
 from rigctl.console.log_lines import Search, earlier
@@ -35,6 +36,7 @@ from rigctl.console.screens.workbench import WorkbenchPane
 from rigctl.console.themes import DARK, LIGHT
 from rigctl.console.widgets.bars import SCREENS, Banner, Standing, TabBar, TopBar
 from rigctl.console.widgets.dialogs import ConfirmDialog, HelpDialog, OpenDialog, QuestionDialog
+from rigctl.core.errors import RigError
 from rigctl.core.making_safe import TERMINAL_LOST, Rest, ended_by_signals
 
 if TYPE_CHECKING:
@@ -96,7 +98,7 @@ class Console(App[None]):
         self.kept = state.load(self.directory)
         self._place = place
         self._feed = Feed(self.post_message)
-        self._campaigns = campaigns.Campaigns(self.post_message)
+        self._campaigns = Campaigns(self.post_message)
         self._holding = Holding(self.post_message, self.call_from_thread)
         self._view: StoreView | None = None
         self._panes = Panes(
@@ -200,7 +202,6 @@ class Console(App[None]):
     def _open(self, path: Path) -> str:
         """Open a file; returns the screen on which it is seen."""
         from rigctl.console.start import kind_of
-        from rigctl.core.errors import RigError
 
         if path.suffix != ".toml":
             self._watch(path)
@@ -342,18 +343,13 @@ class Console(App[None]):
         """Record what the operator does: here, in the user's file, and in the store it is for."""
         self._panes.log.add(state.now(), "action", action)
         view = self._view
-        self._record(action, view.path if view is not None and view.alive else None)
+        self._record(action)
+        if view is not None and view.alive:
+            self._send("add_note", view.path, action, severity="warning")
 
     @work(thread=True, group="record")
-    def _record(self, action: str, store: Path | None) -> None:
-        from rigctl.core.errors import RigError
-
+    def _record(self, action: str) -> None:
         state.record_action(self.directory, action)
-        if store is not None:
-            try:
-                campaigns.note(store, action)
-            except RigError as error:
-                self.post_message(say.Noted(str(error), "warning"))
 
     # What the operator asks
 
@@ -363,7 +359,7 @@ class Console(App[None]):
         held = self._holding.stop()
         if view is not None and view.alive:
             self._campaigns.signal(view.path, signal.SIGTERM)
-            self._send(lambda: campaigns.request(view.path, "abort"))
+            self._send("request", view.path, "abort")
             self._holding.stop_from_outside(view)
         self._act("STOP")
         if not held and (view is None or not view.alive):
@@ -446,7 +442,7 @@ class Console(App[None]):
         def go(text: str | None) -> None:
             if text is not None:
                 self._act(f"answer '{text}' to: {question.text.partition(' Type ')[0]}")
-                self._send(lambda: campaigns.answer(store, question.number, text))
+                self._send("answer", store, text, question.number)
 
         self.push_screen(QuestionDialog(question.number, question.text, question.choices), go)
 
@@ -544,16 +540,17 @@ class Console(App[None]):
         if message.kind == "resume" and not view.alive:
             self._holding.give(lambda: self._campaigns.resume(view.path))
             return
-        self._send(lambda: campaigns.request(view.path, message.kind))
+        self._send("request", view.path, message.kind)
 
     @work(thread=True, group="send")
-    def _send(self, act: Callable[[], None]) -> None:
-        from rigctl.core.errors import RigError
+    def _send(self, what: str, *arguments: Any, severity: say.Severity = "error") -> None:
+        """A function of `rigctl.campaign.session.requests`; stores are imported after the first paint."""
+        from rigctl.campaign.session import requests
 
         try:
-            act()
+            getattr(requests, what)(*arguments)
         except RigError as error:
-            self.post_message(say.Noted(str(error), "error"))
+            self.post_message(say.Noted(str(error), severity))
 
     def on_analysis_asked(self, message: say.AnalysisAsked) -> None:
         """Have something worked out from the store that is open."""
@@ -572,8 +569,6 @@ class Console(App[None]):
 
     @work(thread=True, exclusive=True, group="search")
     def _find(self, store: Path, search: Search, before: int) -> None:
-        from rigctl.core.errors import RigError
-
         try:
             found = earlier(store, search, before)
         except RigError as error:

@@ -1,4 +1,4 @@
-"""Campaigns in processes of their own: started, asked to do something, told that the terminal is lost."""
+"""Campaigns in processes of their own: started, and told that the terminal is lost."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.console.messages import CampaignEnded, Launch, Request
+from rigctl.console.messages import CampaignEnded, Launch
 
 if TYPE_CHECKING:
     from textual.message import Message
@@ -44,11 +44,6 @@ class Campaigns:
         process.send_signal(number)
         return True
 
-    def started(self, store: Path) -> bool:
-        """True while a campaign runs that this console started."""
-        process = self._running.get(store)
-        return process is not None and process.poll() is None
-
     def _spawn(self, store: Path, arguments: list[str]) -> None:
         # It answers through the store. Its standard input has a writer as long as it lives, itself, and so no end.
         read, write = os.pipe()
@@ -76,32 +71,3 @@ class Campaigns:
 def log_of(store: Path) -> Path:
     """Where a campaign that was started here says what it would say on a terminal."""
     return store.with_name(store.name + ".log")
-
-
-def request(store: Path, kind: Request) -> None:
-    """`rigctl pause`, `resume` or `abort` of a campaign that runs; `RigError` when none does."""
-    from rigctl.campaign.session.locks import is_held, store_lock
-    from rigctl.campaign.store.store import Store
-    from rigctl.core.errors import RigError
-
-    with Store.open(store) as opened:
-        if not is_held(store_lock(store)):
-            raise RigError(f"{store}: no campaign is running on it; `rigctl status` tells how it ended")
-        opened.add_request(kind)
-
-
-def answer(store: Path, number: int, text: str) -> None:
-    """`rigctl answer`."""
-    from rigctl.campaign.session.questions import answer as answer_to
-    from rigctl.campaign.store.store import Store
-
-    with Store.open(store) as opened:
-        answer_to(opened, number, text)
-
-
-def note(store: Path, action: str) -> None:
-    """Keep an operator's action in the store it was for."""
-    from rigctl.campaign.store.store import Store
-
-    with Store.open(store) as opened:
-        opened.add_event("operator", {"action": action})

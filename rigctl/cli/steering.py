@@ -1,0 +1,74 @@
+"""Commands that say how a campaign stands, steer it and judge its runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rigctl.campaign.session import requests
+from rigctl.campaign.status import status_of
+from rigctl.campaign.store.store import Store
+from rigctl.cli.io import Json, StoreFile, print_json, print_outcome, tell
+from rigctl.report.terminal import print_status
+
+app = typer.Typer()
+
+
+@app.command()
+def pause(store: StoreFile, as_json: Json = False) -> None:
+    """Ask a running campaign to hold after the run it is in."""
+    ask(store, "pause", as_json=as_json)
+
+
+@app.command()
+def abort(store: StoreFile, as_json: Json = False) -> None:
+    """Stop a running campaign now; what is recorded stays and can be resumed."""
+    ask(store, "abort", as_json=as_json)
+
+
+@app.command()
+def answer(
+    store: StoreFile,
+    text: Annotated[str, typer.Argument(metavar="TEXT", help="done or abort; yes or no.")],
+    as_json: Json = False,
+) -> None:
+    """Answer what a running campaign asks the operator."""
+    question = requests.answer(store, text).text
+    print_outcome({"question": question, "answer": text}, f"{question.strip()} {text}", as_json=as_json)
+
+
+def ask(store: Path, kind: requests.Request, *, as_json: bool) -> None:
+    """Have a running campaign pause, go on or end."""
+    requests.request(store, kind)
+    print_outcome({"requested": kind}, f"asked the campaign to {kind}", as_json=as_json)
+
+
+@app.command()
+def status(store: StoreFile, as_json: Json = False) -> None:
+    """How far a campaign is."""
+    tell_if_unchecked(store)
+    (print_json if as_json else print_status)(status_of(store))
+
+
+def tell_if_unchecked(store: Path) -> None:
+    """A line on stderr when a store has no checksums yet, so that damage in it cannot be seen."""
+    with Store.open(store, readonly=True) as opened:
+        if not opened.has_checksums:
+            tell(f"{store}: made before checksums were kept; it gets them when it is next opened for writing")
+
+
+@app.command()
+def mark(
+    store: StoreFile,
+    run_id: Annotated[str, typer.Argument(metavar="RUN")],
+    reason: Annotated[str, typer.Argument(metavar="REASON")],
+    valid: Annotated[bool, typer.Option("--valid/--invalid", help="Use the run, or leave it out.")],
+    as_json: Json = False,
+) -> None:
+    """Declare a run valid or invalid, with the reason."""
+    with Store.open(store) as opened:
+        opened.mark(run_id, valid, reason)
+    text = f"run {run_id} is {'valid' if valid else 'invalid'}: {reason}"
+    print_outcome({"run_id": run_id, "valid": valid, "reason": reason}, text, as_json=as_json)
