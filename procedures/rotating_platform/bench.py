@@ -19,7 +19,7 @@ from rigctl.campaign.session.recovery import Apparatus, Faults, require_homed, t
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.event_kinds import FAULT, TEMPERATURE_MISSED
 from rigctl.campaign.store.run_writer import RunWriter
-from rigctl.core.arrays import BoolArray, FloatArray, Int8Array
+from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.errors import ImplausibleSample, InstrumentError, LinkError, RigError
 from rigctl.core.interfaces import Instrument, Thermometer, TimedRotationStage
@@ -41,8 +41,8 @@ THERMOMETER_S = 3.0
 
 TILT_Y, TILT_Z = "dm1_y_v", "dm1_z_v"
 
-Watch = Callable[[FloatArray, Int8Array], None]
-"""Is given every stretch of rows, shape (n, 2), and cos(theta) of each where the platform was at rest, else 0."""
+Watch = Callable[[Mapping[str, FloatArray]], None]
+"""Is given every stretch of a run's columns once it is recorded."""
 
 
 class TiltSource(VoltageSource, Protocol):
@@ -77,8 +77,6 @@ class PlatformBench:
     source: TiltSource
     thermometer: Thermometer | None
     clock: Clock
-    gains_v_per_m_s2: tuple[float, float]
-    """Of the readout's chain and of the voltmeter's, as far as they are known beforehand."""
     settle_s: float = 10.0
     temperature_every_s: float = 60.0
     _left: TimeTable | None = field(default=None, init=False)
@@ -306,19 +304,18 @@ class _Recording:
         rows = self._believed(rows, moving)
         elapsed_s = self._rig_time_s(0.0) + times_s - self._started.start_s
         tilt = {name: waveform.volts(elapsed_s) for name, waveform in self._started.waveforms.items()}
-        self._writer.stream(
-            {
-                "t_s": index * self._period_s,
-                "theta_deg": theta_deg,
-                self._bench.readout.channels()[0].name: rows[:, 0],
-                self._bench.voltmeter.channels()[0].name: rows[:, 1],
-                **tilt,
-                "moving": moving.astype(np.float64),
-                "temperature_c": np.full(len(rows), self._temperatures_c[-1]),
-            }
-        )
+        columns = {
+            "t_s": index * self._period_s,
+            "theta_deg": theta_deg,
+            self._bench.readout.channels()[0].name: rows[:, 0],
+            self._bench.voltmeter.channels()[0].name: rows[:, 1],
+            **tilt,
+            "moving": moving.astype(np.float64),
+            "temperature_c": np.full(len(rows), self._temperatures_c[-1]),
+        }
+        self._writer.stream(columns)
         self._course.forget(float(times_s[-1]))
-        self._watch(rows, np.where(moving, 0, np.rint(np.cos(np.deg2rad(theta_deg)))).astype(np.int8))
+        self._watch(columns)
 
     def _believed(self, rows: FloatArray, moving: BoolArray) -> FloatArray:
         """Rows without what cannot be true: from such a sample on nothing of its record is believed."""

@@ -21,7 +21,7 @@ from procedures.rotating_platform.tables import ListedRun, Procedure, Turning
 from procedures.rotating_platform.time_table import TimeTable
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.run_writer import RunWriter
-from rigctl.core.arrays import FloatArray, Int8Array
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
 from rigctl.core.voltage_sources import Waveform
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator
@@ -181,27 +181,20 @@ def _record(session: Session, bench: PlatformBench, recording: Recording, estima
     def measure(writer: RunWriter) -> dict[str, Any]:
         if recording.g_sign:
             session.operator.flip(recording.g_sign)
-        return bench.measure(session, writer, recording.wanted, _watch(session, bench, recording, estimator))
+        return bench.measure(session, writer, recording.wanted, _watch(session, recording, estimator))
 
     if session.recorded(recording.key):
         bench.replayed(recording.wanted.table)
     session.acquire(recording.key, recording.conditions, measure, bench.apparatus())
 
 
-def _watch(session: Session, bench: PlatformBench, recording: Recording, estimator: Estimator) -> Watch:
+def _watch(session: Session, recording: Recording, estimator: Estimator) -> Watch:
     if recording.sampled is None:
         return _nobody
-    return LiveEstimate(
-        session,
-        recording.sampled,
-        estimator,
-        bench.gains_v_per_m_s2,
-        bench.readout.channels()[0].full_scale,
-        recording.conditions["periods"],
-    )
+    return LiveEstimate(session, recording.sampled, estimator, recording.conditions["periods"])
 
 
-def _nobody(rows: FloatArray, sign: Int8Array) -> None:
+def _nobody(columns: Mapping[str, FloatArray]) -> None:
     """Nothing is estimated without a pattern."""
 
 

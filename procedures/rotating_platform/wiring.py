@@ -37,10 +37,6 @@ def bench_of(rig: Instruments, procedure: Procedure) -> PlatformBench:
         source=source,
         thermometer=thermometers[0] if thermometers else None,
         clock=rig.clock,
-        gains_v_per_m_s2=(
-            rig.file.constants["gain_q_a_v_per_m_s2"].value,
-            rig.file.constants["gain_q_b_v_per_m_s2"].value,
-        ),
         settle_s=procedure.settle_s,
         temperature_every_s=procedure.temperature_every_s,
     )

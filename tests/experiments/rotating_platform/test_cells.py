@@ -13,9 +13,12 @@ from benchmarks.platform_sampler import SampledRun, sampled
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.model.motion import motion_of
-from rigctl.experiments.rotating_platform.observe import cells as module
-from rigctl.experiments.rotating_platform.observe.cells import BEFORE, FAULTS, Cells, cells_of
+from rigctl.experiments.rotating_platform.observe import cutter as module
+from rigctl.experiments.rotating_platform.observe.cells import BEFORE, FAULTS, Cells
+from rigctl.experiments.rotating_platform.observe.cutter import CellStream, cells_of
+from rigctl.experiments.rotating_platform.observe.estimates import estimates
 from rigctl.experiments.rotating_platform.observe.estimators import weights
+from rigctl.experiments.rotating_platform.observe.mask import outside_guard
 from rigctl.experiments.rotating_platform.observe.patterns import named_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import Chains, chains
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer
@@ -177,3 +180,20 @@ def _put(values: Any, where: slice, what: float) -> Any:
     changed = values.copy()
     changed[where] = what
     return changed
+
+
+@pytest.mark.parametrize("step", [1, 333, 5000])
+def test_periods_that_come_one_by_one_are_those_of_the_whole_run(recorded: tuple[Columns, Chains], step: int) -> None:
+    samples, believed = recorded
+    pattern = named_pattern("c", 60.0).sampled(10.0)
+    stream, parts = CellStream(believed, 60.0, 10.0), []
+    for at in range(0, 7200, step):
+        stream.take({name: values[at : at + step] for name, values in samples.items()})
+        parts.append(stream.cells())
+    stream.end()
+    parts.append(stream.cells())
+    live = [estimates(each, outside_guard(each, 0.0, 0.0), pattern) for each in parts if each is not None]
+    whole = cut(samples, believed)
+    wanted = estimates(whole, outside_guard(whole, 0.0, 0.0), pattern)
+    assert np.array_equal(np.concatenate([each.accel_mean for each in live]), wanted.accel_mean)
+    assert np.array_equal(np.concatenate([each.bias_slope for each in live]), wanted.bias_slope)

@@ -8,8 +8,6 @@ from scipy import stats
 
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.covariance import covariance, covariance_of_mean
-from rigctl.experiments.rotating_platform.observe.demodulation import sums_of
-from rigctl.experiments.rotating_platform.observe.estimates import estimates
 from rigctl.experiments.rotating_platform.observe.estimators import ESTIMATORS, OUTPUTS, weights
 from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V, PowerLawNoise
 from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, custom_pattern, named_pattern
@@ -20,6 +18,7 @@ from rigctl.experiments.rotating_platform.result.precision import (
     precision,
     simplified_precision,
 )
+from tests.experiments.rotating_platform.by_cells import demodulated
 
 HOUR_S = 3600.0
 CHAIN_A = Q_FLEX_NOISE_V.in_units_of(846.73)
@@ -108,7 +107,7 @@ def test_the_scatter_is_that_of_the_theory(table, coloured):
             continue
         periods = 300
         noise = coloured(CHAIN_A, periods * sampled.samples, 10.0, seed=3)
-        values = estimates(sampled, sums_of(sampled, [noise])).accel_mean[:, 0]
+        values = demodulated(sampled, noise).accel_mean[:, 0]
         found = measured_precision(values, row["period_s"], HOUR_S)
         theory = precision(sampled, CHAIN_A, HOUR_S).single_period
         assert found.sigma / theory == pytest.approx(1.0, abs=3.0 / math.sqrt(2.0 * periods))

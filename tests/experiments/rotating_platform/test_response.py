@@ -7,11 +7,10 @@ from hypothesis import strategies as st
 
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.model.response import expected_sine, following, measured_sine, transfer
-from rigctl.experiments.rotating_platform.observe.demodulation import sums_of
-from rigctl.experiments.rotating_platform.observe.estimates import estimates
 from rigctl.experiments.rotating_platform.observe.estimators import ESTIMATORS, OUTPUTS
 from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V
 from rigctl.experiments.rotating_platform.observe.patterns import custom_pattern, named_pattern
+from tests.experiments.rotating_platform import by_cells
 
 HOUR_S = 3600.0
 TILT = 1.0 / 825.0
@@ -24,8 +23,8 @@ def demodulated(sampled, external, noise=0.0, estimator="projection"):
     periods = external.size // sampled.samples
     sign = np.tile(sampled.sign, periods)
     channel = sign * (external + STATIC) + BIAS + noise
-    found = estimates(sampled, sums_of(sampled, [channel]), estimator)
-    truth = estimates(sampled, sums_of(sampled, [external + STATIC]))
+    found = by_cells.demodulated(sampled, channel, estimator=estimator)
+    truth = by_cells.demodulated(sampled, external + STATIC)
     outputs = [found.output(name)[:, 0] for name in OUTPUTS]
     return outputs, [truth.bias_mean[:, 0], truth.bias_slope[:, 0]]
 

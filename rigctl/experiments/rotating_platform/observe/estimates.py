@@ -1,4 +1,4 @@
-"""Acceleration and bias, mean and slope, per modulation period from its sums."""
+"""Acceleration and bias, mean and slope, per modulation period: of a run's result and while it is recorded."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
-from rigctl.experiments.rotating_platform.observe.demodulation import PeriodSums
+from rigctl.experiments.rotating_platform.observe.cells import FAULTS, Cells
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator
+from rigctl.experiments.rotating_platform.observe.mask import shifted_samples
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 
 FEWEST_SAMPLES = 0.5
 """Part of a period's samples that must be left for it to count."""
@@ -19,14 +21,12 @@ FEWEST_SAMPLES = 0.5
 class PeriodEstimates:
     """What each period and channel gives: arrays of shape (periods, channels), NaN where a period is invalid.
 
-    Means have the unit of the samples, slopes that unit per second, both for external acceleration and for the bias
-    of the device, at the mean time of the pattern's kept samples. `refitted` are the periods with faults, which were
-    fitted jointly to what is left of them; `invalid` those with less than half their samples, or fewer than two of
-    one sign.
-    `faults`, shape (periods, channels, 3), are the samples left out by `demodulation.FAULTS`.
+    Means in m/s2, slopes in m/s3, both of the external acceleration and of the sensor's bias, at the mean time of
+    the pattern's kept samples. `refitted` are the periods with faults, which were fitted jointly to what is left of
+    them; `invalid` those with less than half their samples, or fewer than two of one sign. `faults`, shape (periods,
+    channels, 4), are the samples left out, or elsewhere, by `cells.FAULTS`.
     """
 
-    estimator: Estimator
     accel_mean: FloatArray
     accel_slope: FloatArray
     bias_mean: FloatArray
@@ -43,18 +43,31 @@ class PeriodEstimates:
         return np.asarray(getattr(self, name))
 
 
-def estimates(sampled: SampledPattern, sums: PeriodSums, estimator: Estimator = "projection") -> PeriodEstimates:
-    """Estimate every period; those with faults by the joint fit, whatever `estimator` says (`estimators`)."""
-    moments = _about_the_centre(sampled, sums.values)
+def estimates(
+    cells: Cells, keep: BoolArray, sampled: SampledPattern, estimator: Estimator = "projection"
+) -> PeriodEstimates:
+    """Estimate every period of a run from the cells that are kept, its dwells being those of `sampled`.
+
+    Periods with faults, or with dwells elsewhere, by the joint fit, whatever `estimator` says (`estimators`).
+    """
+    moments = _about_the_centre(sampled, _sums(cells, keep))
     joint, solvable = _joint(moments)
-    faulty = sums.faults.any(axis=-1)
+    faults = cells.faults.copy()
+    faults[:, :, FAULTS.index("shifted")] = shifted_samples(cells, keep, sampled)[:, None]
+    faulty = faults.any(axis=-1)
     enough = moments[..., 0].sum(axis=-1) >= FEWEST_SAMPLES * sampled.kept
     valid = enough & solvable
-    found = joint if estimator == "joint-ls" else np.where(faulty, joint, _projection(moments))
-    accel_mean, accel_slope, bias_mean, bias_slope = np.where(valid, found, np.nan)
-    return PeriodEstimates(
-        estimator, accel_mean, accel_slope, bias_mean, bias_slope, faulty & valid, ~valid, sums.faults
-    )
+    outputs = joint if estimator == "joint-ls" else np.where(faulty, joint, _projection(moments))
+    accel_mean, accel_slope, bias_mean, bias_slope = np.where(valid, outputs, np.nan)
+    return PeriodEstimates(accel_mean, accel_slope, bias_mean, bias_slope, faulty & valid, ~valid, faults)
+
+
+def _sums(cells: Cells, keep: BoolArray) -> FloatArray:
+    """The sums of `Cells.sums` over either stop's dwells of each period, at 0 first: (periods, channels, 2, 5)."""
+    key = 2 * cells.period[keep] + (cells.sign[keep] < 0)
+    flat = cells.sums[keep].reshape(len(key), -1)
+    sums = np.stack([np.bincount(key, column, 2 * cells.periods) for column in flat.T], axis=1)
+    return np.asarray(sums.reshape(cells.periods, 2, len(CHANNELS), 5).swapaxes(1, 2))
 
 
 def _about_the_centre(sampled: SampledPattern, values: FloatArray) -> FloatArray:

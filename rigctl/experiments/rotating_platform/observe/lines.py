@@ -19,9 +19,10 @@ from scipy.ndimage import uniform_filter1d
 from rigctl.analysis.lines import MAX_BINS, FoundLine, LineScan, ScannedRun
 from rigctl.campaign.recording import KeepsReductions, RunSource
 from rigctl.core.arrays import ComplexArray, FloatArray
-from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns, Stream, filled
+from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
+from rigctl.experiments.rotating_platform.observe.even_samples import COMMANDED, EvenSamples, filled
+from rigctl.experiments.rotating_platform.observe.mask import usual_mask
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS, Chains
-from rigctl.experiments.rotating_platform.observe.reducer import usual_mask
 
 _SEGMENT = 1 << 18
 _LEVEL_BINS = 401
@@ -30,7 +31,6 @@ _NOTCH = 0.8
 _BANDS, _FEWEST_IN_BAND = 24, 30
 _IMAGES, _IMAGE_WIDTH = 40, 3.0
 _AROUND, _FINER = 4, 8
-_COMMANDED = {"z": 4, "y": 5}
 _ROUNDING = 1e-24
 _SCAN, _PEAKS = "scan", "peaks"
 
@@ -238,7 +238,7 @@ def _left(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> Iterator[_
     kept = np.abs(sign)
     line = np.stack([kept, kept * sampled.time_s, sign, sign * sampled.time_s])
     basis = np.linalg.qr(line.T)[0].T
-    stream = Stream(chains, cells.period_s, cells.sample_rate_hz)
+    stream = EvenSamples(chains, cells.period_s, cells.sample_rate_hz)
     done = 0
     for last, chunk in _with_end(chunks):
         stream.take(chunk)
@@ -255,7 +255,7 @@ def _left(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> Iterator[_
             usable[number] = ~spoilt
             table = np.where(spoilt[:, None], 0.0, table)
             left[channel] = (table - (table @ basis.T) @ basis).ravel()
-            commanded = sign * filled(block[_COMMANDED[channel]]).reshape(periods, q)
+            commanded = sign * filled(block[COMMANDED][number]).reshape(periods, q)
             commanded = np.where(spoilt[:, None], 0.0, commanded - (commanded @ basis.T) @ basis).ravel()
             size = float(commanded @ commanded)
             if size > _ROUNDING * periods * q:

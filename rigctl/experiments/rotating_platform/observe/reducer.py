@@ -18,7 +18,7 @@ from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.cells import BEFORE, NO_BIN, Cells
 from rigctl.experiments.rotating_platform.observe.estimates import FEWEST_SAMPLES
-from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern, custom_pattern
+from rigctl.experiments.rotating_platform.observe.mask import usual_mask
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 
 MOST_GROUPS = 120
@@ -239,34 +239,3 @@ class Reducer:
         slope = (moment - mean * total) / spread
         at_centre = total / n - mean * slope
         return np.asarray(level - at_centre * self._sums[:, 0] - slope * self._time)
-
-
-def usual_mask(cells: Cells) -> SampledPattern:
-    """The dwells of the first period that is like most others, as it was recorded."""
-    return mask_of(cells, np.ones(cells.period.size, dtype=np.bool_))[0]
-
-
-def mask_of(cells: Cells, keep: BoolArray) -> tuple[SampledPattern, Int64Array]:
-    """The dwells of most periods as far as their cells are kept, and which periods, by samples, are otherwise."""
-    key = 2 * cells.period[keep] + (cells.sign[keep] < 0)
-    count = np.bincount(key, cells.count[keep], 2 * cells.periods).reshape(-1, 2)
-    moment = np.bincount(key, (cells.count * cells.centre)[keep], 2 * cells.periods).reshape(-1, 2)
-    shape = np.rint(np.concatenate([count, moment], axis=1)).astype(np.int64)
-    kinds, first, which, often = np.unique(shape, axis=0, return_index=True, return_inverse=True, return_counts=True)
-    usual = int(np.argmax(np.where(kinds[:, :2].min(axis=1) > 0, often, 0)))
-    missing = np.abs(shape[:, :2] - kinds[usual, :2]).sum(axis=1)
-    shifted = np.where((which.ravel() != usual) & (missing == 0), 1, missing)
-    return _dwells_of(cells, keep & (cells.period == first[usual])), shifted
-
-
-def _dwells_of(cells: Cells, own: BoolArray) -> SampledPattern:
-    first = np.rint(0.5 * (cells.centre[own] + cells.samples - cells.count[own])).astype(np.int64)
-    stop = first + np.rint(cells.count[own]).astype(np.int64)
-    dwells: list[tuple[int, float, float]] = []
-    rate_hz = cells.sample_rate_hz
-    for sign, begin, end in zip(cells.sign[own].tolist(), first.tolist(), stop.tolist(), strict=True):
-        if dwells and dwells[-1][0] == sign and abs(dwells[-1][2] * rate_hz - begin) < 0.5:
-            dwells[-1] = (sign, dwells[-1][1], end / rate_hz)
-        else:
-            dwells.append((sign, begin / rate_hz, end / rate_hz))
-    return custom_pattern(cells.period_s, dwells).sampled(rate_hz)

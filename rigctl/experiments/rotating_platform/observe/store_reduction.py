@@ -13,7 +13,8 @@ from rigctl.analysis.lines import FoundLine
 from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns, cells_of
+from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
+from rigctl.experiments.rotating_platform.observe.cutter import cells_of
 from rigctl.experiments.rotating_platform.observe.lines import (
     Spectra,
     line_amplitudes,
@@ -31,7 +32,7 @@ from rigctl.experiments.rotating_platform.observe.recorded import (
 )
 
 VERSION = 10
-"""Of what is kept: counted up whenever cells.py would give other numbers."""
+"""Of what is kept: counted up whenever cutter.py would give other numbers."""
 
 _REFUSED = b"!"
 

@@ -14,20 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.model.model import Recorded
 from rigctl.experiments.rotating_platform.model.response import SineResponse, measured_sine
 from rigctl.experiments.rotating_platform.observe.cells import FAULTS, Cells
 from rigctl.experiments.rotating_platform.observe.covariance import covariance, covariance_of_mean
-from rigctl.experiments.rotating_platform.observe.demodulation import PeriodSums
 from rigctl.experiments.rotating_platform.observe.estimates import PeriodEstimates, estimates
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator, weights
+from rigctl.experiments.rotating_platform.observe.mask import outside_guard, usual_mask
 from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V
 from rigctl.experiments.rotating_platform.observe.observables import ChannelRun, baseline_columns
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
-from rigctl.experiments.rotating_platform.observe.reducer import mask_of
 from rigctl.experiments.rotating_platform.observe.run_noise import SIDED, RunNoise
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
 from rigctl.experiments.rotating_platform.result.alignment import Value, wobble
@@ -183,13 +182,13 @@ def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
     """Means, slopes and precisions of one run from both its channels; guard applied as its table was made."""
     run = channels[0].run
     cells = run.cells
-    keep = _kept(run)
-    sampled, shifted = mask_of(cells, keep)
+    keep = outside_guard(cells, run.guard_s, run.lead_s)
+    sampled = usual_mask(cells, keep)
     found = conditions(sampled)
     asked = run.conditions.get("estimator") == "joint-ls"
     uneven = bool(cells.drift_s) or abs(found.m0) > _BALANCED
     estimator: Estimator = "joint-ls" if asked or uneven else "projection"
-    series = estimates(sampled, period_sums(cells, keep, shifted), estimator)
+    series = estimates(cells, keep, sampled, estimator)
     noises = {each.channel: each.noise for each in channels}
     accel = {channel: _without_command(cells, series, number) for number, channel in enumerate(CHANNELS)}
     values, precisions = {}, {}
@@ -210,24 +209,6 @@ def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
         commanded,
         _dropped(cells),
     )
-
-
-def period_sums(cells: Cells, keep: BoolArray, shifted: Int64Array) -> PeriodSums:
-    """The sums of every period over the cells that count, with what is wrong with it."""
-    key = 2 * cells.period[keep] + (cells.sign[keep] < 0)
-    flat = cells.sums[keep].reshape(len(key), -1)
-    sums = np.stack([np.bincount(key, column, 2 * cells.periods) for column in flat.T], axis=1)
-    values: FloatArray = sums.reshape(cells.periods, 2, len(CHANNELS), 5).swapaxes(1, 2).astype(np.float64)
-    faults = cells.faults.copy()
-    faults[:, :, FAULTS.index("shifted")] = shifted[:, None]
-    return PeriodSums(values, faults)
-
-
-def _kept(run: PlatformRun) -> BoolArray:
-    """Which cells are outside the guard after a turn and the lead before the next."""
-    cells, rate_hz = run.cells, run.cells.sample_rate_hz
-    late = cells.since >= math.ceil(run.guard_s * rate_hz - 1e-6)
-    return np.asarray(late & (cells.to_go > round(run.lead_s * rate_hz)))
 
 
 def _means(

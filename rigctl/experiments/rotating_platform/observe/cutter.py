@@ -1,0 +1,276 @@
+"""Samples, as they come, to the cells of a run: one pass, and what is kept between chunks does not grow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
+from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.observe.cells import (
+    AFTER_S,
+    BEFORE,
+    BEFORE_S,
+    FAR,
+    FAULTS,
+    NEAR_S,
+    NO_BIN,
+    Cells,
+    Columns,
+)
+from rigctl.experiments.rotating_platform.observe.even_samples import (
+    ANGLE,
+    COMMANDED,
+    MOVING,
+    TEMPERATURE,
+    EvenSamples,
+    filled,
+)
+from rigctl.experiments.rotating_platform.observe.mask import dwell_shapes, shifts, usual_shape
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
+from rigctl.experiments.rotating_platform.observe.turns import Course, Turns
+
+Total = Callable[[FloatArray], FloatArray]
+"""From values of the samples to their sums over the cells."""
+
+LONGEST_CELL_S = 8.0
+
+_CELLS_PER_PERIOD = 32.0
+_BLOCK = 1 << 18
+
+
+def cells_of(
+    chunks: Iterable[Columns],
+    chains: Chains,
+    period_s: float,
+    sample_rate_hz: float = math.nan,
+    *,
+    guard_s: float = 0.0,
+    lead_s: float = 0.0,
+) -> Cells:
+    """The cells of a run whose samples come in `chunks`; none lies across a guard after or a lead before a turn.
+
+    Raises `DataError` for a run without one whole period, or without a dwell.
+    """
+    stream = CellStream(chains, period_s, sample_rate_hz, guard_s=guard_s, lead_s=lead_s)
+    for chunk in chunks:
+        stream.take(chunk, _BLOCK)
+    stream.end()
+    cells = stream.cells()
+    if cells is None:
+        raise DataError(
+            f"{stream.samples} samples hold no whole period of {period_s:g} s with the platform at rest; "
+            "record longer"
+        )
+    return cells
+
+
+class CellStream:
+    """Takes a run in chunks of any length, and gives the cells of the periods that are whole."""
+
+    def __init__(
+        self, chains: Chains, period_s: float, sample_rate_hz: float, *, guard_s: float = 0.0, lead_s: float = 0.0
+    ) -> None:
+        self._even = EvenSamples(chains, period_s, sample_rate_hz)
+        self._chains, self._guard_s, self._lead_s = chains, guard_s, lead_s
+        self._cutter: _Cutter | None = None
+
+    @property
+    def samples(self) -> int:
+        """Samples that are not cut yet."""
+        return self._even.length
+
+    def take(self, chunk: Columns, at_least: int = 0) -> None:
+        """Add a chunk; once there are `at_least` so many samples and a whole period, they are cut."""
+        even = self._even
+        even.take(chunk)
+        if not even.samples:
+            return
+        if self._cutter is None:
+            self._cutter = _Cutter(self._chains, even.rate_hz, even.samples, self._guard_s, self._lead_s)
+        if even.length >= max(at_least, even.samples) + self._cutter.ahead:
+            even.drop(self._cutter.cut(even.block(), self._cutter.ahead))
+
+    def end(self) -> None:
+        """Nothing comes any more: whole periods are cut without a look at what follows them."""
+        if self._cutter is not None and self._even.length >= self._even.samples:
+            self._cutter.cut(self._even.block(), 0)
+
+    def cells(self) -> Cells | None:
+        """The cells since the last call, as of a run by themselves; None where there are none."""
+        return None if self._cutter is None else self._cutter.cells()
+
+
+class _Cutter:
+    """Cuts blocks of whole periods into cells."""
+
+    def __init__(self, chains: Chains, rate_hz: float, samples: int, guard_s: float, lead_s: float) -> None:
+        self._turns = Turns(rate_hz, samples)
+        self.ahead = self._turns.ahead
+        self._rate_hz, self._samples = rate_hz, samples
+        self._full_scale = [chains.full_scale_v[name] / chains.gain_v_per_m_s2[name] for name in CHANNELS]
+        edges = np.array(sorted({*AFTER_S, *NEAR_S, guard_s}))
+        self._leads = sorted({round(BEFORE_S * rate_hz), round(lead_s * rate_hz)} - {0})
+        self._edges = np.ceil(edges * rate_hz - 1e-6).astype(np.int64)
+        self._bin_edges = np.ceil(np.array(AFTER_S) * rate_hz - 1e-6).astype(np.int64)
+        self._longest = max(round(max(LONGEST_CELL_S, samples / rate_hz / _CELLS_PER_PERIOD) * rate_hz), 1)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._parts: list[dict[str, Any]] = []
+        self._faults: list[Int64Array] = []
+        self._periods, self._off_stop = 0, 0
+
+    def cut(self, block: FloatArray, ahead: int) -> int:
+        """Add the cells of the periods that are whole; returns the samples they have. `ahead` are only looked at."""
+        periods = (block.shape[1] - ahead) // self._samples
+        if periods <= 0:
+            return 0
+        length = int(periods * self._samples)
+        course = self._turns.course(block[MOVING], block[ANGLE])
+        cos = np.cos(course.angle_rad)
+        sign = np.where(course.rests, np.where(cos >= 0.0, 1, -1), 0)
+        starts = np.flatnonzero(self._begins(sign, course)[:length])
+        if course.rests[starts].any():
+            self._add(block[:, :length], course, cos[:length], sign, starts)
+        else:
+            self._faults.append(np.zeros((periods, len(CHANNELS), len(FAULTS)), dtype=np.int64))
+        self._periods += periods
+        self._turns.remember(course, length)
+        return length
+
+    def cells(self) -> Cells | None:
+        """All cells since the last call."""
+        if not self._parts:
+            return None
+        joined = {name: np.concatenate([part[name] for part in self._parts]) for name in self._parts[0]}
+        faults = np.concatenate(self._faults)
+        negative, moment = joined["sign"] < 0, joined["count"] * joined["centre"]
+        shapes = dwell_shapes(joined["period"], negative, joined["count"], moment, self._periods)
+        faults[:, :, FAULTS.index("shifted")] = shifts(shapes, usual_shape(shapes))[:, None]
+        turns, turn_kinds = self._turns.mean()
+        integers = {name: joined[name].astype(np.int64) for name in ("period", "sign", "bin", "since", "to_go")}
+        cells = Cells(
+            sample_rate_hz=self._rate_hz,
+            samples=self._samples,
+            **{**joined, **integers},
+            faults=faults,
+            off_stop=self._off_stop,
+            drift_s=_drift(shapes) / self._rate_hz,
+            turns=turns,
+            turn_kinds=turn_kinds,
+            turn_before=self._turns.before,
+        )
+        self._begin()
+        return cells
+
+    def _begins(self, sign: Int64Array, course: Course) -> BoolArray:
+        """Where a cell begins."""
+        index = np.arange(sign.size)
+        bounded = np.minimum(course.since, 1 << 30)
+        parts = (
+            sign,
+            index // self._samples,
+            np.searchsorted(self._edges, bounded, side="right"),
+            np.where(course.since < FAR, bounded, index) // self._longest,
+            np.searchsorted(self._leads, course.to_go),
+        )
+        change = np.ones(sign.size, dtype=np.bool_)
+        change[1:] = False
+        for part in parts:
+            change[1:] |= part[1:] != part[:-1]
+        return change
+
+    def _add(self, block: FloatArray, course: Course, cos: FloatArray, sign: Int64Array, starts: Int64Array) -> None:
+        """The cells that begin at `starts`, but for those in which the platform moves."""
+        q, length = self._samples, block.shape[1]
+        u = (2.0 * (np.arange(length) % q) + 1.0 - q).astype(np.float64)
+        kept, sizes = course.rests[starts], np.diff(np.append(starts, length))
+
+        def total(values: FloatArray) -> FloatArray:
+            return np.asarray(np.add.reduceat(values, starts)[kept])
+
+        count = sizes[kept].astype(np.float64)
+        centre = total(u) / count
+        centre_of_all = np.zeros(starts.size)
+        centre_of_all[kept] = centre
+        offset = u - np.repeat(centre_of_all, sizes)
+        sin = np.sin(course.angle_rad[:length])
+        c_z, c_y = (filled(row) for row in block[COMMANDED])
+        geometry = [(total(x) / count, total(offset * x)) for x in _geometry(cos, sin, c_z, c_y)]
+        speed, turning = (row[:length] for row in self._turns.motion(course))
+        state = [total(c_z) / count, total(c_y) / count, _mean_of_known(total, block[TEMPERATURE])]
+        state += [total(speed**2) / count, total(turning) / count]
+        self._off_stop += int(np.count_nonzero(course.rests[:length] & ~course.still[:length]))
+        first = starts[kept]
+        since, to_go = course.since[first], course.to_go[first]
+        self._parts.append(
+            {
+                "period": self._periods + first // q,
+                "sign": sign[first],
+                "bin": self._bins(since, to_go),
+                "since": np.minimum(since, FAR),
+                "to_go": np.minimum(to_go, self.ahead),
+                "direction": course.direction[first],
+                "count": count,
+                "centre": centre,
+                "sums": self._sums(block, course, u, total),
+                "geometry": np.stack([means for means, _ in geometry], axis=1),
+                "ramps": np.stack([ramps for _, ramps in geometry], axis=1),
+                "state": np.stack(state, axis=1),
+            }
+        )
+
+    def _sums(self, block: FloatArray, course: Course, u: FloatArray, total: Total) -> FloatArray:
+        """`Cells.sums`; what was left out is added to the faults."""
+        q, length = self._samples, block.shape[1]
+        rests, astray = course.rests[:length], course.astray[:length]
+        faults = np.zeros((length // q, len(CHANNELS), len(FAULTS)), dtype=np.int64)
+        channels = []
+        for number, full_scale in enumerate(self._full_scale):
+            m = block[number]
+            gap = rests & ~np.isfinite(m)
+            saturated = rests & ~gap & (np.abs(np.nan_to_num(m)) >= full_scale * (1.0 - 1e-12))
+            elsewhere = rests & ~gap & ~saturated & astray
+            usable = (rests & ~gap & ~saturated & ~elsewhere).astype(np.float64)
+            level = np.where(usable > 0.0, m, 0.0)
+            sums = np.stack([total(x) for x in (usable, u * usable, u * u * usable, level, u * level)], axis=1)
+            # What saturates within a cell is what changes in it: its means would be of other samples.
+            sums[total(saturated.astype(np.float64)) > 0.0] = 0.0
+            channels.append(sums)
+            for kind, where in enumerate((gap, saturated, elsewhere)):
+                faults[:, number, kind] = where.reshape(-1, q).sum(axis=1)
+        self._faults.append(faults)
+        return np.stack(channels, axis=1)
+
+    def _bins(self, since: Int64Array, to_go: Int64Array) -> Int64Array:
+        found = np.searchsorted(self._bin_edges, since, side="right") - 1
+        found = np.where(to_go <= round(BEFORE_S * self._rate_hz), BEFORE, found)
+        return np.asarray(np.where(since < FAR, found, NO_BIN))
+
+
+def _geometry(cos: FloatArray, sin: FloatArray, c_z: FloatArray, c_y: FloatArray) -> tuple[FloatArray, ...]:
+    """The samples of `GEOMETRY`."""
+    return cos, sin, c_z * cos, c_z * sin, c_y * cos, c_y * sin
+
+
+def _mean_of_known(total: Total, values: FloatArray) -> FloatArray:
+    known = np.isfinite(values)
+    if not known.any():
+        return np.full(total(values).size, np.nan)
+    count = total(known.astype(np.float64))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(total(np.where(known, values, 0.0)) / np.where(count > 0.0, count, np.nan))
+
+
+def _drift(shapes: Int64Array) -> float:
+    """By how many samples the dwells at half a turn are later in the last period than in the first; 0 below one."""
+    whole = np.flatnonzero(shapes[:, 1] > 0)
+    if not (shapes != shapes[0]).any() or whole.size <= 2:
+        return 0.0
+    at = 0.5 * shapes[whole, 3] / shapes[whole, 1]
+    drift = float(np.polyfit(whole.astype(np.float64), at, 1)[0]) * (len(shapes) - 1)
+    return drift if abs(drift) >= 1.0 else 0.0

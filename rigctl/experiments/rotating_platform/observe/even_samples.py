@@ -1,0 +1,97 @@
+"""A run's columns as rows of samples on an even time base, in calibrated units; what was lost of them is NaN."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.rotating_platform.observe.cells import Columns
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, COMMANDS, READINGS, Chains
+
+MOVING, ANGLE, COMMANDED, TEMPERATURE = 2, 3, slice(4, 6), 6
+"""Rows after the readings of `CHANNELS`: the flag, the angle [rad], the commands of `CHANNELS` [m/s2], [degC]."""
+
+_SAME_RATE = 2e-3
+
+
+class EvenSamples:
+    """Takes chunks of any length and holds their rows until they are dropped: readings [m/s2], then as above."""
+
+    def __init__(self, chains: Chains, period_s: float, sample_rate_hz: float) -> None:
+        self._chains, self._period_s, self._nominal_rate_hz = chains, period_s, sample_rate_hz
+        self.rate_hz, self.samples, self.length = math.nan, 0, 0
+        self._step_s = self._last_s = math.nan
+        self._waiting: list[FloatArray] = []
+
+    def take(self, chunk: Columns) -> None:
+        """Add a chunk."""
+        t_s = chunk["t_s"]
+        if not t_s.size:
+            return
+        if not self.samples:
+            self._set_rate(t_s)
+        steps = np.maximum(np.rint(np.diff(t_s, prepend=self._last_s) / self._step_s), 1.0)
+        self._last_s = float(t_s[-1])
+        place = (np.cumsum(steps) - 1.0).astype(np.int64)
+        rows = self._rows(chunk)
+        if place[-1] + 1 > len(t_s):
+            spread = np.full((len(rows), int(place[-1]) + 1), np.nan)
+            spread[:, place] = rows
+            rows = spread
+        self._waiting.append(rows)
+        self.length += rows.shape[1]
+
+    def block(self) -> FloatArray:
+        """All rows that are held, shape (7, `length`)."""
+        if len(self._waiting) > 1:
+            self._waiting = [np.concatenate(self._waiting, axis=1)]
+        return self._waiting[0]
+
+    def drop(self, samples: int) -> None:
+        """The first `samples` are no longer needed."""
+        self._waiting = [self.block()[:, samples:]]
+        self.length -= samples
+
+    def _set_rate(self, t_s: FloatArray) -> None:
+        step_s = float(np.median(np.diff(t_s))) if t_s.size > 1 else 1.0 / self._nominal_rate_hz
+        near = abs(self._nominal_rate_hz * step_s - 1.0) < _SAME_RATE
+        self.rate_hz = self._nominal_rate_hz if near else 1.0 / step_s
+        self._step_s = step_s
+        self.samples = max(round(self._period_s * self.rate_hz), 1)
+        self._last_s = float(t_s[0]) - step_s
+
+    def _rows(self, chunk: Columns) -> FloatArray:
+        size = chunk["t_s"].size
+        rows = [chunk[READINGS[name]] / self._chains.gain_v_per_m_s2[name] for name in CHANNELS]
+        rows += [chunk["moving"], np.deg2rad(chunk["theta_deg"])]
+        for name in CHANNELS:
+            command = chunk.get(COMMANDS[name])
+            rows.append(np.zeros(size) if command is None else command / self._chains.command_v_per_m_s2[name])
+        rows.append(chunk.get("temperature_c", np.full(size, np.nan)))
+        return np.stack(rows)
+
+
+def held(moving: FloatArray, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Moving and angle with what was lost as it was before; a stop that changed meanwhile was a turn."""
+    known = np.isfinite(moving) & np.isfinite(angle_rad)
+    if known.all():
+        return moving, angle_rad
+    index = np.arange(known.size)
+    before = np.maximum.accumulate(np.where(known, index, -1))
+    after = np.minimum.accumulate(np.where(known, index, known.size)[::-1])[::-1]
+    before = np.where(before < 0, np.minimum(after, known.size - 1), before)
+    after = np.where(after >= known.size, before, after)
+    turned = (np.cos(angle_rad[before]) > 0.0) != (np.cos(angle_rad[after]) > 0.0)
+    filled_in = np.where(known, moving, np.where(turned, 1.0, moving[before]))
+    return np.nan_to_num(filled_in, nan=1.0), np.nan_to_num(angle_rad[before])
+
+
+def filled(values: FloatArray) -> FloatArray:
+    """What was commanded while samples were lost: straight lines between what is known; 0 where nothing is."""
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return np.nan_to_num(values)
+    index = np.arange(values.size)
+    return np.asarray(np.interp(index, index[known], values[known]))
