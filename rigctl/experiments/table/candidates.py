@@ -1,4 +1,4 @@
-"""What an effect would do to the residuals, told apart from what the model holds already without loss of digits."""
+"""An effect as a candidate: its derivatives without what the model spans already, and without loss of digits."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from rigctl.experiments.table.model.pieces import PluginPiece
 from rigctl.experiments.table.model.start import span_of
 from rigctl.workbench.study import Candidate, NotTestable, Term
 
-_HELD = 1e-7
-"""A function belongs to what the model spans when less than this share of it sticks out."""
+_SPANNED = 1e-7
+"""A function is spanned by the model when less than this share of its norm lies outside."""
 
 
-def candidate_of(form: Form, term: Term, response_unit: str, held: FloatArray, left: FloatArray) -> Candidate:
-    """A form as a candidate beside a model whose derivatives span `held` (n, rank) and that leaves `left` (n,).
+def candidate_of(form: Form, term: Term, response_unit: str, spanned: FloatArray, residual: FloatArray) -> Candidate:
+    """A form as a candidate beside a model that spans `spanned` (n, rank) and has the residuals `residual` (n,).
 
     A square of years from 1950 to 2020 is all but a multiple of the years: its derivative is given without the
     constant, the line and so on *where the model spans these*, which changes neither what the effect explains nor its
     estimate, and keeps its size honest.
     """
-    derivative = _without_trivial(form, form.parts(term.choice), held)
+    derivative = _without_trivial(form, form.parts(term.choice), spanned)
     return Candidate(
         term,
         tuple(f"{term.effect}{name}" for name in form.names()),
         form.units(response_unit),
         derivative,
-        _rms(left) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
+        _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
     )
 
 
@@ -46,10 +46,10 @@ def plugin_candidate(piece: PluginPiece, signal: FloatArray) -> Candidate | NotT
     return Candidate(piece.term, piece.names, piece.units, derivative, piece.typical)
 
 
-def _without_trivial(form: Form, parts: list[FloatArray], held: FloatArray) -> FloatArray:
-    remaining = [part for part in parts if not _is_held(part, held)] or parts[-1:]
+def _without_trivial(form: Form, parts: list[FloatArray], spanned: FloatArray) -> FloatArray:
+    remaining = [part for part in parts if not _is_spanned(part, spanned)] or parts[-1:]
     derivative = np.sum(remaining, axis=0)
-    trivial = [each for each in form.trivial() if _is_held(each[:, None], held)]
+    trivial = [each for each in form.trivial() if _is_spanned(each[:, None], spanned)]
     if not trivial:
         return np.asarray(derivative)
     space = span_of(np.stack(trivial, axis=1))
@@ -58,9 +58,9 @@ def _without_trivial(form: Form, parts: list[FloatArray], held: FloatArray) -> F
     return np.asarray(derivative)
 
 
-def _is_held(functions: FloatArray, held: FloatArray) -> bool:
-    out = functions - held @ (held.T @ functions)
-    return bool(np.linalg.norm(out) <= _HELD * np.linalg.norm(functions))
+def _is_spanned(functions: FloatArray, spanned: FloatArray) -> bool:
+    outside = functions - spanned @ (spanned.T @ functions)
+    return bool(np.linalg.norm(outside) <= _SPANNED * np.linalg.norm(functions))
 
 
 def _rms(values: FloatArray) -> FloatArray:

@@ -15,9 +15,9 @@ from rigctl.workbench.study import Proposal
 BEYOND = 0.2
 """Of a column's range, how far past its ends values are thought possible."""
 
-MOST = 600
+PROPOSALS_MAX = 600
 _GRID = {1: 29, 2: 15, 3: 8}
-_FEWEST = 4
+_GRID_MIN = 4
 _DIGITS = 4
 
 
@@ -32,9 +32,9 @@ def options(readings: Readings) -> list[Proposal]:
         return []
     ordered = readings.order
     fixed = {} if ordered is None else {ordered.name: _following(ordered)}
-    points = _GRID.get(len(free), _FEWEST)
+    points = _GRID.get(len(free), _GRID_MIN)
     grids = [_grid(column, points) for column in free]
-    small = int(np.prod([len(grid) for grid in grids])) <= MOST
+    small = int(np.prod([len(grid) for grid in grids])) <= PROPOSALS_MAX
     places = list(itertools.product(*grids)) if small else _one_at_a_time(free)
     names = [column.name for column in free]
     return [Proposal({**dict(zip(names, place, strict=True)), **fixed}) for place in places]
@@ -57,9 +57,9 @@ def with_proposals(readings: Readings, proposals: Sequence[Proposal]) -> Reading
 
 
 def _is_set(readings: Readings, column: Column) -> bool:
-    """Whether somebody chooses this column's values: it varies, is known everywhere, and tells no time."""
-    told = {readings.spec.order, readings.spec.block}
-    return column.name not in told and bool(np.isfinite(column.values).all()) and column.distinct.size > 1
+    """Whether a column's values are chosen: it varies, is known everywhere, and is neither order nor block."""
+    not_set = {readings.spec.order, readings.spec.block}
+    return column.name not in not_set and bool(np.isfinite(column.values).all()) and column.distinct.size > 1
 
 
 def _grid(column: Column, points: int) -> list[float]:
@@ -76,11 +76,11 @@ def _grid(column: Column, points: int) -> list[float]:
 def _one_at_a_time(free: Sequence[Column]) -> list[tuple[float, ...]]:
     rows = np.stack([column.values for column in free], axis=1)
     middle = rows[int(np.argmin(np.sum(((rows - np.median(rows, axis=0)) / rows.std(axis=0)) ** 2, axis=1)))]
-    found = {tuple(map(float, row)) for row in rows[:: max(len(rows) // (MOST // 2), 1)]}
+    places = {tuple(map(float, row)) for row in rows[:: max(len(rows) // (PROPOSALS_MAX // 2), 1)]}
     for place, column in enumerate(free):
         for value in _grid(column, _GRID[1]):
-            found.add((*map(float, middle[:place]), value, *map(float, middle[place + 1 :])))
-    return sorted(found)
+            places.add((*map(float, middle[:place]), value, *map(float, middle[place + 1 :])))
+    return sorted(places)
 
 
 def _following(column: Column) -> float:

@@ -1,4 +1,4 @@
-"""Down to the least chi-squared along narrow valleys: sums of exponentials, quotients of polynomials."""
+"""Least squares for sums of exponentials and quotients of polynomials, whose minima lie in narrow valleys."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _EVALUATIONS = 400
 
 
 def descend(residuals: Function, jacobian: Function, parameters: Sequence[Parameter]) -> FitResult | None:
-    """`least_squares` from the parameters' starts, MINPACK's scaled steps (Moré 1978) where its own do not arrive.
+    """`least_squares` from the parameters' starts; MINPACK's scaled steps (Moré 1978) where that does not converge.
 
     None when the start is undefined or the fit is singular.
     """
@@ -32,7 +32,7 @@ def descend(residuals: Function, jacobian: Function, parameters: Sequence[Parame
         full[free] = values
         return full
 
-    def left(values: FloatArray) -> FloatArray:
+    def free_residuals(values: FloatArray) -> FloatArray:
         return residuals(whole(values))
 
     def slopes(values: FloatArray) -> FloatArray:
@@ -40,19 +40,19 @@ def descend(residuals: Function, jacobian: Function, parameters: Sequence[Parame
 
     try:
         with np.errstate(all="ignore"):
-            found = optimize.least_squares(
-                left, start[free], jac=slopes, method="lm", x_scale="jac", max_nfev=_EVALUATIONS
+            minimum = optimize.least_squares(
+                free_residuals, start[free], jac=slopes, method="lm", x_scale="jac", max_nfev=_EVALUATIONS
             )
     except (ValueError, np.linalg.LinAlgError):
         return first
-    arrived = [replace(each, start=float(value)) for each, value in zip(parameters, whole(found.x), strict=True)]
-    second = _fitted(residuals, jacobian, arrived)
+    continued = [replace(each, start=float(value)) for each, value in zip(parameters, whole(minimum.x), strict=True)]
+    second = _fitted(residuals, jacobian, continued)
     return second if second is not None and second.chi2 <= first.chi2 else first
 
 
 def _fitted(residuals: Function, jacobian: Function, parameters: Sequence[Parameter]) -> FitResult | None:
     try:
-        found = least_squares(residuals, parameters, jacobian=jacobian)
+        fit = least_squares(residuals, parameters, jacobian=jacobian)
     except (ProcedureError, np.linalg.LinAlgError):
         return None
-    return found if found.verdict in {"converged", "not-converged"} else None
+    return fit if fit.verdict in {"converged", "not-converged"} else None

@@ -52,7 +52,7 @@ class Form(ABC):
 
     @abstractmethod
     def trivial(self) -> list[FloatArray]:
-        """Simple functions, shape (n,), that a baseline often holds and this effect is told from."""
+        """Simple functions, shape (n,), that a baseline often holds: the effect is what remains beside them."""
 
 
 def too_few(column: Column, needed: int) -> str:

@@ -62,7 +62,7 @@ class Power(Form):
 
     def parts(self, choice: Choice) -> list[FloatArray]:
         """By powers of the distance from the column's mean, so that nothing cancels."""
-        centre = self.column.middle
+        centre = self.column.mean
         if self.exponent < 0:
             mean = self.basis(choice).mean()
             return [np.full((self.column.values.size, 1), mean), self.basis(choice) - mean]
@@ -72,7 +72,7 @@ class Power(Form):
 
     def trivial(self) -> list[FloatArray]:
         """Lower powers."""
-        away = self.column.values - self.column.middle
+        away = self.column.values - self.column.mean
         return [away**j for j in range(max(self.exponent, 1))]
 
 
@@ -160,13 +160,13 @@ class Interaction(Form):
     def parts(self, choice: Choice) -> list[FloatArray]:
         """By distances from the columns' means, so that nothing cancels."""
         del choice
-        a, b = self.one.middle, self.other.middle
+        a, b = self.one.mean, self.other.mean
         x, y = self.one.values - a, self.other.values - b
         return [each[:, None] for each in (np.full(x.size, a * b), b * x, a * y, x * y)]
 
     def trivial(self) -> list[FloatArray]:
         """A constant, and each column alone."""
-        x, y = self.one.values - self.one.middle, self.other.values - self.other.middle
+        x, y = self.one.values - self.one.mean, self.other.values - self.other.mean
         return [np.ones(x.size), x, y]
 
 
@@ -195,9 +195,9 @@ class Level(Form):
             return f"{name} is {levels[0]} in all readings"
         if not self.category.names_groups:
             return f"{name} takes {len(levels)} different values in {sum(counts)} readings: too many for levels"
-        lonely = [level for level, count in zip(levels, counts, strict=True) if count < _READINGS_OF_A_LEVEL]
-        if lonely:
-            return f"{name} is {lonely[0]} in fewer than {_READINGS_OF_A_LEVEL} readings"
+        rare = [level for level, count in zip(levels, counts, strict=True) if count < _READINGS_OF_A_LEVEL]
+        if rare:
+            return f"{name} is {rare[0]} in fewer than {_READINGS_OF_A_LEVEL} readings"
         return ""
 
     def names(self) -> tuple[str, ...]:

@@ -32,16 +32,16 @@ class TableModel:
     @property
     def parameters(self) -> Sequence[Parameter]:
         """Of the baseline, named as its expression does, and then of the terms."""
-        own, parts = self._split(self.starts)
+        baseline_values, parts = self._split(self.starts)
         names = self.readings.expression.parameters
-        baseline = [Parameter(name, float(start)) for name, start in zip(names, own, strict=True)]
+        baseline = [Parameter(name, float(start)) for name, start in zip(names, baseline_values, strict=True)]
         return baseline + [
             each for piece, values in zip(self.pieces, parts, strict=True) for each in piece.parameters(values)
         ]
 
     @property
     def units(self) -> Sequence[str]:
-        """Of each parameter; the baseline's are nowhere written down: ""."""
+        """Of each parameter; the baseline's are not known: ""."""
         return ["" for _ in self.readings.expression.parameters] + [
             unit for piece in self.pieces for unit in piece.units
         ]
@@ -60,21 +60,21 @@ class TableModel:
 
     def predict(self, values: FloatArray) -> FloatArray:
         """The response, shape (n,); NaN or infinite where undefined."""
-        own, parts = self._split(values)
-        signal, _ = self.readings.baseline(own)
+        baseline_values, parts = self._split(values)
+        signal, _ = self.readings.baseline(baseline_values)
         added = (piece.added(part, signal) for piece, part in zip(self.pieces, parts, strict=True))
         return np.asarray(sum(added, signal))
 
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
-        own, parts = self._split(values)
-        signal, slopes = self.readings.baseline(own)
-        through = slopes + sum(
+        baseline_values, parts = self._split(values)
+        signal, slopes = self.readings.baseline(baseline_values)
+        baseline_slopes = slopes + sum(
             (piece.passed_on(part, signal, slopes) for piece, part in zip(self.pieces, parts, strict=True)),
             np.zeros_like(slopes),
         )
-        own_slopes = [piece.slopes(part, signal) for piece, part in zip(self.pieces, parts, strict=True)]
-        return np.concatenate([through, *own_slopes], axis=1)
+        piece_slopes = [piece.slopes(part, signal) for piece, part in zip(self.pieces, parts, strict=True)]
+        return np.concatenate([baseline_slopes, *piece_slopes], axis=1)
 
     def signal(self, values: FloatArray) -> FloatArray:
         """What the baseline alone predicts, shape (n,)."""
@@ -82,8 +82,8 @@ class TableModel:
 
     def _split(self, values: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
         sizes = [len(self.readings.expression.parameters), *(len(piece.units) for piece in self.pieces)]
-        own, *parts = np.split(np.asarray(values, dtype=np.float64), np.cumsum(sizes)[:-1])
-        return own, parts
+        baseline_values, *parts = np.split(np.asarray(values, dtype=np.float64), np.cumsum(sizes)[:-1])
+        return baseline_values, parts
 
 
 def fitted(model: TableModel) -> FitResult | None:

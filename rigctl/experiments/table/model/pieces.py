@@ -18,7 +18,7 @@ from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Term
 
 _STEP_IN_TYPICAL = 1e-4
-_PERIOD_LEEWAY = 10.0
+_PERIOD_FACTOR_MAX = 10.0
 
 
 class Piece(Protocol):
@@ -61,7 +61,7 @@ class ColumnPiece:
 
     @property
     def choice(self) -> Choice:
-        """What was found by scanning."""
+        """Values of the scanned parameter and its origin."""
         return self.term.choice
 
     @property
@@ -70,8 +70,8 @@ class ColumnPiece:
         linear = self.form.units(self.response_unit)
         if not isinstance(self.form, Scanned):
             return linear
-        own = self.form.scanned_unit()
-        return (own, *linear) if self.form.first else (*linear, own)
+        unit = self.form.scanned_unit()
+        return (unit, *linear) if self.form.first else (*linear, unit)
 
     def joined(self, linear: FloatArray) -> FloatArray:
         """All parameters in order: the linear ones, and the scanned one as chosen."""
@@ -86,7 +86,7 @@ class ColumnPiece:
             names.insert(0 if self.form.first else len(names), f"{self.term.effect}.{self.form.scanned}")
         parameters = [Parameter(name, float(value)) for name, value in zip(names, values, strict=True)]
         if isinstance(self.form, Periodic):
-            parameters[0] = Parameter(names[0], float(values[0]), lower=float(values[0]) / _PERIOD_LEEWAY)
+            parameters[0] = Parameter(names[0], float(values[0]), lower=float(values[0]) / _PERIOD_FACTOR_MAX)
         if isinstance(self.form, Step):
             parameters[-1] = Parameter(names[-1], float(values[-1]), fixed=True)
         return parameters
@@ -107,7 +107,7 @@ class ColumnPiece:
         return np.insert(basis, 0 if self.form.first else basis.shape[1], self.form.slope(choice, linear), axis=1)
 
     def passed_on(self, values: FloatArray, signal: FloatArray, changes: FloatArray) -> FloatArray:
-        """Nothing: it does not look at the signal."""
+        """Zero: it does not depend on the signal."""
         del values, signal
         return np.zeros_like(changes)
 
@@ -162,12 +162,12 @@ class PluginPiece:
     def added(self, values: FloatArray, signal: FloatArray) -> FloatArray:
         """See `Piece`; `DataError` when the plug-in gives something else than a finite number per row."""
         given = {name: np.float64(value) for name, value in zip(self.effect.parameters, values, strict=True)}
-        found = np.asarray(self.effect(ReadingsRun(signal, self.readings.given), **given), dtype=np.float64)
-        if found.shape not in {(), signal.shape}:
+        added = np.asarray(self.effect(ReadingsRun(signal, self.readings.given), **given), dtype=np.float64)
+        if added.shape not in {(), signal.shape}:
             raise DataError(
-                f"effect {self.effect.id} gives shape {found.shape} for {signal.size} readings; return one each"
+                f"effect {self.effect.id} gives shape {added.shape} for {signal.size} readings; return one each"
             )
-        return np.broadcast_to(found, signal.shape)
+        return np.broadcast_to(added, signal.shape)
 
     def slopes(self, values: FloatArray, signal: FloatArray) -> FloatArray:
         """See `Piece`; by central differences."""
@@ -183,6 +183,6 @@ class PluginPiece:
 
 
 def _differences(function: Callable[[FloatArray], FloatArray], steps: FloatArray) -> FloatArray:
-    """Half of what a function changes from one side to the other of zero, along each row of `steps`."""
+    """Half the difference of a function between +step and -step, for each row of `steps`; shape (n, steps)."""
     columns = [0.5 * (function(step) - function(-step)) for step in steps]
     return np.stack(columns, axis=1)

@@ -42,7 +42,7 @@ class _OfColumn(Form):
 
     def trivial(self) -> list[FloatArray]:
         """A constant and a line."""
-        return [np.ones(self.column.values.size), self.column.values - self.column.middle]
+        return [np.ones(self.column.values.size), self.column.values - self.column.mean]
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ class Periodic(_OfColumn):
         """Periods from twice the spacing to twice the span, equally spaced in frequency (as Lomb and Scargle)."""
         column = self.column
         low = 0.5 / column.span
-        high = max(column.fastest - 0.25 / column.span, 2.0 * low)
-        step = 2.0 * _PHASE_STEP_RAD / (2.0 * np.pi * column.spread)
+        high = max(column.frequency_max - 0.25 / column.span, 2.0 * low)
+        step = 2.0 * _PHASE_STEP_RAD / (2.0 * np.pi * column.standard_deviation)
         points = min(int(np.ceil((high - low) / step)) + 1, points_max)
         return np.asarray(1.0 / (low + step * np.arange(points)[::-1]))
 
@@ -104,7 +104,7 @@ class Periodic(_OfColumn):
 
 @dataclass(frozen=True)
 class Exponential(_OfColumn):
-    """p exp(rate (C - origin)); the origin is 0, or the end where it is largest when the numbers would be huge."""
+    """p exp(rate (C - origin)); the origin is 0, or the end where it is largest where exp would overflow."""
 
     kind = "exponential"
     scanned = "rate"
@@ -178,7 +178,7 @@ class Step(_OfColumn):
         return self.column.unit
 
     def grid(self, points_max: int) -> FloatArray:
-        """Places between neighbouring values, thinned where neighbours are told apart by nothing."""
+        """Places between neighbouring values, fewer where neighbours hardly differ."""
         places = self._places()
         below = np.searchsorted(np.sort(self.column.values), places)
         logit = np.log(below / (self.column.values.size - below))
@@ -204,9 +204,9 @@ class Step(_OfColumn):
         return np.zeros(self.column.values.size)
 
     def places(self, low: float, high: float) -> FloatArray:
-        """Every place between two values where a step can be told from any other."""
-        found = self._places()
-        return np.asarray(found[(found > low) & (found < high)])
+        """Every place of a step between two values."""
+        places = self._places()
+        return np.asarray(places[(places > low) & (places < high)])
 
     def _places(self) -> FloatArray:
         values = np.sort(self.column.values)

@@ -1,4 +1,4 @@
-"""Where a fit of a table starts: what is linear is solved, what is not is searched for."""
+"""Start values of a table's fit: linear parameters are solved for, the others searched for."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _HUGE = 1e100
 
 
 class TooLarge(DataError, np.linalg.LinAlgError):
-    """Terms, or parameters, that are no numbers in 64 bits: a search goes on elsewhere."""
+    """Terms or parameters overflow 64-bit numbers: a search tries other values."""
 
 
 def solve(design: FloatArray, target: FloatArray) -> FloatArray:
@@ -46,7 +46,7 @@ def solve(design: FloatArray, target: FloatArray) -> FloatArray:
 
 
 def _sizes(design: FloatArray) -> FloatArray:
-    """The norms of the columns, whose squares may be no numbers; 0 for one that is nothing, inf where it is one."""
+    """The norms of the columns, without overflow; 0 for a column of zeros, infinite where a number is."""
     peaks = np.abs(design).max(axis=0, initial=0.0)
     known = np.isfinite(peaks) & (peaks > np.finfo(float).tiny)
     norms = np.where(np.isfinite(peaks), 0.0, np.inf)
@@ -71,24 +71,24 @@ def baseline_start(readings: Readings) -> FloatArray:
     `DataError` when start values are missing and none can be found, or a value is undefined at those given.
     """
     expression, given = readings.expression, readings.spec.start
-    curved = [name for name in expression.parameters if name not in expression.linear_in()]
-    missing = [name for name in curved if name not in given]
-    _refuse_idle(readings)
-    if not curved:
+    nonlinear = [name for name in expression.parameters if name not in expression.linear_in()]
+    missing = [name for name in nonlinear if name not in given]
+    _refuse_without_influence(readings)
+    if not nonlinear:
         return _linear_part(readings, {})
     if missing:
         return _searched(readings, missing)
     asked = {name: given.get(name, 0.0) for name in expression.parameters}
     starts = [] if any(name not in given for name in expression.parameters) else [_array(readings, asked)]
-    solved = _linear_part(readings, {name: given[name] for name in curved})
-    starts += [solved] if np.isfinite(_misfit(readings, solved)) else []
-    starts = [start for start in starts if np.isfinite(_misfit(readings, start))]
+    solved = _linear_part(readings, {name: given[name] for name in nonlinear})
+    starts += [solved] if np.isfinite(_chi2(readings, solved)) else []
+    starts = [start for start in starts if np.isfinite(_chi2(readings, start))]
     if not starts:
         refuse_undefined(expression, readings.numbers, asked, readings.labels)
     fits = [fit for start in starts if (fit := _fitted(readings, start))]
     if fits:
         return min(fits, key=lambda fit: fit.chi2).values
-    return min(starts, key=lambda start: _misfit(readings, start))
+    return min(starts, key=lambda start: _chi2(readings, start))
 
 
 def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | None) -> float:
@@ -102,16 +102,16 @@ def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | N
     def misfit(value: float) -> float:
         basis = form.basis(form.full_choice(float(value)))
         basis = basis - space @ (space.T @ basis)
-        own = span_of(basis)
-        return float(left @ left - np.sum((own.T @ left) ** 2))
+        explained = span_of(basis).T @ left
+        return float(left @ left - np.sum(explained**2))
 
     grid = form.grid(POINTS_MAX)
     start = near if near is not None else float(min(grid, key=misfit))
     low = float(grid[grid < start].max(initial=-np.inf))
     high = float(grid[grid > start].min(initial=np.inf))
     if isinstance(form, Step):
-        found = form.places(low, high)
-        return float(min(found, key=misfit)) if found.size else start
+        places = form.places(low, high)
+        return float(min(places, key=misfit)) if places.size else start
     low, high = (edge if np.isfinite(edge) else start * factor for edge, factor in ((low, 0.8), (high, 1.25)))
     best = minimize_scalar(
         misfit, bounds=(min(low, high), max(low, high)), method="bounded", options={"xatol": 1e-6 * abs(start)}
@@ -123,7 +123,7 @@ def _array(readings: Readings, values: Mapping[str, float]) -> FloatArray:
     return np.array([values[name] for name in readings.expression.parameters])
 
 
-def _misfit(readings: Readings, values: FloatArray) -> float:
+def _chi2(readings: Readings, values: FloatArray) -> float:
     with np.errstate(all="ignore"):
         left = _residuals(readings, values)
         return float(left @ left)
@@ -133,21 +133,21 @@ def _residuals(readings: Readings, values: FloatArray) -> FloatArray:
     return np.asarray((readings.response.values - readings.baseline(values)[0]) / readings.sigma)
 
 
-def _linear_part(readings: Readings, curved: Mapping[str, float]) -> FloatArray:
-    """All parameters, the linear ones solved for; `curved` gives the others. NaN where that is undefined."""
+def _linear_part(readings: Readings, nonlinear: Mapping[str, float]) -> FloatArray:
+    """All parameters, the linear ones solved for; `nonlinear` gives the others. NaN where that is undefined."""
     expression = readings.expression
-    linear = [name for name in expression.parameters if name not in curved]
-    origin = {**dict.fromkeys(linear, 0.0), **curved}
+    linear = [name for name in expression.parameters if name not in nonlinear]
+    origin = {**dict.fromkeys(linear, 0.0), **nonlinear}
     value, slopes = expression.evaluate(readings.numbers, origin)
     which = [expression.parameters.index(name) for name in linear]
     design, target = slopes[:, which], readings.response.values - value
     # NaN compares as false: what is undefined is no better than what is beyond all bounds.
     if not (np.abs(design) < _HUGE).all() or not (np.abs(target) < _HUGE).all():
-        if not curved:
+        if not nonlinear:
             refuse_undefined(expression, readings.numbers, {}, readings.labels)
         return np.full(len(expression.parameters), np.nan)
-    found = solve(design / readings.sigma[:, None], target / readings.sigma) if linear else np.zeros(0)
-    return _array(readings, {**origin, **dict(zip(linear, found, strict=True))})
+    solved = solve(design / readings.sigma[:, None], target / readings.sigma) if linear else np.zeros(0)
+    return _array(readings, {**origin, **dict(zip(linear, solved, strict=True))})
 
 
 def _fitted(readings: Readings, start: FloatArray) -> FitResult | None:
@@ -165,7 +165,7 @@ def _searched(readings: Readings, missing: list[str]) -> FloatArray:
     """Start values drawn over many orders of magnitude, the best of them fitted."""
     rng = np.random.default_rng(0)
     known = {name: readings.spec.start[name] for name in readings.spec.start if name not in missing}
-    curved = [name for name in readings.expression.parameters if name not in readings.expression.linear_in()]
+    nonlinear = [name for name in readings.expression.parameters if name not in readings.expression.linear_in()]
     sizes = [float(np.abs(readings.numbers[name]).max()) or 1.0 for name in readings.expression.columns]
     scales = np.array([1.0, *sizes, *(1.0 / size for size in sizes), *(1.0 / size**2 for size in sizes)])
     drawn = []
@@ -173,8 +173,8 @@ def _searched(readings: Readings, missing: list[str]) -> FloatArray:
         size = rng.choice(scales, len(missing)) * 10.0 ** rng.uniform(-1.5, 1.5, len(missing))
         sign = rng.choice([-1.0, 1.0], len(missing))
         values = {**known, **dict(zip(missing, size * sign, strict=True))}
-        start = _linear_part(readings, {name: values[name] for name in curved})
-        drawn.append((_misfit(readings, start), start))
+        start = _linear_part(readings, {name: values[name] for name in nonlinear})
+        drawn.append((_chi2(readings, start), start))
     drawn = sorted((each for each in drawn if np.isfinite(each[0])), key=lambda each: each[0])
     fits = [fit for _, start in drawn[:_TRIED] if (fit := _fitted(readings, start)) and fit.verdict == "converged"]
     if not fits:
@@ -185,8 +185,8 @@ def _searched(readings: Readings, missing: list[str]) -> FloatArray:
     return min(fits, key=lambda fit: fit.chi2).values
 
 
-def _refuse_idle(readings: Readings) -> None:
-    """`DataError` for a parameter that changes nothing, whatever the others are."""
+def _refuse_without_influence(readings: Readings) -> None:
+    """`DataError` for a parameter on which the response does not depend, whatever the others are."""
     expression = readings.expression
     rng = np.random.default_rng(1)
     moved = np.zeros(len(expression.parameters), dtype=bool)

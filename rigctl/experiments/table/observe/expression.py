@@ -1,4 +1,4 @@
-"""What a baseline expression says of the columns: its values, and their derivatives by its parameters."""
+"""A baseline expression over columns: its values, and their derivatives by its parameters."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _Dual = tuple[FloatArray, dict[str, FloatArray]]
 
 @dataclass(frozen=True)
 class Undefined:
-    """An operation without a finite result: at which character, in words, and in which rows (indices)."""
+    """An operation without a finite result: at which character, why, and in which rows (indices)."""
 
     at: int
-    what: str
+    reason: str
     rows: IntArray
 
 
@@ -38,11 +38,11 @@ class Expression:
     def read(cls, text: str, columns: Collection[str]) -> Expression:
         """Parse `text` over these columns; `DataError` with the character and the mend."""
         tree = parse(text)
-        found = names(tree)
+        used = names(tree)
         return cls(
             tree,
-            tuple(name for name in found if name in columns),
-            tuple(name for name in found if name not in columns),
+            tuple(name for name in used if name in columns),
+            tuple(name for name in used if name not in columns),
         )
 
     def position(self, name: str) -> int:
@@ -60,12 +60,12 @@ class Expression:
         return np.broadcast_to(value, rows).copy(), matrix
 
     def linear_in(self) -> tuple[str, ...]:
-        """Parameters that, the others held, the expression is linear in all together; the longest found in order."""
-        found: list[str] = []
+        """Parameters in which it is linear together, the others fixed; collected in the order of the text."""
+        linear: list[str] = []
         for name in self.parameters:
-            if _degree(self.tree, {*found, name}) <= 1:
-                found.append(name)
-        return tuple(found)
+            if _degree(self.tree, {*linear, name}) <= 1:
+                linear.append(name)
+        return tuple(linear)
 
     def undefined(self, columns: _Columns, values: _Values) -> Undefined | None:
         """The innermost operation without a finite result in some row; None if there is none."""
@@ -76,16 +76,15 @@ class Expression:
 
 def refuse_undefined(expression: Expression, columns: _Columns, values: _Values, labels: Sequence[str]) -> None:
     """`DataError` when the expression has no finite value in some row; `labels` name the rows."""
-    found = expression.undefined(columns, values)
-    if found is None:
+    undefined = expression.undefined(columns, values)
+    if undefined is None:
         return
-    shown = ", ".join(labels[int(i)] for i in found.rows[:3])
-    more = f" and {len(found.rows) - 3} more" if len(found.rows) > 3 else ""
-    touched = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
-    given = f" (with {touched})" if touched else ""
-    raise flaw(
-        found.at, f"{found.what} in {shown}{more}{given}; mend the readings, the expression or its start values"
-    )
+    rows = undefined.rows
+    shown = ", ".join(labels[int(i)] for i in rows[:3]) + (f" and {len(rows) - 3} more" if len(rows) > 3 else "")
+    at_values = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+    where = f"{shown} (with {at_values})" if at_values else shown
+    mend = "mend the readings, the expression or its start values"
+    raise flaw(undefined.at, f"{undefined.reason} in {where}; {mend}")
 
 
 _VALUE: dict[str, Callable[[FloatArray], FloatArray]] = {
@@ -197,28 +196,28 @@ def _degree_after(sign: str, operands: Sequence[Node], degrees: list[int]) -> in
 def _undefined(node: Node, columns: _Columns, values: _Values, rows: int) -> Undefined | None:
     parts = node.operands if isinstance(node, Operation) else ()
     for part in parts:
-        if found := _undefined(part, columns, values, rows):
-            return found
+        if inner := _undefined(part, columns, values, rows):
+            return inner
     value, slopes = _dual(node, columns, values, rows)
-    bad = np.flatnonzero(~np.isfinite(value))
-    if bad.size:
-        of = [float(_dual(part, columns, values, rows)[0][bad[0]]) for part in parts]
-        return Undefined(node.at, _trouble(node, of), bad)
+    not_finite = np.flatnonzero(~np.isfinite(value))
+    if not_finite.size:
+        operands = [float(_dual(part, columns, values, rows)[0][not_finite[0]]) for part in parts]
+        return Undefined(node.at, _reason(node, operands), not_finite)
     steep = ~np.isfinite(sum(slopes.values(), np.zeros(rows)))
     if steep.any():
         return Undefined(node.at, "the derivative by a parameter is infinite", np.flatnonzero(steep))
     return None
 
 
-def _trouble(node: Node, of: list[float]) -> str:
+def _reason(node: Node, operands: list[float]) -> str:
     match node:
-        case Operation(("log" | "sqrt") as function) if of[0] <= 0.0:
-            return f"{function} of {'zero' if of[0] == 0.0 else 'a negative number'}"
-        case Operation("/") if of[1] == 0.0:
+        case Operation(("log" | "sqrt") as function) if operands[0] <= 0.0:
+            return f"{function} of {'zero' if operands[0] == 0.0 else 'a negative number'}"
+        case Operation("/") if operands[1] == 0.0:
             return "division by zero"
-        case Operation("**") if of[0] < 0.0:
+        case Operation("**") if operands[0] < 0.0:
             return "power of a negative number"
-        case Operation("**") if of[0] == 0.0:
+        case Operation("**") if operands[0] == 0.0:
             return "negative power of zero"
         case Name():
             return "a value is missing"

@@ -1,4 +1,4 @@
-"""The readings of a `table` recording: columns over the rows that can be used, and what is asked of them."""
+"""The readings of a `table` recording: columns over the rows that can be used, and what [table] says of them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from rigctl.experiments.table.observe.expression import Expression
 from rigctl.experiments.table.observe.syntax import CONSTANTS, flaw
 
 _WINDOW_POINTS = 10_000_000
-_DARK, _BRIGHT = 0.25, 0.5
-_ENOUGH_IN_A_CLUSTER = 8
-_FINE = 1e-4
+_WINDOW_LOW, _WINDOW_HIGH = 0.25, 0.5
+_VALUES_OF_A_SMALL_CLUSTER = 8
+_GUESSED_NOISE = 1e-4
+"""Noise where none is declared, relative to the response's standard deviation."""
 BLOCKS_MAX = 7
 STRETCHES_MAX = 6
 
@@ -42,7 +43,7 @@ class Column:
         return float(self.distinct[-1] - self.distinct[0])
 
     @property
-    def middle(self) -> float:
+    def mean(self) -> float:
         """Its mean."""
         return float(self.values.mean())
 
@@ -52,30 +53,30 @@ class Column:
         return float(np.median(np.diff(self.distinct)))
 
     @cached_property
-    def spread(self) -> float:
+    def standard_deviation(self) -> float:
         """Its standard deviation."""
         return float(self.values.std())
 
     @cached_property
-    def fastest(self) -> float:
-        """The highest frequency that these values can tell from a slow one.
+    def frequency_max(self) -> float:
+        """The highest frequency that these values tell from its aliases.
 
-        Half of one over the spacing; where the values stand in few and small clusters, half of one over the distance
-        of the clusters, which the spectral window shows.
+        1 / (2 spacing); where the values form few and small clusters, 1 / (2 distance of the clusters), which is
+        read off the spectral window: it falls below `_WINDOW_LOW` and returns to `_WINDOW_HIGH` at the first alias.
         """
         limit = 0.5 / self.spacing
         step = 0.25 / self.span
         count = min(int(2.0 * limit / step), _WINDOW_POINTS // self.values.size)
         frequencies = step * np.arange(1, count + 1)
-        window = np.abs(np.exp(2j * np.pi * np.outer(frequencies, self.values - self.middle)).mean(axis=1)) ** 2
-        past = np.flatnonzero(window < _DARK)
-        bright = np.flatnonzero(window > _BRIGHT)
-        alias = bright[bright > past[0]] if past.size else bright
+        window = np.abs(np.exp(2j * np.pi * np.outer(frequencies, self.values - self.mean)).mean(axis=1)) ** 2
+        low = np.flatnonzero(window < _WINDOW_LOW)
+        high = np.flatnonzero(window > _WINDOW_HIGH)
+        alias = high[high > low[0]] if low.size else high
         if not alias.size:
             return limit
-        sampling = float(frequencies[alias[0]])
-        crowded = self.distinct.size > _ENOUGH_IN_A_CLUSTER * (self.span * sampling + 1.0)
-        return limit if crowded else min(limit, 0.5 * sampling)
+        sampling_frequency = float(frequencies[alias[0]])
+        crowded = self.distinct.size > _VALUES_OF_A_SMALL_CLUSTER * (self.span * sampling_frequency + 1.0)
+        return limit if crowded else min(limit, 0.5 * sampling_frequency)
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class Category:
 
     @property
     def names_groups(self) -> bool:
-        """Whether its words are levels of something, and not a remark or a number for each reading."""
+        """Whether its words sort the readings into groups, and are not a remark on each of them."""
         return 1 < len(self.levels) <= self.values.size // 2
 
 
@@ -118,7 +119,7 @@ class Readings:
     expression: Expression
     labels: tuple[str, ...]
     sigma: FloatArray
-    """One for all: what the recorder believed, else a guess. Its size is found from the scatter."""
+    """The same for all: the declared noise, else a guess. The workbench estimates its size from the scatter."""
     block_of: IntArray
 
     @property
@@ -143,7 +144,7 @@ class Readings:
 
 
 def read(source: RunSource) -> Readings:
-    """The readings of a recording; `DataError` for a question they cannot be asked."""
+    """The readings of a recording; `DataError` where its [table] does not fit them."""
     header, spec = source.header, source.header.table
     if spec is None:
         raise DataError(f"the recording is of {header.experiment}, not a table: it has no [table] to fit")
@@ -153,15 +154,14 @@ def read(source: RunSource) -> Readings:
         raise DataError(f"readings.csv has no column {spec.response} of numbers, which [table] response names")
     _require_measurable(samples)
     expression = _expression(spec, set(samples), set(texts))
-    kept = _usable(samples, expression, spec)
-    rows = np.flatnonzero(kept)
+    rows = np.flatnonzero(_usable(samples, expression, spec))
     if rows.size == 0:
         raise DataError("readings.csv: no row has a response and all that the baseline needs; fill in the gaps")
     columns = {
         name: Column(name, values[rows].astype(np.float64), _unit(header, name)) for name, values in samples.items()
     }
     response = columns.pop(spec.response)
-    if rows.size > 1 and not response.spread > np.finfo(float).tiny:
+    if rows.size > 1 and not response.standard_deviation > np.finfo(float).tiny:
         raise DataError(
             f"readings.csv: column {spec.response} is the same in every row; name a response that changes, or write"
             " it with more digits or in a smaller unit"
@@ -222,21 +222,21 @@ def _unit(header: Header, name: str) -> str:
 
 
 def declares_noise(header: Header, response: str) -> bool:
-    """Whether the recorder believed something of the response's noise."""
+    """Whether recording.toml gives the noise of the response."""
     declared = header.channels.get(response)
     return bool(declared and declared.noise_rms)
 
 
 def _weight(header: Header, response: Column) -> float:
     declared = header.channels.get(response.name)
-    believed = declared.noise_rms if declared else None
-    return believed or _FINE * response.spread or 1.0
+    declared_rms = declared.noise_rms if declared else None
+    return declared_rms or _GUESSED_NOISE * response.standard_deviation or 1.0
 
 
 def _blocks(spec: TableSpec, columns: dict[str, Column], categories: dict[str, Category], rows: int) -> IntArray:
     if spec.block is not None:
-        named = categories[spec.block] if spec.block in categories else columns[spec.block]
-        blocks = np.unique(named.values, return_inverse=True)[1]
+        column = categories[spec.block] if spec.block in categories else columns[spec.block]
+        blocks = np.unique(column.values, return_inverse=True)[1]
         if blocks.max() == 0:
             raise DataError(
                 f"readings.csv: column {spec.block} holds one value only, but [table] block needs two blocks or more;"
