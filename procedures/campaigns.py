@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
 from rigctl.campaign.session.session import Session
@@ -97,6 +98,23 @@ class Plan(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class SetPoints:
+    """What an investigation of a campaign chooses from: its full scan, and the same set-points with longer runs.
+
+    All are in one `place`, conditions that hold for every run, such as an axis; `seed` is that of random orders.
+    """
+
+    place: Mapping[str, Any]
+    full_scan: tuple[Proposal, ...]
+    options: tuple[Proposal, ...]
+    seed: int
+
+    def run_price_s(self, most: int) -> float:
+        """Rig time that a run is worth when there may be `most`: both budgets are to last equally long."""
+        return sum(each.takes_s for each in self.full_scan) / most
+
+
 Planning = Callable[[CampaignFile, Part | None, Sequence[Plugin]], Plan]
 """A function like `Campaigns.plan`."""
 
@@ -128,6 +146,19 @@ class Campaigns(Protocol):
         ...
 
 
+@runtime_checkable
+class Investigable(Protocol):
+    """What the module of `Campaigns` has besides when `rigctl investigate` can choose among its runs."""
+
+    def set_points(self, campaign: CampaignFile) -> SetPoints:
+        """What a campaign allows; `ConfigError` for one among whose runs nothing can be chosen."""
+        ...
+
+    def chosen_runs(self, campaign: CampaignFile, runs: Sequence[Proposal]) -> Mapping[str, Any]:
+        """The `[procedure]` table of a campaign that makes these of its set-points."""
+        ...
+
+
 def plan_of(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
     """What a campaign file asks for, of its experiment or of a procedure that was added to it; `ConfigError`."""
     added = procedure_for(campaign.experiment, campaign.procedure.get("name"))
@@ -145,4 +176,12 @@ def campaigns_of(experiment: str, path: Path | str = "") -> Campaigns:
     found: Campaigns | None = part_of(experiment, "campaign", path)
     if found is None:
         raise ConfigError(f"{path}: a '{experiment}' is imported, not measured; use `rigctl import`")
+    return found
+
+
+def investigable(campaign: CampaignFile) -> Investigable:
+    """The same, where an investigation can choose among the runs of a campaign; `ConfigError` elsewhere."""
+    found = campaigns_of(campaign.experiment, campaign.path)
+    if not isinstance(found, Investigable):
+        raise ConfigError(f"{campaign.path}: an investigation cannot choose among the runs of {campaign.experiment}")
     return found

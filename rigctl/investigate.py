@@ -14,9 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from procedures.sensing_axis import scan
-from procedures.sensing_axis.campaign import scan_of
-from procedures.sensing_axis.tables import Procedure
+from procedures.campaigns import SetPoints, investigable
 from rigctl import runner
 from rigctl.campaign.origin import campaign_of
 from rigctl.campaign.recording import ImportReport, Recording
@@ -24,8 +22,7 @@ from rigctl.campaign.store.store import Store
 from rigctl.composition import workbench_of
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.plugins import load
-from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S
-from rigctl.experiments.sensing_axis.study import SensingAxisStudy
+from rigctl.experiments.analysis import analysis_of
 from rigctl.files import config
 from rigctl.planning import text_of
 from rigctl.workbench.findings import Diagnosis
@@ -34,13 +31,11 @@ from rigctl.workbench.next.exclusion import Excluded, Sensitivity, sensitivity
 from rigctl.workbench.next.first_design import first_design
 from rigctl.workbench.next.plan import shuffled
 from rigctl.workbench.next.recommend import recommend
-from rigctl.workbench.study import Plannable, Proposal, Term
+from rigctl.workbench.study import Plannable, Proposal, Study, Term
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.workbench import ALPHA
 
 FIRST_RUNS, BATCH_RUNS = 12, 6
-LONGER = 3.0
-LONGEST_S = 60.0
 ROUND = "investigation"
 """The kind of document that keeps what a round found."""
 
@@ -89,29 +84,15 @@ class Outcome:
         }
 
 
-@dataclass(frozen=True)
-class SetPoints:
-    """What a campaign allows: its full scan, and the same set-points with longer runs to choose from."""
-
-    axis: str
-    configuration: str
-    full_scan: tuple[Proposal, ...]
-    options: tuple[Proposal, ...]
-
-    def run_price_s(self, most: int) -> float:
-        """Rig time that a run is worth when there may be `most`: both budgets are to last equally long."""
-        return sum(each.takes_s for each in self.full_scan) / most
-
-
 def investigate(
     campaign: config.CampaignFile, rig_file: config.RigFile | None, store_path: Path, settings: Settings
 ) -> Outcome:
     """Find what acts on a rig that its model lacks, with as few runs as that takes; goes on where it was.
 
-    `rig_file` is needed to begin, later on the store has it. `ConfigError` for a campaign that is no scan of one
-    axis in one configuration; errors of instruments as they come.
+    `rig_file` is needed to begin, later on the store has it. `ConfigError` for a campaign
+    among whose runs nothing can be chosen; errors of instruments as they come.
     """
-    points = set_points(campaign)
+    points = investigable(campaign).set_points(campaign)
     most = settings.max_runs or len(points.full_scan)
     if not store_path.exists():
         if rig_file is None:
@@ -123,62 +104,23 @@ def investigate(
         _finish(store_path, settings)
         rounds += 1
         with Store.open(store_path) as store:
-            round_ = _Round(store, campaign, points, most, settings)
+            round_ = _Round(store, points, most, settings)
             batch = round_.next_batch()
             if not batch:
                 return round_.outcome(rounds)
-            text = _text(campaign, points, batch, f"Round {rounds + 1}")
+            text = _text(campaign, batch, f"Round {rounds + 1}")
         runner.extend(store_path, config.parse_campaign(text, campaign.path), settings.options)
-
-
-def set_points(campaign: config.CampaignFile) -> SetPoints:
-    """The set-points of a scan campaign; `ConfigError` for any other, or for several axes or configurations."""
-    procedure = _procedure(campaign)
-    if procedure.name != "scan":
-        raise ConfigError(
-            f"{campaign.path}: procedure.name: an investigation chooses among the set-points of a scan, "
-            f"not of {procedure.name}; give angles_deg, frequencies_hz and approaches"
-        )
-    if len(procedure.axes) > 1 or len(procedure.configurations) > 1:
-        raise ConfigError(
-            f"{campaign.path}: procedure: an investigation stays in one mounting; "
-            "name one axis in axes and one configuration in configurations"
-        )
-    settings = [
-        {
-            "theta_deg": run.theta_deg,
-            "frequency_hz": run.frequency_hz,
-            "amplitude_mm": run.amplitude_mm or procedure.amplitude_mm,
-            "approach": run.approach,
-            "dwell_s": run.dwell_s or procedure.dwell_s,
-        }
-        for run in scan.listed(procedure)
-    ]
-    full = tuple(Proposal(each, each["dwell_s"] + OVERHEAD_S) for each in settings)
-    distinct = list({tuple(each.items()): each for each in settings}.values())
-    longer = [
-        {**each, "dwell_s": long_s}
-        for each in distinct
-        if (long_s := min(LONGER * each["dwell_s"], LONGEST_S)) > each["dwell_s"]
-    ]
-    options = tuple(Proposal(each, each["dwell_s"] + OVERHEAD_S) for each in (*distinct, *longer))
-    return SetPoints(procedure.axes[0], procedure.configurations[0], full, options)
 
 
 class _Round:
     """What a store says so far: the diagnosis, the model brought up to date with it, what to measure next."""
 
-    def __init__(
-        self, store: Store, campaign: config.CampaignFile, points: SetPoints, most: int, settings: Settings
-    ) -> None:
+    def __init__(self, store: Store, points: SetPoints, most: int, settings: Settings) -> None:
         self._store = store
         self._points, self._most, self._settings = points, most, settings
         self._bench = workbench_of(store, settings.options.plugins)
-        study = self._bench.study
-        if not isinstance(study, Plannable):
-            raise DataError(f"{store.path}: a '{study.experiment}' recording cannot be gone on with")
-        self._study = study
-        self._seed = _procedure(campaign).order_seed + len(store.runs())
+        self._study = study = _plannable(self._bench.study, store.path)
+        self._seed = points.seed + len(store.runs())
         self._given = self._bench.version(1).terms
         self._declined: list[str] = []
         self._found = diagnose(study, self._given, settings.alpha, progress=None)
@@ -296,6 +238,12 @@ class _Round:
         return "; ".join(told)
 
 
+def _plannable(study: Study, path: Path) -> Plannable:
+    if not isinstance(study, Plannable):
+        raise DataError(f"{path}: a '{study.experiment}' recording cannot be gone on with")
+    return study
+
+
 def _begin(
     campaign: config.CampaignFile,
     rig_file: config.RigFile,
@@ -308,14 +256,13 @@ def _begin(
     runner.dry_run(campaign, rig_file, settings.options.plugins)
     header = runner.header_of(campaign, rig_file)
     plugins = [load(path) for path in settings.options.plugins]
-    study = SensingAxisStudy(Recording(header, (), {}, ImportReport(0)), plugins)
-    place = {"axis": points.axis, "configuration": points.configuration, "mounting": 1}
-    placed = [Proposal({**each.settings, **place}, each.takes_s) for each in points.options]
+    study = analysis_of(campaign.experiment).study(Recording(header, (), {}, ImportReport(0)), plugins)
+    placed = [Proposal({**each.settings, **points.place}, each.takes_s) for each in points.options]
     terms = [Term(effect) for effect in campaign.model.effects]
     price_s = points.run_price_s(settings.max_runs or len(points.full_scan))
-    runs = first_design(study, terms, placed, count, _procedure(campaign).order_seed, price_s)
+    runs = first_design(_plannable(study, campaign.path), terms, placed, count, points.seed, price_s)
     settings.tell(f"beginning with {len(runs)} runs of {len(points.full_scan)} that a full scan has")
-    text = _text(campaign, points, runs, "Round 1")
+    text = _text(campaign, runs, "Round 1")
     runner.start(config.parse_campaign(text, campaign.path), rig_file, store_path, settings.options)
 
 
@@ -329,19 +276,17 @@ def _finish(store_path: Path, settings: Settings) -> None:
 
 
 def _require_same(campaign: config.CampaignFile, store_path: Path) -> None:
-    """A store of another axis, configuration or model is another investigation."""
+    """A store of another place or model is another investigation."""
     with Store.open(store_path, readonly=True) as store:
         begun = campaign_of(store)
-    mine, its = _procedure(campaign), _procedure(begun)
-    here = (mine.axes[0], mine.configurations[0], campaign.model.effects)
-    there = (its.axes[0], its.configurations[0], begun.model.effects)
+    here, there = ((investigable(each).set_points(each).place, each.model.effects) for each in (campaign, begun))
     if here != there:
         raise ConfigError(f"{store_path} was begun with another campaign file; choose another --store")
 
 
-def _text(campaign: config.CampaignFile, points: SetPoints, runs: Sequence[Proposal], title: str) -> str:
+def _text(campaign: config.CampaignFile, runs: Sequence[Proposal], title: str) -> str:
     named = f"{campaign.title}: {title}" if campaign.title else title
-    procedure = scan_of(points.axis, points.configuration, runs, _procedure(campaign))
+    procedure = investigable(campaign).chosen_runs(campaign, runs)
     return text_of(campaign, named, campaign.rig, procedure, campaign.model.effects)
 
 
@@ -353,7 +298,3 @@ def _spread_in_time(full_scan: Sequence[Proposal]) -> list[Proposal]:
         Proposal({**each.settings, "start_s": float(starts[place])}, each.takes_s)
         for each, place in zip(full_scan, order, strict=True)
     ]
-
-
-def _procedure(campaign: config.CampaignFile) -> Procedure:
-    return config.validated(Procedure, campaign.procedure, campaign.path, "procedure")

@@ -10,10 +10,13 @@ from typing import Any
 
 import pytest
 
+from procedures.campaigns import investigable
+from procedures.sensing_axis.campaign import set_points
 from rigctl import runner
 from rigctl.campaign.store.store import Store
+from rigctl.core.errors import ConfigError
 from rigctl.files import config
-from rigctl.investigate import Settings, investigate, set_points
+from rigctl.investigate import Settings, investigate
 from rigctl.workbench.model import versions
 
 HIDDEN_RIG = Path(__file__).parents[1] / "campaigns" / "hidden-effect-rig.toml"
@@ -261,6 +264,11 @@ def test_only_a_scan_of_one_mounting_is_investigated(desk: Any, old: str, new: s
     desk.campaign((old, new), text=SCAN)
     desk.rigctl("investigate", "campaign.toml", "--store", desk.store, "--yes").refused(2, said)
     assert not desk.store.exists()
+
+
+def test_an_experiment_whose_runs_cannot_be_chosen_is_not_investigated() -> None:
+    with pytest.raises(ConfigError, match="cannot choose among the runs of inflight-calibration"):
+        investigable(config.read_campaign(HIDDEN_RIG.with_name("microscope.toml")))
 
 
 def test_a_store_of_another_campaign_is_not_gone_on_with(measured: Path, desk: Any) -> None:

@@ -14,7 +14,7 @@ from procedures.rotating_platform import campaign as rotating_platform
 from procedures.rotating_platform.bias_rejection import Plan
 from procedures.rotating_platform.tables import Procedure as PlatformProcedure
 from procedures.rotating_platform.wiring import bench_of
-from procedures.sensing_axis.campaign import scan_of
+from procedures.sensing_axis.runs import scan_of
 from procedures.sensing_axis.tables import Procedure
 from rigctl import planning, runner
 from rigctl.core.errors import ConfigError

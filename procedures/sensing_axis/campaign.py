@@ -12,7 +12,8 @@ from procedures.sensing_axis.bench import Bench
 from procedures.sensing_axis.forecast import theta0_sigma_arcsec
 from procedures.sensing_axis.limits import within
 from procedures.sensing_axis.mounting import Mounting, Seated, mounted_in
-from procedures.sensing_axis.tables import Procedure, Targets
+from procedures.sensing_axis.runs import chosen_runs, procedure_of, scan_of, set_points
+from procedures.sensing_axis.tables import Targets
 from procedures.sensing_axis.wiring import bench_of, channels
 from rigctl.campaign.origin import campaign_of
 from rigctl.campaign.session.session import Session
@@ -26,7 +27,7 @@ from rigctl.files import config
 from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Proposal
 
-__all__ = ["allowed", "channels", "further", "mounted", "plan"]
+__all__ = ["allowed", "channels", "chosen_runs", "further", "mounted", "plan", "set_points"]
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def plan_of(
     campaign: config.CampaignFile, part: Part | None = None, plugins: Sequence[Plugin] = ()
 ) -> sensing_axes.Plan:
     """As `plan`, as the procedures know it."""
-    procedure = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
+    procedure = procedure_of(campaign)
     targets = config.validated(Targets, campaign.targets, campaign.path, "targets")
     try:
         brought = [effect for plugin in plugins for effect in plugin.effects.values()]
@@ -108,25 +109,7 @@ def mounted(store: Store) -> Sequence[tuple[str, str, int]]:
 
 def further(store: Store, runs: Sequence[Proposal], campaign: config.CampaignFile) -> Mapping[str, Any]:
     """A scan of these set-points in the mounting that is there."""
-    like = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
-    return scan_of(*place_of(store), runs, like)
-
-
-def scan_of(axis: str, configuration: str, runs: Sequence[Proposal], like: Procedure) -> dict[str, Any]:
-    """The `[procedure]` table of a scan given as a list of runs, in its order."""
-    return {
-        "name": "scan",
-        "axes": [axis],
-        "configurations": [configuration],
-        "mounting": "kept",
-        "order": "as-listed",
-        "amplitude_mm": like.amplitude_mm,
-        "sample_rate_hz": like.sample_rate_hz,
-        "runs": [{key: run.settings[key] for key in run.settings if key in _OF_A_RUN} for run in runs],
-    }
-
-
-_OF_A_RUN = ("theta_deg", "frequency_hz", "amplitude_mm", "approach", "dwell_s", "temperature_c")
+    return scan_of(*place_of(store), runs, procedure_of(campaign))
 
 
 def place_of(store: Store) -> tuple[str, str]:
@@ -141,6 +124,4 @@ def allowed(store: Store, rig: Instruments | None) -> Allowed | None:
     """What the stages' limits, the recorders' memories and the sensor's range leave."""
     if rig is None:
         return None
-    campaign = campaign_of(store)
-    procedure = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
-    return within(bench_of(rig), procedure, *place_of(store))
+    return within(bench_of(rig), procedure_of(campaign_of(store)), *place_of(store))
