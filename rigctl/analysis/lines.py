@@ -10,7 +10,6 @@ bump may be narrower than the neighbourhood a line must show by it, elsewhere it
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,6 +17,7 @@ import numpy as np
 from scipy import special, stats
 from scipy.ndimage import median_filter, uniform_filter1d
 
+from rigctl.analysis.kept import Packed
 from rigctl.analysis.noise import Spectrum
 from rigctl.analysis.sine_fit import HarmonicBasis
 from rigctl.core.arrays import FloatArray
@@ -115,30 +115,23 @@ class LineScan:
     groups: dict[tuple[str, int], FloatArray] = field(default_factory=dict)
     runs: dict[str, tuple[str, int]] = field(default_factory=dict)
 
-    def to_bytes(self) -> bytes:
-        """For keeping: a JSON head, then the sums, bit for bit."""
+    def packed(self) -> Packed:
+        """For keeping, bit for bit."""
         head = {
             "step_hz": self.step_hz,
             "longest_s": self.longest_s,
             "shortest_s": self.shortest_s,
             "rates_hz": self.rates_hz,
-            "groups": [[pool, half, sums.shape[1]] for (pool, half), sums in self.groups.items()],
+            "groups": list(self.groups),
             "runs": self.runs,
         }
-        return b"\n".join(
-            [json.dumps(head).encode(), b"".join(s.astype("<f8").tobytes() for s in self.groups.values())]
-        )
+        return Packed(head, {str(place): sums for place, sums in enumerate(self.groups.values())})
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> LineScan:
-        """What `to_bytes` was given."""
-        line, _, rest = data.partition(b"\n")
-        head = json.loads(line)
-        groups, at = {}, 0
-        for pool, half, bins in head["groups"]:
-            sums = np.frombuffer(rest, dtype="<f8", count=4 * bins, offset=at).astype(np.float64)
-            groups[pool, half] = sums.reshape(4, bins)
-            at += sums.nbytes
+    def unpacked(cls, kept: Packed) -> LineScan:
+        """What `packed` was called on."""
+        head = kept.head
+        groups = {(pool, half): kept.arrays[str(place)] for place, (pool, half) in enumerate(head["groups"])}
         runs = {run_id: (pool, half) for run_id, (pool, half) in head["runs"].items()}
         times = head["step_hz"], head["longest_s"], head["shortest_s"]
         return cls(*times, tuple(head["rates_hz"]), groups, runs)

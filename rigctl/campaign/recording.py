@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
@@ -125,28 +125,6 @@ class RunSource(Protocol):
 
     def samples(self, run_id: str) -> dict[str, FloatArray]:
         """The columns of one run, each of shape (samples,)."""
-        ...
-
-
-@runtime_checkable
-class KeepsReductions(RunSource, Protocol):
-    """A source that also keeps what was worked out from its samples, by recipe and name."""
-
-    @property
-    def readonly(self) -> bool:
-        """Whether it can be read only."""
-        ...
-
-    def reduced_names(self, recipe: str) -> set[str]:
-        """Everything kept by `recipe`."""
-        ...
-
-    def reduction(self, recipe: str, name: str) -> bytes | None:
-        """What is kept under one name; None for nothing."""
-        ...
-
-    def keep_reductions(self, recipe: str, blobs: Mapping[str, bytes]) -> None:
-        """Keep, by run_id or another name; replaces what was there."""
         ...
 
 

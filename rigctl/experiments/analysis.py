@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import RunSource
 from rigctl.core.experiments import part_of
 from rigctl.effects.plugins import Plugin
 from rigctl.workbench.study import Study
 from rigctl.workbench.workbench import Workbench
-
-Progress = Callable[[int, int], None]
-"""Called with how many runs are done, and of how many."""
 
 
 class Result(Protocol):

@@ -335,6 +335,8 @@ class Store:
 
     def reduction(self, recipe: str, name: str) -> bytes | None:
         """What is kept by `recipe` under one name; None for nothing, or for what is not as it was written."""
+        if schema.schema_version(self._connection) < _WITH_REDUCTIONS:
+            return None
         found = self._rows.undamaged("reductions", "WHERE recipe = ? AND name = ?", (recipe, name))
         return next((bytes(row[2]) for row in found), None)
 

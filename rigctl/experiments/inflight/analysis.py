@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import RunSource
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.analysis import Progress
-from rigctl.experiments.inflight.observe import recorded
+from rigctl.experiments.inflight.observe.store_reduction import reduction
 from rigctl.experiments.inflight.result.monte_carlo import DRAW, Draw, tables
 from rigctl.experiments.inflight.result.result import calibration
 from rigctl.experiments.inflight.study import InflightStudy
@@ -20,7 +20,7 @@ from rigctl.workbench.workbench import Workbench
 
 def reduced(source: RunSource, progress: Progress) -> Mapping[str, str]:
     """Their lines, run by run."""
-    return recorded.reduction(source, progress=progress).left_out
+    return reduction(source, progress=progress).left_out
 
 
 def study(source: RunSource, plugins: Sequence[Plugin]) -> InflightStudy:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import numpy as np
-
-from rigctl.campaign.recording import KeepsReductions, RunSource
+from rigctl.analysis.kept import Reduction
+from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.effect_changes import EffectChanges
@@ -17,17 +15,10 @@ from rigctl.experiments.inflight.imagined import stronger
 from rigctl.experiments.inflight.model.baseline import Baseline, Stretch
 from rigctl.experiments.inflight.observations import observations_of
 from rigctl.experiments.inflight.observe.found import loudness
-from rigctl.experiments.inflight.observe.kept_scan import scan_from_bytes, scan_to_bytes
 from rigctl.experiments.inflight.observe.observed import Observed, observed
-from rigctl.experiments.inflight.observe.recorded import (
-    RECIPE,
-    Reduction,
-    orbit_period_of,
-    reduced_without,
-    reduction,
-)
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
-from rigctl.experiments.inflight.observe.samples import RunScan, covered, scan
+from rigctl.experiments.inflight.observe.samples import RunScan
+from rigctl.experiments.inflight.observe.store_reduction import reduced_without, reduction, run_scans
 from rigctl.workbench.study import Observations, Proposal
 
 
@@ -40,7 +31,7 @@ class FlightData:
     """
 
     source: RunSource
-    reduced: Reduction
+    reduced: Reduction[ReducedRun]
     known_noise: Observed | None = None
     pulses_s: Mapping[str, FloatArray] = field(default_factory=dict)
     levels: tuple[RunScan, ...] | None = None
@@ -90,49 +81,22 @@ class FlightData:
         """All runs' samples looked through, with the baseline as fitted to them; kept for just these runs."""
         if self.levels is not None:
             return self.levels
-        runs = self.reduced.runs
-        masked = b"".join(pulses.tobytes() for pulses in self.pulses_s.values())
-        names = " ".join(sorted(run.run_id for run in runs))
-        recipe = f"{RECIPE} samples {zlib.crc32(names.encode() + masked):08x}"
-        store = self.source if isinstance(self.source, KeepsReductions) else None
-        known = store.reduced_names(recipe) if store else set()
-        scans = []
-        for run in runs:
-            data = store.reduction(recipe, run.run_id) if store and run.run_id in known else None
-            if data is not None:
-                scans.append(scan_from_bytes(data))
-                continue
-            scans.append(scan(run, self._samples(run), self.observed.values))
-            if store and not store.readonly:
-                store.keep_reductions(recipe, {run.run_id: scan_to_bytes(scans[-1])})
-        return tuple(scans)
-
-    def _samples(self, run: ReducedRun) -> dict[str, FloatArray]:
-        samples = self.source.samples(run.run_id)
-        pulses_s = self.pulses_s.get(run.run_id)
-        if pulses_s is None:
-            return samples
-        hidden = covered(samples["t_s"], pulses_s)
-        return {
-            name: column if name == "t_s" else np.where(hidden, np.nan, column) for name, column in samples.items()
-        }
+        return run_scans(self.source, self.reduced.runs, self.observed.values, self.pulses_s)
 
     @cached_property
     def without_pulses(self) -> FlightData:
         """The same without the samples that pulses cover."""
         pulses_s = {each.run_id: each.pulses.at_s for each in self.scans if len(each.pulses.at_s)}
-        other = replace(self, known_noise=None, pulses_s=pulses_s)
-        period_s = orbit_period_of(self.source)
         runs, left_out = [], dict(self.reduced.left_out)
         for run in self.reduced.runs:
             if run.run_id not in pulses_s:
                 runs.append(run)
                 continue
             try:
-                runs.append(reduced_without(self.source, run, pulses_s[run.run_id], other._samples, period_s))
+                runs.append(reduced_without(self.source, run, pulses_s[run.run_id]))
             except DataError as error:
                 left_out[run.run_id] = str(error)
-        return replace(other, reduced=Reduction(tuple(runs), left_out))
+        return replace(self, reduced=Reduction(tuple(runs), left_out), known_noise=None, pulses_s=pulses_s)
 
     @cached_property
     def by_level(self) -> FlightData:

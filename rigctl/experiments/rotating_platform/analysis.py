@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.analysis import Progress
 from rigctl.experiments.rotating_platform.observe.bench_runs import flips, noise_records, scans
 from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.observe.store_reduction import reduction

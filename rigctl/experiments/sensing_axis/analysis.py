@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import Header, RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.analysis import Progress
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration, recorded_faces
 from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
 from rigctl.experiments.sensing_axis.result.budget import Uncertainties, axis_budgets

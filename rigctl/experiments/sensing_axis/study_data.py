@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from rigctl.analysis.kept import Reduction
 from rigctl.analysis.lines import LineScan
 from rigctl.campaign.recording import RunSource
 from rigctl.experiments.sensing_axis.imagined import imagined
@@ -15,7 +16,7 @@ from rigctl.experiments.sensing_axis.observe.observables import RunObservables
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
 from rigctl.experiments.sensing_axis.observe.set_points import Limits
-from rigctl.experiments.sensing_axis.observe.store_reduction import Reduction, line_scan, reduction
+from rigctl.experiments.sensing_axis.observe.store_reduction import line_scan, reduction
 from rigctl.files.package import HeadSettings
 from rigctl.workbench.study import Proposal
 
@@ -27,10 +28,10 @@ class RecordedRuns:
         self.package, self.heads, self.g_m_s2 = recorded_calibration(source.header)
         self.rig_is_known = source.header.rig_toml is not None
         self._source = source
-        self._reductions: dict[tuple[float, ...], Reduction] = {}
+        self._reductions: dict[tuple[float, ...], Reduction[RunObservables]] = {}
         self._scans: dict[tuple[float, ...], LineScan] = {}
 
-    def reduction(self, lines_hz: tuple[float, ...]) -> Reduction:
+    def reduction(self, lines_hz: tuple[float, ...]) -> Reduction[RunObservables]:
         """The runs as observables, and what was left out."""
         if lines_hz not in self._reductions:
             self._reductions[lines_hz] = reduction(self._source, lines_hz)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import RunSource
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.analysis import Progress
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.findings import ModelFit
 from rigctl.workbench.verdict.fit import fit

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.platform_sampler import SampledRun, sampled
+from rigctl.analysis.kept import Packed
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.model.motion import motion_of
@@ -94,7 +95,7 @@ def test_turns_that_end_elsewhere_within_a_sample_are_of_different_kinds(recorde
 
 def test_cells_come_back_from_their_bytes(recorded: tuple[Columns, Chains]) -> None:
     found = cut(*recorded)
-    again = Cells.from_bytes(found.to_bytes())
+    again = Cells.unpacked(Packed.from_bytes(found.packed().to_bytes(compressed=True)))
     for each in fields(Cells):
         assert np.array_equal(getattr(again, each.name), getattr(found, each.name)), each.name
 

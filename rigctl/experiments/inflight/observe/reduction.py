@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,9 +23,6 @@ from rigctl.experiments.inflight.observe.sessions import (
     session_of,
 )
 from rigctl.experiments.inflight.observe.weights import level_weights, weights
-
-VERSION = 8
-"""Of what is kept: counted up whenever other numbers would come out."""
 
 HALVES = 2
 _CHUNK = 1 << 15
@@ -141,62 +136,3 @@ def _remarks(session: Session, grid: Grid, conditions: Mapping[str, Any]) -> tup
     if STIMULUS not in session.reduced_lines(grid.duration_s / HALVES) and session.moves_masses:
         found.append("its stimulus is too close to a line of the orbit to be told apart")
     return tuple(found)
-
-
-# As bytes, for the store
-
-
-def to_bytes(run: ReducedRun) -> bytes:
-    """Everything but the conditions; amplitudes bit for bit, thinned columns to single precision."""
-    head = {
-        "orbit_period_s": run.session.orbit_period_s,
-        "sample_period_s": run.session.sample_period_s,
-        "remarks": run.remarks,
-        "columns": list(run.coarse.columns),
-        "stretches": [
-            {
-                "start_s": each.start_s,
-                "stop_s": each.stop_s,
-                "lines": [[line.harmonic, line.orbital] for line in each.lines],
-                "mean_square": each.amplitudes.mean_square,
-                "apart": each.amplitudes.apart,
-            }
-            for each in (run.whole, *run.halves)
-        ],
-    }
-    arrays: dict[str, Any] = {"t_s": run.coarse.t_s, "present": run.coarse.present}
-    arrays["f_hz"], arrays["bins"] = run.between.f_hz, run.between.bins
-    columns = np.array(list(run.coarse.columns.values()))
-    arrays["levels"] = np.nanmean(np.where(run.coarse.present, columns, np.nan), axis=1)
-    # What varies needs six digits; a thermometer's 290 K would use them up.
-    arrays["coarse"] = (columns - arrays["levels"][:, None]).astype(np.float32)
-    for number, each in enumerate((run.whole, *run.halves)):
-        arrays[f"table_{number}"], arrays[f"spread_{number}"] = each.amplitudes.table, each.spread
-    made = io.BytesIO()
-    np.savez(made, head=np.frombuffer(json.dumps(head).encode(), dtype=np.uint8), **arrays)
-    return made.getvalue()
-
-
-def from_bytes(data: bytes, run_id: str, conditions: Mapping[str, Any]) -> ReducedRun:
-    """The run that `to_bytes` was given, with the conditions it has now."""
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        head = json.loads(bytes(arrays["head"]))
-        stretches = [
-            ReducedStretch(
-                each["start_s"],
-                each["stop_s"],
-                tuple(Line(*line) for line in each["lines"]),
-                Amplitudes(arrays[f"table_{number}"], each["mean_square"], each["apart"]),
-                arrays[f"spread_{number}"],
-            )
-            for number, each in enumerate(head["stretches"])
-        ]
-        varying = np.where(arrays["present"], arrays["coarse"].astype(np.float64) + arrays["levels"][:, None], 0.0)
-        columns = dict(zip(head["columns"], varying, strict=True))
-        coarse = Grid(arrays["t_s"], columns, arrays["present"])
-        between = BetweenLines(arrays["f_hz"], arrays["bins"])
-    session = session_of(run_id, conditions, head["orbit_period_s"], head["sample_period_s"])
-    whole, *halves = stretches
-    return ReducedRun(
-        run_id, session, dict(conditions), whole, tuple(halves), between, coarse, tuple(head["remarks"])
-    )

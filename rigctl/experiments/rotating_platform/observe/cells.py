@@ -7,7 +7,6 @@ boundary of a period. There are some tens of cells per period, whatever the samp
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.analysis.kept import Packed
 from rigctl.core.arrays import FloatArray, Int64Array
 
 Columns = Mapping[str, FloatArray]
@@ -123,19 +123,12 @@ class Cells:
         found = (self.since + 0.5 * self.count) / self.sample_rate_hz
         return np.where(self.since < FAR, found, np.inf)
 
-    def to_bytes(self) -> bytes:
+    def packed(self) -> Packed:
         """For keeping, bit for bit."""
-        text = io.BytesIO()
-        kept: dict[str, Any] = {each.name: np.asarray(getattr(self, each.name)) for each in fields(self)}
-        np.savez_compressed(text, **kept)
-        return text.getvalue()
+        return Packed({}, {each.name: np.asarray(getattr(self, each.name)) for each in fields(self)})
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> Cells:
-        """What `to_bytes` was given."""
-        with np.load(io.BytesIO(data), allow_pickle=False) as kept:
-            values: dict[str, Any] = {each.name: kept[each.name] for each in fields(cls)}
-        numbers = {"sample_rate_hz": float, "samples": int, "off_stop": int, "drift_s": float, "turn_before": int}
-        for name, kind in numbers.items():
-            values[name] = kind(values[name])
+    def unpacked(cls, kept: Packed) -> Cells:
+        """What `packed` was called on."""
+        values: dict[str, Any] = {name: array if array.ndim else array.item() for name, array in kept.arrays.items()}
         return cls(**values)

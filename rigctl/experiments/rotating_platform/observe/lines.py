@@ -6,7 +6,6 @@ line then shows at its frequency and, weaker, whole modulation frequencies away;
 
 from __future__ import annotations
 
-import json
 import math
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -16,8 +15,8 @@ import numpy as np
 from scipy import special, stats
 from scipy.ndimage import uniform_filter1d
 
+from rigctl.analysis.kept import Kept, Packed
 from rigctl.analysis.lines import MAX_BINS, FoundLine, LineScan, ScannedRun
-from rigctl.campaign.recording import KeepsReductions, RunSource
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
 from rigctl.experiments.rotating_platform.observe.even_samples import COMMANDED, EvenSamples, filled
@@ -188,19 +187,12 @@ def refined(
     return frequency_hz, math.sqrt(max(float(power[at]) - count, 0.0) / max(weight, np.finfo(float).tiny))
 
 
-def spectra(
-    source: RunSource,
-    runs: Mapping[str, tuple[Cells, Iterable[Columns]]],
-    chains: Chains,
-    recipe: str,
-) -> Spectra:
-    """The scan of these runs; a store keeps it under `recipe` as long as the runs are the same."""
-    store = source if isinstance(source, KeepsReductions) else None
+def spectra(kept: Kept, runs: Mapping[str, tuple[Cells, Iterable[Columns]]], chains: Chains) -> Spectra:
+    """The scan of these runs, kept as long as the runs are the same."""
     names = [f"{run_id} {channel}" for run_id in runs for channel in CHANNELS]
-    if store is not None and _PEAKS in store.reduced_names(recipe):
-        peaks = json.loads(store.reduction(recipe, _PEAKS) or b"{}")
-        if list(peaks) == names:
-            return Spectra(LineScan.from_bytes(store.reduction(recipe, _SCAN) or b""), peaks)
+    before = kept.get(_SCAN, _unpacked)
+    if before is not None and list(before.peaks) == names:
+        return before
     scan, peaks = LineScan(), {}
     for run_id, (cells, chunks) in runs.items():
         half = zlib.crc32(run_id.encode()) & 1
@@ -208,9 +200,13 @@ def spectra(
             for number, part in enumerate(parts):
                 scan.add(f"{run_id} {channel} {number}", (channel, half), part)
             peaks[f"{run_id} {channel}"] = _peak(parts)
-    if store is not None and not store.readonly:
-        store.keep_reductions(recipe, {_SCAN: scan.to_bytes(), _PEAKS: json.dumps(peaks).encode()})
+    packed = scan.packed()
+    kept.put(_SCAN, Packed({**packed.head, _PEAKS: peaks}, packed.arrays))
     return Spectra(scan, peaks)
+
+
+def _unpacked(kept: Packed) -> Spectra:
+    return Spectra(LineScan.unpacked(kept), kept.head[_PEAKS])
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from rigctl.analysis.kept import Kept, Packed, Progress, Recipe, Reduction, each_reduced
 from rigctl.analysis.lines import FoundLine
-from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
+from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
@@ -31,13 +32,8 @@ from rigctl.experiments.rotating_platform.observe.recorded import (
     lead_of,
 )
 
-VERSION = 10
+VERSION = 11
 """Of what is kept: counted up whenever cutter.py would give other numbers."""
-
-_REFUSED = b"!"
-
-Progress = Callable[[int, int], None]
-"""Told how many runs are reduced, of how many."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +55,6 @@ class PlatformRun:
         return lead_of(self.conditions)
 
 
-@dataclass(frozen=True)
-class Reduction:
-    """The valid modulated runs of a recording; `left_out` says by run_id, in a sentence, why one is not."""
-
-    runs: tuple[PlatformRun, ...]
-    left_out: Mapping[str, str]
-
-
 @runtime_checkable
 class InChunks(Protocol):
     """A source that gives a run's samples piece by piece."""
@@ -76,40 +64,29 @@ class InChunks(Protocol):
         ...
 
 
-def recipe(lines_hz: Sequence[float] = ()) -> str:
-    """The name under which reductions with these lines taken off are kept."""
-    return " ".join(["rotating-platform", str(VERSION), *(repr(float(line)) for line in lines_hz)])
+def recipe(lines_hz: Sequence[float] = ()) -> Recipe:
+    """By which runs with these lines taken off are reduced."""
+    return Recipe("rotating-platform", VERSION, tuple(map(float, lines_hz)), compressed=True)
 
 
-def reduction(source: RunSource, lines_hz: Sequence[float] = (), progress: Progress | None = None) -> Reduction:
+def reduction(
+    source: RunSource, lines_hz: Sequence[float] = (), progress: Progress | None = None
+) -> Reduction[PlatformRun]:
     """The cells of all valid modulated runs, steady lines at `lines_hz` taken off them.
 
     What a store keeps of earlier calls is used, what is new is kept.
     """
     believed = chains(source.header)
-    name = recipe(lines_hz)
+    kept = Kept(source, recipe(lines_hz))
     records = [r for r in source.runs(valid_only=True) if r.conditions["pattern"] in MODULATED]
-    store = source if isinstance(source, KeepsReductions) else None
-    kept = store.reduced_names(name) if store is not None else set()
-    runs: list[PlatformRun] = []
-    left_out: dict[str, str] = {}
-    fresh = False
-    for done, record in enumerate(records, start=1):
-        data = store.reduction(name, record.run_id) if store is not None and record.run_id in kept else None
-        if data is None:
-            data = _reduced(source, record, believed, lines_hz)
-            if store is not None and not store.readonly:
-                store.keep_reductions(name, {record.run_id: data})
-                fresh = True
-            if progress is not None:
-                progress(done, len(records))
-        if data.startswith(_REFUSED):
-            left_out[record.run_id] = data[len(_REFUSED) :].decode()
-        else:
-            runs.append(PlatformRun(record.run_id, record.conditions, Cells.from_bytes(data)))
-    if fresh:
-        scan(source, runs, lines_hz)
-    return Reduction(tuple(runs), left_out)
+
+    def make(record: RunRecord) -> Packed:
+        return _cells(source, record, believed, lines_hz).packed()
+
+    found = Reduction.of(each_reduced(kept, records, make, _unpacked, progress))
+    if kept.added:
+        scan(source, found.runs, lines_hz)
+    return found
 
 
 def chunks_of(source: RunSource, run_id: str) -> Iterable[Columns]:
@@ -154,7 +131,8 @@ def samples_of(source: RunSource, run: PlatformRun, lines_hz: Sequence[float]) -
 def scan(source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[float]) -> Spectra:
     """The scan for further lines in what the fits of all periods leave."""
     samples = {run.run_id: (run.cells, samples_of(source, run, lines_hz)) for run in runs}
-    return spectra(source, samples, chains(source.header), f"scan {recipe(lines_hz)}")
+    kept = Kept(source, Recipe("scan rotating-platform", VERSION, tuple(map(float, lines_hz))))
+    return spectra(kept, samples, chains(source.header))
 
 
 def refined_line(
@@ -167,7 +145,11 @@ def refined_line(
     return replace(found, frequency_hz=frequency_hz, amplitude=amplitude or found.amplitude)
 
 
-def _reduced(source: RunSource, record: RunRecord, believed: Chains, lines_hz: Sequence[float]) -> bytes:
+def _unpacked(kept: Packed, record: RunRecord) -> PlatformRun:
+    return PlatformRun(record.run_id, record.conditions, Cells.unpacked(kept))
+
+
+def _cells(source: RunSource, record: RunRecord, believed: Chains, lines_hz: Sequence[float]) -> Cells:
     given = record.conditions
 
     def cells(chunks: Iterable[Columns]) -> Cells:
@@ -184,6 +166,6 @@ def _reduced(source: RunSource, record: RunRecord, believed: Chains, lines_hz: S
         found = cells(_commanded(chunks_of(source, record.run_id), given))
         if lines_hz:
             found = cells(samples_of(source, PlatformRun(record.run_id, given, found), lines_hz))
-        return found.to_bytes()
     except DataError as error:
-        return _REFUSED + f"run {record.run_id}: {error}".encode()
+        raise DataError(f"run {record.run_id}: {error}") from error
+    return found

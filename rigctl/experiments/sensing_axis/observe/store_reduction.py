@@ -3,67 +3,62 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
+import numpy as np
+
+from rigctl.analysis.kept import Kept, LeftOut, Packed, Progress, Recipe, Reduction, each_reduced
 from rigctl.analysis.lines import LineScan, ScannedRun, scanned
-from rigctl.campaign.recording import KeepsReductions, RunRecord, RunSource
+from rigctl.analysis.noise import Spectrum
+from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.core.errors import DataError
-from rigctl.experiments.sensing_axis.observe.kept_reduction import from_bytes, to_bytes
-from rigctl.experiments.sensing_axis.observe.observables import RunObservables
+from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, RunObservables
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_faces
-from rigctl.experiments.sensing_axis.observe.reduction import ACCEL, PooledNoise, ReducedRun, face_column, reduce_run
+from rigctl.experiments.sensing_axis.observe.reduction import (
+    ACCEL,
+    PooledNoise,
+    ReducedChannel,
+    ReducedRun,
+    face_column,
+    reduce_run,
+)
 
-VERSION = 2
+VERSION = 3
 """Of what is kept: counted up whenever reduction.py would give other numbers."""
 
-_REFUSED = b"!"
-_KEEP_EVERY = 64
-_RUNS, _SCANS, _SCAN = "runs ", "scan ", "accel_v"
-
-Progress = Callable[[int, int], None]
-"""Told how many runs are reduced, of how many."""
+_SCAN = "accel_v"
 
 
-@dataclass(frozen=True)
-class Reduction:
-    """The valid runs of a recording, reduced; `left_out` says by run_id, in a sentence, why one is not."""
-
-    runs: tuple[RunObservables, ...]
-    left_out: Mapping[str, str]
-
-
-def reduced(source: RunSource) -> list[RunObservables]:
-    """The observables of the valid runs that can be reduced; see `reduction` for those that cannot."""
-    return list(reduction(source).runs)
-
-
-def reduction(source: RunSource, lines_hz: Sequence[float] = (), progress: Progress | None = None) -> Reduction:
+def reduction(
+    source: RunSource, lines_hz: Sequence[float] = (), progress: Progress | None = None
+) -> Reduction[RunObservables]:
     """The observables of all valid runs, with steady lines at `lines_hz` fitted beside the harmonics.
 
     What a store keeps of earlier calls is used, what is new is kept, unless it is open for reading only.
     """
     faces = {face_column(head): face for head, face in recorded_faces(source.header).items()}
     records = [replace(r, conditions={**faces, **r.conditions}) for r in source.runs(valid_only=True)]
-    noise, small, left_out = PooledNoise(), [], {}
-    for record, run in _each(source, records, lines_hz, progress):
-        if isinstance(run, str):
-            left_out[record.run_id] = run
-        else:
-            noise.add(run)
-            small.append(run.without_spectra())
-    runs = []
-    for run in small:
+    scan = _GrowingScan(Kept(source, scan_recipe(lines_hz)))
+
+    def make(record: RunRecord) -> Packed:
+        part = None
         try:
-            runs.append(noise.observed(run))
-        except DataError as error:
-            left_out[run.run_id] = str(error)
-    return Reduction(tuple(runs), left_out)
+            run, part = _reduce(source, record, lines_hz)
+        finally:
+            scan.add(record, part)
+        return packed(run)
 
-
-def recipe(lines_hz: Sequence[float]) -> str:
-    """The name under which reductions with these lines are kept."""
-    return " ".join(["sensing-axis", str(VERSION), *(repr(float(line)) for line in lines_hz)])
+    noise = PooledNoise()
+    runs: list[ReducedRun | LeftOut] = []
+    for run in each_reduced(Kept(source, recipe(lines_hz)), records, make, unpacked, progress):
+        if isinstance(run, ReducedRun):
+            noise.add(run)
+            runs.append(run.without_spectra())
+        else:
+            runs.append(run)
+    scan.keep()
+    return Reduction.of(_observed(noise, run) for run in runs)
 
 
 def line_scan(source: RunSource, lines_hz: Sequence[float] = (), progress: Progress | None = None) -> LineScan:
@@ -71,14 +66,14 @@ def line_scan(source: RunSource, lines_hz: Sequence[float] = (), progress: Progr
 
     A store keeps it: runs marked since are taken out or put in by their samples alone.
     """
-    kept = _Kept(source, recipe(lines_hz))
+    kept = Kept(source, scan_recipe(lines_hz))
     records = {record.run_id: record for record in source.runs()}
     valid = {run_id for run_id, record in records.items() if record.valid}
-    scan = kept.scan()
+    scan = _opened(kept)
     missing = [run_id for run_id in records if run_id in valid and run_id not in scan.runs]
     gone = [run_id for run_id in scan.runs if run_id not in valid]
     for done, run_id in enumerate([*gone, *missing], start=1):
-        _, part = _reduce(source, records[run_id], lines_hz)
+        part = _scanned(source, records[run_id], lines_hz)
         if run_id in valid:
             scan.add(run_id, _group(records[run_id]), part)
         else:
@@ -86,41 +81,63 @@ def line_scan(source: RunSource, lines_hz: Sequence[float] = (), progress: Progr
         if progress is not None:
             progress(done, len(gone) + len(missing))
     if gone or missing:
-        kept.put_scan(scan)
+        kept.put(_SCAN, scan.packed())
     return scan
 
 
-def _each(
-    source: RunSource, records: Sequence[RunRecord], lines_hz: Sequence[float], progress: Progress | None
-) -> Iterator[tuple[RunRecord, ReducedRun | str]]:
-    """Every run reduced, or the sentence that says why it cannot be, in order; the scan grows with what is new."""
-    kept = _Kept(source, recipe(lines_hz))
-    scan: LineScan | None = None
-    for done, record in enumerate(records, start=1):
-        data = kept.get(record.run_id)
-        if data is None:
-            data, part = _reduce(source, record, lines_hz)
-            if kept.keeps:
-                scan = scan or kept.scan()
-                if record.run_id not in scan.runs:
-                    scan.add(record.run_id, _group(record), part)
-                kept.put(record.run_id, data)
-            if progress is not None:
-                progress(done, len(records))
-        yield record, _opened(data, record)
-    kept.flush()
-    if scan is not None:
-        kept.put_scan(scan)
+def recipe(lines_hz: Sequence[float]) -> Recipe:
+    """By which runs with these lines are reduced."""
+    return Recipe("runs sensing-axis", VERSION, tuple(map(float, lines_hz)))
 
 
-def _reduce(source: RunSource, record: RunRecord, lines_hz: Sequence[float]) -> tuple[bytes, ScannedRun | None]:
-    try:
-        samples = source.samples(record.run_id)
-        run = reduce_run(record.run_id, record.conditions, samples, lines_hz, keep_residuals=True)
-    except DataError as error:
-        return _REFUSED + str(error).encode(), None
+def scan_recipe(lines_hz: Sequence[float]) -> Recipe:
+    """By which the scan for further lines is made."""
+    return replace(recipe(lines_hz), name="scan sensing-axis")
+
+
+class _GrowingScan:
+    """The scan that a store keeps, with the runs that are reduced now; not even opened where none is."""
+
+    def __init__(self, kept: Kept) -> None:
+        self._kept = kept
+        self._scan: LineScan | None = None
+
+    def add(self, record: RunRecord, part: ScannedRun | None) -> None:
+        """Add a run that has just been reduced, where the scan can be kept."""
+        if self._kept.writable:
+            self._scan = self._scan or _opened(self._kept)
+            if record.run_id not in self._scan.runs:
+                self._scan.add(record.run_id, _group(record), part)
+
+    def keep(self) -> None:
+        """Keep it with what was added."""
+        if self._scan is not None:
+            self._kept.put(_SCAN, self._scan.packed())
+
+
+def _opened(kept: Kept) -> LineScan:
+    return kept.get(_SCAN, LineScan.unpacked) or LineScan()
+
+
+def _reduce(source: RunSource, record: RunRecord, lines_hz: Sequence[float]) -> tuple[ReducedRun, ScannedRun | None]:
+    samples = source.samples(record.run_id)
+    run = reduce_run(record.run_id, record.conditions, samples, lines_hz, keep_residuals=True)
     left = run.residuals[ACCEL]
-    return to_bytes(run), scanned(left.basis, left.values, run.channels[ACCEL].noise)
+    return run, scanned(left.basis, left.values, run.channels[ACCEL].noise)
+
+
+def _scanned(source: RunSource, record: RunRecord, lines_hz: Sequence[float]) -> ScannedRun | None:
+    try:
+        return _reduce(source, record, lines_hz)[1]
+    except DataError:
+        return None
+
+
+def _observed(noise: PooledNoise, run: ReducedRun | LeftOut) -> RunObservables | LeftOut:
+    try:
+        return run if isinstance(run, LeftOut) else noise.observed(run)
+    except DataError as error:
+        return LeftOut(run.run_id, str(error))
 
 
 def _group(record: RunRecord) -> tuple[str, int]:
@@ -129,44 +146,40 @@ def _group(record: RunRecord) -> tuple[str, int]:
     return f"{given['axis']} {given['configuration']}", zlib.crc32(record.run_id.encode()) & 1
 
 
-def _opened(data: bytes, record: RunRecord) -> ReducedRun | str:
-    if data.startswith(_REFUSED):
-        return data[len(_REFUSED) :].decode()
-    return from_bytes(data, record.run_id, record.conditions)
+def packed(run: ReducedRun) -> Packed:
+    """What cannot be read from runs.csv: everything but the conditions; spectra in single precision."""
+    channels = run.channels.values()
+    head = {
+        "frequency_hz": run.frequency_hz,
+        "duration_s": run.duration_s,
+        "bins": {name: each.noise.weight.size for name, each in run.channels.items()},
+    }
+    spectra = [np.stack([each.noise.frequency_hz, each.noise.psd, each.noise.weight]) for each in channels]
+    arrays = {
+        "motion_m": run.motion_m,
+        "amplitudes": np.stack([np.concatenate([each.value, each.lines]) for each in channels]),
+        "variances": np.stack([np.stack([each.variance_factor, each.floor]) for each in channels]),
+        "noise": np.concatenate(spectra, axis=1).astype(np.float32),
+    }
+    return Packed(head, arrays)
 
 
-class _Kept:
-    """What a store keeps by a recipe; nothing for a recording in memory, nothing new when open for reading."""
-
-    def __init__(self, source: RunSource, recipe: str) -> None:
-        self._store = source if isinstance(source, KeepsReductions) else None
-        self._recipe = recipe
-        self._names = self._store.reduced_names(_RUNS + recipe) if self._store else set()
-        self._new: dict[str, bytes] = {}
-
-    @property
-    def keeps(self) -> bool:
-        return self._store is not None and not self._store.readonly
-
-    def get(self, run_id: str) -> bytes | None:
-        return self._store.reduction(_RUNS + self._recipe, run_id) if self._store and run_id in self._names else None
-
-    def put(self, run_id: str, data: bytes) -> None:
-        self._new[run_id] = data
-        if len(self._new) >= _KEEP_EVERY:
-            self.flush()
-
-    def flush(self) -> None:
-        if self._store is not None and self._new:
-            self._store.keep_reductions(_RUNS + self._recipe, self._new)
-            self._new = {}
-
-    def scan(self) -> LineScan:
-        """The scan as kept; an empty one when there is none."""
-        if self._store is None or _SCAN not in self._store.reduced_names(_SCANS + self._recipe):
-            return LineScan()
-        return LineScan.from_bytes(self._store.reduction(_SCANS + self._recipe, _SCAN) or b"")
-
-    def put_scan(self, scan: LineScan) -> None:
-        if self._store is not None and self.keeps:
-            self._store.keep_reductions(_SCANS + self._recipe, {_SCAN: scan.to_bytes()})
+def unpacked(kept: Packed, record: RunRecord) -> ReducedRun:
+    """The run that `packed` was given, with the conditions it has now."""
+    head, arrays = kept.head, kept.arrays
+    ends = np.cumsum(list(head["bins"].values()))[:-1]
+    spectra = np.split(arrays["noise"].astype(np.float64), ends, axis=1)
+    channels = {
+        name: ReducedChannel(value[: HARMONICS + 1], Spectrum(*spectrum), factor, floor, value[HARMONICS + 1 :])
+        for name, value, (factor, floor), spectrum in zip(
+            head["bins"], arrays["amplitudes"], arrays["variances"], spectra, strict=True
+        )
+    }
+    return ReducedRun(
+        record.run_id,
+        dict(record.conditions),
+        head["frequency_hz"],
+        head["duration_s"],
+        arrays["motion_m"],
+        channels,
+    )

@@ -1,0 +1,166 @@
+"""Any recording's runs, each reduced and searched once and kept in the store."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from rigctl.analysis.kept import Kept, Packed, Progress, Recipe, Reduction, each_reduced
+from rigctl.campaign.recording import RunRecord, RunSource
+from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import DataError
+from rigctl.experiments.inflight.observe.between_lines import BetweenLines
+from rigctl.experiments.inflight.observe.grid import Grid
+from rigctl.experiments.inflight.observe.reduction import ReducedRun, ReducedStretch, reduce_run
+from rigctl.experiments.inflight.observe.samples import Peak, Pulses, RunScan, covered, scan
+from rigctl.experiments.inflight.observe.series import Amplitudes
+from rigctl.experiments.inflight.observe.sessions import Line, session_of
+
+RECIPE = Recipe("inflight-calibration", 8)
+"""Its version is counted up whenever reduction.py or samples.py would give other numbers."""
+
+
+def reduction(source: RunSource, progress: Progress | None = None) -> Reduction[ReducedRun]:
+    """All valid runs; what a store keeps is used, what is new is kept unless it is open for reading only.
+
+    `DataError` when the recording does not say how long an orbit takes.
+    """
+    orbit_period_s = orbit_period_of(source)
+
+    def make(record: RunRecord) -> Packed:
+        samples = source.samples(record.run_id)
+        return packed(reduce_run(record.run_id, record.conditions, samples, orbit_period_s))
+
+    return Reduction.of(each_reduced(Kept(source, RECIPE), source.runs(valid_only=True), make, unpacked, progress))
+
+
+def reduced_without(source: RunSource, run: ReducedRun, pulses_s: FloatArray) -> ReducedRun:
+    """A run reduced again without the samples that pulses beginning at `pulses_s` cover; kept like the others."""
+
+    def make() -> Packed:
+        samples = _without(pulses_s, source.samples(run.run_id))
+        again = reduce_run(run.run_id, run.conditions, samples, orbit_period_of(source))
+        return packed(replace(again, remarks=run.remarks))
+
+    return _kept(source, "without", pulses_s.tobytes()).once(run.run_id, make, lambda kept: unpacked(kept, run))
+
+
+def run_scans(
+    source: RunSource, runs: Sequence[ReducedRun], values: FloatArray, pulses_s: Mapping[str, FloatArray]
+) -> tuple[RunScan, ...]:
+    """What the baseline at `values` leaves of all runs' samples, without those that pulses cover, looked through.
+
+    Kept for just these runs and pulses.
+    """
+    names = " ".join(sorted(run.run_id for run in runs))
+    kept = _kept(source, "samples", names.encode() + b"".join(pulses.tobytes() for pulses in pulses_s.values()))
+
+    def scanned(run: ReducedRun) -> RunScan:
+        def make() -> Packed:
+            samples = _without(pulses_s.get(run.run_id), source.samples(run.run_id))
+            return packed_scan(scan(run, samples, values))
+
+        return kept.once(run.run_id, make, unpacked_scan)
+
+    return tuple(map(scanned, runs))
+
+
+def orbit_period_of(source: RunSource) -> float:
+    """From the recording's constants."""
+    period_s = float(source.header.constants.get("orbit_period_s", math.nan))
+    if not period_s > 0.0:
+        raise DataError("recording.toml: [constants] has no orbit_period_s; add how long an orbit takes")
+    return period_s
+
+
+def _kept(source: RunSource, what: str, depends_on: bytes) -> Kept:
+    return Kept(source, replace(RECIPE, settings=(what, f"{zlib.crc32(depends_on):08x}")))
+
+
+def _without(pulses_s: FloatArray | None, samples: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
+    if pulses_s is None:
+        return samples
+    hidden = covered(samples["t_s"], pulses_s)
+    return {name: column if name == "t_s" else np.where(hidden, np.nan, column) for name, column in samples.items()}
+
+
+def packed(run: ReducedRun) -> Packed:
+    """Everything but the conditions; amplitudes bit for bit, thinned columns to single precision."""
+    stretches = (run.whole, *run.halves)
+    head = {
+        "orbit_period_s": run.session.orbit_period_s,
+        "sample_period_s": run.session.sample_period_s,
+        "remarks": run.remarks,
+        "columns": list(run.coarse.columns),
+        "stretches": [
+            {
+                "start_s": each.start_s,
+                "stop_s": each.stop_s,
+                "lines": [[line.harmonic, line.orbital] for line in each.lines],
+                "mean_square": each.amplitudes.mean_square,
+                "apart": each.amplitudes.apart,
+            }
+            for each in stretches
+        ],
+    }
+    columns = np.array(list(run.coarse.columns.values()))
+    levels = np.nanmean(np.where(run.coarse.present, columns, np.nan), axis=1)
+    arrays = {
+        "t_s": run.coarse.t_s,
+        "present": run.coarse.present,
+        "f_hz": run.between.f_hz,
+        "bins": run.between.bins,
+        "levels": levels,
+        # What varies needs six digits; a thermometer's 290 K would use them up.
+        "coarse": (columns - levels[:, None]).astype(np.float32),
+        **{f"table_{place}": each.amplitudes.table for place, each in enumerate(stretches)},
+        **{f"spread_{place}": each.spread for place, each in enumerate(stretches)},
+    }
+    return Packed(head, arrays)
+
+
+def unpacked(kept: Packed, run: RunRecord | ReducedRun) -> ReducedRun:
+    """The run that `packed` was given, with the conditions it has now."""
+    head, arrays = kept.head, kept.arrays
+    whole, *halves = (
+        ReducedStretch(
+            each["start_s"],
+            each["stop_s"],
+            tuple(Line(*line) for line in each["lines"]),
+            Amplitudes(arrays[f"table_{place}"], each["mean_square"], each["apart"]),
+            arrays[f"spread_{place}"],
+        )
+        for place, each in enumerate(head["stretches"])
+    )
+    varying = np.where(arrays["present"], arrays["coarse"].astype(np.float64) + arrays["levels"][:, None], 0.0)
+    columns = dict(zip(head["columns"], varying, strict=True))
+    return ReducedRun(
+        run.run_id,
+        session_of(run.run_id, run.conditions, head["orbit_period_s"], head["sample_period_s"]),
+        dict(run.conditions),
+        whole,
+        tuple(halves),
+        BetweenLines(arrays["f_hz"], arrays["bins"]),
+        Grid(arrays["t_s"], columns, arrays["present"]),
+        tuple(head["remarks"]),
+    )
+
+
+def packed_scan(scan: RunScan) -> Packed:
+    """Everything."""
+    pulses = scan.pulses
+    head = {"run_id": scan.run_id, "trials": pulses.trials, "peak": None if scan.peak is None else asdict(scan.peak)}
+    arrays = {"at_s": pulses.at_s, "amplitude": pulses.amplitude, "sigma": pulses.sigma}
+    return Packed(head, {**arrays, "levels": scan.levels, "level_at_s": scan.level_at_s})
+
+
+def unpacked_scan(kept: Packed) -> RunScan:
+    """What `packed_scan` was given."""
+    head, arrays = kept.head, kept.arrays
+    pulses = Pulses(arrays["at_s"], arrays["amplitude"], arrays["sigma"], head["trials"])
+    peak = None if head["peak"] is None else Peak(**head["peak"])
+    return RunScan(head["run_id"], pulses, peak, arrays["levels"], arrays["level_at_s"])

@@ -1,0 +1,69 @@
+"""What is kept is read back as it was, and made again whenever it cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from rigctl.analysis.kept import Kept, Packed, Recipe
+
+VALUE = Packed({"name": "one", "size": 0.1}, {"table": np.arange(6.0).reshape(2, 3), "none": np.zeros(0)})
+RECIPE = Recipe("sines", 3, (0.5, "fast"))
+
+
+@dataclass
+class Shelf:
+    """A store's reductions in memory."""
+
+    readonly: bool = False
+    blobs: dict[tuple[str, str], bytes] = field(default_factory=dict)
+
+    def reduction(self, recipe: str, name: str) -> bytes | None:
+        """What is kept."""
+        return self.blobs.get((recipe, name))
+
+    def keep_reductions(self, recipe: str, blobs: Mapping[str, bytes]) -> None:
+        """Keep."""
+        self.blobs.update({(recipe, name): data for name, data in blobs.items()})
+
+
+def unpacked(packed: Packed) -> tuple[str, list[float]]:
+    return packed.head["name"], packed.arrays["table"].ravel().tolist()
+
+
+def never() -> Packed:
+    raise AssertionError("made a second time")
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_second_look_makes_nothing(compressed: bool) -> None:
+    shelf = Shelf()
+    recipe = Recipe("sines", 3, (0.5, "fast"), compressed=compressed)
+    first = Kept(shelf, recipe).once("run", lambda: VALUE, unpacked)
+    assert Kept(shelf, recipe).once("run", never, unpacked) == first == ("one", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+    assert list(shelf.blobs) == [("sines 3 0.5 fast", "run")]
+
+
+GOOD = VALUE.to_bytes()
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [b"", b"!too short", b'{"frequency_hz": 0.5}\n\0\0', GOOD[:-30], GOOD[:100] + b"\xff" + GOOD[101:], GOOD[:40],
+     Packed({"name": "two"}, {}).to_bytes(), Packed({}, VALUE.arrays).to_bytes()],
+)  # fmt: skip
+def test_what_cannot_be_read_is_made_again_and_kept(bad: bytes) -> None:
+    shelf = Shelf(blobs={(str(RECIPE), "run"): bad})
+    kept = Kept(shelf, RECIPE)
+    assert kept.once("run", lambda: VALUE, unpacked)[0] == "one"
+    assert kept.added
+    assert shelf.blobs[str(RECIPE), "run"] == GOOD
+
+
+def test_nothing_is_kept_in_a_store_that_is_only_read() -> None:
+    shelf = Shelf(readonly=True)
+    assert Kept(shelf, RECIPE).once("run", lambda: VALUE, unpacked)[0] == "one"
+    assert not shelf.blobs
