@@ -6,14 +6,12 @@ A delay by tau multiplies c_h by exp(-i h w tau). Residual is data minus model.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
-from rigctl.analysis.noise import spectrum
 from rigctl.core.arrays import ComplexArray, FloatArray, IntArray
 from rigctl.core.errors import DataError
 
@@ -23,13 +21,6 @@ ComplexLike = TypeVar("ComplexLike", complex, ComplexArray)
 _MAX_CONDITION = 1e3
 _GRID_TOLERANCE = 0.05
 _MAX_LOMB_BINS = 1024
-_MAX_STEPS = 20
-# A fit at the right frequency leaves less than this fraction of a driven stage's motion.
-_MOSTLY = 0.3
-# Turns between a line and a harmonic over the record, below which a fit mixes the two.
-_CLEAR_OF_HARMONICS = 0.7
-# Turns over the record; a residual detuning this small hides under any noise.
-_FREQUENCY_SETTLED = 1e-7
 
 
 def referred_to(reference: complex, amplitude: ComplexLike, *, harmonic: int = 1) -> ComplexLike:
@@ -96,7 +87,7 @@ class HarmonicBasis:
         self.drift = drift
         self.lines_hz = tuple(float(line) for line in lines_hz)
         self.samples = self.t_s.size
-        self.sample_period_s, self.duration_s = _time_base(self.t_s)
+        self.sample_period_s, self.duration_s = time_base(self.t_s)
         self.time_s = float(0.5 * (self.t_s[0] + self.t_s[-1]))
         self._check()
         self._columns = self._design()
@@ -264,125 +255,8 @@ class HarmonicBasis:
         return rows.T
 
 
-@dataclass(frozen=True)
-class FrequencyFit:
-    """A refined frequency with the sigma that the record's own noise near the line gives it (`dof`).
-
-    `basis` and `fit` are those at the refined frequency; the basis serves the other channels of the run.
-    """
-
-    frequency_hz: float
-    sigma_hz: float
-    dof: float
-    basis: HarmonicBasis
-    fit: HarmonicFit
-
-
-def refine_frequency(
-    t_s: FloatArray,
-    x: FloatArray,
-    frequency_hz: float,
-    *,
-    harmonics: int = 3,
-    drift: bool = True,
-    lines_hz: tuple[float, ...] = (),
-) -> FrequencyFit:
-    """Find the frequency of the record `x`, shape (samples,), near `frequency_hz`.
-
-    Gauss-Newton on the four-parameter sine fit (IEEE Std 1057), the harmonics following the fundamental
-    and the linear parameters projected out. Raises `DataError` when the search leaves the line's width 1/T.
-    """
-    basis, fit, stiffness = _search(t_s, x, frequency_hz, harmonics, drift, lines_hz)
-    level = spectrum(fit.residuals, basis).level(basis.frequency_hz)
-    sigma_hz = np.sqrt(level.psd / (2.0 * basis.sample_period_s) / stiffness)
-    return FrequencyFit(basis.frequency_hz, float(sigma_hz), level.dof, basis, fit)
-
-
-def _search(
-    t_s: FloatArray, x: FloatArray, frequency_hz: float, harmonics: int, drift: bool, lines_hz: tuple[float, ...]
-) -> tuple[HarmonicBasis, HarmonicFit, float]:
-    """The basis and the fit at the refined frequency, and the squared norm of d(model) / d(frequency) there."""
-    estimate = float(frequency_hz)
-    for _ in range(_MAX_STEPS):
-        basis = HarmonicBasis(t_s, estimate, harmonics, drift, lines_hz=lines_hz)
-        fit = basis.fit(x)
-        gradient = _frequency_gradient(basis, fit)
-        stiffness = float(gradient @ gradient)
-        step = float(gradient @ fit.residuals) / stiffness if stiffness > 0.0 else np.inf
-        if abs(estimate + step - frequency_hz) * basis.duration_s > 1.0:
-            raise DataError(
-                f"no line within {1.0 / basis.duration_s:.3g} Hz of {frequency_hz:g} Hz in this record: "
-                "is the stage oscillating at the frequency of the run?"
-            )
-        if abs(step) * basis.duration_s <= _FREQUENCY_SETTLED:
-            break
-        estimate += step
-    return basis, fit, stiffness
-
-
-def find_frequency(
-    t_s: FloatArray,
-    x: FloatArray,
-    frequency_hz: float,
-    *,
-    harmonics: int = 3,
-    lines_hz: tuple[float, ...] = (),
-) -> tuple[HarmonicBasis, HarmonicFit]:
-    """The fit at the frequency of the record `x`, which may be off `frequency_hz` by a quarter.
-
-    Lines that this record cannot hold are left out, those above its Nyquist frequency fitted where they are seen.
-    Raises `DataError` when the record does not oscillate, or elsewhere.
-    """
-    given = np.asarray(t_s, dtype=np.float64)
-    sample_period_s, duration_s = _time_base(given)
-    if not (np.isfinite(frequency_hz) and frequency_hz > 0.0):
-        raise DataError(f"frequency_hz is {frequency_hz:g}: a run without a drive has no amplitudes")
-    seen = _seen_lines(lines_hz, frequency_hz, harmonics, sample_period_s, duration_s)
-    start = frequency_hz
-    for attempt in range(2):
-        try:
-            basis, fit, _ = _search(given, x, start, harmonics, True, seen)
-        except DataError:
-            if attempt:
-                raise
-        else:
-            if float(fit.residuals @ fit.residuals) < _MOSTLY * float(((x - x.mean()) ** 2).sum()):
-                return basis, fit
-        start = _peak_hz(given, x, frequency_hz, duration_s)
-    raise DataError(
-        f"the encoder shows no motion at {frequency_hz:g} Hz, nor near it: correct frequency_hz, or leave the run out"
-    )
-
-
-def _seen_lines(
-    lines_hz: tuple[float, ...], frequency_hz: float, harmonics: int, sample_period_s: float, duration_s: float
-) -> tuple[float, ...]:
-    """Where a record shows lines; none when one of them cannot be told from the harmonics or the mean."""
-    folded = tuple(abs(line - round(line * sample_period_s) / sample_period_s) for line in lines_hz)
-    taken = frequency_hz * np.arange(harmonics + 1)
-    clear = all(np.abs(taken - line).min() * duration_s > _CLEAR_OF_HARMONICS for line in folded)
-    return folded if clear and all(2.0 * line * sample_period_s < 1.0 for line in folded) else ()
-
-
-def _peak_hz(t_s: FloatArray, x: FloatArray, near_hz: float, duration_s: float) -> float:
-    """Frequency of the greatest power within a quarter of `near_hz`, in steps of 1 / 4T."""
-    low, high = 0.75 * near_hz, 1.25 * near_hz
-    trial = np.linspace(low, high, min(4096, max(9, math.ceil(4.0 * (high - low) * duration_s))))
-    step = max(1, int(0.1 / near_hz / max(duration_s / t_s.size, 1e-300)))
-    sparse, centred = t_s[::step] - t_s[0], x[::step] - x.mean()
-    power = [abs(np.exp(-2j * np.pi * f * sparse) @ centred) for f in trial]
-    return float(trial[int(np.argmax(power))])
-
-
-def _frequency_gradient(basis: HarmonicBasis, fit: HarmonicFit) -> FloatArray:
-    """Give d(model)/d(frequency) with the part that the linear columns can imitate taken out."""
-    order = np.arange(1, basis.harmonics + 1)
-    gradient = 2.0 * np.pi * (basis.t_s - basis.time_s) * basis.harmonic_sum(1j * order * fit.amplitudes)
-    return gradient - basis.orthonormal @ (basis.orthonormal.T @ gradient)
-
-
-def _time_base(t_s: FloatArray) -> tuple[float, float]:
-    """Give the sample period and the length of the record, both in s."""
+def time_base(t_s: FloatArray) -> tuple[float, float]:
+    """The sample period and the length of a record, both in s; `DataError` for times that are none."""
     if t_s.ndim != 1 or t_s.size < 3 or not np.isfinite(t_s).all():
         raise DataError("a record needs one-dimensional, finite times of at least three samples")
     steps = np.diff(t_s)

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.analysis.frequency import find_frequency
 from rigctl.analysis.noise import NoisePool, Spectrum, pooled_psd, spectrum
 from rigctl.analysis.resolution import amplitude_floor
-from rigctl.analysis.sine_fit import HarmonicBasis, find_frequency
+from rigctl.analysis.sine_fit import HarmonicBasis
 from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables
