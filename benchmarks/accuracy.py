@@ -24,12 +24,12 @@ from procedures.sensing_axis.campaign import plan_of
 from rigctl.analysis.plane import ARCSEC
 from rigctl.experiments.sensing_axis.result.result import AxisResult
 from rigctl.experiments.sensing_axis.result.result import sensing_axes as axes_of
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
 
 
 def campaign(seed: int) -> list[dict[str, float | str | int]]:
     """One campaign; a row per axis."""
-    plan = plan_of(config.read_campaign(CAMPAIGNS / "isa-flight-model.toml"))
+    plan = plan_of(read_campaign(CAMPAIGNS / "isa-flight-model.toml"))
     with twin(seed) as t:
         sensing_axes.run(t.session, t.bench, plan)
         result = axes_of(t.store, t.bench.package, t.bench.heads, t.bench.g_m_s2, plan.effects)

@@ -35,7 +35,8 @@ from rigctl import planning, runner
 from rigctl.campaign.store.store import Store
 from rigctl.composition import study_of, workbench_of
 from rigctl.core.errors import RigError
-from rigctl.files import config
+from rigctl.files.campaign_file import parse_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.next.promise import PROMISE
 from rigctl.workbench.next.recommend import recommend
@@ -92,9 +93,9 @@ def measured(directory: Path, design: str, seed: int, effects: Mapping[str, Mapp
     """The store of a scan of the rig in nature `seed`, with these effects."""
     rig = rig_text(seed, {name: dict(own) for name, own in effects.items()}) + ROOM
     (directory / "rig.toml").write_text(rig, encoding="utf-8")
-    campaign = config.parse_campaign(campaign_text(design), directory / "campaign.toml")
+    campaign = parse_campaign(campaign_text(design), directory / "campaign.toml")
     store = directory / "x.rig.sqlite"
-    runner.start(campaign, config.read_rig(campaign.rig_path), store, runner.Options(unattended=True))
+    runner.start(campaign, read_rig(campaign.rig_path), store, runner.Options(unattended=True))
     return store
 
 
@@ -160,7 +161,7 @@ def asked_and_made(path: Path, effect: str) -> dict[str, Any]:
     promised = promises(advice, effect)
     if not promised:
         return found
-    runner.extend(path, config.parse_campaign(text, path.with_name("next.toml")), runner.Options(unattended=True))
+    runner.extend(path, parse_campaign(text, path.with_name("next.toml")), runner.Options(unattended=True))
     with Store.open(path) as store:
         bench = workbench_of(store)
         after = diagnose(bench.study, terms, ALPHA)

@@ -29,7 +29,8 @@ from distributed import Client, LocalCluster
 from machine import conditions
 
 from rigctl import runner
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import read_rig
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 WORKERS = 2
@@ -60,8 +61,8 @@ def study(directory: Path, draws: int, orbits: float, scheduler: str) -> None:
     (directory / "rig.toml").write_text((CAMPAIGNS / "microscope-rig.toml").read_text())
     text = STUDY.format(draws=draws, orbits=orbits, workers=WORKERS, scheduler=scheduler)
     (directory / "campaign.toml").write_text(text)
-    campaign = config.read_campaign(directory / "campaign.toml")
-    rig = config.read_rig(campaign.rig_path)
+    campaign = read_campaign(directory / "campaign.toml")
+    rig = read_rig(campaign.rig_path)
     runner.start(campaign, rig, directory / "x.rig.sqlite", runner.Options(unattended=True))
 
 

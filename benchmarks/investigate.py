@@ -24,7 +24,8 @@ from rigctl import runner
 from rigctl.campaign.store.store import Store
 from rigctl.composition import study_of
 from rigctl.core.errors import RigError
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.investigate import Settings, investigate
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
@@ -74,7 +75,7 @@ def _lengths() -> dict[str, dict[str, Any]]:
     with tempfile.TemporaryDirectory() as scratch:
         rig, path = Path(scratch) / "rig.toml", Path(scratch) / "x.rig.sqlite"
         rig.write_text(rig_text(1, {}), encoding="utf-8")
-        runner.start(config.read_campaign(CAMPAIGN), config.read_rig(rig), path, runner.Options(unattended=True))
+        runner.start(read_campaign(CAMPAIGN), read_rig(rig), path, runner.Options(unattended=True))
         with Store.open(path) as store:
             attempt = Attempt(study_of(store), [Term(effect) for effect in KNOWN_TERMS])
     pairs = list(zip(attempt.candidates, attempt.scores, strict=True))
@@ -125,7 +126,7 @@ def trial(seed: int, sigma_of: dict[str, dict[str, Any]], most: int) -> dict[str
         settings = Settings(runner.Options(unattended=True), lambda _: True, lambda _: None, max_runs=most)
         common = {"seed": seed, "hidden": effects}
         try:
-            found = investigate(config.read_campaign(CAMPAIGN), config.read_rig(rig), store, settings)
+            found = investigate(read_campaign(CAMPAIGN), read_rig(rig), store, settings)
         except RigError as error:
             return {**common, "good": False, "error": f"{type(error).__name__}: {error}"}
     good = set(names) == set(found.added) and found.verdict == "adequate"

@@ -50,7 +50,7 @@ from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
 from rigctl.core.clock import Clock
-from rigctl.files import config
+from rigctl.files.rig_file import RigFile, read_rig
 from rigctl.rig import build_simulation, drivers_of
 from simulators.clock import VirtualClock
 from simulators.rig import LockedInstrument
@@ -143,7 +143,7 @@ class TapedBench:
     """The shipped rig's bench; after `play` its instruments are tapes of two runs, which follow one another."""
 
     def __init__(self, store: Store) -> None:
-        file = config.read_rig(CAMPAIGNS / "isa-rig.toml")
+        file = read_rig(CAMPAIGNS / "isa-rig.toml")
         self.clock = VirtualClock()
         self.simulation = build_simulation(file, self.clock)
         self.tapes = {
@@ -188,7 +188,7 @@ class TapedBench:
         return self._bench.run(self._session, f"run {self._runs}", point, before=lambda: None)
 
 
-def _bench(file: config.RigFile, instruments: Mapping[str, Any], clock: Clock) -> Bench:
+def _bench(file: RigFile, instruments: Mapping[str, Any], clock: Clock) -> Bench:
     assert file.package is not None
     return Bench(
         rotation=instruments["rotation"],

@@ -20,7 +20,7 @@ from rigctl.campaign.session.operator import SimulatedOperator
 from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
-from rigctl.files import config
+from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parent.parent / "campaigns"
@@ -39,7 +39,7 @@ class Twin:
 @contextmanager
 def twin(seed: int) -> Iterator[Twin]:
     """The shipped rig with another nature, homed and ready."""
-    file = config.read_rig(CAMPAIGNS / "isa-rig.toml")
+    file = read_rig(CAMPAIGNS / "isa-rig.toml")
     with tempfile.TemporaryDirectory() as scratch, Rig(file, seed=seed) as rig:
         bench = bench_of(rig)
         with Store.create(Path(scratch) / "twin.rig.sqlite", Header("sensing-axis")) as store:

@@ -20,7 +20,8 @@ from rigctl.core.entry_points import resolved
 from rigctl.core.errors import ConfigError
 from rigctl.core.experiments import part_of
 from rigctl.effects.plugins import Plugin
-from rigctl.files.config import CampaignFile, RigFile
+from rigctl.files.campaign_file import CampaignFile
+from rigctl.files.rig_file import RigFile
 from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Proposal
 

@@ -9,7 +9,7 @@ from rigctl.campaign.session import locks
 from rigctl.campaign.session.control import Control
 from rigctl.core.errors import Aborted, RigError
 from rigctl.core.making_safe import OnTerminalLost, ended_by_signals
-from rigctl.files.config import RigFile
+from rigctl.files.rig_file import RigFile
 from rigctl.rig import Rig
 
 

@@ -23,7 +23,8 @@ from rigctl.composition import workbench_of
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.plugins import load
 from rigctl.experiments.analysis import analysis_of
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile, parse_campaign
+from rigctl.files.rig_file import RigFile
 from rigctl.planning import text_of
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.model import versions
@@ -84,9 +85,7 @@ class Outcome:
         }
 
 
-def investigate(
-    campaign: config.CampaignFile, rig_file: config.RigFile | None, store_path: Path, settings: Settings
-) -> Outcome:
+def investigate(campaign: CampaignFile, rig_file: RigFile | None, store_path: Path, settings: Settings) -> Outcome:
     """Find what acts on a rig that its model lacks, with as few runs as that takes; goes on where it was.
 
     `rig_file` is needed to begin, later on the store has it. `ConfigError` for a campaign
@@ -109,7 +108,7 @@ def investigate(
             if not batch:
                 return round_.outcome(rounds)
             text = _text(campaign, batch, f"Round {rounds + 1}")
-        runner.extend(store_path, config.parse_campaign(text, campaign.path), settings.options)
+        runner.extend(store_path, parse_campaign(text, campaign.path), settings.options)
 
 
 class _Round:
@@ -245,8 +244,8 @@ def _plannable(study: Study, path: Path) -> Plannable:
 
 
 def _begin(
-    campaign: config.CampaignFile,
-    rig_file: config.RigFile,
+    campaign: CampaignFile,
+    rig_file: RigFile,
     store_path: Path,
     points: SetPoints,
     count: int,
@@ -263,7 +262,7 @@ def _begin(
     runs = first_design(_plannable(study, campaign.path), terms, placed, count, points.seed, price_s)
     settings.tell(f"beginning with {len(runs)} runs of {len(points.full_scan)} that a full scan has")
     text = _text(campaign, runs, "Round 1")
-    runner.start(config.parse_campaign(text, campaign.path), rig_file, store_path, settings.options)
+    runner.start(parse_campaign(text, campaign.path), rig_file, store_path, settings.options)
 
 
 def _finish(store_path: Path, settings: Settings) -> None:
@@ -275,7 +274,7 @@ def _finish(store_path: Path, settings: Settings) -> None:
         runner.resume(store_path, settings.options)
 
 
-def _require_same(campaign: config.CampaignFile, store_path: Path) -> None:
+def _require_same(campaign: CampaignFile, store_path: Path) -> None:
     """A store of another place or model is another investigation."""
     with Store.open(store_path, readonly=True) as store:
         begun = campaign_of(store)
@@ -284,7 +283,7 @@ def _require_same(campaign: config.CampaignFile, store_path: Path) -> None:
         raise ConfigError(f"{store_path} was begun with another campaign file; choose another --store")
 
 
-def _text(campaign: config.CampaignFile, runs: Sequence[Proposal], title: str) -> str:
+def _text(campaign: CampaignFile, runs: Sequence[Proposal], title: str) -> str:
     named = f"{campaign.title}: {title}" if campaign.title else title
     procedure = investigable(campaign).chosen_runs(campaign, runs)
     return text_of(campaign, named, campaign.rig, procedure, campaign.model.effects)

@@ -11,7 +11,8 @@ from rigctl import runner
 from rigctl.campaign.status import status_of
 from rigctl.composition import opened_workbench
 from rigctl.experiments.analysis import Result, analysis_of
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.model.versions import ModelVersion
 from rigctl.workbench.workbench import ALPHA, Workbench
@@ -21,8 +22,8 @@ class Campaign:
     """A campaign file with its rig; `rig` replaces the rig file it names. `ConfigError` when a file is wrong."""
 
     def __init__(self, path: Path | str, rig: Path | str | None = None) -> None:
-        self.file = config.read_campaign(Path(path))
-        self.rig_file = config.read_rig(Path(rig) if rig else self.file.rig_path)
+        self.file = read_campaign(Path(path))
+        self.rig_file = read_rig(Path(rig) if rig else self.file.rig_path)
 
     def dry_run(self, plugins: Sequence[Path | str] = ()) -> dict[str, Any]:
         """What would be done, checked against the rig's limits."""

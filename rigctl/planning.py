@@ -12,7 +12,7 @@ from rigctl.campaign.store.parts import parts_of
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError
 from rigctl.core.toml import to_toml
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile, parse_campaign
 from rigctl.workbench.study import Proposal
 
 
@@ -29,13 +29,13 @@ def campaign_text(store: Store, runs: Sequence[Proposal], title: str, path: Path
 
     Effects of files of one's own are named too: the file has to be passed when the campaign is run.
     """
-    campaign = config.parse_campaign(require_rig(store), store.path)
+    campaign = parse_campaign(require_rig(store), store.path)
     procedure = campaigns_of(campaign.experiment, store.path).further(store, runs, campaign)
     return text_of(campaign, title, _rig_seen_from(path, store, campaign.rig), procedure, effects)
 
 
 def text_of(
-    campaign: config.CampaignFile, title: str, rig: str, procedure: Mapping[str, Any], effects: Sequence[str]
+    campaign: CampaignFile, title: str, rig: str, procedure: Mapping[str, Any], effects: Sequence[str]
 ) -> str:
     """A campaign file like `campaign` with another title, rig, procedure and model."""
     named = {"experiment": campaign.experiment, "title": title, "rig": rig}

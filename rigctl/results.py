@@ -9,7 +9,7 @@ from typing import Any
 from rigctl.campaign.store.store import Store
 from rigctl.composition import workbench_of
 from rigctl.experiments.analysis import analysis_of
-from rigctl.files import config
+from rigctl.files.campaign_file import parse_campaign
 from rigctl.report.drawn import drawing_of
 
 
@@ -23,5 +23,5 @@ def show(path: Path, found: Mapping[str, Any]) -> None:
     """Print a result, beside the campaign file's reference values."""
     with Store.open(path, readonly=True) as store:
         text, experiment = store.header.campaign_toml, store.header.experiment
-    reference = config.parse_campaign(text, path).reference.model_dump() if text else {}
+    reference = parse_campaign(text, path).reference.model_dump() if text else {}
     drawing_of(experiment, path).show(found, reference)

@@ -24,7 +24,8 @@ from rigctl.core.entry_points import Registry, resolved
 from rigctl.core.errors import ConfigError, LinkLost, RigError
 from rigctl.core.interfaces import Identity, Instrument, Stage
 from rigctl.core.making_safe import bring_to_rest, let_go, require_rest
-from rigctl.files import config
+from rigctl.files.rig_file import InstrumentTable, RigFile, read_rig
+from rigctl.files.toml_files import explain, validated
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.declaration import SimulatorDeclaration, Spec
 from simulators.rig import LockedInstrument, SimulatedRig, TableError
@@ -48,7 +49,7 @@ class Rig:
     """
 
     def __init__(
-        self, file: config.RigFile, *, seed: int | None = None, start_s: float = 0.0, reachable: bool = True
+        self, file: RigFile, *, seed: int | None = None, start_s: float = 0.0, reachable: bool = True
     ) -> None:
         self.file = file
         self._reachable = reachable
@@ -65,10 +66,10 @@ class Rig:
     @classmethod
     def from_file(cls, path: Path | str, *, seed: int | None = None) -> Rig:
         """A rig from its file, closed; `ConfigError` when the file is wrong."""
-        return cls(config.read_rig(Path(path)), seed=seed)
+        return cls(read_rig(Path(path)), seed=seed)
 
     @classmethod
-    def for_its_limits(cls, file: config.RigFile) -> Rig:
+    def for_its_limits(cls, file: RigFile) -> Rig:
         """A rig that is only asked what it could do: no world is behind it, and it cannot be opened."""
         return cls(file, reachable=False)
 
@@ -151,10 +152,10 @@ class Rig:
             )
         return found[0]
 
-    def _make(self, name: str, table: config.Instrument, driver: Driver) -> Instrument:
+    def _make(self, name: str, table: InstrumentTable, driver: Driver) -> Instrument:
         return driver.build(name, driver.settings, self._connect(name, table, driver.declaration), self.clock)
 
-    def _connect(self, name: str, table: config.Instrument, declaration: DriverDeclaration) -> Connect:
+    def _connect(self, name: str, table: InstrumentTable, declaration: DriverDeclaration) -> Connect:
         if not self._reachable:
             return self._nowhere
         if not declaration.wired:
@@ -171,7 +172,7 @@ class Rig:
     def _nowhere(self) -> NoReturn:
         raise LinkLost(f"{self.file.path}: this rig is only asked for its limits")
 
-    def _ground_segment(self, name: str, table: config.Instrument) -> Connect:
+    def _ground_segment(self, name: str, table: InstrumentTable) -> Connect:
         if not table.simulated:
             raise ConfigError(
                 f"{self.file.path}: instruments.{name}.address: "
@@ -188,7 +189,7 @@ class Rig:
         return self.simulation
 
 
-def drivers_of(file: config.RigFile) -> dict[str, Driver]:
+def drivers_of(file: RigFile) -> dict[str, Driver]:
     """What the instruments of a rig file are driven with, their keys checked; `ConfigError`."""
     return {name: _driver_of(file, f"instruments.{name}", table) for name, table in file.instruments.items()}
 
@@ -210,22 +211,22 @@ def simulator_of(declaration: DriverDeclaration) -> SimulatorDeclaration:
     return found
 
 
-def on_serial_line(table: config.Instrument) -> bool:
+def on_serial_line(table: InstrumentTable) -> bool:
     """True when it has a serial line, real or, in this process or served, simulated."""
     own = table.simulated and declaration_of(table.driver).serial_baud is not None
     return own or table.address.startswith("serial:")
 
 
-def _driver_of(file: config.RigFile, where: str, table: config.Instrument) -> Driver:
+def _driver_of(file: RigFile, where: str, table: InstrumentTable) -> Driver:
     declaration = declaration_of(table.driver, f"{file.path}: {where}.driver")
     if table.role not in declaration.roles:
         raise ConfigError(f"{file.path}: {where}{_no_role(table)}")
     use = declaration.roles[table.role]
-    settings = config.validated(use.settings, {**table.settings, **declaration.implied}, file.path, where)
+    settings = validated(use.settings, {**table.settings, **declaration.implied}, file.path, where)
     return Driver(declaration, settings, use.build)
 
 
-def _no_role(table: config.Instrument) -> str:
+def _no_role(table: InstrumentTable) -> str:
     drivers = list(DRIVERS.sound())
     able = [driver.kind for driver in drivers if table.role in driver.roles]
     if able:
@@ -234,7 +235,7 @@ def _no_role(table: config.Instrument) -> str:
     return f".role '{table.role}' is unknown; one of {', '.join(roles)}"
 
 
-def build_simulation(file: config.RigFile, clock: SimulationClock, *, seed: int | None = None) -> SimulatedRig:
+def build_simulation(file: RigFile, clock: SimulationClock, *, seed: int | None = None) -> SimulatedRig:
     """All instruments of a rig file as simulators on its world; `ConfigError`."""
     if file.world is None:
         raise ConfigError(f"{file.path}: there is no [world] table to simulate; add it")
@@ -255,14 +256,14 @@ def build_simulation(file: config.RigFile, clock: SimulationClock, *, seed: int 
     try:
         simulation = SimulatedRig(specs, world, clock)
     except TableError as error:
-        raise ConfigError(f"{file.path}: {config.explain(error.model, error.cause, error.table)}") from None
+        raise ConfigError(f"{file.path}: {explain(error.model, error.cause, error.table)}") from None
     except ValueError as error:
         raise ConfigError(f"{file.path}: {error}") from None
     _require_in_world(file, simulation.bench.sensors, simulation.bench.heads)
     return simulation
 
 
-def _require_in_world(file: config.RigFile, sensors: Collection[str], heads: Collection[str]) -> None:
+def _require_in_world(file: RigFile, sensors: Collection[str], heads: Collection[str]) -> None:
     """A world without what is to be measured would only be found out in the middle of the night."""
     for name in file.package.axes if file.package else ():
         if name not in sensors:
@@ -273,7 +274,7 @@ def _require_in_world(file: config.RigFile, sensors: Collection[str], heads: Col
                 raise ConfigError(f"{file.path}: [world.lasers.{name}] is missing; there is a head of this name")
 
 
-def _simulate(file: config.RigFile, seed: int | None, start_s: float) -> tuple[SimulatedRig | None, Clock]:
+def _simulate(file: RigFile, seed: int | None, start_s: float) -> tuple[SimulatedRig | None, Clock]:
     simulated = [table.simulated for table in file.instruments.values()]
     if not any(simulated):
         return None, RealClock(file.rig.clock_speed, start_s)
@@ -284,7 +285,7 @@ def _simulate(file: config.RigFile, seed: int | None, start_s: float) -> tuple[S
     return build_simulation(file, clock, seed=seed), clock
 
 
-def _operator_link(file: config.RigFile, clock: Clock) -> OperatorLink:
+def _operator_link(file: RigFile, clock: Clock) -> OperatorLink:
     try:
         return TcpOperatorLink(file.operator.address, clock)
     except ConfigError as error:

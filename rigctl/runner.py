@@ -27,7 +27,8 @@ from rigctl.charge import in_charge
 from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, RigError
 from rigctl.effects.catalogue import chosen
 from rigctl.effects.plugins import Plugin, load
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile, parse_campaign
+from rigctl.files.rig_file import RigFile, only_tables
 from rigctl.rig import Rig
 from rigctl.workbench.model import versions as model_versions
 
@@ -44,7 +45,7 @@ class Options:
     plugins: tuple[Path, ...] = ()
 
 
-def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: Path, options: Options) -> None:
+def start(campaign: CampaignFile, rig_file: RigFile, store_path: Path, options: Options) -> None:
     """Run a campaign into a new store; everything is checked before anything is connected, let alone moves."""
     plugins = _loaded(options.plugins)
     plan = _plan(campaign, None, plugins)
@@ -63,7 +64,7 @@ def start(campaign: config.CampaignFile, rig_file: config.RigFile, store_path: P
                 _carry_out(store, rig, work, control, options, parts_of(store)[0])
 
 
-def extend(store_path: Path, campaign: config.CampaignFile, options: Options) -> None:
+def extend(store_path: Path, campaign: CampaignFile, options: Options) -> None:
     """Run a further campaign into a finished store, on its rig: runs of both are analysed together.
 
     The rig's clock and the numbers of mountings go on; with `procedure.mounting = "same"` so does the mounting.
@@ -92,7 +93,7 @@ def resume(store_path: Path, options: Options) -> None:
         if store.status().get("state") == "done":
             return
         part = parts_of(store)[-1]
-        campaign = config.parse_campaign(part.toml, store_path)
+        campaign = parse_campaign(part.toml, store_path)
         plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins))
         start_s = partial(rig_time.start_s, part=part.number)
         with _reopened(store, plan, campaign, start_s) as (rig, work, control):
@@ -102,7 +103,7 @@ def resume(store_path: Path, options: Options) -> None:
 
 @contextmanager
 def _reopened(
-    store: Store, plan: Plan, campaign: config.CampaignFile, start_s: Callable[..., float]
+    store: Store, plan: Plan, campaign: CampaignFile, start_s: Callable[..., float]
 ) -> Iterator[tuple[Rig, Work, Control]]:
     """The rig a store was made with; a plan it cannot carry out is refused before anything is connected."""
     file = rig_file_of(store, with_world=True)
@@ -126,7 +127,7 @@ def _loaded_for(store: Store, paths: Sequence[Path], needed: Plugins) -> list[Pl
     return _loaded(paths)
 
 
-def _brought(campaign: config.CampaignFile, plugins: Sequence[Plugin]) -> Plugins:
+def _brought(campaign: CampaignFile, plugins: Sequence[Plugin]) -> Plugins:
     """Where those effects of a campaign's model come from that are of files, as the store keeps it."""
     return {
         effect: {"path": str(plugin.path.resolve()), "sha256": plugin.sha256}
@@ -136,7 +137,7 @@ def _brought(campaign: config.CampaignFile, plugins: Sequence[Plugin]) -> Plugin
     }
 
 
-def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile, plugins: Sequence[Path] = ()) -> dict[str, Any]:
+def dry_run(campaign: CampaignFile, rig_file: RigFile, plugins: Sequence[Path] = ()) -> dict[str, Any]:
     """What a campaign would do, checked against the rig's limits; nothing is connected, nothing moves."""
     plan = _plan(campaign, None, _loaded(plugins))
     rig = Rig(rig_file)
@@ -150,7 +151,7 @@ def dry_run(campaign: config.CampaignFile, rig_file: config.RigFile, plugins: Se
     }
 
 
-def _plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
+def _plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
     brought = [effect for plugin in plugins for effect in plugin.effects.values()]
     try:
         chosen(campaign.experiment, campaign.model.effects, brought)
@@ -165,7 +166,7 @@ def _store_to_oneself(path: Path) -> Iterator[None]:
         yield
 
 
-def _work(plan: Plan, rig: Rig, campaign: config.CampaignFile) -> Work:
+def _work(plan: Plan, rig: Rig, campaign: CampaignFile) -> Work:
     try:
         return plan.on(rig)
     except (ConfigError, LimitError) as error:
@@ -203,19 +204,19 @@ def _operator(store: Store, rig: Rig, control: Control, options: Options) -> Ope
     return TerminalOperator(rig.operator_link, TypedLines(heed, board.heard), board, heed=heed)
 
 
-def _write_truth(rig_file: config.RigFile, store_path: Path) -> None:
-    world = config.only_tables(rig_file.text, "world")
+def _write_truth(rig_file: RigFile, store_path: Path) -> None:
+    world = only_tables(rig_file.text, "world")
     if world:
         truth_path(store_path).write_text(world, encoding="utf-8")
 
 
-def header_of(campaign: config.CampaignFile, rig_file: config.RigFile) -> Header:
+def header_of(campaign: CampaignFile, rig_file: RigFile) -> Header:
     """The header a store of this campaign would have, before anything is measured; nothing is connected."""
     return _header(campaign, Rig(rig_file), Options(), {})
 
 
 def _header(
-    campaign: config.CampaignFile, rig: Rig, options: Options, plugins: Plugins, kept: Mapping[str, Any] | None = None
+    campaign: CampaignFile, rig: Rig, options: Options, plugins: Plugins, kept: Mapping[str, Any] | None = None
 ) -> Header:
     file = rig.file
     channels, lasers = campaigns_of(campaign.experiment, campaign.path).channels(rig)

@@ -11,7 +11,7 @@ from urllib.parse import parse_qsl
 
 from rigctl.core.declarations import USUAL_BAUD
 from rigctl.core.errors import ConfigError
-from rigctl.files.config import RigFile, parse_rig
+from rigctl.files.rig_file import RigFile, parse_rig
 from rigctl.rig import build_simulation, declaration_of, drivers_of, on_serial_line
 from simulators.clock import ScaledClock
 from simulators.measured import into_file

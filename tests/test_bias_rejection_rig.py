@@ -15,7 +15,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.core.interfaces import StreamedRecorder, TimedRotationStage
 from rigctl.core.voltage_sources import VoltageSource, Waveform
-from rigctl.files import config
+from rigctl.files.rig_file import RigFile, parse_rig, read_rig
 from rigctl.rig import Rig, build_simulation
 from simulators.clock import VirtualClock
 
@@ -26,8 +26,8 @@ SIGMA_PERIOD_M_S2 = 1.808e-7 * 60.0**0.5
 
 
 @pytest.fixture
-def file(campaigns: Path) -> config.RigFile:
-    return config.read_rig(campaigns / RIG)
+def file(campaigns: Path) -> RigFile:
+    return read_rig(campaigns / RIG)
 
 
 @dataclass
@@ -85,7 +85,7 @@ def accelerations(record: Record, period_s: float, turn_s: float, periods: int) 
     return z, y
 
 
-def test_every_instrument_is_what_the_experiment_asks_for(file: config.RigFile) -> None:
+def test_every_instrument_is_what_the_experiment_asks_for(file: RigFile) -> None:
     with Rig(file) as rig:
         assert isinstance(rig.only("rotation"), TimedRotationStage)
         assert isinstance(rig.only("voltmeter"), StreamedRecorder)
@@ -102,7 +102,7 @@ def test_every_instrument_is_what_the_experiment_asks_for(file: config.RigFile) 
         }
 
 
-def test_a_modulation_gives_the_tilt_without_the_bias(file: config.RigFile) -> None:
+def test_a_modulation_gives_the_tilt_without_the_bias(file: RigFile) -> None:
     rig = Rig(file)
     with rig:
         assert rig.operator_link is not None
@@ -117,7 +117,7 @@ def test_a_modulation_gives_the_tilt_without_the_bias(file: config.RigFile) -> N
     assert record.angles_deg[::2] == pytest.approx([0.0] * 41, abs=1e-4)
 
 
-def test_a_run_taken_again_is_the_same_run(file: config.RigFile) -> None:
+def test_a_run_taken_again_is_the_same_run(file: RigFile) -> None:
     records = []
     for before in ((), (7,)):
         with Rig(file) as rig:
@@ -131,7 +131,7 @@ def test_a_run_taken_again_is_the_same_run(file: config.RigFile) -> None:
     assert np.array_equal(records[0].q_b_v, records[1].q_b_v)
 
 
-def test_it_does_not_matter_how_long_the_meters_keep_their_readings(file: config.RigFile) -> None:
+def test_it_does_not_matter_how_long_the_meters_keep_their_readings(file: RigFile) -> None:
     records = []
     for lazily in (False, True):
         with Rig(file) as rig:
@@ -141,7 +141,7 @@ def test_it_does_not_matter_how_long_the_meters_keep_their_readings(file: config
     assert np.array_equal(records[0].q_b_v, records[1].q_b_v)
 
 
-def test_a_sine_of_the_source_is_what_the_platform_feels(file: config.RigFile) -> None:
+def test_a_sine_of_the_source_is_what_the_platform_feels(file: RigFile) -> None:
     with Rig(file) as rig:
         record = modulate(rig, {"dm1_z_v": Waveform("sine", 0.0, 1.5, 20.0, 90.0)}, 60.0, 5.0, 2)
     first_s = record.start_s + 1e-3
@@ -153,7 +153,7 @@ def test_a_sine_of_the_source_is_what_the_platform_feels(file: config.RigFile) -
     assert slope == pytest.approx(846.73 / 855.81, abs=5.0 * 1.8e-2 / 120**0.5)
 
 
-def test_the_flip_is_an_operators_action(file: config.RigFile) -> None:
+def test_the_flip_is_an_operators_action(file: RigFile) -> None:
     with Rig(file) as rig:
         link = rig.operator_link
         assert link is not None
@@ -166,7 +166,7 @@ def test_the_flip_is_an_operators_action(file: config.RigFile) -> None:
         assert "a flip is +1, -1" in link.request({"flip": 3})["error"]
 
 
-def test_the_limits_of_the_rig_hold(file: config.RigFile) -> None:
+def test_the_limits_of_the_rig_hold(file: RigFile) -> None:
     with Rig(file) as rig:
         rig.only("rotation").home()
         with pytest.raises(LimitError, match="540 deg is outside the limits -10 to 370 deg"):
@@ -175,7 +175,7 @@ def test_the_limits_of_the_rig_hold(file: config.RigFile) -> None:
             rig.only("source").start({"dm1_z_v": Waveform("sine", 1.0, 1.5, 60.0)})
 
 
-def test_leaving_the_rig_takes_the_tilt_away(file: config.RigFile) -> None:
+def test_leaving_the_rig_takes_the_tilt_away(file: RigFile) -> None:
     rig = Rig(file)
     with rig:
         rig.only("source").start({"dm1_z_v": Waveform(offset_v=1.0)})
@@ -211,7 +211,7 @@ def test_a_rig_file_that_makes_no_sense_is_refused_in_a_line(campaigns: Path, ol
     text = (campaigns / RIG).read_text()
     assert old in text
     with pytest.raises(ConfigError, match=f"^rig.toml: .*{fault}") as refused:
-        build_simulation(config.parse_rig(text.replace(old, new), Path("rig.toml")), VirtualClock())
+        build_simulation(parse_rig(text.replace(old, new), Path("rig.toml")), VirtualClock())
     assert "\n" not in str(refused.value)
 
 

@@ -13,7 +13,7 @@ import pytest
 from drivers.transport import InProcessTransport
 from rigctl.charge import in_charge
 from rigctl.core.errors import Aborted
-from rigctl.files import config
+from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 
 PATIENCE_S = 20.0
@@ -52,7 +52,7 @@ def test_a_signal_while_an_instrument_connects_stops_the_others_at_once_and_conn
     campaigns: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wires = Wires(monkeypatch)
-    rig = Rig(config.read_rig(campaigns / "isa-rig.toml"))
+    rig = Rig(read_rig(campaigns / "isa-rig.toml"))
     opened: list[str] = []
     for name, instrument in rig.instruments.items():
         monkeypatch.setattr(instrument, "open", noting(opened, name, instrument.open))

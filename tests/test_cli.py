@@ -14,7 +14,8 @@ import pytest
 from rigctl import cli
 from rigctl.campaign.session import locks
 from rigctl.campaign.store.store import Store
-from rigctl.files import config
+from rigctl.files import rig_file
+from rigctl.files.rig_file import read_rig
 
 FIRST_ADDRESS = 'address = "sim:"                  # tcp://192.168.0.254:5001'
 
@@ -348,7 +349,7 @@ def test_one_campaign_per_instrument_even_under_another_rig_file(desk: Any, wire
     other.write_text(
         f'[rig]\nname = "other"\n[instruments.it]\ndriver = "newport-xps"\naddress = "{address}"\nrole = "spare"\n'
     )
-    with locks.instruments_held(config.read_rig(other), "taken"):
+    with locks.instruments_held(read_rig(other), "taken"):
         desk.run().refused(1, "rig.toml", "another campaign holds these instruments", address)
         desk.rigctl("move", "rig.toml", "rotation", 1).refused(1, "another campaign holds", address)
         assert wire.sent == []
@@ -409,7 +410,7 @@ def test_a_bug_of_ours_is_one_line_unless_asked_for_in_full(desk: Any, monkeypat
     def bug(_: Path) -> None:
         raise ZeroDivisionError("seven by zero")
 
-    monkeypatch.setattr(config, "read_rig", bug)
+    monkeypatch.setattr(rig_file, "read_rig", bug)
     found = desk.rigctl("check", "rig.toml")
     assert found.status == 1
     assert found.err.splitlines() == [

@@ -15,7 +15,8 @@ from procedures.sensing_axis.campaign import set_points
 from rigctl import runner
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile, read_campaign
+from rigctl.files.rig_file import RigFile, read_rig
 from rigctl.investigate import Settings, investigate
 from rigctl.workbench.model import versions
 
@@ -69,8 +70,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     one_sided = SCAN.replace("approaches = [1, -1]\n", "").replace("20.0", "1.5")
     (directory / "campaign.toml").write_text(one_sided)
     store = directory / "x.rig.sqlite"
-    campaign = config.read_campaign(directory / "campaign.toml")
-    runner.start(campaign, config.read_rig(campaign.rig_path), store, runner.Options(unattended=True))
+    campaign = read_campaign(directory / "campaign.toml")
+    runner.start(campaign, read_rig(campaign.rig_path), store, runner.Options(unattended=True))
     return store
 
 
@@ -159,10 +160,10 @@ def settings(**changes: Any) -> Settings:
     return Settings(runner.Options(unattended=True), changes.pop("ask", lambda _: True), told.append, **changes)
 
 
-def begun(directory: Path, effects: str) -> tuple[config.CampaignFile, config.RigFile, Path]:
+def begun(directory: Path, effects: str) -> tuple[CampaignFile, RigFile, Path]:
     (directory / "campaign.toml").write_text(SCAN)
-    rig_file = config.read_rig(rig(directory, effects))
-    return config.read_campaign(directory / "campaign.toml"), rig_file, directory / "x.rig.sqlite"
+    rig_file = read_rig(rig(directory, effects))
+    return read_campaign(directory / "campaign.toml"), rig_file, directory / "x.rig.sqlite"
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +174,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Pat
 
 
 @pytest.fixture(scope="module")
-def interrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[config.CampaignFile, Path]:
+def interrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[CampaignFile, Path]:
     """The same, cut off when it first asked."""
     campaign, rig_file, store = begun(tmp_path_factory.mktemp("interrupted"), HYSTERESIS)
 
@@ -221,9 +222,7 @@ def test_the_same_command_again_measures_nothing_more(found: tuple[dict[str, Any
     assert again["store"] == str(store)
 
 
-def test_nothing_is_added_against_the_operators_will(
-    interrupted: tuple[config.CampaignFile, Path], tmp_path: Path
-) -> None:
+def test_nothing_is_added_against_the_operators_will(interrupted: tuple[CampaignFile, Path], tmp_path: Path) -> None:
     campaign, store = interrupted
     asked: list[str] = []
 
@@ -240,7 +239,7 @@ def test_nothing_is_added_against_the_operators_will(
 
 
 def test_interrupted_it_goes_on_to_the_same_runs(
-    interrupted: tuple[config.CampaignFile, Path], tmp_path: Path, found: tuple[dict[str, Any], Path]
+    interrupted: tuple[CampaignFile, Path], tmp_path: Path, found: tuple[dict[str, Any], Path]
 ) -> None:
     campaign, store = interrupted
     longer = copied(store, tmp_path)
@@ -268,7 +267,7 @@ def test_only_a_scan_of_one_mounting_is_investigated(desk: Any, old: str, new: s
 
 def test_an_experiment_whose_runs_cannot_be_chosen_is_not_investigated() -> None:
     with pytest.raises(ConfigError, match="cannot choose among the runs of inflight-calibration"):
-        investigable(config.read_campaign(HIDDEN_RIG.with_name("microscope.toml")))
+        investigable(read_campaign(HIDDEN_RIG.with_name("microscope.toml")))
 
 
 def test_a_store_of_another_campaign_is_not_gone_on_with(measured: Path, desk: Any) -> None:

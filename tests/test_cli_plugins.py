@@ -14,7 +14,8 @@ from rigctl import runner
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, ProcedureError
 from rigctl.effects.catalogue import catalogue
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.investigate import Settings, investigate
 from rigctl.notebook import Campaign
 from rigctl.workbench.model import versions
@@ -161,10 +162,10 @@ def test_an_investigation_adds_an_effect_of_ones_own_and_says_whose(
     monkeypatch.setattr(sys.modules["rigctl.effects.catalogue"], "_own", lambda experiment: others)
     bench.campaign((', "drag"', ""), text=SCAN)
     plugin = bench.directory / "drag.py"
-    campaign = config.read_campaign(bench.directory / "campaign.toml")
+    campaign = read_campaign(bench.directory / "campaign.toml")
     options = runner.Options(unattended=True, plugins=(plugin,))
     settings = Settings(options, lambda _: True, lambda _: None, max_runs=14)
-    outcome = investigate(campaign, config.read_rig(campaign.rig_path), bench.store, settings)
+    outcome = investigate(campaign, read_rig(campaign.rig_path), bench.store, settings)
     assert outcome.added == ("drag",)
     again = Settings(runner.Options(unattended=True), lambda _: True, lambda _: None, max_runs=14)
     with pytest.raises(ConfigError, match="model version 2 was made with"):

@@ -23,7 +23,8 @@ from procedures.sensing_axis.wiring import bench_of
 from rigctl import runner
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.core.toml import to_toml
-from rigctl.files import config
+from rigctl.files.campaign_file import parse_campaign, read_campaign
+from rigctl.files.rig_file import only_tables, parse_rig, read_rig
 from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
@@ -42,13 +43,13 @@ def complaint(error: pytest.ExceptionInfo[Exception], *facts: str) -> str:
 
 def rig_error(text: str) -> str:
     with pytest.raises(ConfigError) as error:
-        config.parse_rig(text, Path("rig.toml"))
+        parse_rig(text, Path("rig.toml"))
     return complaint(error, "rig.toml: ")
 
 
 def campaign_error(text: str) -> str:
     with pytest.raises(ConfigError) as error:
-        plan_of(config.parse_campaign(text, Path("campaign.toml")))
+        plan_of(parse_campaign(text, Path("campaign.toml")))
     return complaint(error, "campaign.toml: ")
 
 
@@ -68,15 +69,15 @@ def changed(data: dict[str, Any], *keys: str, **entries: Any) -> str:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_shipped_campaign_can_be_run_on_its_rig(name: str) -> None:
-    campaign = config.read_campaign(CAMPAIGNS / name)
-    plan = runner.dry_run(campaign, config.read_rig(campaign.rig_path))
+    campaign = read_campaign(CAMPAIGNS / name)
+    plan = runner.dry_run(campaign, read_rig(campaign.rig_path))
     assert plan["experiment"] == campaign.experiment
     assert plan["runs_planned"] >= max(1, len(plan.get("mountings", ())))
 
 
 def test_every_shipped_rig_can_be_built() -> None:
     for path in (CAMPAIGNS / "all-instruments.rig.toml", CAMPAIGNS / "one-axis.rig.toml", CAMPAIGNS / "isa-rig.toml"):
-        assert bench_of(Rig(config.read_rig(path))).package.axes
+        assert bench_of(Rig(read_rig(path))).package.axes
 
 
 @pytest.mark.parametrize(
@@ -162,7 +163,7 @@ def test_several_faults_are_counted() -> None:
 
 
 def test_files_that_cannot_be_read_say_why(tmp_path: Path) -> None:
-    for read in (config.read_rig, config.read_campaign):
+    for read in (read_rig, read_campaign):
         with pytest.raises(ConfigError) as error:
             read(tmp_path / "none.toml")
         complaint(error, "none.toml: no such file")
@@ -194,12 +195,12 @@ def test_the_world_leaves_the_text_and_comes_back_the_same(place: str) -> None:
     world += f"[world.effects.quadratic]\nK2 = {SECRET}\n"
     head, tail = '[rig]\nname = "x"\n', '[instruments.a]\ndriver = "d"\naddress = "sim:"\nrole = "spare"\n'
     text = {"first": world + head + tail, "middle": head + world + tail, "last": head + tail + world}[place]
-    file = config.parse_rig(text, Path("rig.toml"))
+    file = parse_rig(text, Path("rig.toml"))
     kept = file.text_without_world
     assert SECRET not in kept
     assert "hidden" not in kept
     assert "world" not in tomllib.loads(kept)
-    again = config.parse_rig(f"{kept}\n\n{config.only_tables(text, 'world')}", Path("rig.toml"))
+    again = parse_rig(f"{kept}\n\n{only_tables(text, 'world')}", Path("rig.toml"))
     assert again.world == file.world
     assert again.world_sha256 == file.world_sha256
     assert again.instruments == file.instruments
@@ -207,9 +208,9 @@ def test_the_world_leaves_the_text_and_comes_back_the_same(place: str) -> None:
 
 def test_another_world_has_another_hash_and_none_has_none() -> None:
     base = '[instruments]\n[rig]\nname = "x"\n'
-    hashes = {config.parse_rig(base + f"[world]\nseed = {n}\n", Path("r")).world_sha256 for n in (1, 2)}
+    hashes = {parse_rig(base + f"[world]\nseed = {n}\n", Path("r")).world_sha256 for n in (1, 2)}
     assert len(hashes) == 2
-    assert config.parse_rig(base, Path("r")).world_sha256 is None
+    assert parse_rig(base, Path("r")).world_sha256 is None
 
 
 @pytest.mark.parametrize(
@@ -276,8 +277,8 @@ def test_a_mutated_file_is_accepted_or_refused_in_one_line(draw: st.DataObject) 
     rig_text = mutated(RIG, draw) if of_rig else to_toml(RIG)
     campaign_text = to_toml(CAMPAIGN) if of_rig else mutated(CAMPAIGN, draw)
     try:
-        rig = config.parse_rig(rig_text, Path("rig.toml"))
-        plan = runner.dry_run(config.parse_campaign(campaign_text, Path("campaign.toml")), rig)
+        rig = parse_rig(rig_text, Path("rig.toml"))
+        plan = runner.dry_run(parse_campaign(campaign_text, Path("campaign.toml")), rig)
     except (ConfigError, LimitError) as error:
         said = str(error)
     else:
@@ -320,8 +321,8 @@ TABLES: dict[tuple[str, bool], type[BaseModel]] = {
 
 
 def test_a_null_search_that_would_never_end_is_refused_before_it_begins() -> None:
-    rig = config.read_rig(CAMPAIGNS / "isa-rig.toml")
-    weak = config.parse_campaign(changed(CAMPAIGN, "procedure", amplitude_mm=0.01), Path("campaign.toml"))
+    rig = read_rig(CAMPAIGNS / "isa-rig.toml")
+    weak = parse_campaign(changed(CAMPAIGN, "procedure", amplitude_mm=0.01), Path("campaign.toml"))
     with pytest.raises(ConfigError) as error:
         runner.dry_run(weak, rig)
     complaint(error, "campaign.toml: procedure.amplitude_mm: 0.01 mm at 0.6 Hz do not tell theta0 to", "give more")
@@ -341,8 +342,8 @@ def with_extremes(data: dict[str, Any], places: list[tuple[Any, ...]]) -> Iterat
 def planned_or_refused(campaign_text: str, rig_text: str, refusals: list[str]) -> bool:
     """Whether a dry run plans some runs; why not, otherwise, is appended to `refusals`."""
     try:
-        rig = config.parse_rig(rig_text, Path("rig.toml"))
-        plan = runner.dry_run(config.parse_campaign(campaign_text, Path("campaign.toml")), rig)
+        rig = parse_rig(rig_text, Path("rig.toml"))
+        plan = runner.dry_run(parse_campaign(campaign_text, Path("campaign.toml")), rig)
     except (ConfigError, LimitError) as error:
         refusals.append(str(error))
         return False

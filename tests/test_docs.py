@@ -31,7 +31,9 @@ from procedures.rotating_platform import tables as platform_tables
 from procedures.sensing_axis.tables import ListedRun, Procedure, Targets
 from rigctl.cli import app
 from rigctl.effects.catalogue import catalogue
-from rigctl.files import config, package
+from rigctl.files import package
+from rigctl.files.campaign_file import CampaignFile, ModelTable, ReferenceTable
+from rigctl.files.rig_file import Certificate, Constant, InstrumentTable, OperatorTable, RigTable
 from rigctl.rig import DRIVERS, simulator_of
 from simulators import faults
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings
@@ -54,8 +56,8 @@ IDS = [str(path.relative_to(ROOT)) for path in DOCS]
 
 FILE_FIELDS = {"path", "text"}
 TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
-    "rig": (config.RigTable, set()),
-    "instruments.NAME": (config.Instrument, set()),
+    "rig": (RigTable, set()),
+    "instruments.NAME": (InstrumentTable, set()),
     "rotation stages": (RotationSettings, set()),
     "newport-xps": (XpsSettings, set(RotationSettings.model_fields)),
     "newport-esp301": (Esp301Settings, set(RotationSettings.model_fields)),
@@ -70,9 +72,9 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "package.configurations.NAME": (package.ConfigurationSettings, set()),
     "package.axes.NAME": (package.AxisSettings, set()),
     "package.axes.NAME.sensor.CONFIGURATION": (package.SensorSettings, set()),
-    "constants.NAME": (config.Constant, set()),
-    "certificates.NAME": (config.Certificate, set()),
-    "operator": (config.OperatorTable, set()),
+    "constants.NAME": (Constant, set()),
+    "certificates.NAME": (Certificate, set()),
+    "operator": (OperatorTable, set()),
     "world": (world.BenchSettings, set()),
     "world.sensors.NAME": (world.SensorSettings, set()),
     "world.sensors.NAME.CONFIGURATION": (world.SensorConfiguration, set()),
@@ -103,7 +105,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "fault": (faults.Fault, set()),
     "faults of instruments": (faults.InstrumentFaults, {"seed"}),
     "event": (faults.Spell, set()),
-    "campaign": (config.CampaignFile, FILE_FIELDS),
+    "campaign": (CampaignFile, FILE_FIELDS),
     "procedure": (Procedure, set()),
     "procedure.runs": (ListedRun, set()),
     "platform procedure": (platform_tables.Procedure, set()),
@@ -112,8 +114,8 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "calibration": (Calibration, set()),
     "monte-carlo": (MonteCarlo, set(Calibration.model_fields)),
     "targets": (Targets, set()),
-    "model": (config.ModelTable, set()),
-    "reference": (config.ReferenceTable, set()),
+    "model": (ModelTable, set()),
+    "reference": (ReferenceTable, set()),
 }
 """Tables of docs/files.md, the model each describes, and that model's fields it need not name."""
 

@@ -12,16 +12,17 @@ from procedures.sensing_axis.campaign import plan_of
 from procedures.sensing_axis.forecast import theta0_sigma_arcsec
 from procedures.sensing_axis.wiring import bench_of
 from rigctl import runner
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 
 CAMPAIGNS = Path(__file__).parent.parent / "campaigns"
 
 
 def told(name: str, **changes: Any) -> dict[str, Any]:
-    campaign = config.read_campaign(CAMPAIGNS / name)
+    campaign = read_campaign(CAMPAIGNS / name)
     changed = campaign.model_copy(update={"procedure": {**campaign.procedure, **changes}})
-    return runner.dry_run(changed, config.read_rig(campaign.rig_path))
+    return runner.dry_run(changed, read_rig(campaign.rig_path))
 
 
 @pytest.mark.parametrize("name", ["angle-scan.toml", "hidden-effect.toml"])
@@ -39,10 +40,10 @@ def test_runs_that_do_not_determine_the_null_promise_nothing() -> None:
 @pytest.mark.parametrize("target_arcsec", [1.0, 4.0])
 def test_the_durations_planned_for_a_null_search_reach_its_target(target_arcsec: float) -> None:
     """The same runs as a list, in noise as assumed of a room before anything is measured (3e-6 m/s2/rtHz)."""
-    campaign = config.read_campaign(CAMPAIGNS / "one-axis.toml")
+    campaign = read_campaign(CAMPAIGNS / "one-axis.toml")
     targets = {"theta0_sigma_arcsec": target_arcsec, "noise_m_s2_rthz": 3e-6}
     plan = plan_of(campaign.model_copy(update={"targets": targets}))
-    bench = bench_of(Rig(config.read_rig(campaign.rig_path)))
+    bench = bench_of(Rig(read_rig(campaign.rig_path)))
     first = [point for point in plan.points if point.mounting == 1]
     sensor = bench.package.axes[first[0].axis].sensor[first[0].configuration]
     noise_v = 3e-4 / sensor.gain_v_per_m_s2 / 3e-6

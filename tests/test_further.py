@@ -18,7 +18,9 @@ from procedures.sensing_axis.runs import scan_of
 from procedures.sensing_axis.tables import Procedure
 from rigctl import planning, runner
 from rigctl.core.errors import ConfigError
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile, ReferenceTable, parse_campaign, read_campaign
+from rigctl.files.rig_file import parse_rig, read_rig
+from rigctl.files.toml_files import validated
 from rigctl.rig import Rig
 from rigctl.workbench.study import Proposal
 
@@ -27,17 +29,17 @@ TURN: dict[str, Any] = {"pattern": "c", "modulation_period_s": 60.0, "periods": 
 POINT: dict[str, Any] = {"theta_deg": -3.0, "frequency_hz": 0.5, "approach": -1, "dwell_s": 20.0, "start_s": 7.0}
 
 
-def planned(like: config.CampaignFile, procedure: Any) -> tuple[config.CampaignFile, dict[str, Any]]:
+def planned(like: CampaignFile, procedure: Any) -> tuple[CampaignFile, dict[str, Any]]:
     text = planning.text_of(like, 'Next: "tell apart"', like.rig, procedure, [])
-    campaign = config.parse_campaign(text, CAMPAIGNS / "next.toml")
-    return campaign, runner.dry_run(campaign, config.read_rig(campaign.rig_path))
+    campaign = parse_campaign(text, CAMPAIGNS / "next.toml")
+    return campaign, runner.dry_run(campaign, read_rig(campaign.rig_path))
 
 
 def test_a_scan_goes_on_in_its_mounting_and_keeps_what_its_file_says_of_anything_else() -> None:
-    reference = config.ReferenceTable(source="the maker", axes={"X": (1.0, 2e-5, 0.0)}, offset_deg={"X a": -0.5})
+    reference = ReferenceTable(source="the maker", axes={"X": (1.0, 2e-5, 0.0)}, offset_deg={"X a": -0.5})
     said = {"on_terminal_lost": "stop", "targets": {"noise_m_s2_rthz": 1e-5}, "reference": reference}
-    like = config.read_campaign(CAMPAIGNS / "hidden-effect.toml").model_copy(update=said)
-    settings = config.validated(Procedure, like.procedure, like.path, "procedure")
+    like = read_campaign(CAMPAIGNS / "hidden-effect.toml").model_copy(update=said)
+    settings = validated(Procedure, like.procedure, like.path, "procedure")
     campaign, plan = planned(like, scan_of("X", "flag", [Proposal(POINT)] * 2, settings))
     assert campaign.goes_on
     assert {name: getattr(campaign, name) for name in said} == said
@@ -46,7 +48,7 @@ def test_a_scan_goes_on_in_its_mounting_and_keeps_what_its_file_says_of_anything
 
 
 def test_patterns_keep_the_guards_of_the_campaign_there_was() -> None:
-    like = config.read_campaign(CAMPAIGNS / "bias-rejection.toml")
+    like = read_campaign(CAMPAIGNS / "bias-rejection.toml")
     campaign, plan = planned(like, rotating_platform.further(None, [Proposal(TURN)] * 3, like))  # type: ignore[arg-type]
     assert plan["runs_planned"] == 3
     assert not campaign.goes_on
@@ -66,19 +68,19 @@ def test_patterns_keep_the_guards_of_the_campaign_there_was() -> None:
     ],
 )
 def test_what_is_proposed_keeps_to_the_platforms_limits(way: dict[str, Any], limits: str, possible: bool) -> None:
-    like = config.read_campaign(CAMPAIGNS / "bias-rejection.toml")
+    like = read_campaign(CAMPAIGNS / "bias-rejection.toml")
     text = like.rig_path.read_text().replace("angle_max_deg = 370.0", limits or "angle_max_deg = 370.0")
-    settings = config.validated(PlatformProcedure, like.procedure, like.path, "procedure")
-    rig = Rig.for_its_limits(config.parse_rig(text, like.rig_path))
+    settings = validated(PlatformProcedure, like.procedure, like.path, "procedure")
+    rig = Rig.for_its_limits(parse_rig(text, like.rig_path))
     allowed = rotating_platform.within(bench_of(rig, settings), settings)
     assert allowed(Proposal({**TURN, **way})) is possible
 
 
 def test_one_run_may_turn_otherwise_than_the_others() -> None:
-    like = config.read_campaign(CAMPAIGNS / "bias-rejection.toml")
+    like = read_campaign(CAMPAIGNS / "bias-rejection.toml")
     runs = [Proposal(TURN), Proposal({**TURN, "turning": "forward"})]
     asked = rotating_platform.further(None, runs, like)  # type: ignore[arg-type]
-    found = Plan(config.validated(PlatformProcedure, asked, like.path, "procedure")).recordings
+    found = Plan(validated(PlatformProcedure, asked, like.path, "procedure")).recordings
     assert [each.conditions["turning"] for each in found] == ["back-and-forth", "forward"]
     back, forward = ([motion.to_deg for motion in each.wanted.table.motions] for each in found)
     assert set(back) == {0.0, 180.0}
@@ -86,14 +88,14 @@ def test_one_run_may_turn_otherwise_than_the_others() -> None:
 
 
 def test_a_session_is_flown_once_however_often_it_is_proposed() -> None:
-    like = config.read_campaign(CAMPAIGNS / "microscope.toml")
+    like = read_campaign(CAMPAIGNS / "microscope.toml")
     runs = [Proposal({"session": name, "orbits": 10.0}) for name in ("dy", "ac13", "dy")]
     _, plan = planned(like, inflight.further(None, runs, like))  # type: ignore[arg-type]
     assert plan["sessions"] == ["dy", "ac13"]
 
 
 def test_sessions_that_share_a_stimulus_are_flown_with_the_strongest_that_is_proposed() -> None:
-    like = config.read_campaign(CAMPAIGNS / "microscope.toml")
+    like = read_campaign(CAMPAIGNS / "microscope.toml")
     runs = [
         Proposal({"session": "ad11", "orbits": 10.0, "amplitude": 5e-8}),
         Proposal({"session": "k2d", "orbits": 10.0, "amplitude": 1e-7}),
@@ -114,8 +116,8 @@ def test_sessions_that_share_a_stimulus_are_flown_with_the_strongest_that_is_pro
 def test_what_is_proposed_keeps_to_the_satellites_limits(
     session: str, amplitude: float | None, possible: bool
 ) -> None:
-    like = config.read_campaign(CAMPAIGNS / "microscope.toml")
-    rig = Rig.for_its_limits(config.read_rig(like.rig_path))
+    like = read_campaign(CAMPAIGNS / "microscope.toml")
+    rig = Rig.for_its_limits(read_rig(like.rig_path))
     allowed = inflight.within(flight_of(rig), inflight.procedure_of(like))
     settings = {"session": session, "orbits": 10.0} | ({} if amplitude is None else {"amplitude": amplitude})
     assert allowed(Proposal(settings)) is possible
@@ -123,7 +125,7 @@ def test_what_is_proposed_keeps_to_the_satellites_limits(
 
 @pytest.mark.parametrize("name", ["bias-rejection.toml", "microscope.toml"])
 def test_an_effect_nobody_knows_is_refused_before_anything_moves(name: str) -> None:
-    like = config.read_campaign(CAMPAIGNS / name)
+    like = read_campaign(CAMPAIGNS / name)
     text = planning.text_of(like, "", like.rig, like.procedure, ["no-such-effect"])
     with pytest.raises(ConfigError, match="no-such-effect"):
-        runner.dry_run(config.parse_campaign(text, CAMPAIGNS / "next.toml"), config.read_rig(like.rig_path))
+        runner.dry_run(parse_campaign(text, CAMPAIGNS / "next.toml"), read_rig(like.rig_path))

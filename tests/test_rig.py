@@ -14,22 +14,22 @@ from procedures.sensing_axis.wiring import bench_of
 from rigctl import runner
 from rigctl.core.errors import ConfigError, LinkError, LinkLost, LinkTimeout, RigError, WrongInstrument
 from rigctl.core.interfaces import Instrument, LinearStage, RotationStage, Thermometer, Voltmeter
-from rigctl.files import config
+from rigctl.files.rig_file import RigFile, read_rig
 from rigctl.rig import DRIVERS, Rig, build_simulation
 from simulators.clock import ScaledClock, VirtualClock
 from simulators.rig import LockedInstrument
 
 
 @pytest.fixture
-def file(campaigns: Path) -> config.RigFile:
-    return config.read_rig(campaigns / "isa-rig.toml")
+def file(campaigns: Path) -> RigFile:
+    return read_rig(campaigns / "isa-rig.toml")
 
 
 def names(instruments: list[Any]) -> list[str]:
     return [instrument.name for instrument in instruments]
 
 
-def test_instruments_are_made_closed_and_found_by_role(file: config.RigFile, wire: Any) -> None:
+def test_instruments_are_made_closed_and_found_by_role(file: RigFile, wire: Any) -> None:
     rig = Rig(file)
     assert wire.sent == []
     assert all(isinstance(instrument, Instrument) for instrument in rig.instruments.values())
@@ -42,7 +42,7 @@ def test_instruments_are_made_closed_and_found_by_role(file: config.RigFile, wir
         rig.only("displacement")
 
 
-def test_an_opened_rig_knows_who_answered_and_has_not_moved(file: config.RigFile, wire: Any) -> None:
+def test_an_opened_rig_knows_who_answered_and_has_not_moved(file: RigFile, wire: Any) -> None:
     with Rig(file) as rig:
         identities = rig.identities()
         assert wire.motions == []
@@ -52,7 +52,7 @@ def test_an_opened_rig_knows_who_answered_and_has_not_moved(file: config.RigFile
 
 
 def test_every_driver_opens_on_its_simulator(campaigns: Path) -> None:
-    file = config.read_rig(campaigns / "all-instruments.rig.toml")
+    file = read_rig(campaigns / "all-instruments.rig.toml")
     assert {table.driver for table in file.instruments.values()} == {
         driver.kind for driver in DRIVERS.sound() if driver.wired
     }
@@ -60,7 +60,7 @@ def test_every_driver_opens_on_its_simulator(campaigns: Path) -> None:
         assert set(rig.identities()) == set(file.instruments)
 
 
-def test_leaving_a_rig_stops_every_stage_whatever_happened(file: config.RigFile, wire: Any) -> None:
+def test_leaving_a_rig_stops_every_stage_whatever_happened(file: RigFile, wire: Any) -> None:
     rig = Rig(file)
 
     def work() -> None:
@@ -78,9 +78,7 @@ def test_leaving_a_rig_stops_every_stage_whatever_happened(file: config.RigFile,
         rig.only("linear").position()
 
 
-def test_what_somebody_left_moving_is_at_rest_before_anything_else_is_asked_of_it(
-    file: config.RigFile, wire: Any
-) -> None:
+def test_what_somebody_left_moving_is_at_rest_before_anything_else_is_asked_of_it(file: RigFile, wire: Any) -> None:
     real = file.model_copy(update={"rig": file.rig.model_copy(update={"clock": "real", "clock_speed": 100.0})})
     rig = Rig(real)
     rig.open()
@@ -96,7 +94,7 @@ def test_what_somebody_left_moving_is_at_rest_before_anything_else_is_asked_of_i
 
 
 def test_half_a_rig_is_brought_to_rest_when_the_other_half_does_not_answer(
-    file: config.RigFile, monkeypatch: pytest.MonkeyPatch
+    file: RigFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stopped: list[str] = []
     rig = Rig(file)
@@ -117,7 +115,7 @@ def failing(error: Exception) -> Any:
 
 @pytest.mark.parametrize("error", [LinkLost("rotation: no connection"), ZeroDivisionError("rotation: a bug of ours")])
 def test_an_instrument_that_will_not_stop_does_not_keep_the_others_from_it(
-    file: config.RigFile, error: Exception, monkeypatch: pytest.MonkeyPatch
+    file: RigFile, error: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stopped: list[str] = []
 
@@ -133,7 +131,7 @@ def test_an_instrument_that_will_not_stop_does_not_keep_the_others_from_it(
 
 
 def test_what_could_not_be_stopped_is_told_beside_the_error_that_ended_it(
-    file: config.RigFile, monkeypatch: pytest.MonkeyPatch
+    file: RigFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def work() -> None:
         with Rig(file) as rig:
@@ -146,9 +144,7 @@ def test_what_could_not_be_stopped_is_told_beside_the_error_that_ended_it(
     assert ended.value.__notes__ == ["NOT known to be at rest: rotation: no connection"]
 
 
-def test_one_failure_keeps_its_class_and_several_are_joined(
-    file: config.RigFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_failure_keeps_its_class_and_several_are_joined(file: RigFile, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(file)
     closed: list[str] = []
     for name, instrument in rig.instruments.items():
@@ -162,7 +158,7 @@ def test_one_failure_keeps_its_class_and_several_are_joined(
         rig.open()
 
 
-def test_stop_from_another_thread_ends_an_oscillation(file: config.RigFile) -> None:
+def test_stop_from_another_thread_ends_an_oscillation(file: RigFile) -> None:
     real = file.model_copy(update={"rig": file.rig.model_copy(update={"clock": "real", "clock_speed": 100.0})})
     with Rig(real) as rig:
         stage = rig.only("linear")
@@ -178,7 +174,7 @@ def test_stop_from_another_thread_ends_an_oscillation(file: config.RigFile) -> N
         assert stage.position().value == position_mm
 
 
-def test_a_virtual_rig_runs_on_a_virtual_clock_and_a_real_one_on_the_wall_clock(file: config.RigFile) -> None:
+def test_a_virtual_rig_runs_on_a_virtual_clock_and_a_real_one_on_the_wall_clock(file: RigFile) -> None:
     assert isinstance(Rig(file, start_s=500.0).clock, VirtualClock)
     assert Rig(file, start_s=500.0).clock.now_s() == 500.0
     real = Rig(file.model_copy(update={"rig": file.rig.model_copy(update={"clock": "real", "clock_speed": 50.0})}))
@@ -186,7 +182,7 @@ def test_a_virtual_rig_runs_on_a_virtual_clock_and_a_real_one_on_the_wall_clock(
     assert real.clock.speed == 50.0
 
 
-def test_a_seed_replaces_the_rig_files(file: config.RigFile) -> None:
+def test_a_seed_replaces_the_rig_files(file: RigFile) -> None:
     def truth(seed: int | None) -> Any:
         simulation = build_simulation(file, VirtualClock(), seed=seed)
         simulation.request({"remount": {"axis": "X", "configuration": "flag", "mounting": 1}})
@@ -197,7 +193,7 @@ def test_a_seed_replaces_the_rig_files(file: config.RigFile) -> None:
     assert truth(1) == truth(1)
 
 
-def test_hands_that_are_asked_for_nonsense_say_what_there_is(file: config.RigFile) -> None:
+def test_hands_that_are_asked_for_nonsense_say_what_there_is(file: RigFile) -> None:
     simulation = build_simulation(file, VirtualClock())
     for action in ({"level": True}, {"remount": {"axis": "Q", "configuration": "flag", "mounting": 1}}, {"dance": 1}):
         assert "error" in simulation.request(action)
@@ -242,7 +238,7 @@ def test_instruments_in_this_process_are_talked_to_one_at_a_time(what: str) -> N
     assert listener.heard == [what]
 
 
-def test_the_bench_of_a_rig_has_its_parts(file: config.RigFile) -> None:
+def test_the_bench_of_a_rig_has_its_parts(file: RigFile) -> None:
     bench = bench_of(Rig(file))
     assert bench.rotation.name == "rotation"
     assert bench.linear.name == "stage"
@@ -299,7 +295,7 @@ def test_an_instrument_that_fails_in_the_middle_costs_no_run_and_the_campaign_ca
 
     mended = runner.rig_file_of
 
-    def without_faults(*arguments: Any, **options: Any) -> config.RigFile:
+    def without_faults(*arguments: Any, **options: Any) -> RigFile:
         file = mended(*arguments, **options)
         tables = {name: each.model_copy(update={"faults": {}}) for name, each in file.instruments.items()}
         return file.model_copy(update={"instruments": tables})
@@ -311,7 +307,7 @@ def test_an_instrument_that_fails_in_the_middle_costs_no_run_and_the_campaign_ca
     assert len(again.json["result"]["nulls"]) == 2
 
 
-def test_an_error_on_the_wire_is_one_of_ours(file: config.RigFile, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_on_the_wire_is_one_of_ours(file: RigFile, monkeypatch: pytest.MonkeyPatch) -> None:
     def cut(self: InProcessTransport, _: bytes) -> None:
         raise LinkLost(f"{self.address}: no connection")
 

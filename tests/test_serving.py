@@ -22,7 +22,7 @@ from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
 from rigctl.core.clock import RealClock
 from rigctl.core.errors import ConfigError
-from rigctl.files import config
+from rigctl.files.rig_file import parse_rig, read_rig
 from rigctl.serving import Served
 
 SERVED = (
@@ -275,7 +275,7 @@ def test_a_stop_has_who_uses_a_serial_line_leave_it_at_rest(desk: Any) -> None:
 @contextmanager
 def running(file: Path) -> Iterator[tuple[Served, str]]:
     """A rig served by a thread of this process, and the address of its operator's port."""
-    with Served(config.read_rig(file)) as made:
+    with Served(read_rig(file)) as made:
         (operator,) = [each for each in made.addresses if each["kind"] == "operator"]
         thread = threading.Thread(target=made._server.serve)
         thread.start()
@@ -288,7 +288,7 @@ def running(file: Path) -> Iterator[tuple[Served, str]]:
 
 @contextmanager
 def served(text: str) -> Iterator[Served]:
-    with Served(config.parse_rig(text, Path("rig.toml"))) as made:
+    with Served(parse_rig(text, Path("rig.toml"))) as made:
         yield made
 
 
@@ -299,8 +299,8 @@ def text(campaigns: Path) -> str:
 
 def test_a_written_rig_file_says_the_same_but_for_addresses_clock_and_world(text: str) -> None:
     with served(text) as made:
-        client = config.parse_rig(made.rig_text(), Path("client.toml"))
-    original = config.parse_rig(text, Path("rig.toml"))
+        client = parse_rig(made.rig_text(), Path("client.toml"))
+    original = parse_rig(text, Path("rig.toml"))
     assert client.world is None
     assert client.rig == original.rig.model_copy(update={"clock": "real"})
     assert (client.package, client.lasers, client.constants) == (
@@ -328,7 +328,7 @@ def test_a_written_rig_file_says_the_same_but_for_addresses_clock_and_world(text
 def test_a_rig_file_may_be_written_in_several_ways(text: str, old: str, new: str) -> None:
     assert old in text
     with served(text.replace(old, new)) as made:
-        client = config.parse_rig(made.rig_text(), Path("client.toml"))
+        client = parse_rig(made.rig_text(), Path("client.toml"))
         listed = {each["name"]: each for each in made.addresses}
     assert client.operator.address == f"tcp://127.0.0.1:{listed['operator']['port']}"
     assert client.instruments["rotation"].address == f"tcp://127.0.0.1:{listed['rotation']['port']}"

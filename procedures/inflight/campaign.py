@@ -16,8 +16,9 @@ from rigctl.campaign.store.parts import Part
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.effects.plugins import Plugin
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.campaign_tables import settings_of
+from rigctl.files.toml_files import validated
 from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Proposal
 
@@ -92,16 +93,16 @@ def within(flight: Flight, calibration: Calibration) -> Allowed:
     return allowed
 
 
-def plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> CalibrationPlan:
+def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> CalibrationPlan:
     """The sessions a campaign file asks for; `ConfigError`."""
     del part, plugins
     return CalibrationPlan(procedure_of(campaign))
 
 
-def procedure_of(campaign: config.CampaignFile) -> Calibration:
+def procedure_of(campaign: CampaignFile) -> Calibration:
     """The `[procedure]` table of a campaign file; `ConfigError`."""
     model = settings_of(campaign.experiment, campaign.procedure)["procedure"]
-    found = config.validated(model, campaign.procedure, campaign.path, "procedure")
+    found = validated(model, campaign.procedure, campaign.path, "procedure")
     assert isinstance(found, Calibration)
     return found
 
@@ -121,7 +122,7 @@ def channels(rig: Instruments) -> tuple[Mapping[str, ChannelInfo], Mapping[str, 
     }, {}
 
 
-def further(store: Store, runs: Sequence[Proposal], campaign: config.CampaignFile) -> Mapping[str, Any]:
+def further(store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> Mapping[str, Any]:
     """These sessions once more; of sessions that share a stimulus the strongest that is asked for."""
     del store
     asked: dict[str, float] = {}

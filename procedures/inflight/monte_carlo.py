@@ -33,7 +33,8 @@ from rigctl.experiments.inflight.result.draws import (
     reduced,
 )
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile
+from rigctl.files.toml_files import validated
 
 RECIPE = "inflight draws 2"
 LOOKED_S = 0.2
@@ -127,10 +128,10 @@ class MonteCarloPlan:
         return {}
 
 
-def plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> MonteCarloPlan:
+def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> MonteCarloPlan:
     """The study a campaign file asks for; `ConfigError`."""
     del part, plugins
-    return MonteCarloPlan(config.validated(MonteCarlo, campaign.procedure, campaign.path, "procedure"))
+    return MonteCarloPlan(validated(MonteCarlo, campaign.procedure, campaign.path, "procedure"))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from rigctl.campaign.store.parts import Part
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.effects.plugins import Plugin
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile
+from rigctl.files.toml_files import validated
 from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Proposal
 
@@ -77,10 +78,10 @@ class _Work:
         self.bench.rest()
 
 
-def plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> _Plan:
+def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> _Plan:
     """The recordings a campaign file asks for; `ConfigError`, also for a pattern that does not reject enough."""
     del part, plugins
-    procedure = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
+    procedure = validated(Procedure, campaign.procedure, campaign.path, "procedure")
     found = bias_rejection.Plan(procedure)
     try:
         _ = found.recordings
@@ -95,7 +96,7 @@ def mounted(store: Store) -> Sequence[tuple[str, str, int]]:
     return ()
 
 
-def further(store: Store, runs: Sequence[Proposal], campaign: config.CampaignFile) -> Mapping[str, Any]:
+def further(store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> Mapping[str, Any]:
     """These recordings, rotations and guards as in the campaign there was."""
     del store
     return {**campaign.procedure, "runs": [dict(run.settings) for run in runs]}
@@ -106,7 +107,7 @@ def allowed(store: Store, rig: Instruments | None) -> Allowed | None:
     if rig is None:
         return None
     campaign = campaign_of(store)
-    procedure = config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
+    procedure = validated(Procedure, campaign.procedure, campaign.path, "procedure")
     return within(bench_of(rig, procedure), procedure)
 
 

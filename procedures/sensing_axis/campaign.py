@@ -23,7 +23,8 @@ from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import chosen
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile
+from rigctl.files.toml_files import validated
 from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Proposal
 
@@ -79,17 +80,15 @@ class _Work:
         self.bench.rest()
 
 
-def plan(campaign: config.CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> _Plan:
+def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> _Plan:
     """The procedure a campaign file asks for, after what earlier campaigns have left; `ConfigError`."""
     return _Plan(plan_of(campaign, part, plugins))
 
 
-def plan_of(
-    campaign: config.CampaignFile, part: Part | None = None, plugins: Sequence[Plugin] = ()
-) -> sensing_axes.Plan:
+def plan_of(campaign: CampaignFile, part: Part | None = None, plugins: Sequence[Plugin] = ()) -> sensing_axes.Plan:
     """As `plan`, as the procedures know it."""
     procedure = procedure_of(campaign)
-    targets = config.validated(Targets, campaign.targets, campaign.path, "targets")
+    targets = validated(Targets, campaign.targets, campaign.path, "targets")
     try:
         brought = [effect for plugin in plugins for effect in plugin.effects.values()]
         effects = chosen(campaign.experiment, campaign.model.effects, brought)
@@ -107,7 +106,7 @@ def mounted(store: Store) -> Sequence[tuple[str, str, int]]:
     return [(mounting.axis, mounting.configuration, mounting.number) for mounting in mounted_in(store)]
 
 
-def further(store: Store, runs: Sequence[Proposal], campaign: config.CampaignFile) -> Mapping[str, Any]:
+def further(store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> Mapping[str, Any]:
     """A scan of these set-points in the mounting that is there."""
     return scan_of(*place_of(store), runs, procedure_of(campaign))
 

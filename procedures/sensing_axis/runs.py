@@ -10,19 +10,20 @@ from procedures.sensing_axis import scan
 from procedures.sensing_axis.tables import Procedure
 from rigctl.core.errors import ConfigError
 from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile
+from rigctl.files.toml_files import validated
 from rigctl.workbench.study import Proposal
 
 LONGER = 3.0
 LONGEST_S = 60.0
 
 
-def procedure_of(campaign: config.CampaignFile) -> Procedure:
+def procedure_of(campaign: CampaignFile) -> Procedure:
     """The `[procedure]` table of a campaign file; `ConfigError`."""
-    return config.validated(Procedure, campaign.procedure, campaign.path, "procedure")
+    return validated(Procedure, campaign.procedure, campaign.path, "procedure")
 
 
-def set_points(campaign: config.CampaignFile) -> SetPoints:
+def set_points(campaign: CampaignFile) -> SetPoints:
     """The set-points of a scan campaign; `ConfigError` for any other, or for several axes or configurations."""
     procedure = procedure_of(campaign)
     if procedure.name != "scan":
@@ -57,7 +58,7 @@ def set_points(campaign: config.CampaignFile) -> SetPoints:
     return SetPoints(place, full, options, procedure.order_seed)
 
 
-def chosen_runs(campaign: config.CampaignFile, runs: Sequence[Proposal]) -> Mapping[str, Any]:
+def chosen_runs(campaign: CampaignFile, runs: Sequence[Proposal]) -> Mapping[str, Any]:
     """A scan of these set-points in the campaign's one mounting."""
     procedure = procedure_of(campaign)
     return scan_of(procedure.axes[0], procedure.configurations[0], runs, procedure)

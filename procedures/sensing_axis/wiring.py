@@ -10,7 +10,7 @@ from rigctl.campaign.recording import ChannelInfo, LaserInfo
 from rigctl.core.errors import ConfigError
 from rigctl.experiments.sensing_axis.observe.recorded import STANDARD_G
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL, LASER_PREFIX
-from rigctl.files import config
+from rigctl.files.rig_file import RigFile
 
 KINDS = {"readout": "accelerometer"}
 """What a channel measures where the instrument only knows what it reads."""
@@ -38,7 +38,7 @@ def bench_of(rig: Instruments) -> Bench:
     )
 
 
-def _require_names(file: config.RigFile, heads: set[str], channel: str) -> None:
+def _require_names(file: RigFile, heads: set[str], channel: str) -> None:
     """Columns are known by their names wherever a recording goes: the rig file has to use those."""
     for name in sorted(heads):
         if not (name.startswith(LASER_PREFIX) and name.endswith("_mm")):

@@ -14,8 +14,8 @@ from rigctl.campaign.store.store import Store
 from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell
 from rigctl.cli.steering import ask
 from rigctl.core.errors import ConfigError, DataError, ProcedureError
-from rigctl.files import config
-from rigctl.files.config import CampaignFile
+from rigctl.files.campaign_file import CampaignFile, read_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.report.terminal import ProgressBar
 
 app = typer.Typer()
@@ -33,7 +33,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run a campaign from start to result."""
-    campaign_file = config.read_campaign(campaign)
+    campaign_file = read_campaign(campaign)
     path = store or Path(campaign.stem + ".rig.sqlite")
     plugins = tuple(plugin or ())
     if path.exists() and not dry and campaign_file.goes_on:
@@ -46,7 +46,7 @@ def run(
         return
     if rig is None and not campaign_file.rig:
         raise ConfigError(f"{campaign}: rig is missing; name the rig file or pass --rig")
-    rig_file = config.read_rig(rig or campaign_file.rig_path)
+    rig_file = read_rig(rig or campaign_file.rig_path)
     if dry:
         plan = runner.dry_run(campaign_file, rig_file, plugins)
         if as_json:

@@ -15,7 +15,7 @@ from rigctl.charge import in_charge
 from rigctl.cli.io import Json, RigToml, number, print_json, print_outcome, say, tell
 from rigctl.core.errors import ConfigError
 from rigctl.core.making_safe import bring_to_rest, let_go
-from rigctl.files import config
+from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 
 app = typer.Typer()
@@ -24,7 +24,7 @@ app = typer.Typer()
 @app.command()
 def check(rig: RigToml, as_json: Json = False) -> None:
     """Connect to every instrument and ask who it is; moves nothing."""
-    opened = Rig(config.read_rig(rig))
+    opened = Rig(read_rig(rig))
     opened.open()
     try:
         identities = {name: asdict(identity) for name, identity in opened.identities().items()}
@@ -42,7 +42,7 @@ def check(rig: RigToml, as_json: Json = False) -> None:
 @app.command()
 def stop(rig: RigToml, as_json: Json = False) -> None:
     """Bring every instrument of a rig to rest; a program that uses one is told to leave."""
-    file = config.read_rig(rig)
+    file = read_rig(rig)
     instruments = Rig(file).instruments
     with told_to_leave(file) as holders:
         used = {name: holders[table.address] for name, table in file.instruments.items() if table.address in holders}
@@ -97,7 +97,7 @@ def move(
 @contextmanager
 def _stages(path: Path) -> Iterator[dict[str, Any]]:
     """The stages of a rig, in our hands; what ends the command stops them."""
-    rig = Rig(config.read_rig(path))
+    rig = Rig(read_rig(path))
     with in_charge(rig):
         if rig.found_moving:
             tell(f"{', '.join(rig.found_moving)}: moved already, was stopped first")

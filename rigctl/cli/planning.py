@@ -12,7 +12,8 @@ from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, sa
 from rigctl.composition import opened_workbench
 from rigctl.core.errors import DataError
 from rigctl.core.making_safe import ended_by_signals
-from rigctl.files import config
+from rigctl.files.campaign_file import parse_campaign, read_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.investigate import Settings
 from rigctl.investigate import investigate as carry_out
 from rigctl.report.terminal import ProgressBar
@@ -47,7 +48,7 @@ def next_(
     print_recommendation(found.as_json())
     if write is not None:
         own = "".join(f" --plugin {path}" for path in plugin or ())
-        into = store if config.parse_campaign(text, write).goes_on else write.with_suffix(".rig.sqlite")
+        into = store if parse_campaign(text, write).goes_on else write.with_suffix(".rig.sqlite")
         say(f"written: {write}; measure it with `rigctl run {write} --store {into}{own}`")
 
 
@@ -63,8 +64,8 @@ def investigate(
     as_json: Json = False,
 ) -> None:
     """Measure, diagnose, ask, add, measure again, until the model is adequate or it is said what remains."""
-    campaign_file = config.read_campaign(campaign)
-    rig_file = config.read_rig(campaign_file.rig_path) if campaign_file.rig and not store.exists() else None
+    campaign_file = read_campaign(campaign)
+    rig_file = read_rig(campaign_file.rig_path) if campaign_file.rig and not store.exists() else None
     with ProgressBar() as bar:
         options = runner.Options(unattended=yes, display=bar, plugins=tuple(plugin or ()))
         settings = Settings(options, _agree if yes else _ask, tell, max_runs=max_runs)

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from rigctl.cli.io import Json, RigToml, print_json, say
-from rigctl.files import config
+from rigctl.files.rig_file import read_rig
 from rigctl.serving import Served
 
 app = typer.Typer(add_completion=False)
@@ -28,7 +28,7 @@ def simulate(
     as_json: Json = False,
 ) -> None:
     """Serve a rig file's simulated instruments on loopback ports and pseudo-terminals until interrupted."""
-    with Served(config.read_rig(rig), measured=measured) as served:
+    with Served(read_rig(rig), measured=measured) as served:
         if write_rig is not None:
             # Whole or not at all: somebody may be waiting for it to appear.
             partial = write_rig.with_name(f".{write_rig.name}.{os.getpid()}")

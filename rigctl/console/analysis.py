@@ -26,7 +26,7 @@ def result(store: Path, plugins: Plugins) -> Found:
     from rigctl.campaign.store.store import Store
     from rigctl.composition import workbench_of
     from rigctl.experiments.analysis import analysis_of
-    from rigctl.files import config
+    from rigctl.files.campaign_file import parse_campaign
     from rigctl.report.drawn import drawing_of
 
     with Store.open(store, readonly=True) as opened:
@@ -39,7 +39,7 @@ def result(store: Path, plugins: Plugins) -> Found:
             found["planes"] = null_vectors(bench)
         else:
             found["tables"] = [asdict(table) for table in drawing_of(experiment, store).draw(bench, (), ()).tables]
-    return {**found, "reference": config.parse_campaign(text, store).reference.model_dump() if text else {}}
+    return {**found, "reference": parse_campaign(text, store).reference.model_dump() if text else {}}
 
 
 def null_search(store: Path, plugins: Plugins) -> Found:
@@ -101,12 +101,13 @@ def dry_run(campaign: Path, rig: Path | None, plugins: Plugins) -> Found:
     """`rigctl run --dry-run`."""
     from rigctl import runner
     from rigctl.core.errors import ConfigError
-    from rigctl.files import config
+    from rigctl.files.campaign_file import read_campaign
+    from rigctl.files.rig_file import read_rig
 
-    file = config.read_campaign(campaign)
+    file = read_campaign(campaign)
     if rig is None and not file.rig:
         raise ConfigError(f"{campaign}: rig is missing; name the rig file")
-    return runner.dry_run(file, config.read_rig(rig or file.rig_path), plugins)
+    return runner.dry_run(file, read_rig(rig or file.rig_path), plugins)
 
 
 def model(store: Path, plugins: Plugins) -> Found:

@@ -606,4 +606,4 @@ class Console(App[None]):
 
 def _load_forms() -> None:
     """What the form needs takes most of a second to import."""
-    import rigctl.files.config  # noqa: F401
+    import rigctl.files.campaign_file  # noqa: F401

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from rigctl.core.interfaces import Instrument, Reading
     from rigctl.core.making_safe import Rest
-    from rigctl.files.config import RigFile
+    from rigctl.files.rig_file import RigFile
     from rigctl.rig import Rig
 
 POLL_S = 0.1
@@ -339,10 +339,10 @@ def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
     Moves nothing, and stops what moves.
     """
     from rigctl.charge import rig_of_ones_own
-    from rigctl.files import config
+    from rigctl.files.rig_file import read_rig
     from rigctl.rig import Rig
 
-    file = config.read_rig(path)
+    file = read_rig(path)
     held = ExitStack()
     held.enter_context(rig_of_ones_own(file))
     try:
@@ -355,10 +355,10 @@ def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
 def stop_from_outside(rig_toml: str, store: Path, post: Callable[[Message], object]) -> None:
     """`rigctl stop` of the rig of a campaign's store: second connections, every instrument on its own thread."""
     from rigctl.core.making_safe import bring_to_rest, let_go
-    from rigctl.files import config
+    from rigctl.files.rig_file import parse_rig
     from rigctl.rig import Rig
 
-    file = config.parse_rig(rig_toml, store)
+    file = parse_rig(rig_toml, store)
     if all(table.simulated for table in file.instruments.values()):
         return  # they live in the campaign's process, which is asked to abort
     instruments = Rig(file).instruments.values()

@@ -88,8 +88,8 @@ def _tables(text: str) -> dict[str, Any]:
 
 
 def _models(data: Mapping[str, Any]) -> dict[str, type[BaseModel]]:
+    from rigctl.files.campaign_file import CampaignFile, ModelTable
     from rigctl.files.campaign_tables import settings_of
-    from rigctl.files.config import CampaignFile, ModelTable
 
     procedure = data.get("procedure", {})
     own = settings_of(str(data.get("experiment")), procedure if isinstance(procedure, Mapping) else {})
@@ -127,13 +127,14 @@ def changed(text: str, entry: Entry, typed: str) -> str:
 def fault(text: str, path: Path) -> str:
     """The first thing that is wrong with a campaign file's text, without the file's name; "" when it is right."""
     from rigctl.core.errors import ConfigError
-    from rigctl.files import config
+    from rigctl.files.campaign_file import parse_campaign
     from rigctl.files.campaign_tables import settings_of
+    from rigctl.files.toml_files import validated
 
     try:
-        file = config.parse_campaign(text, path)
+        file = parse_campaign(text, path)
         for table, model in settings_of(file.experiment, file.procedure).items():
-            config.validated(model, getattr(file, table), path, table)
+            validated(model, getattr(file, table), path, table)
     except ConfigError as error:
         return str(error).removeprefix(f"{path}: ")
     return ""

@@ -68,12 +68,13 @@ def check(place: Path) -> None:
     """Raise what the commands raise for a rig file, campaign file or store that cannot be used."""
     if place.suffix == ".toml":
         kind, text = kind_of(place)
-        from rigctl.files import config
+        from rigctl.files.campaign_file import parse_campaign
+        from rigctl.files.rig_file import parse_rig
 
         if kind == "rig":
-            config.parse_rig(text, place)
+            parse_rig(text, place)
         else:
-            config.parse_campaign(text, place)
+            parse_campaign(text, place)
         return
     from rigctl.campaign.store.store import Store
 

@@ -16,7 +16,7 @@ import pytest
 from rigctl.campaign.session import holders, locks
 from rigctl.campaign.session.addresses import Claim
 from rigctl.core.errors import ConfigError, DataError, RigError
-from rigctl.files import config
+from rigctl.files.rig_file import RigFile, parse_rig
 
 
 def in_another_process(action: Callable[[], bool]) -> bool:
@@ -135,15 +135,15 @@ def test_without_a_place_for_all_nobody_is_let_in(monkeypatch: pytest.MonkeyPatc
         locks.instruments_held(rig("tcp://127.0.0.1:5001"), "busy").__enter__()
 
 
-def rig(*addresses: str) -> config.RigFile:
+def rig(*addresses: str) -> RigFile:
     tables = [
         f'[instruments.i{n}]\ndriver = "newport-xps"\naddress = "{address}"\nrole = "spare"\n'
         for n, address in enumerate(addresses)
     ]
-    return config.parse_rig('[rig]\nname = "x"\n' + "".join(tables), Path("rig.toml"))
+    return parse_rig('[rig]\nname = "x"\n' + "".join(tables), Path("rig.toml"))
 
 
-def can_run(file: config.RigFile) -> bool:
+def can_run(file: RigFile) -> bool:
     try:
         with locks.instruments_held(file, "busy"):
             return True
@@ -189,7 +189,7 @@ def test_a_rig_file_that_names_one_instrument_twice_is_refused() -> None:
         f'group = "{name}"\n'
         for name in ("one", "two")
     ]
-    both = config.parse_rig('[rig]\nname = "x"\n' + "".join(groups), Path("rig.toml"))
+    both = parse_rig('[rig]\nname = "x"\n' + "".join(groups), Path("rig.toml"))
     assert len(locks.claimed_by(both)) == 2, "an XPS answers for several groups"
 
 

@@ -28,7 +28,8 @@ from rigctl.campaign.status import status_of
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import Aborted, ProcedureError
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 
 SLOW = (
@@ -47,8 +48,8 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory, campaigns: Path, small
     """The result of the small campaign that nobody disturbs."""
     path = tmp_path_factory.mktemp("undisturbed")
     (path / "campaign.toml").write_text(small)
-    campaign = config.read_campaign(path / "campaign.toml")
-    runner.start(campaign, config.read_rig(campaigns / "isa-rig.toml"), path / "x", runner.Options(unattended=True))
+    campaign = read_campaign(path / "campaign.toml")
+    runner.start(campaign, read_rig(campaigns / "isa-rig.toml"), path / "x", runner.Options(unattended=True))
     found: dict[str, Any] = json.loads(json.dumps(results.of(path / "x")))
     return found
 
@@ -296,9 +297,9 @@ def session_with(desk: Any) -> Callable[..., tuple[Store, Hand]]:
     """Runs the small campaign in a session with this operator, on a store that is made when it is not there."""
 
     def run(**will: Any) -> tuple[Store, Hand]:
-        campaign = config.read_campaign(desk.directory / "campaign.toml")
+        campaign = read_campaign(desk.directory / "campaign.toml")
         plan = plan_of(campaign)
-        with Rig(config.read_rig(desk.directory / "rig.toml")) as rig:
+        with Rig(read_rig(desk.directory / "rig.toml")) as rig:
             if not desk.store.exists():
                 Store.create(desk.store, runner._header(campaign, rig, runner.Options(), {})).close()
             store = Store.open(desk.store)

@@ -16,7 +16,8 @@ import pytest
 from rigctl import runner
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import read_rig
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 YES = runner.Options(unattended=True, seed=5)
@@ -154,13 +155,13 @@ class Bench:
         self.directory = directory
 
     def first(self) -> None:
-        campaign = config.read_campaign(self.directory / "campaign.toml")
-        runner.start(campaign, config.read_rig(self.directory / "rig.toml"), self.store, YES)
+        campaign = read_campaign(self.directory / "campaign.toml")
+        runner.start(campaign, read_rig(self.directory / "rig.toml"), self.store, YES)
 
     def last(self) -> None:
         """What is killed: the further campaign of a kind that has one."""
         if self.further:
-            runner.extend(self.store, config.read_campaign(self.directory / "further.toml"), YES)
+            runner.extend(self.store, read_campaign(self.directory / "further.toml"), YES)
         else:
             self.first()
 

@@ -24,7 +24,8 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, InstrumentError, LimitError
 from rigctl.experiments.rotating_platform.analysis import result
 from rigctl.experiments.rotating_platform.observe.patterns import custom_pattern, named_pattern
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import RigFile, parse_rig, read_rig
 from rigctl.report.experiments.rotating_platform import headline
 from simulators.measured import from_file
 
@@ -110,8 +111,8 @@ def made(tmp_path_factory: pytest.TempPathFactory, campaigns: Path) -> Callable[
             text = text.replace(old, new)
         (directory / "campaign.toml").write_text(text)
         store = directory / "x.rig.sqlite"
-        campaign = config.read_campaign(directory / "campaign.toml")
-        runner.start(campaign, config.read_rig(campaigns / RIG), store, runner.Options(unattended=True, seed=seed))
+        campaign = read_campaign(directory / "campaign.toml")
+        runner.start(campaign, read_rig(campaigns / RIG), store, runner.Options(unattended=True, seed=seed))
         return store
 
     return make
@@ -278,9 +279,9 @@ def test_what_cannot_be_done_is_refused_with_the_mend(
 ) -> None:
     assert old in text
     (tmp_path / "campaign.toml").write_text(text.replace(old, new, 1))
-    campaign = config.read_campaign(tmp_path / "campaign.toml")
+    campaign = read_campaign(tmp_path / "campaign.toml")
     with pytest.raises(kind, match=fault) as refused:
-        runner.dry_run(campaign, config.read_rig(campaigns / RIG))
+        runner.dry_run(campaign, read_rig(campaigns / RIG))
     assert "\n" not in str(refused.value)
     assert str(refused.value).startswith(str(campaign.path))
 
@@ -310,7 +311,7 @@ def test_a_rig_without_what_it_needs_is_refused(
         text = text.replace('"virtual"', '"real"')
     (tmp_path / "campaign.toml").write_text(SMALL)
     with pytest.raises(ConfigError, match=fault):
-        runner.dry_run(config.read_campaign(tmp_path / "campaign.toml"), config.parse_rig(text, Path("rig.toml")))
+        runner.dry_run(read_campaign(tmp_path / "campaign.toml"), parse_rig(text, Path("rig.toml")))
 
 
 def test_a_dry_run_says_what_the_patterns_can_tell_apart(desk: Any) -> None:
@@ -382,8 +383,8 @@ def test_a_wire_that_breaks_costs_a_gap_that_is_told(tmp_path: Path, campaigns: 
     (tmp_path / "campaign.toml").write_text(CUSTOM.replace("periods = 2", "periods = 8"))
     text = (campaigns / RIG).read_text()
     text = text.replace(f"[instruments.{meter}]", f"[instruments.{meter}.faults]\n{fault}\n\n[instruments.{meter}]")
-    rig, store = config.parse_rig(text, tmp_path / "rig.toml"), tmp_path / "x.rig.sqlite"
-    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    rig, store = parse_rig(text, tmp_path / "rig.toml"), tmp_path / "x.rig.sqlite"
+    runner.start(read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
     ((run, samples),) = runs_of(store)
     lost = np.isnan(samples["q_a_v"]) | np.isnan(samples["q_b_v"])
     assert run.reason == f"{lost.sum()} of 4800 samples were lost"
@@ -404,8 +405,8 @@ def test_a_platform_that_fails_in_a_turn_is_brought_back_and_the_run_goes_on(
     (tmp_path / "campaign.toml").write_text(CUSTOM.replace("periods = 2", "periods = 8"))
     text = (campaigns / RIG).read_text()
     text = text.replace("[instruments.platform]", f"[instruments.platform.faults]\n{fault}\n\n[instruments.platform]")
-    rig, store = config.parse_rig(text, tmp_path / "rig.toml"), tmp_path / "x.rig.sqlite"
-    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    rig, store = parse_rig(text, tmp_path / "rig.toml"), tmp_path / "x.rig.sqlite"
+    runner.start(read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
     ((run, samples),) = runs_of(store)
     assert run.valid
     assert len(samples["t_s"]) == 4800
@@ -418,10 +419,10 @@ def test_a_platform_that_fails_in_a_turn_is_brought_back_and_the_run_goes_on(
     assert sound == pytest.approx([2.8757e-4] * len(sound), abs=6.5 * SIGMA_PERIOD_M_S2)
 
 
-def rig_with(directory: Path, campaigns: Path, instrument: str, fault: str) -> config.RigFile:
+def rig_with(directory: Path, campaigns: Path, instrument: str, fault: str) -> RigFile:
     """The shipped rig with a fault, which keeps what it really measured in `measured`."""
     text = (campaigns / RIG).read_text().replace("[world]\n", f'[world]\nmeasured = "{directory}/measured"\n')
-    return config.parse_rig(f"{text}\n[instruments.{instrument}.faults]\n{fault}\n", directory / "rig.toml")
+    return parse_rig(f"{text}\n[instruments.{instrument}.faults]\n{fault}\n", directory / "rig.toml")
 
 
 def test_a_platform_that_lost_its_reference_in_a_dwell_is_never_believed_to_stand(
@@ -431,7 +432,7 @@ def test_a_platform_that_lost_its_reference_in_a_dwell_is_never_believed_to_stan
     (tmp_path / "campaign.toml").write_text(CUSTOM.replace("periods = 2", "periods = 8"))
     rig = rig_with(tmp_path, campaigns, "platform", "power_cycle = { at_s = 335.0, lasting_s = 20.0 }")
     store = tmp_path / "x.rig.sqlite"
-    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    runner.start(read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
     ((run, samples),) = runs_of(store)
     assert run.valid
     first, *_ = events_of(store, "fault")
@@ -459,7 +460,7 @@ def test_a_record_at_rest_in_which_the_platform_lost_its_reference_is_measured_a
     (tmp_path / "campaign.toml").write_text(TOP + SHORT)
     rig = rig_with(tmp_path, campaigns, "platform", "power_cycle = { at_s = 30.0, lasting_s = 5.0 }")
     store = tmp_path / "x.rig.sqlite"
-    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    runner.start(read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
     ((run, samples),) = runs_of(store)
     assert run.valid
     assert not samples["moving"].any()
@@ -473,7 +474,7 @@ def test_a_run_whose_tilt_was_taken_away_is_measured_again(tmp_path: Path, campa
     (tmp_path / "campaign.toml").write_text(tilted)
     rig = rig_with(tmp_path, campaigns, "tilt", "power_cycle = { at_s = 60.0, lasting_s = 1.0 }")
     store = tmp_path / "x.rig.sqlite"
-    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    runner.start(read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
     ((run, _),) = runs_of(store)
     assert run.valid
     (repeated,) = events_of(store, "run-repeated")
@@ -487,7 +488,7 @@ def test_a_meter_whose_clock_stands_still_leaves_no_sample_away_from_its_time(
     (tmp_path / "campaign.toml").write_text(CUSTOM.replace("periods = 2", "periods = 8"))
     rig = rig_with(tmp_path, campaigns, "q_a", "clock_jump = { at_s = 335.0, jump_s = 2.0 }")
     store = tmp_path / "x.rig.sqlite"
-    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    runner.start(read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
     ((run, samples),) = runs_of(store)
     assert run.valid
     assert run.reason == "601 of 4800 samples were lost"
@@ -528,8 +529,8 @@ def test_a_thermometer_that_fails_costs_temperatures(tmp_path: Path, campaigns: 
         "[instruments.thermometer]",
         "[instruments.thermometer.faults]\nsilent = { between_s = [30.0, 100.0] }\n\n[instruments.thermometer]",
     )
-    rig, store = config.parse_rig(text, tmp_path / "rig.toml"), tmp_path / "x.rig.sqlite"
-    runner.start(config.read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    rig, store = parse_rig(text, tmp_path / "rig.toml"), tmp_path / "x.rig.sqlite"
+    runner.start(read_campaign(tmp_path / "campaign.toml"), rig, store, runner.Options(unattended=True))
     ((run, samples),) = runs_of(store)
     assert run.valid
     assert np.isfinite(samples["q_a_v"]).all()
@@ -570,9 +571,7 @@ def killed(campaign: Path, rig: Path, store: Path, nth: int) -> None:
 
     try:
         RunWriter.stream = counted  # type: ignore[method-assign]
-        runner.start(
-            config.read_campaign(campaign), config.read_rig(rig), store, runner.Options(unattended=True, seed=1)
-        )
+        runner.start(read_campaign(campaign), read_rig(rig), store, runner.Options(unattended=True, seed=1))
     finally:
         os._exit(1)
 
@@ -631,8 +630,8 @@ def test_the_same_over_loopback_tcp(desk: Any) -> None:
     desk.campaign(text=text)
     process = desk.process("simulate", "rig.toml", "--json", "--write-rig", "client.toml")
     json.loads(process.stdout.readline())
-    campaign = config.read_campaign(desk.directory / "campaign.toml")
-    rig = config.read_rig(desk.directory / "client.toml")
+    campaign = read_campaign(desk.directory / "campaign.toml")
+    rig = read_rig(desk.directory / "client.toml")
     runner.start(campaign, rig, desk.store, runner.Options(unattended=True))
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=10.0)[1] == ""
@@ -649,10 +648,10 @@ def test_a_further_campaign_uses_the_patterns_its_store_began_with(made: Callabl
     (tmp_path / "again.toml").write_text(
         CUSTOM.replace("modulation_period_s = 60.0\nperiods", "v_z_v = 1.0\nmodulation_period_s = 60.0\nperiods")
     )
-    runner.extend(store, config.read_campaign(tmp_path / "again.toml"), options)
+    runner.extend(store, read_campaign(tmp_path / "again.toml"), options)
     assert [run.conditions["v_z_v"] for run, _ in runs_of(store)] == [0.0, 1.0]
     (tmp_path / "other.toml").write_text(
         CUSTOM.replace("[1, 48.0, 60.0]", "[1, 48.5, 60.0]").replace('"linear"', '"nothing"')
     )
     with pytest.raises(ConfigError, match="did not begin with these custom patterns; run them into a new store"):
-        runner.extend(store, config.read_campaign(tmp_path / "other.toml"), options)
+        runner.extend(store, read_campaign(tmp_path / "other.toml"), options)

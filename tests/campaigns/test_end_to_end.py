@@ -13,7 +13,8 @@ import pytest
 
 from rigctl import runner
 from rigctl.campaign.store.store import Store
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import read_rig
 
 RESULT_KEYS = {
     "coc", "uoaf", "std_hc_2sigma_arcsec", "theta_m_arcsec", "vectors", "covariance", "requirement_arcsec", "pass"
@@ -36,9 +37,9 @@ def measured(tmp_path_factory: pytest.TempPathFactory, campaigns: Path, small: s
     """The store of one axis, two mountings per configuration."""
     path = tmp_path_factory.mktemp("measured")
     (path / "campaign.toml").write_text(small.replace("mountings = 1", "mountings = 2") + REFERENCE)
-    rig = config.read_rig(campaigns / "isa-rig.toml")
+    rig = read_rig(campaigns / "isa-rig.toml")
     store = path / "x.rig.sqlite"
-    runner.start(config.read_campaign(path / "campaign.toml"), rig, store, runner.Options(unattended=True))
+    runner.start(read_campaign(path / "campaign.toml"), rig, store, runner.Options(unattended=True))
     return store
 
 

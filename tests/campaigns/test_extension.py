@@ -16,7 +16,8 @@ from rigctl.campaign.store.parts import parts_of
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, DataError, LimitError
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile, read_campaign
+from rigctl.files.rig_file import read_rig
 
 FIRST = """\
 experiment = "sensing-axis"
@@ -36,16 +37,16 @@ MORE = FIRST.replace("dwell_s", 'mounting = "same"\norder_seed = 9\ndwell_s')
 UNATTENDED = runner.Options(unattended=True)
 
 
-def campaign(path: Path, text: str) -> config.CampaignFile:
+def campaign(path: Path, text: str) -> CampaignFile:
     path.write_text(text)
-    return config.read_campaign(path)
+    return read_campaign(path)
 
 
 @pytest.fixture
 def first(tmp_path: Path, campaigns: Path) -> Path:
     """A finished scan of one mounting."""
     store = tmp_path / "x.rig.sqlite"
-    rig = config.read_rig(campaigns / "isa-rig.toml")
+    rig = read_rig(campaigns / "isa-rig.toml")
     runner.start(campaign(tmp_path / "first.toml", FIRST), rig, store, UNATTENDED)
     return store
 
@@ -151,7 +152,7 @@ def test_what_drifts_goes_on_drifting_where_the_mounting_is_the_same(tmp_path: P
     (tmp_path / "rig.toml").write_text(rig_text)
     store_path = tmp_path / "drift.rig.sqlite"
     first = campaign(tmp_path / "first.toml", FIRST)
-    runner.start(first, config.read_rig(tmp_path / "rig.toml"), store_path, UNATTENDED)
+    runner.start(first, read_rig(tmp_path / "rig.toml"), store_path, UNATTENDED)
     runner.extend(store_path, campaign(tmp_path / "more.toml", MORE), UNATTENDED)
     with Store.open(store_path, readonly=True) as store:
         runs = store.runs()

@@ -99,9 +99,10 @@ def serve(desk: Any) -> Callable[..., ServedRig]:
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The store of the shipped one-axis campaign."""
     from rigctl import runner
-    from rigctl.files import config
+    from rigctl.files.campaign_file import read_campaign
+    from rigctl.files.rig_file import read_rig
 
     store = tmp_path_factory.mktemp("measured") / "one-axis.rig.sqlite"
-    campaign = config.read_campaign(Path(__file__).parents[2] / "campaigns" / "one-axis.toml")
-    runner.start(campaign, config.read_rig(campaign.rig_path), store, runner.Options(unattended=True))
+    campaign = read_campaign(Path(__file__).parents[2] / "campaigns" / "one-axis.toml")
+    runner.start(campaign, read_rig(campaign.rig_path), store, runner.Options(unattended=True))
     return store

@@ -95,8 +95,8 @@ def test_only_what_a_rig_uses_is_imported() -> None:
 import sys
 from pathlib import Path
 from rigctl import rig
-from rigctl.files import config
-rig.Rig(config.parse_rig('''[rig]
+from rigctl.files.rig_file import parse_rig
+rig.Rig(parse_rig('''[rig]
 name = "two"
 [instruments.a]
 driver = "newport-xps"

@@ -18,7 +18,7 @@ from rigctl.core.errors import ConfigError, DataError
 from rigctl.core.experiments import CONTRACT, EXPERIMENTS, REGISTRY, Experiments, experiment_named
 from rigctl.effects.catalogue import catalogue
 from rigctl.experiments.analysis import Analysis, analysis_of
-from rigctl.files import config
+from rigctl.files.campaign_file import parse_campaign
 from rigctl.files.campaign_tables import settings_of
 from rigctl.report.drawn import Drawing, drawing_of
 
@@ -31,7 +31,7 @@ from typing import Literal
 from rigctl.core.additions import Effects, Procedure
 from rigctl.core.experiments import Experiment
 from rigctl.core.file_tables import Table
-from rigctl.files.config import validated
+from rigctl.files.toml_files import validated
 
 TUMBLE = Experiment("tumble-test", "lab", "lab", ("tumble_v",), "lab:run")
 TABLE = Experiment("table", "lab", "lab", ("twin_v",), "lab:run")
@@ -104,7 +104,7 @@ def test_what_another_package_installs_is_there_and_of_two_of_one_name_there_is_
     with pytest.raises(DataError, match=r"'table' is registered by rigctl .* and lab .*; uninstall one"):
         experiment_named("table")
     with pytest.raises(ConfigError, match=f"'future' of lab was written for contract {CONTRACT + 1}"):
-        config.parse_campaign('experiment = "future"\n[procedure]\n', Path("a.toml"))
+        parse_campaign('experiment = "future"\n[procedure]\n', Path("a.toml"))
 
 
 def test_another_package_adds_effects_to_an_experiment_behind_its_own(lab: Path) -> None:
@@ -137,13 +137,13 @@ def test_installed_effects_that_cannot_be_used_are_named_in_one_line(lab: Path, 
 
 def test_another_package_adds_a_procedure_to_an_experiment(lab: Path) -> None:
     text = 'experiment = "sensing-axis"\nrig = "r.toml"\n[procedure]\nname = "slow-scan"\nhours = 3\n'
-    campaign = config.parse_campaign(text, lab / "a.toml")
+    campaign = parse_campaign(text, lab / "a.toml")
     assert settings_of(campaign.experiment, campaign.procedure)["procedure"].__name__ == "Slow"
     assert plan_of(campaign, None, ()).hours == 3.0  # type: ignore[attr-defined]
     choices = next(each for each in entries(text) if (each.table, each.key) == ("procedure", "name")).choices  # type: ignore[union-attr]
     assert choices[-1] == "slow-scan"
     with pytest.raises(ConfigError, match=r"procedure\.hours"):
-        plan_of(config.parse_campaign(text.replace("3", '"x"'), lab / "a.toml"), None, ())
+        plan_of(parse_campaign(text.replace("3", '"x"'), lab / "a.toml"), None, ())
 
 
 def test_what_ours_add_is_registered_as_that_of_others() -> None:

@@ -15,7 +15,8 @@ from rigctl.experiments.sensing_axis.observe import set_points
 from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S
 from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
-from rigctl.files import config
+from rigctl.files.campaign_file import parse_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.study import Plannable, Proposal, Term
 from rigctl.workbench.verdict.attempt import Attempt
@@ -41,8 +42,8 @@ TERMS = (Term("roll-gravity"), Term("resonance"))
 def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     path = tmp_path_factory.mktemp("imagined") / "x.rig.sqlite"
     campaigns = Path(__file__).parents[2] / "campaigns"
-    campaign = config.parse_campaign(SCAN, campaigns / "x.toml")
-    runner.start(campaign, config.read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+    campaign = parse_campaign(SCAN, campaigns / "x.toml")
+    runner.start(campaign, read_rig(campaign.rig_path), path, runner.Options(unattended=True))
     return Store.open(path)
 
 

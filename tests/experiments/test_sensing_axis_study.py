@@ -16,7 +16,7 @@ from rigctl.campaign.recording import Header, ImportReport, LaserInfo, Recording
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.plugins import load
 from rigctl.experiments.sensing_axis.study import SensingAxisModel, SensingAxisStudy
-from rigctl.files import config
+from rigctl.files.rig_file import read_rig
 from rigctl.workbench.study import Candidate, Term
 
 G, GAIN, A = 9.803, 60.0, 5e-3
@@ -416,7 +416,7 @@ def test_an_imported_recording_has_no_data_sheet() -> None:
 
 
 def test_our_own_recording_has_its_rig_files_package_heads_and_certificates() -> None:
-    text = config.read_rig(CAMPAIGNS / "isa-rig.toml").text_without_world
+    text = read_rig(CAMPAIGNS / "isa-rig.toml").text_without_world
     header = replace(recording().header, rig_toml=text)
     model = SensingAxisStudy(recording(header=header)).model([Term("resonance")])
     priors = {each.name: each.prior for each in model.parameters if each.prior is not None}

@@ -20,7 +20,7 @@ from rigctl.campaign.session.operator import SimulatedOperator
 from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
-from rigctl.files import config
+from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 
 RIG = Path(__file__).parents[2] / "campaigns" / "isa-rig.toml"
@@ -52,7 +52,7 @@ def make_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
             faults: Mapping[str, dict[str, Any]] = MappingProxyType({}),
             **world: Any,
         ) -> Twin:
-            file = config.read_rig(RIG)
+            file = read_rig(RIG)
             instruments = {
                 name: table.model_copy(update={"faults": faults.get(name, {})})
                 for name, table in file.instruments.items()

@@ -23,7 +23,8 @@ from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import Aborted, ConfigError, ImplausibleSample, LimitError, LinkLost
 from rigctl.core.satellites import DragFreeSatellite, FlightSession, Stimulus
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 from rigctl.serving import Served
 
@@ -50,7 +51,7 @@ def launch(tmp_path: Path) -> Iterator[Callable[..., InOrbit]]:
     with ExitStack() as stack:
 
         def make(name: str = "one", faults: Any = None, **world: Any) -> InOrbit:
-            file = config.read_rig(CAMPAIGNS / "microscope-rig.toml")
+            file = read_rig(CAMPAIGNS / "microscope-rig.toml")
             assert file.world is not None
             satellite = file.instruments["satellite"].model_copy(update={"faults": faults or {}})
             file = file.model_copy(update={"instruments": {"satellite": satellite}})
@@ -190,7 +191,7 @@ def test_a_stimulus_without_a_whole_number_of_periods_is_remarked_on(launch: Cal
 
 def test_a_satellite_is_not_served_and_says_who_it_is(launch: Callable[..., InOrbit]) -> None:
     with pytest.raises(ConfigError, match="a drag-free-satellite has no wire that could be served"):
-        Served(config.read_rig(CAMPAIGNS / "microscope-rig.toml"))
+        Served(read_rig(CAMPAIGNS / "microscope-rig.toml"))
     orbit = launch()
     orbit.rig.open()
     assert orbit.rig.identities()["satellite"].model == "drag-free satellite"
@@ -227,7 +228,7 @@ def test_a_rig_file_that_has_no_satellite_is_refused_in_one_line(
     file = tmp_path / "rig.toml"
     file.write_text(text.replace(old, new))
     with pytest.raises(ConfigError) as refused:
-        runner.dry_run(config.read_campaign(CAMPAIGNS / "microscope.toml"), config.read_rig(file))
+        runner.dry_run(read_campaign(CAMPAIGNS / "microscope.toml"), read_rig(file))
     assert says in str(refused.value)
     assert "\n" not in str(refused.value)
 
@@ -239,9 +240,9 @@ def test_a_calibration_is_exported_as_a_bundle_that_reads_without_a_remark(tmp_p
     (tmp_path / "campaign.toml").write_text(text)
     rig = (CAMPAIGNS / "microscope-rig.toml").read_text()
     (tmp_path / "microscope-rig.toml").write_text(rig.replace("seed = 1707", "seed = 1707\nsettle_s = 500.0"))
-    campaign = config.read_campaign(tmp_path / "campaign.toml")
+    campaign = read_campaign(tmp_path / "campaign.toml")
     path = tmp_path / "x.rig.sqlite"
-    runner.start(campaign, config.read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+    runner.start(campaign, read_rig(campaign.rig_path), path, runner.Options(unattended=True))
     with Store.open(path) as store:
         write_bundle(store, tmp_path / "bundle")
         here = {run.run_id: (run.conditions["session"], store.samples(run.run_id)) for run in store.runs()}

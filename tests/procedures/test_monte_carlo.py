@@ -27,7 +27,8 @@ from rigctl.core.errors import ConfigError, LinkError
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.result.draws import NotWanted
 from rigctl.experiments.inflight.result.monte_carlo import DRAW
-from rigctl.files import config
+from rigctl.files.campaign_file import CampaignFile, read_campaign
+from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 from simulators.worlds.satellite.instrument import drawn
 from simulators.worlds.satellite.layout import COLUMNS
@@ -54,17 +55,17 @@ WITHIN = {"m": 2e-8, "rad": 3e-5, "1": 2e-6, "s2/m": 30.0}
 """Of exact truth, without noise, in three orbits; ten do better."""
 
 
-def prepared(directory: Path, workers: int = 1, more: str = "") -> config.CampaignFile:
+def prepared(directory: Path, workers: int = 1, more: str = "") -> CampaignFile:
     directory.mkdir(exist_ok=True)
     rig = (CAMPAIGNS / "microscope-rig.toml").read_text().replace("seed = 1707", QUICK)
     (directory / "rig.toml").write_text(rig)
     (directory / "campaign.toml").write_text(SMALL.replace("WORKERS", str(workers)) + more)
-    return config.read_campaign(directory / "campaign.toml")
+    return read_campaign(directory / "campaign.toml")
 
 
 def studied(directory: Path, workers: int, more: str = "") -> Path:
     campaign, path = prepared(directory, workers, more), directory / "x.rig.sqlite"
-    runner.start(campaign, config.read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+    runner.start(campaign, read_rig(campaign.rig_path), path, runner.Options(unattended=True))
     return path
 
 
@@ -135,7 +136,7 @@ def test_killed_at_any_unit_a_study_goes_on_to_the_same_scores(alone: Path, tmp_
 
         try:
             Store.keep_reductions = keep_five  # type: ignore[method-assign]
-            runner.start(campaign, config.read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+            runner.start(campaign, read_rig(campaign.rig_path), path, runner.Options(unattended=True))
         finally:
             os._exit(1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
@@ -151,8 +152,8 @@ def test_the_chosen_draw_keeps_its_samples(tmp_path: Path) -> None:
     campaign = prepared(tmp_path / "kept", 1, "kept_draw = 17\n")
     study = campaign.model_copy(update={"procedure": {**campaign.procedure, "draws": 1}})
     path = tmp_path / "kept" / "x.rig.sqlite"
-    runner.start(study, config.read_rig(campaign.rig_path), path, runner.Options(unattended=True))
-    simulation = Rig(config.read_rig(campaign.rig_path)).simulation
+    runner.start(study, read_rig(campaign.rig_path), path, runner.Options(unattended=True))
+    simulation = Rig(read_rig(campaign.rig_path)).simulation
     assert simulation is not None
     ensemble, asked = simulation.world.ensemble(), MonteCarlo(name="monte-carlo")
     with Store.open(path, readonly=True) as store:
@@ -187,7 +188,7 @@ def test_a_study_that_cannot_be_is_refused(
     with (tmp_path / "rig.toml").open("a") as rig:
         rig.write(f"\n{world}")
     with pytest.raises(error) as refused:
-        runner.dry_run(config.read_campaign(tmp_path / "campaign.toml"), config.read_rig(tmp_path / "rig.toml"))
+        runner.dry_run(read_campaign(tmp_path / "campaign.toml"), read_rig(tmp_path / "rig.toml"))
     assert says in str(refused.value)
 
 
@@ -205,7 +206,7 @@ def test_the_workers_of_a_cluster_find_what_threads_find(alone: Path, tmp_path: 
 
 
 def test_an_ensemble_travels_to_another_process() -> None:
-    simulation = Rig(config.read_rig(CAMPAIGNS / "microscope-rig.toml")).simulation
+    simulation = Rig(read_rig(CAMPAIGNS / "microscope-rig.toml")).simulation
     assert simulation is not None
     ensemble = simulation.world.ensemble()
     travelled = pickle.loads(pickle.dumps(ensemble))

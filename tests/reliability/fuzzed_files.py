@@ -29,7 +29,8 @@ from rigctl.campaign.recording import RunSource
 from rigctl.core.errors import ConfigError, DataError, PluginError, RigError
 from rigctl.effects import plugins
 from rigctl.experiments.table.study import TableStudy
-from rigctl.files import config
+from rigctl.files.campaign_file import read_campaign
+from rigctl.files.rig_file import read_rig
 from tests.reliability.valid_files import ODD_TEXT, ODD_TOML, Bundle, bundles, effects, shipped
 
 PROMISE = (
@@ -134,11 +135,11 @@ def _bits(columns: dict[str, Any]) -> dict[str, bytes]:
 
 
 def _read_rig(place: Path) -> None:
-    config.read_rig(place / "rig.toml")
+    read_rig(place / "rig.toml")
 
 
 def _read_campaign(place: Path) -> None:
-    config.read_campaign(place / "campaign.toml")
+    read_campaign(place / "campaign.toml")
 
 
 def _read_effects(place: Path) -> None:

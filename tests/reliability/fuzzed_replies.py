@@ -21,7 +21,7 @@ from drivers.transport import InProcessTransport
 from rigctl.core import interfaces
 from rigctl.core.errors import RigError
 from rigctl.core.voltage_sources import VoltageSource, Waveform
-from rigctl.files import config
+from rigctl.files.rig_file import read_rig
 from rigctl.rig import build_simulation, drivers_of
 from simulators.clock import VirtualClock
 from tests.reliability.campaigns import SHIPPED
@@ -256,7 +256,7 @@ def _recorded() -> dict[str, tuple[Build, Answers]]:
     """Every kind of driver in every role, and what its simulator answers to its questions."""
     found: dict[str, tuple[Build, Answers]] = {}
     for rig in RIGS:
-        file = config.read_rig(SHIPPED / rig)
+        file = read_rig(SHIPPED / rig)
         simulation = build_simulation(file, VirtualClock(), seed=1)
         for name, driver in drivers_of(file).items():
             table = file.instruments[name]

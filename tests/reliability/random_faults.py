@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from rigctl.files import config
+from rigctl.files.rig_file import read_rig
 from rigctl.rig import drivers_of, simulator_of
 from simulators.faults import FaultPlan, random_plans
 
@@ -16,7 +16,7 @@ def random_faults(
     seed: int, rig: Path, *, length_s: float, replies: int, faults: int, never: Collection[str] = ()
 ) -> Plans:
     """Plans by instrument, of all kinds of fault but `never`."""
-    drivers = {name: driver.declaration for name, driver in drivers_of(config.read_rig(rig)).items()}
+    drivers = {name: driver.declaration for name, driver in drivers_of(read_rig(rig)).items()}
     possible = {
         name: set(simulator_of(driver).possible_faults(serial=driver.serial_baud is not None)).difference(never)
         for name, driver in drivers.items()

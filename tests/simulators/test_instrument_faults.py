@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from drivers.transport import InProcessTransport
 from rigctl.core.errors import ConfigError, LinkLost, LinkTimeout
-from rigctl.files import config
+from rigctl.files.rig_file import parse_rig
 from rigctl.rig import DRIVERS, Rig, build_simulation, simulator_of
 from simulators.clock import VirtualClock
 from simulators.declaration import Wiring
@@ -81,7 +81,7 @@ def rig_with(
     name = name or NAMES[kind]
     text = text.replace(f"[instruments.{name}]\n", f"[instruments.{name}.faults]\n{fault}\n\n[instruments.{name}]\n")
     clock = VirtualClock()
-    simulation = build_simulation(config.parse_rig(text, RIG), clock)
+    simulation = build_simulation(parse_rig(text, RIG), clock)
     clock_rig[clock] = simulation
 
     def connect() -> InProcessTransport:
@@ -652,7 +652,7 @@ def test_random_plans_reach_every_fault_of_every_instrument() -> None:
 
 def test_who_connects_in_this_process_while_nobody_listens_is_told() -> None:
     text = RIG_TEXT.replace("[instruments.stage]\n", "[instruments.stage.faults]\nREFUSED\n[instruments.stage]\n", 1)
-    rig = Rig(config.parse_rig(text.replace("REFUSED", "refused = { between_s = [0.0, 60.0] }"), RIG))
+    rig = Rig(parse_rig(text.replace("REFUSED", "refused = { between_s = [0.0, 60.0] }"), RIG))
     with pytest.raises(LinkLost, match=r"aerotech-ensemble \(simulated\): connection refused; check power"):
         rig.instruments["stage"].open()
     rig.clock.sleep_s(60.0)
@@ -666,7 +666,7 @@ def test_a_satellite_of_a_rig_suffers_its_plan_and_refuses_what_needs_a_wire() -
 
     def satellite(fault: str) -> object:
         table = f"[instruments.satellite.faults]\n{fault}\n\n[instruments.satellite]\n"
-        file = config.parse_rig(text.replace("[instruments.satellite]\n", table, 1), path)
+        file = parse_rig(text.replace("[instruments.satellite]\n", table, 1), path)
         return build_simulation(file, VirtualClock()).ground_segments["satellite"]
 
     assert isinstance(satellite("silent = { nth = [2] }"), FaultyTelemetry)

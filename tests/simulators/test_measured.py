@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rigctl.core.errors import ConfigError
-from rigctl.files import config
+from rigctl.files.rig_file import RigFile, parse_rig
 from rigctl.rig import Rig
 from rigctl.serving import Served
 from simulators.measured import Measured, Measurement, from_file, into_file, joined
@@ -18,9 +18,9 @@ RIG = Path(__file__).parent.parent.parent / "campaigns" / "all-instruments.rig.t
 SAMPLES, PERIOD_S = 600, 0.004
 
 
-def rig_file(addition: str = "", world: str = "") -> config.RigFile:
+def rig_file(addition: str = "", world: str = "") -> RigFile:
     text = RIG.read_text(encoding="utf-8").replace("[world]\n", f"{addition}\n[world]\n{world}\n", 1)
-    return config.parse_rig(text, RIG)
+    return parse_rig(text, RIG)
 
 
 def record(rig: Rig) -> dict[str, np.ndarray]:

@@ -18,7 +18,7 @@ from pathlib import Path
 from rigctl.campaign.session.locks import claimed_by, instrument_lock
 from rigctl.core.errors import ConfigError, RigError
 from rigctl.core.interfaces import Instrument
-from rigctl.files.config import RigFile
+from rigctl.files.rig_file import RigFile
 
 LOCKS = Path("/proc/locks")
 LEAVES_S = 4.0

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from rigctl.campaign.session.addresses import Claim, Claims, claims_of, conflict
 from rigctl.core.errors import ConfigError, DataError, RigError
-from rigctl.files.config import Instrument, RigFile
+from rigctl.files.rig_file import InstrumentTable, RigFile
 
 TRIES = 5
 TRY_AGAIN_S = 0.01
@@ -160,7 +160,7 @@ def claimed_by(rig: RigFile) -> list[tuple[str, Claims]]:
     return [(wired[name], claims[name]) for name in wired]
 
 
-def _two_groups(one: Instrument, other: Instrument) -> bool:
+def _two_groups(one: InstrumentTable, other: InstrumentTable) -> bool:
     """True for two groups of axes of one controller, which answers both."""
     groups = [table.settings.get("group") for table in (one, other)]
     return one.driver == other.driver and None not in groups and groups[0] != groups[1]

@@ -310,10 +310,11 @@ def response_picture(where: str, rows: list[Mapping[str, Any]], sigma_arcsec: fl
 def launch_fault(launch: Launch) -> Fault | None:
     """What speaks against a launch, as far as the files say at a glance; the rest the campaign's process tells."""
     from rigctl.core.errors import ConfigError
-    from rigctl.files import config
+    from rigctl.files.campaign_file import read_campaign
+    from rigctl.files.rig_file import read_rig
 
     try:
-        file = config.read_campaign(launch.campaign)
+        file = read_campaign(launch.campaign)
     except ConfigError as error:
         return Fault("campaign", str(error))
     if not launch.store.name:
@@ -325,7 +326,7 @@ def launch_fault(launch: Launch) -> Fault | None:
     if launch.rig is None and not file.rig:
         return Fault("rig", "the campaign file names no rig; name one here")
     try:
-        config.read_rig(launch.rig or file.rig_path)
+        read_rig(launch.rig or file.rig_path)
     except ConfigError as error:
         return Fault("rig", str(error))
     return None

@@ -15,7 +15,7 @@ from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
 from rigctl.experiments.sensing_axis.result.budget import Uncertainties, axis_budgets
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult, sensing_axes
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
-from rigctl.files import config
+from rigctl.files.rig_file import parse_rig
 from rigctl.workbench.workbench import Workbench
 
 
@@ -54,5 +54,5 @@ def uncertainties_of(header: Header) -> Uncertainties:
     """Standard uncertainties from the rig file's certificates, by name."""
     if header.rig_toml is None:
         return {}
-    certificates = config.parse_rig(header.rig_toml, Path("rig file")).certificates
+    certificates = parse_rig(header.rig_toml, Path("rig file")).certificates
     return {name: dict(certificate.uncertainty) for name, certificate in certificates.items()}

@@ -18,7 +18,7 @@ from typing import Any
 from rigctl.campaign.store.parts import parts_of
 from rigctl.campaign.store.store import Document, Store
 from rigctl.core.errors import ConfigError
-from rigctl.files import config
+from rigctl.files.campaign_file import parse_campaign
 from rigctl.workbench.study import Term
 
 VERSION, FIT, DIAGNOSIS = "model-version", "model-fit", "diagnosis"
@@ -111,7 +111,7 @@ def _first(store: Store) -> ModelVersion:
     if store.header.campaign_toml is None:
         return ModelVersion(1, None, store.header.started, ())
     campaign = parts_of(store)[0]
-    terms = tuple(Term(effect) for effect in config.parse_campaign(campaign.toml, store.path).model.effects)
+    terms = tuple(Term(effect) for effect in parse_campaign(campaign.toml, store.path).model.effects)
     plugins = {effect: PluginFile(**plugin) for effect, plugin in campaign.plugins.items()}
     return ModelVersion(1, None, store.header.started, terms, plugins=plugins)
 

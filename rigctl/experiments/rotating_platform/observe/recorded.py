@@ -11,7 +11,7 @@ from typing import Any
 from rigctl.campaign.recording import Header
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS
-from rigctl.files import config
+from rigctl.files.rig_file import parse_rig
 
 CHANNELS = ("z", "y")
 """The two chains by the axis they sense at angle 0: A is z, B is y."""
@@ -76,7 +76,7 @@ def _constant(header: Header, name: str) -> float | None:
         return float(header.constants[name])
     if header.rig_toml is None:
         return None
-    value = config.parse_rig(header.rig_toml, Path("rig file")).constant(name, math.nan)
+    value = parse_rig(header.rig_toml, Path("rig file")).constant(name, math.nan)
     return value if math.isfinite(value) else None
 
 

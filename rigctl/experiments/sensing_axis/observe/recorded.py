@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rigctl.campaign.recording import Header
 from rigctl.core.errors import DataError
-from rigctl.files import config
 from rigctl.files.package import HeadSettings, Package
+from rigctl.files.rig_file import parse_rig
 
 STANDARD_G = 9.80665
 """Where nobody has given the local one."""
@@ -27,7 +27,7 @@ def recorded_calibration(header: Header) -> tuple[Package, dict[str, HeadSetting
     if header.rig_toml is None:
         g_m_s2 = float(header.constants.get("g_m_s2", STANDARD_G))
         return recorded_package(header), recorded_heads(header), g_m_s2
-    rig_file = config.parse_rig(header.rig_toml, Path("rig file"))
+    rig_file = parse_rig(header.rig_toml, Path("rig file"))
     if rig_file.package is None:
         raise DataError("the recording's rig file has no [package]: what was calibrated is not known")
     return rig_file.package, rig_file.heads, rig_file.constant("g_m_s2", STANDARD_G)

@@ -1,0 +1,75 @@
+"""Campaign files: what a campaign does, on which rig, and with which model.
+
+The keys of `[procedure]` and `[targets]` are those of the experiment's procedure.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import field_validator
+
+from rigctl.core.experiments import REGISTRY, measured
+from rigctl.core.file_tables import Table
+from rigctl.core.messages import either
+from rigctl.files.toml_files import checked_file, parsed_file, read_text
+
+
+class ModelTable(Table):
+    """Which effects the model has beyond its baseline."""
+
+    effects: tuple[str, ...] = ()
+
+
+class ReferenceTable(Table):
+    """Values to print a result beside."""
+
+    source: str = ""
+    axes: dict[str, tuple[float, float, float]] = {}
+    std_hc_2sigma_arcsec: dict[str, float] = {}
+    offset_deg: dict[str, float] = {}
+
+
+class CampaignFile(Table):
+    """A campaign file, checked as far as it does not depend on the procedure."""
+
+    path: Path
+    text: str
+    experiment: str
+    title: str = ""
+    rig: str = ""
+    procedure: dict[str, Any]
+    targets: dict[str, Any] = {}
+    model: ModelTable = ModelTable()
+    on_terminal_lost: Literal["continue", "stop"] = "continue"
+    reference: ReferenceTable = ReferenceTable()
+
+    @field_validator("experiment")
+    @classmethod
+    def _known(cls, experiment: str) -> str:
+        if experiment in REGISTRY.names():
+            REGISTRY.get(experiment)  # says why it cannot be used
+        if experiment not in measured():
+            raise ValueError(f"input should be {either(map(repr, measured()))}")
+        return experiment
+
+    @property
+    def rig_path(self) -> Path:
+        """The rig file it names, relative to itself."""
+        return self.path.parent / self.rig
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it measures in the mounting of a store that is there, if there is one."""
+        return self.procedure.get("mounting") in {"same", "kept"}
+
+
+def read_campaign(path: Path) -> CampaignFile:
+    """Read and check a campaign file; `ConfigError`."""
+    return parse_campaign(read_text(path), path)
+
+
+def parse_campaign(text: str, path: Path) -> CampaignFile:
+    """Check a campaign file's text as kept in a store; `ConfigError`."""
+    return checked_file(CampaignFile, text, parsed_file(text, path), path)

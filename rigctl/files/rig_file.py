@@ -1,0 +1,176 @@
+"""Rig files: the instruments of a rig, its package, constants and certificates, and the world of a simulated one.
+
+The settings of an instrument beyond driver, address and role are its driver's own (`drivers.<module>.<...>Settings`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+from rigctl.core.errors import ConfigError
+from rigctl.core.file_tables import Table
+from rigctl.core.messages import one_line
+from rigctl.core.plausible import flaw_of_constant
+from rigctl.core.toml import TomlFlaw, parsed
+from rigctl.files.package import HeadSettings, Package
+from rigctl.files.toml_files import checked_file, parsed_file, read_text
+
+SIMULATED = "sim:"
+
+
+class RigTable(Table):
+    """What the rig is called and which clock it runs on."""
+
+    name: str
+    clock: Literal["virtual", "real"] = "virtual"
+    clock_speed: Annotated[float, Field(gt=0)] = 1.0
+
+
+class OperatorTable(Table):
+    """Where a served simulated world lets the simulated operator act."""
+
+    address: str = ""
+
+
+class InstrumentTable(BaseModel, extra="allow", frozen=True):
+    """One instrument: what all have in common; further keys belong to its driver."""
+
+    driver: str
+    address: str
+    role: str
+    simulator: dict[str, Any] = {}
+    faults: dict[str, Any] = {}
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The keys that belong to the driver."""
+        return dict(self.__pydantic_extra__ or {})
+
+    @property
+    def simulated(self) -> bool:
+        """True when the instrument lives in this process."""
+        return self.address.startswith(SIMULATED)
+
+
+class Constant(Table):
+    """A constant of nature or of the place, with its standard uncertainty."""
+
+    value: float
+    u: Annotated[float, Field(ge=0)] = 0.0
+
+
+class Certificate(Table):
+    """What a calibration certificate says: standard uncertainties by quantity, units in the names."""
+
+    serial: str = ""
+    calibrated: date | None = None
+    expires: date | None = None
+    uncertainty: dict[str, Annotated[float, Field(ge=0)]] = {}
+
+
+class RigFile(Table):
+    """A rig file, checked."""
+
+    path: Path
+    text: str
+    rig: RigTable
+    operator: OperatorTable = OperatorTable()
+    instruments: dict[str, InstrumentTable]
+    lasers: dict[str, HeadSettings] = {}
+    package: Package | None = None
+    constants: dict[str, Constant] = {}
+    certificates: dict[str, Certificate] = {}
+    world: dict[str, Any] | None = None
+
+    @property
+    def text_without_world(self) -> str:
+        """The file as it may be stored and exported: nature's secrets stay out."""
+        return without_tables(self.text, "world")
+
+    @property
+    def world_sha256(self) -> str | None:
+        """Hash of the simulated world's text; None for a real rig."""
+        text = only_tables(self.text, "world")
+        return hashlib.sha256(text.encode()).hexdigest() if text else None
+
+    @property
+    def heads(self) -> dict[str, HeadSettings]:
+        """The displacement heads, each with what its certificate says of its scale."""
+        return {name: self._certified(name, head) for name, head in self.lasers.items()}
+
+    def _certified(self, name: str, head: HeadSettings) -> HeadSettings:
+        if name not in self.certificates:
+            return head
+        known = self.certificates[name].uncertainty
+        # A tilt error changes the reading as the scale does, by tan(tilt) times the error.
+        from_tilt = math.tan(head.tilt_rad) * math.radians(known.get("tilt_deg", 0.0))
+        return head.model_copy(update={"u_scale": math.hypot(known.get("scale", 0.0), from_tilt)})
+
+    def constant(self, name: str, default: float) -> float:
+        """Value of a constant, or the default."""
+        return self.constants[name].value if name in self.constants else default
+
+
+def read_rig(path: Path) -> RigFile:
+    """Read and check a rig file; `ConfigError`."""
+    return parse_rig(read_text(path), path)
+
+
+def parse_rig(text: str, path: Path) -> RigFile:
+    """Check a rig file's text as kept in a store; `ConfigError`."""
+    data = parsed_file(text, path)
+    _require_separable_world(text, path)
+    file = checked_file(RigFile, text, data, path)
+    for name, constant in file.constants.items():
+        if flaw := flaw_of_constant(name, constant.value):
+            raise ConfigError(one_line(f"{path}: constants.{name}.value {flaw}"))
+    return file
+
+
+def without_tables(text: str, name: str) -> str:
+    """TOML text without the tables `[name]` and `[name.*]`."""
+    return "".join(line for inside, line in _sections(text, name) if not inside)
+
+
+def only_tables(text: str, name: str) -> str:
+    """The tables `[name]` and `[name.*]` of a TOML text."""
+    return "".join(line for inside, line in _sections(text, name) if inside)
+
+
+def _sections(text: str, name: str) -> list[tuple[bool, str]]:
+    """The lines, each with whether it belongs to the tables; comments right above a header do as well."""
+    header = re.compile(r"\s*\[\[?\s*\"?([A-Za-z0-9_-]+)\"?\s*(?:\.|\])")
+    inside = False
+    lines: list[tuple[bool, str]] = []
+    for line in text.splitlines(keepends=True):
+        found = header.match(line)
+        # A row of a nested array looks like a header but holds numbers; names begin with a letter here.
+        if found and found.group(1)[0].isalpha():
+            inside = found.group(1) == name
+            lines = _with_comments_above(lines) if inside else lines
+        lines.append((inside, line))
+    return lines
+
+
+def _with_comments_above(lines: list[tuple[bool, str]]) -> list[tuple[bool, str]]:
+    first = len(lines)
+    while first and lines[first - 1][1].lstrip().startswith("#"):
+        first -= 1
+    return lines[:first] + [(True, line) for _, line in lines[first:]]
+
+
+def _require_separable_world(text: str, path: Path) -> None:
+    """What a store keeps is the text without the world: the text must show where that begins and ends."""
+    try:
+        seen, hidden = (parsed(take(text, "world")) for take in (without_tables, only_tables))
+    except TomlFlaw:
+        seen, hidden = {"world": None}, {}
+    if "world" in seen or set(hidden) - {"world"}:
+        raise ConfigError(f"{path}: world: write it as tables of its own, [world] and [world.NAME]")
