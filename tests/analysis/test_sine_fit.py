@@ -188,5 +188,5 @@ class TestFindFrequency:
 
     def test_refuses_a_record_without_the_line(self):
         for x in (displacement(T_S, 2.6 * NU), np.zeros(T_S.size)):
-            with pytest.raises(DataError, match="no motion|no line within"):
+            with pytest.raises(DataError, match=r"no motion|no line within"):
                 find_frequency(T_S, x, NU, harmonics=1)
