@@ -38,7 +38,7 @@ from rigctl.workbench.study import Candidate, Model, NotTestable, Observations, 
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.score import likeness
-from rigctl.workbench.verdict.search import CATALOGUE_SHARE
+from rigctl.workbench.verdict.significance import CATALOGUE_SHARE
 
 KNOWN = (Term("roll-gravity"), Term("resonance"))
 DESIGNS = {

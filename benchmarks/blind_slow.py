@@ -20,6 +20,7 @@ from benchmarks.blind_noise import SHAPES
 from benchmarks.blind_reduced import DESIGNS, KNOWN, Fixture, Replaced, fixture
 from rigctl.workbench.verdict import noise
 from rigctl.workbench.verdict.search import Search
+from rigctl.workbench.verdict.significance import p_of_scored
 
 EFFECT, LEVEL = "bias-drift", 2e-4
 
@@ -35,7 +36,7 @@ def p_values(made: Fixture, colour: str, sigma: float, seed: int) -> tuple[float
     search = Search(Replaced(made.study, value), KNOWN, 0.01, seed, lambda _: None)
     attempt = search.attempt(KNOWN)
     scored = next(each for each in attempt.scored if each.candidate.term.effect == EFFECT)
-    return scored.score.p_value, search.p_of_scored(attempt, scored)
+    return scored.score.p_value, p_of_scored(attempt, scored)
 
 
 def main() -> int:

@@ -18,10 +18,10 @@ from rigctl.workbench.study import Study, Term
 
 if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
-    from rigctl.workbench.model.transfer import Transfer
     from rigctl.workbench.next.recommend import Allowed
     from rigctl.workbench.next.recommendation import Recommendation
     from rigctl.workbench.verdict.attempt import Attempt
+    from rigctl.workbench.verdict.transfer import Transfer
 
 ALPHA = 0.01
 
@@ -72,7 +72,7 @@ class Workbench:
 
     def compare_with(self, other: Workbench) -> Transfer:
         """The current model on another store: does what was fitted here hold there?"""
-        from rigctl.workbench.model.transfer import transfer
+        from rigctl.workbench.verdict.transfer import transfer
 
         return transfer(self.study, other.study, self.current.terms)
 

@@ -14,7 +14,7 @@ from rigctl.core.errors import DataError
 from rigctl.effects.plugins import load
 from rigctl.experiments.table.study import TableStudy
 from rigctl.report.figures.residuals import residual_plate
-from rigctl.workbench.model.transfer import transfer
+from rigctl.workbench.verdict.transfer import transfer
 from rigctl.workbench.study import Proposal, Term
 from rigctl.workbench.verdict.compare import compare
 from rigctl.workbench.verdict.diagnose import diagnose

@@ -10,8 +10,17 @@ import pytest
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
 from rigctl.workbench.study import Line, Term
+from rigctl.workbench.verdict.fitted_model import held_out_ratio
+from rigctl.workbench.verdict.rivals import rivals_of
 from rigctl.workbench.verdict.score import contained, likeness
-from rigctl.workbench.verdict.search import CATALOGUE_SHARE, LINES_SHARE, SHAPES_SHARE, Search, corrected_for
+from rigctl.workbench.verdict.search import Search
+from rigctl.workbench.verdict.significance import (
+    CATALOGUE_SHARE,
+    LINES_SHARE,
+    SHAPES_SHARE,
+    corrected_for,
+    p_of_scored,
+)
 
 
 def searched(study: Any, terms: tuple[Term, ...] = (), alpha: float = 0.01, seed: int = 0) -> Search:
@@ -116,7 +125,7 @@ def test_every_step_lowers_the_held_out_error(made_up: Any) -> None:
     errors = [search.attempt(move.terms).held_out.error() for move in search.moves]
     assert errors == sorted(errors, reverse=True)
     for before, after in zip(search.moves, search.moves[1:], strict=False):
-        assert search.held_out_ratio(search.attempt(after.terms), search.attempt(before.terms)) < 1.0
+        assert held_out_ratio(search.attempt(after.terms), search.attempt(before.terms)) < 1.0
 
 
 def test_a_candidate_that_cannot_be_fitted_is_left_out(made_up: Any) -> None:
@@ -176,11 +185,11 @@ def test_the_bootstrap_never_makes_noise_from_the_scatter_more_certain(made_up: 
         search = Search(made_up.study(seed, {"square": 60.0}, noise=walk), (), 0.01, 0, lambda _: None)
         attempt = search.attempt(())
         for each in attempt.scored:
-            assert search.p_of_scored(attempt, each) >= each.score.p_value
+            assert p_of_scored(attempt, each) >= each.score.p_value
         law = attempt.bootstrap.law("square")
         square = next(each for each in attempt.scored if each.candidate.term.effect == "square")
         assert attempt.to_be_drawn(square.score.basis)
-        assert search.p_of_scored(attempt, square) >= law.p_value(square.score.statistic, square.score.dimension)
+        assert p_of_scored(attempt, square) >= law.p_value(square.score.statistic, square.score.dimension)
         assert law.scale >= 1.0
         assert law.dof <= attempt.noise.dof[-1]
 
@@ -218,12 +227,12 @@ def test_rivals_are_those_of_the_same_class_and_what_contains_the_simpler_is_wid
     effects["late-bias"] = effects["square"] * 2.0
     search = searched(made_up.study(12, {"square": 20.0}, effects=effects))
     (term,) = search.suggested
-    (rival,) = search.rivals(term)
+    (rival,) = rivals_of(search, term)
     assert {term.effect, rival.term.effect} == {"square", "late-bias"}
     assert not rival.wider
     lag = searched(made_up.study(13, {"lag": 20.0}))
     assert names(lag) == {"lag"}
-    assert all(rival.wider for rival in lag.rivals(Term("lag")))
+    assert all(rival.wider for rival in rivals_of(lag, Term("lag")))
     scores = {each.candidate.term.effect: each.score for each in lag.attempt(()).scored}
     assert likeness(scores["lag"].basis, scores["resonance"].basis) > 0.99
     assert contained(scores["lag"].basis, scores["resonance"].basis) > 0.99

@@ -19,7 +19,7 @@ from rigctl.workbench.next.triangle import triangle_of
 from rigctl.workbench.study import Candidate, Plannable, Proposal, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt
-from rigctl.workbench.verdict.search import CATALOGUE_SHARE
+from rigctl.workbench.verdict.significance import CATALOGUE_SHARE
 
 SIZE_SIGMA = 8.0
 """Effects that a full scan would show so clearly are looked for."""

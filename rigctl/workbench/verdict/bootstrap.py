@@ -9,17 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special
 
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.workbench.verdict.noise import orthonormal
-from rigctl.workbench.verdict.score import ABSORBED, p_of
-
-if TYPE_CHECKING:
-    from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.study import Candidate
+from rigctl.workbench.verdict.fitted_model import FittedModel
+from rigctl.workbench.verdict.generic import Generic
+from rigctl.workbench.verdict.noise import NoiseEstimator, orthonormal
+from rigctl.workbench.verdict.score import ABSORBED, Score, p_of
 
 DRAWS = 300
 DEGREES = (40.0, 25.0, 16.0, 11.0, 8.0, 6.0, 5.0, 4.0, 3.0)
@@ -70,19 +69,26 @@ class Bootstrap:
         return _law(self._shapes.ravel(), 1, self._dof)
 
 
-def bootstrap(attempt: Attempt, seed: int) -> Bootstrap:
-    """Draws for one attempt; `seed` fixes them."""
+def bootstrap(
+    fitted: FittedModel,
+    candidates: Sequence[Candidate],
+    scores: Sequence[Score],
+    estimator: NoiseEstimator,
+    generic: Generic,
+    seed: int,
+) -> Bootstrap:
+    """Draws beside one fit, for its `candidates` and for plain shapes; `seed` fixes them."""
     rng = np.random.default_rng([seed, 3])
-    given, noise, scatter = attempt.model.observations, attempt.noise, attempt.estimator.rows
-    data = given.value.size
-    shapes = attempt.generic.main_columns(scatter)
+    noise, scatter = fitted.noise, estimator.rows
+    data = len(noise.sigma)
+    shapes = generic.main_columns(scatter)
     plain = np.zeros((data, shapes.shape[1]))
     plain[scatter] = shapes
-    tried = [*(candidate.derivative for candidate in attempt.candidates), *plain.T[:, :, None]]
+    tried = [*(candidate.derivative for candidate in candidates), *plain.T[:, :, None]]
     widths = np.array([columns.shape[1] for columns in tried], dtype=np.intp)
-    fitted, columns = attempt.model.jacobian(attempt.result.values), np.hstack([np.zeros((data, 0)), *tried])
-    known = np.setdiff1d(np.arange(len(attempt.left)), scatter)
-    white = attempt.jacobian[known], attempt.padded(noise.whiten(columns))[known]
+    jacobian, columns = fitted.model.jacobian(fitted.result.values), np.hstack([np.zeros((data, 0)), *tried])
+    known = np.setdiff1d(np.arange(len(fitted.left)), scatter)
+    white = fitted.jacobian[known], fitted.whitened_columns(columns)[known]
     frame = orthonormal(np.hstack(white), 1e-9)
     above = frame.T @ white[0], frame.T @ white[1]
     drawn = np.zeros((DRAWS, len(tried)))
@@ -90,20 +96,20 @@ def bootstrap(attempt: Attempt, seed: int) -> Bootstrap:
     for draw in range(DRAWS):
         noisy = np.zeros(data)
         noisy[scatter] = noise.colour(rng.standard_normal(data))[scatter]
-        found = attempt.estimator.estimate(noisy)
-        left = np.concatenate([rng.standard_normal(frame.shape[1]), found.whiten(noisy)[scatter]])
+        estimated = estimator.estimate(noisy)
+        left = np.concatenate([rng.standard_normal(frame.shape[1]), estimated.whiten(noisy)[scatter]])
         drawn[draw], dimensions = _statistics(
-            np.vstack([above[0], found.whiten(fitted)[scatter]]),
-            np.vstack([above[1], found.whiten(columns)[scatter]]),
+            np.vstack([above[0], estimated.whiten(jacobian)[scatter]]),
+            np.vstack([above[1], estimated.whiten(columns)[scatter]]),
             widths,
             left,
         )
     effects: dict[str, list[tuple[FloatArray, int, float]]] = {}
-    for number, (candidate, score) in enumerate(zip(attempt.candidates, attempt.scores, strict=True)):
-        own = effects.setdefault(candidate.term.effect, [])
-        if len(own) < _CHOICES:
-            own.append((drawn[:, number], int(dimensions[number]), score.dof))
-    return Bootstrap(effects, drawn[:, len(attempt.candidates) :], float(np.min(noise.dof[scatter])))
+    for number, (candidate, score) in enumerate(zip(candidates, scores, strict=True)):
+        choices = effects.setdefault(candidate.term.effect, [])
+        if len(choices) < _CHOICES:
+            choices.append((drawn[:, number], int(dimensions[number]), score.dof))
+    return Bootstrap(effects, drawn[:, len(candidates) :], float(np.min(noise.dof[scatter])))
 
 
 def _law(drawn: FloatArray, dimension: int, dof: float) -> Law:

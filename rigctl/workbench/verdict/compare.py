@@ -12,7 +12,6 @@ from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.covariates import distinct
-from rigctl.workbench.verdict.fit import chi2_p_value
 from rigctl.workbench.verdict.noise import orthonormal
 
 WORST = 10
@@ -52,7 +51,7 @@ def compared(attempt: Attempt, version: int) -> Comparison:
         terms=attempt.terms,
         chi2=attempt.result.chi2,
         dof=attempt.result.dof,
-        p_value=chi2_p_value(attempt),
+        p_value=attempt.chi2_p_value(),
         channels=tuple(channels),
         worst=tuple(_outlier(attempt, int(where), float(left[where])) for where in worst),
         trends=_trends(attempt),
@@ -93,7 +92,7 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
                 continue
             whole = np.zeros((len(given.value), columns.shape[1]))
             whole[rows] = columns * attempt.noise.plain()[rows, None]
-            score = projector.score(attempt.padded(attempt.noise.whiten(whole)))
+            score = projector.score(attempt.whitened_columns(whole))
             if not score.dimension:
                 continue
             explained = np.sqrt(score.statistic / len(rows))

@@ -11,9 +11,11 @@ from rigctl.workbench.findings import Diagnosis, Estimate, Inseparable, Rank, St
 from rigctl.workbench.study import DeclaresInseparable, Line, Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt, Scored
-from rigctl.workbench.verdict.fit import chi2_p_value
+from rigctl.workbench.verdict.fitted_model import held_out_ratio
+from rigctl.workbench.verdict.rivals import Rival, rivals_of
 from rigctl.workbench.verdict.score import ABSORBED, contained, likeness
-from rigctl.workbench.verdict.search import CATALOGUE_SHARE, Rival, Search, corrected_for
+from rigctl.workbench.verdict.search import Search
+from rigctl.workbench.verdict.significance import CATALOGUE_SHARE, corrected_for
 
 SAME = 0.99
 """Canonical correlation above which two effects are one class: these data cannot tell them apart."""
@@ -44,7 +46,7 @@ def diagnose(
     """
     search = Search(study, terms, alpha, seed, progress or (lambda _: None))
     search.run()
-    alike = [rival for term in search.suggested for rival in search.rivals(term)]
+    alike = [rival for term in search.suggested for rival in rivals_of(search, term)]
     rivals = [each for each in alike if not each.wider]
     first, final = search.attempt(search.given), search.attempt(search.terms)
     unexplained = None
@@ -141,20 +143,18 @@ def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Ter
         for (name, estimate), owner in zip(final.estimates().items(), final.model.owners, strict=True)
         if owner == term.effect
     }
-    scored = next((each for each in without.scored if each.candidate.term.effect == term.effect), None)
+    scored = without.scored_effect(term.effect)
     equivalent = [rival.term.effect for rival in rivals if rival.instead_of == term.effect]
     if scored is not None:
         equivalent += [name for name in _classmates(without, scored) if name not in equivalent]
-    white = final.noise.whiten(without.unexplained())
-    pulls = without.left[len(white) :]
     return Rank(
         term=term,
         p_value=p_value,
         p_value_corrected=corrected_for(first, p_value),
         parameters=own,
-        held_out_error_ratio=search.held_out_ratio(final, without),
+        held_out_error_ratio=held_out_ratio(final, without),
         equivalent_to=tuple(equivalent),
-        statistic=float(white @ white + pulls @ pulls) - final.result.chi2,
+        statistic=without.chi2_with(final.noise) - final.result.chi2,
         keep=float(scored.score.keep.max()) if scored is not None else float("nan"),
         detectable=_detectable(without, scored, search.alpha) if scored is not None else {},
     )
@@ -287,7 +287,7 @@ def _steps(search: Search) -> list[Step]:
                 move.added,
                 move.dropped,
                 attempt.result.chi2_per_dof,
-                chi2_p_value(attempt),
+                attempt.chi2_p_value(),
                 float(np.sqrt(attempt.result.chi2_per_dof)) if attempt.result.dof > 0 else float("nan"),
                 attempt.held_out.error(),
             )

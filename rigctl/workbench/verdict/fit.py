@@ -10,7 +10,6 @@ from rigctl.workbench.findings import ModelFit
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt
-from rigctl.workbench.verdict.score import p_of
 
 
 @one_thread
@@ -27,20 +26,9 @@ def fitted(attempt: Attempt) -> ModelFit:
         parameters=attempt.estimates(),
         chi2=result.chi2,
         dof=result.dof,
-        p_value=chi2_p_value(attempt),
+        p_value=attempt.chi2_p_value(),
         error_fit=float(np.sqrt(result.chi2_per_dof)) if result.dof > 0 else float("nan"),
         error_held_out=attempt.held_out.error(),
         residuals=attempt.whitened(),
         result=attempt.study.result(attempt.model, result.values, result.covariance),
     )
-
-
-def chi2_p_value(attempt: Attempt) -> float:
-    """Of all that is left, the noise being known no better than it is; NaN without degrees of freedom."""
-    result = attempt.result
-    if result.dof <= 0:
-        return float("nan")
-    counts = zip(*np.unique(attempt.noise.dof, return_counts=True), strict=True)
-    spread = sum(float(number) ** 2 / dof for dof, number in counts if np.isfinite(dof))
-    dof = len(attempt.noise.dof) ** 2 / spread if spread > 0.0 else np.inf
-    return float(p_of(result.chi2, result.dof, dof))

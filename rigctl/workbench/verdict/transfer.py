@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.analysis.least_squares import least_squares
 from rigctl.core.errors import DataError
 from rigctl.workbench.findings import Estimate
 from rigctl.workbench.study import Model, Study, Term
-from rigctl.workbench.verdict.attempt import MAX_ITERATIONS, Attempt
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.fitted_model import whitened_least_squares
 
 
 @dataclass(frozen=True)
@@ -85,13 +85,7 @@ def _transferred(shared: Sequence[Shared], theirs: Attempt) -> float:
         replace(parameter, start=known.get(parameter.name, start), fixed=parameter.fixed or parameter.name in known)
         for parameter, start in zip(theirs.model.parameters, theirs.result.values, strict=True)
     ]
-    noise, model, value = theirs.noise, theirs.model, theirs.model.observations.value
-    result = least_squares(
-        lambda p: noise.whiten(value - model.predict(p)),
-        parameters,
-        jacobian=lambda p: -noise.whiten(model.jacobian(p)),
-        max_iterations=MAX_ITERATIONS,
-    )
+    result = whitened_least_squares(theirs.model, theirs.noise, parameters)
     return _error(float(result.residuals @ result.residuals), result.dof)
 
 

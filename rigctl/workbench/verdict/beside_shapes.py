@@ -1,0 +1,59 @@
+"""Is an effect of the catalogue still needed where plain shapes, which have no physics, are in the model too?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rigctl.workbench.verdict.attempt import Attempt, Scored
+from rigctl.workbench.verdict.generic import Best
+from rigctl.workbench.verdict.score import corrected
+from rigctl.workbench.verdict.significance import CATALOGUE_SHARE, SHAPES_SHARE
+
+MOST_SHAPES = 4
+"""Plain shapes beside which an effect must be needed."""
+
+
+def replaced_by_shape(attempt: Attempt, best: Scored, alpha: float) -> bool:
+    """Whether the strongest plain shape makes the best effect needless, and not the other way round."""
+    shape = attempt.best_shape
+    if shape is None or shape.p_value_corrected >= SHAPES_SHARE * alpha:
+        return False
+    shape_columns = attempt.whitened_columns(shape.columns)
+    columns = attempt.columns(best.candidate)
+    effect = attempt.corrected(attempt.projector_with(shape_columns).score(columns).p_value)
+    beside = corrected(attempt.projector_with(columns).score(shape_columns).p_value, shape.n_eff)
+    return effect >= CATALOGUE_SHARE * alpha and beside < SHAPES_SHARE * alpha
+
+
+def significant_beside_shape(attempt: Attempt, alpha: float) -> set[str]:
+    """Effects that are significant with the strongest plain shape in the model."""
+    assert attempt.best_shape is not None
+    projector = attempt.projector_with(attempt.whitened_columns(attempt.best_shape.columns))
+    return {
+        each.candidate.term.effect
+        for each in attempt.scored
+        if attempt.corrected(projector.score(attempt.columns(each.candidate)).p_value) < CATALOGUE_SHARE * alpha
+    }
+
+
+def needless_beside_shapes(attempt: Attempt, scored: Scored, with_it: Attempt, alpha: float, seed: int) -> bool:
+    """Whether a candidate is not significant beside the plain shapes that are left `with_it` in the model."""
+    shapes = _shapes_left(with_it, alpha, seed)
+    if not shapes:
+        return False
+    columns = np.hstack([attempt.whitened_columns(shape.columns) for shape in shapes])
+    beside = attempt.projector_with(columns).score(attempt.columns(scored.candidate))
+    return attempt.corrected(beside.p_value) >= CATALOGUE_SHARE * alpha
+
+
+def _shapes_left(attempt: Attempt, alpha: float, seed: int) -> list[Best]:
+    """Plain shapes that are significant one after another, the strongest first."""
+    shapes: list[Best] = []
+    shape = attempt.best_shape
+    rng = np.random.default_rng([seed, 4])
+    columns = np.zeros((len(attempt.left), 0))
+    while shape is not None and shape.p_value_corrected < SHAPES_SHARE * alpha and len(shapes) < MOST_SHAPES:
+        shapes.append(shape)
+        columns = np.hstack([columns, attempt.whitened_columns(shape.columns)])
+        shape = attempt.generic.best(attempt.noise, attempt.projector_with(columns), rng)
+    return shapes

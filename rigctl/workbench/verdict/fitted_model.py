@@ -1,0 +1,196 @@
+"""A model fitted to its data: parameters, the noise it was fitted with, and what it leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from rigctl.analysis.least_squares import FitResult, Parameter, least_squares
+from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.core.errors import ProcedureError
+from rigctl.workbench.findings import Estimate
+from rigctl.workbench.study import Model
+from rigctl.workbench.verdict.absorbed import absorbed_parameters
+from rigctl.workbench.verdict.held_out import HeldOut
+from rigctl.workbench.verdict.noise import Noise, orthonormal
+from rigctl.workbench.verdict.score import UNDETERMINED, Projector, p_of
+
+MAX_ITERATIONS = 80
+
+
+class FittedModel:
+    """A model with `noise`, the parameters that are `held` at zero while the rest is fitted, and the `result`."""
+
+    def __init__(self, model: Model, noise: Noise, held: frozenset[str], result: FitResult) -> None:
+        self.model = model
+        self.noise = noise
+        self.held = held
+        self.result = result
+
+    def with_noise(self, noise: Noise) -> FittedModel:
+        """The model fitted anew from here with another noise."""
+        return FittedModel(self.model, noise, self.held, _fit(self.model, noise, self.held, self.values))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return self.result.names
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Of the parameters by name."""
+        return dict(zip(self.names, map(float, self.result.values), strict=True))
+
+    @cached_property
+    def scanned(self) -> frozenset[str]:
+        """Parameters of terms that a scan has found; they have priors."""
+        return scanned_parameters(self.model)
+
+    def unexplained(self) -> FloatArray:
+        """Data - model at the fit, in the data's units, shape (n,)."""
+        return np.asarray(self.model.observations.value - self.model.predict(self.result.values))
+
+    def whitened(self) -> FloatArray:
+        """W (data - model), shape (n,): unit variance where the model is right."""
+        return self.result.residuals
+
+    @cached_property
+    def jacobian(self) -> FloatArray:
+        """d (whitened model) / d parameters with the priors' rows below the data, shape (n + priors, m)."""
+        priors = [
+            (column, each.prior.sigma)
+            for column, each in enumerate(self.model.parameters)
+            if each.prior is not None and not each.fixed
+        ]
+        below = np.zeros((len(priors), len(self.model.parameters)))
+        for row, (column, sigma) in enumerate(priors):
+            below[row, column] = 1.0 / sigma
+        return np.vstack([-self.result.jacobian, below])
+
+    @cached_property
+    def left(self) -> FloatArray:
+        """Whitened residuals with the priors' below, shape (n + priors,)."""
+        pulls = [
+            (each.prior.mean - value) / each.prior.sigma
+            for each, value in zip(self.model.parameters, self.result.values, strict=True)
+            if each.prior is not None and not each.fixed
+        ]
+        return np.concatenate([self.result.residuals, np.array(pulls, dtype=np.float64)])
+
+    @cached_property
+    def projector(self) -> Projector:
+        """What the fitted parameters leave free."""
+        return Projector(self.jacobian, self.left, self.noise.dof, len(self.result.residuals))
+
+    def projector_with(self, columns: FloatArray) -> Projector:
+        """The same with whitened columns (n + priors, k) among what is fitted."""
+        return Projector(np.hstack([self.jacobian, columns]), self.left, self.noise.dof, len(self.result.residuals))
+
+    def padded(self, columns: FloatArray) -> FloatArray:
+        """Zero rows for the priors below."""
+        return np.vstack([columns, np.zeros((len(self.left) - len(columns), columns.shape[1]))])
+
+    def whitened_columns(self, columns: FloatArray) -> FloatArray:
+        """Derivatives (n, k) whitened, with rows for the priors, shape (n + priors, k)."""
+        return self.padded(self.noise.whiten(columns))
+
+    @cached_property
+    def held_out(self) -> HeldOut:
+        """The blocks, each predicted from the others."""
+        return HeldOut(self.model.observations, self.projector.basis, self.projector.left)
+
+    def estimates(self) -> dict[str, Estimate]:
+        """Parameters by name."""
+        sigmas = np.sqrt(np.maximum(np.diag(self.result.covariance), 0.0))
+        sigmas[[name in self.held for name in self.names]] = np.nan
+        return {
+            name: Estimate(float(value), float(sigma), unit)
+            for name, value, sigma, unit in zip(self.names, self.result.values, sigmas, self.model.units, strict=True)
+        }
+
+    def chi2_p_value(self) -> float:
+        """Of all that is left, the noise being known no better than it is; NaN without degrees of freedom."""
+        if self.result.dof <= 0:
+            return float("nan")
+        counts = zip(*np.unique(self.noise.dof, return_counts=True), strict=True)
+        spread = sum(float(number) ** 2 / dof for dof, number in counts if np.isfinite(dof))
+        dof = len(self.noise.dof) ** 2 / spread if spread > 0.0 else np.inf
+        return float(p_of(self.result.chi2, self.result.dof, dof))
+
+    def chi2_with(self, noise: Noise) -> float:
+        """Chi-square of what is left and of the priors in units of another noise, at the fit as it is."""
+        white = noise.whiten(self.unexplained())
+        pulls = self.left[len(white) :]
+        return float(white @ white + pulls @ pulls)
+
+
+def fit_with_given_noise(model: Model, start: Mapping[str, float]) -> FittedModel:
+    """Fit a model from `start`, by name, with the noise as its observations state it; `ProcedureError`."""
+    given, scanned = model.observations, scanned_parameters(model)
+    noise = Noise(given.sigma, np.full(len(given.value), np.inf), given.factors, ())
+    # Another choice of the same name is nowhere to start from.
+    usable = {name: value for name, value in start.items() if name not in scanned}
+    held = absorbed_parameters(model, noise, scanned, usable)
+    return FittedModel(model, noise, held, _fit(model, noise, held, usable))
+
+
+def scanned_parameters(model: Model) -> frozenset[str]:
+    """Parameters of terms that a scan has found; they have priors."""
+    pairs = zip(model.parameters, model.owners, strict=True)
+    return frozenset(each.name for each, owner in pairs if owner and each.prior is not None)
+
+
+def whitened_least_squares(model: Model, noise: Noise, parameters: Sequence[Parameter]) -> FitResult:
+    """The parameters that explain the data best in units of their noise."""
+    value = model.observations.value
+    return least_squares(
+        lambda p: noise.whiten(value - model.predict(p)),
+        parameters,
+        jacobian=lambda p: -noise.whiten(model.jacobian(p)),
+        max_iterations=MAX_ITERATIONS,
+    )
+
+
+def _fit(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float]) -> FitResult:
+    parameters = [
+        replace(each, start=0.0, fixed=True)
+        if each.name in held
+        else replace(each, start=start.get(each.name, each.start))
+        for each in model.parameters
+    ]
+    if scanned := scanned_parameters(model):
+        # A time or a frequency means something where its amplitude is right: that first.
+        amplitudes_free = [replace(each, fixed=each.fixed or each.name in scanned) for each in parameters]
+        sizes = np.nan_to_num(whitened_least_squares(model, noise, amplitudes_free).values)
+        parameters = [replace(each, start=float(size)) for each, size in zip(parameters, sizes, strict=True)]
+    result = whitened_least_squares(model, noise, parameters)
+    if result.verdict == "ill-conditioned":
+        raise ProcedureError(f"the fit is singular: {result.reason}")
+    if not np.isfinite(result.values).all():
+        raise ProcedureError(f"the runs do not determine the model: {result.reason}")
+    return result
+
+
+def held_out_ratio(after: FittedModel, before: FittedModel) -> float:
+    """Held-out error after over before, in the series that changed, with one noise for both; NaN if unknown."""
+    data = len(after.result.residuals)
+    if len(after.left) < data or data != len(before.result.residuals):
+        return float("nan")
+    touched = _touched(after, before)
+    jacobian = np.vstack([after.noise.whiten(before.model.jacobian(before.result.values)), before.jacobian[data:]])
+    basis = orthonormal(jacobian, UNDETERMINED)
+    left = np.concatenate([after.noise.whiten(before.unexplained()), before.left[data:]])
+    earlier = HeldOut(before.model.observations, basis, left - basis @ (basis.T @ left))
+    return after.held_out.error(series=touched) / earlier.error(series=touched)
+
+
+def _touched(after: FittedModel, before: FittedModel) -> IntArray:
+    """Series in which the two models differ at all."""
+    change = np.abs(after.noise.whiten(after.unexplained() - before.unexplained()))
+    given = after.model.observations
+    largest = np.zeros(len(given.series))
+    np.maximum.at(largest, given.series_of, change)
+    return np.flatnonzero(largest > 1e-3 * largest.max())

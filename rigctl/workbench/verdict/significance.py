@@ -1,0 +1,51 @@
+"""Which effects and shapes are significant, and how the level over all trials is shared between the questions."""
+
+from __future__ import annotations
+
+from rigctl.workbench.verdict.attempt import Attempt, Scored
+from rigctl.workbench.verdict.generic import Best
+from rigctl.workbench.verdict.score import corrected
+
+CATALOGUE_SHARE, SHAPES_SHARE, LINES_SHARE = 0.6, 0.3, 0.1
+"""How the level over all trials is shared between the catalogue, the shapes without physics and the lines."""
+
+CONFIRM_FROM = 0.05
+"""Corrected p-values below are confirmed by bootstrap where noise comes from the scatter."""
+
+
+def p_of_scored(attempt: Attempt, scored: Scored) -> float:
+    """P-value of a candidate, by bootstrap where it matters and its noise comes from the scatter."""
+    p_value, score = scored.score.p_value, scored.score
+    if attempt.corrected(p_value) >= CONFIRM_FROM or not attempt.to_be_drawn(score.basis):
+        return p_value
+    law = attempt.bootstrap.law(scored.candidate.term.effect)
+    return max(p_value, law.p_value(score.statistic, score.dimension))
+
+
+def is_significant(attempt: Attempt, scored: Scored, alpha: float) -> bool:
+    """At the catalogue's share of the level, confirmed where the noise is not known beforehand."""
+    return attempt.corrected(p_of_scored(attempt, scored)) < CATALOGUE_SHARE * alpha
+
+
+def significant_shape(attempt: Attempt, alpha: float) -> Best | None:
+    """The strongest plain shape left, where it is significant."""
+    shape = attempt.best_shape
+    if shape is None:
+        return None
+    p_value = shape.p_value_corrected
+    if p_value < CONFIRM_FROM and attempt.to_be_drawn(shape.columns):
+        law = attempt.bootstrap.shapes
+        p_value = max(p_value, corrected(law.p_value(shape.statistic, shape.dimension), shape.n_eff))
+    return shape if p_value < SHAPES_SHARE * alpha else None
+
+
+def is_adequate(attempt: Attempt, alpha: float) -> bool:
+    """Nothing in the catalogue or of a plain shape is significant beside these terms."""
+    return not any(is_significant(attempt, each, alpha) for each in attempt.scored) and (
+        significant_shape(attempt, alpha) is None
+    )
+
+
+def corrected_for(attempt: Attempt, p_value: float) -> float:
+    """A catalogue p-value at the level over all trials together, shares included."""
+    return min(corrected(p_value, attempt.n_eff) / CATALOGUE_SHARE, 1.0)
