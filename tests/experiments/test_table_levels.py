@@ -14,12 +14,12 @@ from rigctl.core.errors import DataError
 from rigctl.effects.plugins import load
 from rigctl.experiments.table.study import TableStudy
 from rigctl.report.figures.residuals import residual_plate
-from rigctl.workbench.verdict.transfer import transfer
 from rigctl.workbench.study import Proposal, Term
 from rigctl.workbench.verdict.compare import compare
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fit import fit
 from rigctl.workbench.verdict.generic import _covariates
+from rigctl.workbench.verdict.transfer import transfer
 
 ROWS = 60
 X = np.linspace(0.0, 10.0, ROWS)
