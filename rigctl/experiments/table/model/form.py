@@ -38,9 +38,9 @@ class Form(ABC):
         """Of the linear parameters, without the effect's id: "" for one that is named like the effect, ".cos"."""
         return ("",)
 
-    @abstractmethod
     def units(self, response: str) -> tuple[str, ...]:
         """Of the linear parameters, for a response in this unit."""
+        return (response,) * len(self.names())
 
     @abstractmethod
     def basis(self, choice: Choice) -> FloatArray:

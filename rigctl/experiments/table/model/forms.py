@@ -205,10 +205,6 @@ class Level(Form):
         first, *others = self.category.levels
         return tuple(f".{level}-{first}" for level in others)
 
-    def units(self, response: str) -> tuple[str, ...]:
-        """The response's."""
-        return (response,) * (len(self.category.levels) - 1)
-
     def basis(self, choice: Choice) -> FloatArray:
         """1 where a reading is of the level, shape (n, levels - 1)."""
         del choice

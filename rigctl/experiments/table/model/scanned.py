@@ -40,6 +40,10 @@ class _OfColumn(Form):
         """Its only one."""
         return (self.column,)
 
+    def scanned_unit(self) -> str:
+        """Of the scanned parameter."""
+        return self.column.unit
+
     def trivial(self) -> list[FloatArray]:
         """A constant and a line."""
         return [np.ones(self.column.values.size), self.column.values - self.column.mean]
@@ -65,14 +69,6 @@ class Periodic(_OfColumn):
     def names(self) -> tuple[str, ...]:
         """Two quadratures."""
         return (".cos", ".sin")
-
-    def units(self, response: str) -> tuple[str, ...]:
-        """The response's."""
-        return (response, response)
-
-    def scanned_unit(self) -> str:
-        """The column's."""
-        return self.column.unit
 
     def grid(self, points_max: int) -> FloatArray:
         """Periods from twice the spacing to twice the span, equally spaced in frequency (as Lomb and Scargle)."""
@@ -119,10 +115,6 @@ class Exponential(_OfColumn):
         """Why not, or ""."""
         return too_few(self.column, 4) if self.column.distinct.size < 4 else ""
 
-    def units(self, response: str) -> tuple[str, ...]:
-        """The response's."""
-        return (response,)
-
     def scanned_unit(self) -> str:
         """One over the column's."""
         return power(self.column.unit, -1)
@@ -168,14 +160,6 @@ class Step(_OfColumn):
         if not self._places().size:
             return f"{self.column.name} has nowhere {_ROWS_BESIDE_A_STEP} readings on either side of a step"
         return ""
-
-    def units(self, response: str) -> tuple[str, ...]:
-        """The response's."""
-        return (response,)
-
-    def scanned_unit(self) -> str:
-        """The column's."""
-        return self.column.unit
 
     def grid(self, points_max: int) -> FloatArray:
         """Places between neighbouring values, fewer where neighbours hardly differ."""
