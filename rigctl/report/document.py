@@ -13,11 +13,10 @@ from rigctl.core.errors import UNFIT, ConfigError, DataError
 from rigctl.core.experiments import of_readings
 from rigctl.report import html
 from rigctl.report.drawn import Drawn, drawing_of
-from rigctl.report.figures.data import Plate
+from rigctl.report.figures.data import Plate, write_plates
 from rigctl.report.figures.ladder import ladder_plate
 from rigctl.report.figures.ranking import ranking_plate
 from rigctl.report.figures.residuals import residual_plates
-from rigctl.report.figures.sensing_axis.figures import write_plates
 from rigctl.report.quantities import counted, number, probability, quantity
 from rigctl.report.terminal import repeats_line
 from rigctl.report.terminal_workbench import fails, line_sentence, short_result

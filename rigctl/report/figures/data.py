@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from matplotlib.figure import Figure
 
+from rigctl.core.errors import DataError
 from rigctl.report.figures.style import figure_style, save_svg
 
 Row = TypeVar("Row")
+
+CAPTIONS = "figures.md"
 
 
 @dataclass(frozen=True)
@@ -54,3 +57,22 @@ def _write_csv(path: Path, rows: Sequence[object]) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(field.name for field in fields(rows[0]))  # type: ignore[arg-type]
         writer.writerows(astuple(row) for row in rows)  # type: ignore[call-overload]
+
+
+def write_plates(plates: Sequence[Plate[Any]], left_out: Mapping[str, str], directory: Path) -> list[Path]:
+    """Write figures and their captions; returns all paths, the captions last; `DataError` when it cannot be done."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        written = [path for plate in plates for path in plate.write(directory)]
+        captions = directory / CAPTIONS
+        captions.write_text(_captions(plates, left_out), encoding="utf-8")
+    except OSError as error:
+        raise DataError(f"{directory}: cannot write the figures there: {error.strerror or error}") from error
+    return [*written, captions]
+
+
+def _captions(plates: Sequence[Plate[Any]], left_out: Mapping[str, str]) -> str:
+    lines = ["# Figures", ""]
+    lines += [f"- **{plate.name}**: {plate.caption}" for plate in plates]
+    lines += [f"- *left out:* {what}: {reason}" for what, reason in left_out.items()]
+    return "\n".join(lines) + "\n"

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rigctl.core.errors import DataError, ProcedureError
+from rigctl.core.errors import ProcedureError
 from rigctl.experiments.sensing_axis.result.budget import Uncertainties, axis_budgets
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult
-from rigctl.report.figures.data import Plate
+from rigctl.report.figures.data import Plate, write_plates
 from rigctl.report.figures.sensing_axis.budget import budget_plate
 from rigctl.report.figures.sensing_axis.null_search import representative, response_plate
 from rigctl.report.figures.sensing_axis.nulls import nulls_plate
 from rigctl.report.figures.sensing_axis.plane import plane_plate
 
-CAPTIONS = "figures.md"
 PLANE_FIGURES = {"X": "fig15", "Y": "fig16", "Z": "fig17"}
 """Figures of the paper by the cube axis an accelerometer measures along."""
 
@@ -45,18 +43,6 @@ def plates_of(
     return plates, left_out
 
 
-def write_plates(plates: Sequence[Plate[Any]], left_out: Mapping[str, str], directory: Path) -> list[Path]:
-    """Write figures and their captions; returns all paths, the captions last; `DataError` when it cannot be done."""
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        written = [path for plate in plates for path in plate.write(directory)]
-        captions = directory / CAPTIONS
-        captions.write_text(_captions(plates, left_out), encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"{directory}: cannot write the figures there: {error.strerror or error}") from error
-    return [*written, captions]
-
-
 def _response_plates(result: SensingAxisResult) -> list[Plate[Any]]:
     fit = result.fit
     plates: list[Plate[Any]] = [response_plate("fig12", fit, representative(fit.model.runs))]
@@ -83,10 +69,3 @@ def _budget_plates(result: SensingAxisResult, uncertainties: Uncertainties) -> l
     if not result.axes:
         raise ProcedureError("no axis was found, so there is nothing to budget")
     return [budget_plate(axis_budgets(result, uncertainties))]
-
-
-def _captions(plates: Sequence[Plate[Any]], left_out: Mapping[str, str]) -> str:
-    lines = ["# Figures", ""]
-    lines += [f"- **{plate.name}**: {plate.caption}" for plate in plates]
-    lines += [f"- *left out:* {what}: {reason}" for what, reason in left_out.items()]
-    return "\n".join(lines) + "\n"
