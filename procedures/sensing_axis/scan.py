@@ -18,7 +18,7 @@ from procedures.sensing_axis.bench import Bench, SetPoint
 from procedures.sensing_axis.mounting import Fixture, Mounting, MountingLostError, Seated
 from procedures.sensing_axis.tables import ListedRun, Procedure
 from rigctl.campaign.session.session import Session
-from rigctl.campaign.store.store import Event
+from rigctl.campaign.store.entries import Event
 from rigctl.core.errors import ConfigError
 
 ROOM = "room"

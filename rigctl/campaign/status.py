@@ -6,9 +6,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from rigctl.campaign.bundle.bundle import import_report
 from rigctl.campaign.session.locks import is_held, store_lock
-from rigctl.campaign.store.event_kinds import RUN_REPEATED
+from rigctl.campaign.store.event_kinds import IMPORTED, RUN_REPEATED
 from rigctl.campaign.store.store import Store
 
 
@@ -24,7 +23,7 @@ def status_in(store: Store) -> dict[str, Any]:
     finished, invalid = store.run_counts()
     if not status:
         # Either there never was a campaign here, or it was killed before it could say anything.
-        state = "done" if import_report(store) is not None else "running"
+        state = "done" if store.last_event(IMPORTED) else "running"
         status = {"state": state, "step": "", "runs_planned": finished, "eta_s": 0.0}
     if status["state"] in {"running", "paused"} and not is_held(store_lock(store.path)):
         status["state"] = "interrupted"

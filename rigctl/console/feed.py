@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     from rigctl.campaign.recording import ChannelInfo, RunRecord
     from rigctl.campaign.session.questions import Question
-    from rigctl.campaign.store.store import Event, Store
+    from rigctl.campaign.store.entries import Event
+    from rigctl.campaign.store.store import Store
     from rigctl.core.arrays import FloatArray
 
 LOOK_S = 0.25

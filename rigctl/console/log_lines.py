@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rigctl.campaign.store.store import Event
+    from rigctl.campaign.store.entries import Event
 
 ALARMS = {
     "aborted",

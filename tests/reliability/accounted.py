@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rigctl.campaign.recording import RunRecord
-from rigctl.campaign.store.store import Event, Store
+from rigctl.campaign.store.entries import Event
+from rigctl.campaign.store.store import Store
 from simulators.measured import Measurement, from_file
 
 FAULT = "fault "

@@ -13,6 +13,7 @@ from rigctl.campaign.bundle.salvage import HEADER_LOST, Salvage
 from rigctl.campaign.bundle.writer import RunWithSamples, padded, whole_directory, write_readings, write_runs
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord, RunSource
 from rigctl.campaign.store import synced
+from rigctl.campaign.store.event_kinds import IMPORTED
 from rigctl.campaign.store.store import Store
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
@@ -64,7 +65,7 @@ def _fill(path: Path, reader: BundleReader) -> None:
                 for piece in _pieces(samples):
                     writer.append(piece)
                 writer.finish(valid=record.valid, reason=record.reason)
-        store.add_event("import", asdict(reader.report))
+        store.add_event(IMPORTED, asdict(reader.report))
 
 
 def _pieces(samples: Mapping[str, FloatArray]) -> Iterator[dict[str, FloatArray]]:
@@ -76,7 +77,7 @@ def _pieces(samples: Mapping[str, FloatArray]) -> Iterator[dict[str, FloatArray]
 
 def import_report(store: Store) -> ImportReport | None:
     """What was found when the store was imported; None for one that was recorded."""
-    events = store.events("import")
+    events = store.events(IMPORTED)
     if not events:
         return None
     data = events[0].data

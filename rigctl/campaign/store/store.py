@@ -8,48 +8,25 @@ from __future__ import annotations
 
 import difflib
 import json
-import os
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-
 from rigctl.campaign.recording import Header, RunRecord, flaw_of_run_id
-from rigctl.campaign.store import ledger, schema, synced
-from rigctl.campaign.store.checked_rows import CheckedRows, Row, seal
-from rigctl.campaign.store.header_json import dumps, header_from_json, header_to_json, utc_now
-from rigctl.campaign.store.ledger import Mark
+from rigctl.campaign.store import schema
+from rigctl.campaign.store.checked_rows import CheckedRows, Row
+from rigctl.campaign.store.entries import Document, Event
+from rigctl.campaign.store.header_json import dumps, header_from_json, utc_now
+from rigctl.campaign.store.opening import create_file, open_file
 from rigctl.campaign.store.run_writer import RunWriter
+from rigctl.campaign.store.samples import all_samples, last_samples, sample_pieces
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.core.interfaces import Identity
 
 _WITH_REDUCTIONS = 2
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that happened: `time` is UTC, ISO 8601; `rig_time_s` where the rig's clock was known."""
-
-    id: int
-    time: str
-    rig_time_s: float | None
-    kind: str
-    data: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Document:
-    """Something worked out from the runs: a model version, a fit, a diagnosis."""
-
-    id: int
-    time: str
-    kind: str
-    data: dict[str, Any]
 
 
 class Store:
@@ -64,23 +41,7 @@ class Store:
     @classmethod
     def create(cls, path: Path, header: Header) -> Store:
         """A new campaign file, whole from the moment it is there; `DataError` if `path` exists or cannot be made."""
-        partial = path.with_name(f".{path.name}.{os.getpid()}.new")
-        try:
-            os.close(os.open(partial, os.O_CREAT | os.O_TRUNC, 0o644))
-            with schema.database_errors(path), closing(schema.connect(partial, readonly=False)) as connection:
-                schema.prepare_for_writing(connection)
-                with schema.transaction(connection, durable=True):
-                    connection.execute(f"PRAGMA application_id = {schema.APPLICATION_ID}")
-                    schema.migrate(connection, schema.MIGRATIONS)
-                    connection.execute("INSERT INTO header (data) VALUES (?)", (header_to_json(header),))
-                    seal(connection)
-            _publish(partial, path)
-        except FileExistsError as error:
-            raise DataError(f"{path}: exists already; name another store, or `rigctl resume` this one") from error
-        except OSError as error:
-            raise DataError(f"{path}: cannot be made ({error.strerror}); check the directory") from error
-        finally:
-            partial.unlink(missing_ok=True)
+        create_file(path, header)
         return cls.open(path)
 
     @classmethod
@@ -90,21 +51,8 @@ class Store:
         `DataError` when it is missing, not a store, or of a newer schema; `DamagedStore` when it is not what was
         written.
         """
-        if not path.is_file():
-            raise DataError(f"{path}: no such store; check the name, or make one with `rigctl run` or `import`")
-        noted = synced.read(path)
-        if noted is not None and not readonly:
-            # Whoever opens it for writing and closes it again takes away a log of which not all was read.
-            with closing(schema.connect(path, readonly=True)) as connection:
-                _require_whole(connection, path, noted)
-        connection = schema.connect(path, readonly=readonly)
+        connection = open_file(path, readonly=readonly)
         try:
-            with schema.database_errors(path):
-                connection.execute(f"PRAGMA query_only = {int(readonly)}")
-                _require_whole(connection, path, noted)
-                schema.bring_up(connection, path, readonly=readonly, seal=seal)
-                if not readonly:
-                    schema.require_index(connection, path)
             return cls(path, connection)
         except BaseException:
             connection.close()
@@ -183,13 +131,7 @@ class Store:
         An interrupted run's columns may differ in length. `DataError` for an unknown run, `DamagedStore` when a
         finished run's are not as they were written.
         """
-        chunks: dict[str, list[bytes]] = {}
-        for name, data in self._rows.samples(self._run(run_id)):
-            chunks.setdefault(name, []).append(data)
-        return {
-            name: np.frombuffer(bytearray(b"".join(parts)), dtype="<f8").astype(np.float64, copy=False)
-            for name, parts in chunks.items()
-        }
+        return all_samples(self._rows, self._run(run_id))
 
     def sample_chunks(self, run_id: str) -> Iterator[dict[str, FloatArray]]:
         """The columns of a run piece by piece, as they were written, each piece of one length in all columns.
@@ -197,30 +139,11 @@ class Store:
         What the columns of an interrupted run do not share is left out. `DataError` for an unknown run,
         `DamagedStore` as `samples`, before the first piece.
         """
-        run = self._run(run_id)
-        waiting: dict[str, list[FloatArray]] = {name: [] for name, _ in self._rows.samples(run)}
-        for name, data in self._rows.chunks(run):
-            waiting[name].append(np.frombuffer(data, dtype="<f8").astype(np.float64))
-            if all(waiting.values()):
-                columns = {each: np.concatenate(parts) for each, parts in waiting.items()}
-                count = min(column.size for column in columns.values())
-                yield {each: column[:count] for each, column in columns.items()}
-                waiting = {each: [column[count:]] if column.size > count else [] for each, column in columns.items()}
+        return sample_pieces(self._rows, self._run(run_id))
 
     def last_samples(self, run_id: str, count: int) -> dict[str, FloatArray]:
         """At most the last `count` of every column, not verified, without reading the whole of a long run."""
-        chunks: dict[str, list[bytes]] = {}
-        lengths: dict[str, int] = {}
-        with closing(self._rows.chunks(self._run(run_id), "DESC")) as latest:
-            for name, data in latest:
-                if name in chunks and min(lengths.values()) >= count:
-                    break
-                chunks.setdefault(name, []).append(data)
-                lengths[name] = lengths.get(name, 0) + len(data) // 8
-        return {
-            name: np.frombuffer(b"".join(reversed(parts)), dtype="<f8")[-count:].astype(np.float64)
-            for name, parts in reversed(chunks.items())
-        }
+        return last_samples(self._rows, self._run(run_id), count)
 
     def mark(self, run_id: str, valid: bool, reason: str) -> None:
         """Declare a finished run valid or not; its samples stay.
@@ -357,33 +280,11 @@ class Store:
         return self._rows.summed
 
 
-def _require_whole(connection: sqlite3.Connection, path: Path, noted: Mark | None) -> None:
-    """Raise unless this is a store, its tables are declared as they should be and its last changes are there."""
-    with schema.database_errors(path):
-        schema.require_store(connection, path)
-        schema.require_readable(connection, path)
-        schema.require_tables(connection, path)
-        if noted is not None and schema.has_checksums(connection):
-            synced.require_all(path, noted, ledger.mark(connection))
-
-
 def _header(rows: CheckedRows) -> Header:
     found = rows.rows("header")
     if not found:
         raise rows.damaged("the header is missing")
     return header_from_json(found[0][1])
-
-
-def _publish(partial: Path, path: Path) -> None:
-    """Give a finished file its name; `FileExistsError` rather than over a store that somebody made meanwhile."""
-    try:
-        os.link(partial, path)
-    except FileExistsError:
-        raise
-    except OSError as error:  # a file system without hard links, where the name can only be looked for
-        if path.exists():
-            raise FileExistsError(path) from error
-        partial.rename(path)
 
 
 def _record(row: Row) -> RunRecord:

@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rigctl.campaign.store.entries import Document
 from rigctl.campaign.store.parts import parts_of
-from rigctl.campaign.store.store import Document, Store
+from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.workbench.study import Term

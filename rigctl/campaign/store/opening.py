@@ -1,0 +1,81 @@
+"""The file of a store: made whole, or opened and seen to be whole."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+from rigctl.campaign.recording import Header
+from rigctl.campaign.store import ledger, schema, synced
+from rigctl.campaign.store.checked_rows import seal
+from rigctl.campaign.store.header_json import header_to_json
+from rigctl.campaign.store.ledger import Mark
+from rigctl.core.errors import DataError
+
+
+def create_file(path: Path, header: Header) -> None:
+    """A new campaign file, whole from the moment it is there; `DataError` if `path` exists or cannot be made."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        os.close(os.open(partial, os.O_CREAT | os.O_TRUNC, 0o644))
+        with schema.database_errors(path), closing(schema.connect(partial, readonly=False)) as connection:
+            schema.prepare_for_writing(connection)
+            with schema.transaction(connection, durable=True):
+                connection.execute(f"PRAGMA application_id = {schema.APPLICATION_ID}")
+                schema.migrate(connection, schema.MIGRATIONS)
+                connection.execute("INSERT INTO header (data) VALUES (?)", (header_to_json(header),))
+                seal(connection)
+        _publish(partial, path)
+    except FileExistsError as error:
+        raise DataError(f"{path}: exists already; name another store, or `rigctl resume` this one") from error
+    except OSError as error:
+        raise DataError(f"{path}: cannot be made ({error.strerror}); check the directory") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def open_file(path: Path, *, readonly: bool) -> sqlite3.Connection:
+    """An existing campaign file, brought to the current schema unless `readonly`; `DataError`, `DamagedStore`."""
+    if not path.is_file():
+        raise DataError(f"{path}: no such store; check the name, or make one with `rigctl run` or `import`")
+    noted = synced.read(path)
+    if noted is not None and not readonly:
+        # Whoever opens it for writing and closes it again takes away a log of which not all was read.
+        with closing(schema.connect(path, readonly=True)) as connection:
+            _require_whole(connection, path, noted)
+    connection = schema.connect(path, readonly=readonly)
+    try:
+        with schema.database_errors(path):
+            connection.execute(f"PRAGMA query_only = {int(readonly)}")
+            _require_whole(connection, path, noted)
+            schema.bring_up(connection, path, readonly=readonly, seal=seal)
+            if not readonly:
+                schema.require_index(connection, path)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _require_whole(connection: sqlite3.Connection, path: Path, noted: Mark | None) -> None:
+    """Raise unless this is a store, its tables are declared as they should be and its last changes are there."""
+    with schema.database_errors(path):
+        schema.require_store(connection, path)
+        schema.require_readable(connection, path)
+        schema.require_tables(connection, path)
+        if noted is not None and schema.has_checksums(connection):
+            synced.require_all(path, noted, ledger.mark(connection))
+
+
+def _publish(partial: Path, path: Path) -> None:
+    """Give a finished file its name; `FileExistsError` rather than over a store that somebody made meanwhile."""
+    try:
+        os.link(partial, path)
+    except FileExistsError:
+        raise
+    except OSError as error:  # a file system without hard links, where the name can only be looked for
+        if path.exists():
+            raise FileExistsError(path) from error
+        partial.rename(path)

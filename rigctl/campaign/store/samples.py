@@ -1,0 +1,50 @@
+"""The samples of a run in a store, as columns of 64-bit floats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+
+import numpy as np
+
+from rigctl.campaign.store.checked_rows import CheckedRows, Row
+from rigctl.core.arrays import FloatArray
+
+
+def all_samples(rows: CheckedRows, run: Row) -> dict[str, FloatArray]:
+    """Every column, each of shape (samples,), in the order they first came; `DamagedStore`."""
+    chunks: dict[str, list[bytes]] = {}
+    for name, data in rows.samples(run):
+        chunks.setdefault(name, []).append(data)
+    return {
+        name: np.frombuffer(bytearray(b"".join(parts)), dtype="<f8").astype(np.float64, copy=False)
+        for name, parts in chunks.items()
+    }
+
+
+def sample_pieces(rows: CheckedRows, run: Row) -> Iterator[dict[str, FloatArray]]:
+    """The columns piece by piece, as they were written, each piece of one length in all columns; `DamagedStore`."""
+    waiting: dict[str, list[FloatArray]] = {name: [] for name, _ in rows.samples(run)}
+    for name, data in rows.chunks(run):
+        waiting[name].append(np.frombuffer(data, dtype="<f8").astype(np.float64))
+        if all(waiting.values()):
+            columns = {each: np.concatenate(parts) for each, parts in waiting.items()}
+            count = min(column.size for column in columns.values())
+            yield {each: column[:count] for each, column in columns.items()}
+            waiting = {each: [column[count:]] if column.size > count else [] for each, column in columns.items()}
+
+
+def last_samples(rows: CheckedRows, run: Row, count: int) -> dict[str, FloatArray]:
+    """At most the last `count` of every column, not verified."""
+    chunks: dict[str, list[bytes]] = {}
+    lengths: dict[str, int] = {}
+    with closing(rows.chunks(run, "DESC")) as latest:
+        for name, data in latest:
+            if name in chunks and min(lengths.values()) >= count:
+                break
+            chunks.setdefault(name, []).append(data)
+            lengths[name] = lengths.get(name, 0) + len(data) // 8
+    return {
+        name: np.frombuffer(b"".join(reversed(parts)), dtype="<f8")[-count:].astype(np.float64)
+        for name, parts in reversed(chunks.items())
+    }
