@@ -1,0 +1,26 @@
+"""The columns of a recording: runs.csv, and a run's samples."""
+
+from __future__ import annotations
+
+from rigctl.campaign.bundle import layout
+from rigctl.campaign.bundle.layout import Field, Layout
+from rigctl.campaign.bundle.unit_checks import UnitFindings
+from tumble_test.positions import OUTS
+
+COLUMNS = Layout(
+    fields={
+        "mounting": Field(layout.whole_number, required=True),
+        "out": Field(layout.one_of(*OUTS), required=True),
+        "clocking_deg": Field(layout.angle_deg, required=True),
+        "angle_deg": Field(layout.angle_deg, required=True),
+        "approach": Field(layout.sign),
+        "sweep": Field(layout.whole_number),
+        "temperature_c": Field(layout.temperature_c),
+        "start_s": Field(layout.number),
+        "valid": Field(layout.flag),
+    },
+    samples_of=lambda _: ("t_s",),
+    flaw_of_run=lambda _: None,
+    period_of=lambda _: 0.0,
+    units_of=lambda *_: UnitFindings(),
+)

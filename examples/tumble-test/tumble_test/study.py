@@ -1,0 +1,156 @@
+"""The tumble test as the workbench sees it: data, models, candidates, result, what to measure next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from rigctl.campaign.recording import RunSource
+from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import DataError
+from rigctl.effects.catalogue import Effect
+from rigctl.experiments.analysis import Progress
+from rigctl.workbench.findings import ModelFit
+from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
+from rigctl.workbench.study_base import CatalogueStudy, own_model
+from rigctl.workbench.verdict.fit import fit
+from rigctl.workbench.workbench import Workbench
+from tumble_test.model import OF_A_SENSOR, Bench, Placed, Recorded, TumbleModel, placed, recorded
+from tumble_test.observables import Reduced, reduction
+from tumble_test.positions import OUTS
+
+G_N = 9.80665
+"""The standard acceleration, exactly: the unit g of results. Gravity at the place is [constants.g_m_s2]."""
+
+SHEET_UNITS = ("V/g", "ug", "urad", "urad", "ug/g2", "ug/g3", "ug/g2", "ug/g2")
+SHEET_FACTORS = np.array([1e-6, 1.0 / G_N, 1.0, 1.0, G_N, G_N**2, G_N, G_N]) * 1e6 * np.array([G_N, *[1.0] * 7])
+"""Units of the coefficients OF_A_SENSOR on data sheets, and what they are multiplied by, from SI."""
+
+REMOUNT_S, RUN_S = 900.0, 40.0
+CLOCKINGS_DEG = (0.0, 90.0, 180.0, 270.0)
+ANGLES_DEG = tuple(30.0 * place for place in range(12))
+_NOTHING = 0.05
+"""Of its sigma: an effect is not asked about by whose typical size no datum moves more."""
+
+
+class TumbleStudy(CatalogueStudy[Recorded]):
+    """A recording of a tumble test."""
+
+    experiment = "tumble-test"
+
+    def reduced_source(self) -> Recorded:
+        """All positions; `DataError` without any."""
+        runs, left_out = reduction(self.source)
+        if not runs:
+            raise DataError(f"no valid run could be reduced: {next(iter(left_out.values()), 'there is none')}")
+        known = self.source.header.constants
+        bench = Bench(known.get("g_m_s2", G_N), known.get("seat_rad", 1e-4), known.get("angle_scatter_rad", 0.0))
+        return recorded(runs, bench)
+
+    def model(self, terms: Sequence[Term]) -> TumbleModel:
+        """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
+        found: list[Placed] = []
+        for effect in self.chosen(terms):
+            if reason := self.untestable(effect, self._baseline):
+                raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
+            found.append(self._placed(effect, found))
+        return TumbleModel(self.data, found, self._baseline.held)
+
+    @cached_property
+    def _baseline(self) -> TumbleModel:
+        return TumbleModel(self.data)
+
+    def untestable(self, effect: Effect, model: Model) -> str | None:
+        """Why these positions cannot be asked about an effect; None when they can."""
+        del model
+        run = self.data.run
+        if "temperature" in effect.needs and not np.ptp(run.temperature) > 0.0:
+            return "no temperature is recorded that changes; write temperature_c"
+        if "approach" in effect.needs and not np.ptp(run.approach) > 0.0:
+            return "all positions were reached from the same side, or none says from which; write approach"
+        if "time" in effect.needs and not np.isfinite(run.t).all():
+            return "the runs do not say when they began; write start_s"
+        return None
+
+    def candidates_for(self, effects: Sequence[Effect], model: Model, values: FloatArray) -> list[list[Candidate]]:
+        """One for each effect."""
+        here, found = own_model(model, TumbleModel), []
+        for effect in effects:
+            one = self._placed(effect, here.placed)
+            wider = TumbleModel(here.data, (*here.placed, one), here.held)
+            derivative = wider.jacobian(np.concatenate([values, np.zeros(len(one.names))]), len(values))
+            moved = np.abs(derivative * one.typical) > _NOTHING * here.observations.sigma[:, None]
+            seen = derivative * np.any(moved, axis=0)
+            found.append([Candidate(Term(effect.id), one.names, one.units, seen, one.typical)])
+        return found
+
+    def _placed(self, effect: Effect, before: Sequence[Placed]) -> Placed:
+        return placed(effect, self.data.sensors, [name for each in before for name in each.names])
+
+    def lines(self, model: Model) -> Sequence[Line]:
+        """None: a position is a mean."""
+        del model
+        return ()
+
+    def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+        """The coefficients of each sensor in the units of data sheets, without those that are held."""
+        sigmas, found = np.sqrt(np.maximum(np.diag(covariance), 0.0)), {}
+        for number, each in enumerate(model.parameters[: len(OF_A_SENSOR) * len(self.data.sensors)]):
+            place = number // len(self.data.sensors)
+            factor, unit = SHEET_FACTORS[place], SHEET_UNITS[place]
+            if not each.fixed:
+                value, sigma = float(factor * values[number]), float(factor * sigmas[number])
+                found[each.name] = {"value": value, "sigma": sigma, "unit": unit}
+        return found
+
+    def options(self) -> list[Proposal]:
+        """A position in the mounting that is there, or in one with another axis out, or clocked otherwise."""
+        last, found = self.data.seats[-1][:2], []
+        for out, clocking_deg in product(OUTS, CLOCKINGS_DEG):
+            there = (out, clocking_deg) == last
+            sitting, sitting_s = ("", 0.0) if there else (f"{out} {clocking_deg:g}", REMOUNT_S)
+            for angle_deg, approach in product(ANGLES_DEG, (1, -1) if there else (1,)):
+                settings = {"out": out, "clocking_deg": clocking_deg, "angle_deg": angle_deg, "approach": approach}
+                found.append(Proposal(settings, RUN_S, sitting, sitting_s))
+        return found
+
+    def extended(self, proposals: Sequence[Proposal]) -> TumbleStudy:
+        """This recording and positions that could be measured next."""
+        here = self.data
+        return self.with_data(recorded([*here.runs, *_imagined(proposals, here.runs)], here.bench, here.measured))
+
+
+def _imagined(proposals: Sequence[Proposal], runs: Sequence[Reduced]) -> list[Reduced]:
+    """Positions as if they had been measured; each other mounting is a new one."""
+    last, found = runs[-1], []
+    numbers, first = {last.seat[:2]: last.seat[2]}, max(run.seat[2] for run in runs)
+    sweep = max(np.nan_to_num([run.number("sweep") for run in runs])) + 1.0
+    sigma_v = {name: float(np.median([r.sigma_v[name] for r in runs if name in r.sigma_v])) for name in last.sigma_v}
+    for place, each in enumerate(proposals, start=1):
+        number = numbers.setdefault((each.settings["out"], each.settings["clocking_deg"]), first + len(numbers))
+        conditions = {**last.conditions, **each.settings, "mounting": number, "sweep": sweep}
+        found.append(Reduced(f"next {place}", conditions, dict.fromkeys(sigma_v, 0.0), sigma_v, last.duration_s))
+    return found
+
+
+def reduced(source: RunSource, progress: Progress) -> Mapping[str, str]:
+    """Which runs no number can be had of, and why."""
+    del progress
+    return reduction(source)[1]
+
+
+study = TumbleStudy
+
+
+def analyse(workbench: Workbench) -> ModelFit:
+    """A store's positions fitted with its current model; `DataError`, `ProcedureError`."""
+    return fit(workbench.study, workbench.current.terms)
+
+
+def result(workbench: Workbench) -> dict[str, Any]:
+    """The fit, with the version of its model; its `result` are the coefficients in the units of data sheets."""
+    return {"version": workbench.current.version, **analyse(workbench).as_json()}
