@@ -30,7 +30,8 @@ from benchmarks.platform_sampler import SampledRun, record, sampled
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.composition import study_of
 from rigctl.core.errors import RigError
-from rigctl.experiments.rotating_platform.model.model import placed, slopes_at_zero
+from rigctl.experiments.rotating_platform.model.model import slopes_at_zero
+from rigctl.experiments.rotating_platform.model.placed import placed
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt

@@ -17,6 +17,7 @@ import numpy as np
 from procedures.rotating_platform import time_table
 from procedures.rotating_platform.bench import TILT_Y, TILT_Z, PlatformBench, Wanted, Watch
 from procedures.rotating_platform.live_estimate import LiveEstimate
+from procedures.rotating_platform.recording import measure
 from procedures.rotating_platform.tables import ListedRun, Procedure, Turning
 from procedures.rotating_platform.time_table import TimeTable
 from rigctl.campaign.session.session import Session
@@ -178,14 +179,14 @@ def run(session: Session, bench: PlatformBench, plan: Plan) -> None:
 
 
 def _record(session: Session, bench: PlatformBench, recording: Recording, estimator: Estimator) -> None:
-    def measure(writer: RunWriter) -> dict[str, Any]:
+    def recorded(writer: RunWriter) -> dict[str, Any]:
         if recording.g_sign:
             session.operator.flip(recording.g_sign)
-        return bench.measure(session, writer, recording.wanted, _watch(session, recording, estimator))
+        return measure(session, bench, writer, recording.wanted, _watch(session, recording, estimator))
 
     if session.recorded(recording.key):
         bench.replayed(recording.wanted.table)
-    session.acquire(recording.key, recording.conditions, measure, bench.apparatus())
+    session.acquire(recording.key, recording.conditions, recorded, bench.apparatus())
 
 
 def _watch(session: Session, recording: Recording, estimator: Estimator) -> Watch:

@@ -9,10 +9,10 @@ from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.rotating_platform.observe.bench_runs import flips, noise_records, scans
 from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.observe.store_reduction import reduction
 from rigctl.experiments.rotating_platform.result.alignment import Value
+from rigctl.experiments.rotating_platform.result.bench_runs import flips, noise_records, scans
 from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.verdict.fit import fit

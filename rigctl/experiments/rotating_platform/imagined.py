@@ -11,8 +11,8 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
 from rigctl.experiments.rotating_platform.observe.cells import Cells
+from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, channel_run
 from rigctl.experiments.rotating_platform.observe.cutter import cells_of
-from rigctl.experiments.rotating_platform.observe.observables import ChannelRun, channel_run
 from rigctl.experiments.rotating_platform.observe.patterns import Pattern, named_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer

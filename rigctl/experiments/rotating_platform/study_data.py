@@ -11,9 +11,9 @@ import numpy as np
 from rigctl.campaign.recording import RunSource
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.imagined import imagined_channels
-from rigctl.experiments.rotating_platform.model.model import Recorded
-from rigctl.experiments.rotating_platform.observe.lines import Spectra
-from rigctl.experiments.rotating_platform.observe.observables import channel_runs
+from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
+from rigctl.experiments.rotating_platform.observe.channel_runs import channel_runs
+from rigctl.experiments.rotating_platform.observe.line_spectra import Spectra
 from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun, reduction, scan
 from rigctl.workbench.study import Proposal

@@ -10,8 +10,8 @@ from rich.table import Table
 
 from rigctl.core.errors import DataError, ProcedureError
 from rigctl.experiments.rotating_platform.analysis import analyse
-from rigctl.experiments.rotating_platform.observe.bench_runs import noise_records, scans
 from rigctl.experiments.rotating_platform.observe.recorded import chains
+from rigctl.experiments.rotating_platform.result.bench_runs import noise_records, scans
 from rigctl.report.drawn import Drawn
 from rigctl.report.quantities import number, quantity
 from rigctl.report.tables.result_table import ResultTable

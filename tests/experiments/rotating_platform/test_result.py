@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.platform_sampler import Columns, SampledRun, sampled
 from rigctl.campaign.recording import ImportReport, Recording, RunRecord
-from rigctl.experiments.rotating_platform.observe.bench_runs import flips, noise_records, scans
 from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.result.alignment import Value
+from rigctl.experiments.rotating_platform.result.bench_runs import flips, noise_records, scans
 from rigctl.experiments.rotating_platform.result.published import AMPLITUDE_RATIO
 from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy

@@ -7,199 +7,28 @@ by cell along the chain, and reduced alike.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
-from scipy import sparse
 
-from rigctl.analysis.least_squares import Parameter, Prior
+from rigctl.analysis.least_squares import Parameter
 from rigctl.core.arrays import FloatArray
-from rigctl.effects.catalogue import Effect
-from rigctl.experiments.rotating_platform.model.chain import PlatformRuns, off_stop
-from rigctl.experiments.rotating_platform.observe.observables import (
-    ChannelRun,
-    baseline_columns,
-    bias_columns,
-    own_columns,
-    stacked,
+from rigctl.experiments.rotating_platform.model.chain import PlatformRuns
+from rigctl.experiments.rotating_platform.model.placed import (
+    EffectParameter,
+    Placed,
+    fit_parameter,
+    sizes_for,
 )
+from rigctl.experiments.rotating_platform.model.recorded_runs import OF_A_RUN, SHARED, Recorded
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.workbench.study import Observations, Term
-
-SHARED = ("tilt_gain", "accel_z0", "accel_y0")
-OF_A_RUN = tuple(f"{kind}_{channel}" for kind in ("bias", "bias_rate") for channel in CHANNELS)
 
 _STEPS = np.array([1e-3, 1e-6, 1e-6])
 _BIAS_STEP, _RATE_STEP = 1e-6, 1e-9
 _FRACTION = 1e-3
 _NOTHING = 1e-7
-_SCAN_SPREAD = 0.3
-_TOLD = 1e-3
-
-
-@dataclass(frozen=True)
-class EffectParameter:
-    """One number of an effect: its name in the model and in the function, channel ("" for all), unit, start."""
-
-    name: str
-    own: str
-    channel: str
-    unit: str
-    start: float
-    typical: float
-    scanned: bool = False
-
-
-@dataclass(frozen=True)
-class Placed:
-    """An effect in a model, with the values of its choice."""
-
-    effect: Effect
-    term: Term
-    parameters: tuple[EffectParameter, ...]
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """The runs of a recording in both channels, as the chain and the vector of observables see them."""
-
-    channels: tuple[ChannelRun, ...]
-    g_m_s2: float
-    imagined: frozenset[str] = frozenset()
-    peaks: Mapping[str, float] | None = None
-
-    @cached_property
-    def observations(self) -> Observations:
-        """The vector."""
-        return stacked(self.channels, self.imagined, self.peaks)
-
-    @cached_property
-    def run_ids(self) -> tuple[str, ...]:
-        """Of the runs, in order."""
-        return tuple(dict.fromkeys(each.run.run_id for each in self.channels))
-
-    @cached_property
-    def rows(self) -> list[slice]:
-        """Where in the vector each channel of a run stands."""
-        bounds = np.cumsum([0, *(each.value.size for each in self.channels)])
-        return [slice(int(a), int(b)) for a, b in pairwise(bounds)]
-
-    @cached_property
-    def baseline(self) -> FloatArray:
-        """Derivatives by the baseline's parameters, shape (n, 3 + 4 runs)."""
-        runs = len(self.run_ids)
-        found = np.zeros((len(self.observations.value), len(SHARED) + len(OF_A_RUN) * runs))
-        for each, rows in zip(self.channels, self.rows, strict=True):
-            means, ramps = baseline_columns(each.run.cells, each.channel)
-            found[rows, : len(SHARED)] = each.reducer.of(means[:, :3], ramps[:, :3])
-            bias = each.reducer.of(*bias_columns(each.run.cells))
-            for column, kind in enumerate(("bias", "bias_rate")):
-                found[rows, self._place(kind, each)] = bias[:, column]
-        return found
-
-    @cached_property
-    def tilted(self) -> bool:
-        """Whether the commands tell the gain of the tilt from an acceleration that is always there."""
-        shared = self.baseline[:, : len(SHARED)] / self.observations.sigma[:, None]
-        size = np.linalg.norm(shared, axis=0)
-        if not size[0] > 0.0:
-            return False
-        rest = shared[:, 1:] / np.where(size[1:] > 0.0, size[1:], 1.0)
-        found, *_ = np.linalg.lstsq(rest, shared[:, 0], rcond=1e-12)
-        return bool(np.linalg.norm(shared[:, 0] - rest @ found) > _TOLD * size[0])
-
-    @cached_property
-    def commanded_y(self) -> FloatArray:
-        """What the commanded c_Y adds to the observables, shape (n,)."""
-        found = np.zeros(len(self.observations.value))
-        for each, rows in zip(self.channels, self.rows, strict=True):
-            means, ramps = baseline_columns(each.run.cells, each.channel)
-            found[rows] = each.reducer.of(means[:, 3:], ramps[:, 3:])[:, 0]
-        return found
-
-    def _place(self, kind: str, each: ChannelRun) -> int:
-        of_run = OF_A_RUN.index(f"{kind}_{each.channel}")
-        return len(SHARED) + of_run * len(self.run_ids) + self.run_ids.index(each.run.run_id)
-
-    def of_run(self, values: FloatArray, kind: str, channel: str) -> FloatArray:
-        """Level or rate of a channel's bias at every cell."""
-        first = len(SHARED) + OF_A_RUN.index(f"{kind}_{channel}") * len(self.run_ids)
-        return np.asarray(values[first : first + len(self.run_ids)][self._run_of(channel)])
-
-    def _run_of(self, channel: str) -> FloatArray:
-        return np.concatenate(
-            [
-                np.full(each.run.cells.period.size, self.run_ids.index(each.run.run_id))
-                for each in self.channels
-                if each.channel == channel
-            ]
-        ).astype(np.intp)
-
-    @cached_property
-    def chain(self) -> dict[str, PlatformRuns]:
-        """All cells of all runs, by channel."""
-        return {channel: self._chain(channel) for channel in CHANNELS}
-
-    def _chain(self, channel: str) -> PlatformRuns:
-        own = [each for each in self.channels if each.channel == channel]
-        cells = [each.run.cells for each in own]
-        moving = np.concatenate([off_stop(each) for each in cells], axis=1)
-
-        def joined(of: Callable[[ChannelRun], FloatArray]) -> FloatArray:
-            return np.concatenate([of(each) for each in own])
-
-        names = sorted({name for each in own for name in own_columns(each.run.conditions)})
-        return PlatformRuns(
-            channel=channel,
-            t=joined(lambda each: _start_s(each) + each.run.cells.time_s),
-            within=joined(
-                lambda each: each.run.cells.time_s - 0.5 * each.run.cells.periods * each.run.cells.period_s
-            ),
-            cos=np.concatenate([each.geometry[:, 0] for each in cells]),
-            sin=np.concatenate([each.geometry[:, 1] for each in cells]),
-            since=np.concatenate([each.since_s for each in cells]),
-            direction=np.concatenate([each.direction for each in cells]),
-            speed_squared=moving[0],
-            turning=moving[1],
-            c_y=np.concatenate([each.state[:, 1] for each in cells]),
-            c_z=np.concatenate([each.state[:, 0] for each in cells]),
-            temperature=joined(_temperatures),
-            period=joined(lambda each: np.full(each.run.cells.period.size, each.run.cells.period_s)),
-            g=self.g_m_s2,
-            cells=cells,
-            columns={
-                name: joined(
-                    lambda each, name=name: np.full(  # type: ignore[misc]
-                        each.run.cells.period.size, own_columns(each.run.conditions).get(name, math.nan)
-                    )
-                )
-                for name in names
-            },
-        )
-
-    @cached_property
-    def operators(self) -> dict[str, sparse.csr_matrix]:
-        """By channel, from means over all its cells to the whole vector, (n, cells)."""
-        found = {}
-        for channel in CHANNELS:
-            parts = [
-                each.reducer.operator if each.channel == channel else sparse.csr_matrix((each.value.size, 0))
-                for each in self.channels
-            ]
-            rest = sparse.csr_matrix((len(self.observations.value) - self.rows[-1].stop, 0))
-            found[channel] = sparse.csr_matrix(sparse.block_diag([*parts, rest]))
-        return found
-
-    def reduced(self, added: Mapping[str, FloatArray]) -> FloatArray:
-        """The observables of what has these means over all cells of a channel, by channel; shape (n,)."""
-        found = np.zeros(len(self.observations.value))
-        for channel, means in added.items():
-            found += self.operators[channel] @ means
-        return found
 
 
 class PlatformModel:
@@ -218,7 +47,7 @@ class PlatformModel:
         self._own = len(names)
         self.parameters: Sequence[Parameter] = (
             *(Parameter(n, start, fixed=n in fixed) for n, start in zip(names, starts, strict=True)),
-            *(_parameter(each) for each in added),
+            *(fit_parameter(each) for each in added),
         )
         self.units: Sequence[str] = (*units, *(each.unit for each in added))
         self.owners: Sequence[str] = (
@@ -253,7 +82,7 @@ class PlatformModel:
         run = at_rest(self.recorded, channel, values)
         before = run.along + run.signal
         angle = np.zeros(run.t.size)
-        passed = [(each.effect, _sizes_for(channel, each, own)) for each, own in zip(self.placed, sizes, strict=True)]
+        passed = [(each.effect, sizes_for(channel, each, own)) for each, own in zip(self.placed, sizes, strict=True)]
         for effect, own in passed:
             if effect.on == "platform_angle_rad":
                 angle = angle + effect(run.at(signal=angle), **own)
@@ -310,12 +139,6 @@ class PlatformModel:
         return np.asarray((self.added(above) - self.added(below)) / (2.0 * step))
 
 
-def _parameter(each: EffectParameter) -> Parameter:
-    """One to be fitted; what was scanned stays near the value of its scan, where the others are not far."""
-    prior = Prior(each.start, _SCAN_SPREAD * each.start) if each.scanned else None
-    return Parameter(each.name, each.start, prior=prior)
-
-
 def at_rest(recorded: Recorded, channel: str, values: FloatArray) -> PlatformRuns:
     """The chain of a channel with the baseline's accelerations; `signal` is the bias of the baseline."""
     run = recorded.chain[channel]
@@ -332,23 +155,6 @@ def _turned(run: PlatformRuns, angle_rad: FloatArray | float) -> PlatformRuns:
     own_y, own_z = run.a_y * cos + run.a_z * sin, run.a_z * cos - run.a_y * sin
     along, across = (own_z, own_y) if run.channel == "z" else (own_y, own_z)
     return run.at(cos=cos, sin=sin, along=along, across=across)
-
-
-def placed(effect: Effect, term: Term, taken: Sequence[str] = ()) -> Placed:
-    """An effect as part of a model; names that others have `taken` get its id before them."""
-    found: list[EffectParameter] = []
-    for name, unit in effect.parameters.items():
-        typical = float(effect.typical[name])
-        shown = f"{effect.id}.{name}" if name in taken else name
-        if name in effect.scans:
-            start = float(term.choice.get(name, typical))
-            found.append(EffectParameter(shown, name, "", unit, start, start, scanned=True))
-        elif effect.scope == "channel":
-            start = 0.1 * typical if effect.scans else 0.0
-            found += [EffectParameter(f"{shown}[{c}]", name, c, unit, start, typical) for c in CHANNELS]
-        else:
-            found.append(EffectParameter(shown, name, "", unit, 0.0, typical))
-    return Placed(effect, term, tuple(found))
 
 
 def slopes_at_zero(
@@ -370,25 +176,3 @@ def slopes_at_zero(
         if np.any(np.abs(change) > _NOTHING * sigma):
             columns[:, number] = change / parameter.typical
     return amplitudes, columns
-
-
-def _sizes_for(channel: str, each: Placed, values: FloatArray) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for parameter, value in zip(each.parameters, values.tolist(), strict=True):
-        if parameter.scanned and not value > 0.0:
-            value = parameter.start
-        if parameter.channel in ("", channel):
-            found[parameter.own] = value
-    return found
-
-
-def _start_s(each: ChannelRun) -> float:
-    start_s = float(each.run.conditions.get("start_s", math.nan))
-    return start_s if math.isfinite(start_s) else 0.0
-
-
-def _temperatures(each: ChannelRun) -> FloatArray:
-    sampled = each.run.cells.state[:, 2]
-    if np.isfinite(sampled).all():
-        return sampled
-    return np.full(sampled.size, float(each.run.conditions.get("temperature_c", math.nan)))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 from scipy.special import digamma
 
 from rigctl.core.arrays import FloatArray
@@ -86,8 +87,6 @@ def _minimum(spectrum: NoiseSpectrum, free: tuple[int, ...]) -> _Minimum:
 
 def _starts(spectrum: NoiseSpectrum, free: tuple[int, ...], reference_hz: float) -> list[FloatArray]:
     """Levels that match the relative densities, for some exponents."""
-    from scipy.optimize import nnls
-
     if free == _WHITE:
         return [np.array([np.log(np.average(spectrum.density, weights=spectrum.weight)), -np.inf, 0.0])]
     found = []

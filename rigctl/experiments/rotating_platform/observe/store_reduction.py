@@ -16,13 +16,8 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
 from rigctl.experiments.rotating_platform.observe.cutter import cells_of
-from rigctl.experiments.rotating_platform.observe.lines import (
-    Spectra,
-    line_amplitudes,
-    refined,
-    spectra,
-    without_lines,
-)
+from rigctl.experiments.rotating_platform.observe.line_spectra import Spectra, spectra
+from rigctl.experiments.rotating_platform.observe.lines import line_amplitudes, refined, without_lines
 from rigctl.experiments.rotating_platform.observe.recorded import (
     COMMANDS,
     MODULATED,

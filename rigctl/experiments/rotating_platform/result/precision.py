@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
@@ -116,8 +117,6 @@ def measured_precision(
     `correlation` is that of successive values, at lag 1, 2, ..., where they are correlated: it takes degrees of
     freedom. Raises `DataError` for fewer than two values.
     """
-    from scipy import stats
-
     kept = values[np.isfinite(values)]
     if kept.size < 2:
         raise DataError(f"{kept.size} valid periods have no scatter: record at least two")
@@ -145,8 +144,6 @@ class Mean:
 
 def mean_of_periods(values: FloatArray, *, correlation: Sequence[float] = (), level: float = 0.99) -> Mean:
     """The mean of the periods' `values` with what their own scatter says of it; arguments as `measured_precision`."""
-    from scipy import stats
-
     found = measured_precision(values, 1.0, 1.0, correlation=correlation, level=level)
     kept = values[np.isfinite(values)]
     rho = np.asarray(correlation, dtype=np.float64)[: kept.size - 1]

@@ -11,9 +11,11 @@ from matplotlib.figure import Figure
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.rotating_platform.imagined import imagined_cells
-from rigctl.experiments.rotating_platform.model.model import PlatformModel, Recorded, placed
+from rigctl.experiments.rotating_platform.model.model import PlatformModel
+from rigctl.experiments.rotating_platform.model.placed import placed
+from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
 from rigctl.experiments.rotating_platform.observe.cells import AFTER_S, BEFORE, BEFORE_S
-from rigctl.experiments.rotating_platform.observe.observables import ChannelRun, channel_run
+from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, channel_run
 from rigctl.experiments.rotating_platform.observe.patterns import named_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer

@@ -1,0 +1,70 @@
+"""Effects in a model: their parameters by name and channel, and where a fit begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rigctl.analysis.least_squares import Parameter, Prior
+from rigctl.core.arrays import FloatArray
+from rigctl.effects.catalogue import Effect
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
+from rigctl.workbench.study import Term
+
+_SCAN_SPREAD = 0.3
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One number of an effect: its name in the model and in the function, channel ("" for all), unit, start."""
+
+    name: str
+    own: str
+    channel: str
+    unit: str
+    start: float
+    typical: float
+    scanned: bool = False
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An effect in a model, with the values of its choice."""
+
+    effect: Effect
+    term: Term
+    parameters: tuple[EffectParameter, ...]
+
+
+def fit_parameter(each: EffectParameter) -> Parameter:
+    """One to be fitted; what was scanned stays near the value of its scan, where the others are not far."""
+    prior = Prior(each.start, _SCAN_SPREAD * each.start) if each.scanned else None
+    return Parameter(each.name, each.start, prior=prior)
+
+
+def placed(effect: Effect, term: Term, taken: Sequence[str] = ()) -> Placed:
+    """An effect as part of a model; names that others have `taken` get its id before them."""
+    found: list[EffectParameter] = []
+    for name, unit in effect.parameters.items():
+        typical = float(effect.typical[name])
+        shown = f"{effect.id}.{name}" if name in taken else name
+        if name in effect.scans:
+            start = float(term.choice.get(name, typical))
+            found.append(EffectParameter(shown, name, "", unit, start, start, scanned=True))
+        elif effect.scope == "channel":
+            start = 0.1 * typical if effect.scans else 0.0
+            found += [EffectParameter(f"{shown}[{c}]", name, c, unit, start, typical) for c in CHANNELS]
+        else:
+            found.append(EffectParameter(shown, name, "", unit, 0.0, typical))
+    return Placed(effect, term, tuple(found))
+
+
+def sizes_for(channel: str, each: Placed, values: FloatArray) -> dict[str, float]:
+    """The arguments of an effect in a channel, from the values of its parameters."""
+    found: dict[str, float] = {}
+    for parameter, value in zip(each.parameters, values.tolist(), strict=True):
+        if parameter.scanned and not value > 0.0:
+            value = parameter.start
+        if parameter.channel in ("", channel):
+            found[parameter.own] = value
+    return found

@@ -1,0 +1,174 @@
+"""All runs of a recording at once, as the model sees them: baseline columns, chain, reduction of what is added."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy import sparse
+
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.rotating_platform.model.chain import PlatformRuns, off_stop
+from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, baseline_columns, bias_columns
+from rigctl.experiments.rotating_platform.observe.observables import own_columns, stacked
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
+from rigctl.workbench.study import Observations
+
+SHARED = ("tilt_gain", "accel_z0", "accel_y0")
+OF_A_RUN = tuple(f"{kind}_{channel}" for kind in ("bias", "bias_rate") for channel in CHANNELS)
+_SEPARABLE = 1e-3
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The runs of a recording in both channels, as the chain and the vector of observables see them."""
+
+    channels: tuple[ChannelRun, ...]
+    g_m_s2: float
+    imagined: frozenset[str] = frozenset()
+    peaks: Mapping[str, float] | None = None
+
+    @cached_property
+    def observations(self) -> Observations:
+        """The vector."""
+        return stacked(self.channels, self.imagined, self.peaks)
+
+    @cached_property
+    def run_ids(self) -> tuple[str, ...]:
+        """Of the runs, in order."""
+        return tuple(dict.fromkeys(each.run.run_id for each in self.channels))
+
+    @cached_property
+    def rows(self) -> list[slice]:
+        """Where in the vector each channel of a run stands."""
+        bounds = np.cumsum([0, *(each.value.size for each in self.channels)])
+        return [slice(int(a), int(b)) for a, b in pairwise(bounds)]
+
+    @cached_property
+    def baseline(self) -> FloatArray:
+        """Derivatives by the baseline's parameters, shape (n, 3 + 4 runs)."""
+        runs = len(self.run_ids)
+        found = np.zeros((len(self.observations.value), len(SHARED) + len(OF_A_RUN) * runs))
+        for each, rows in zip(self.channels, self.rows, strict=True):
+            means, ramps = baseline_columns(each.run.cells, each.channel)
+            found[rows, : len(SHARED)] = each.reducer.of(means[:, :3], ramps[:, :3])
+            bias = each.reducer.of(*bias_columns(each.run.cells))
+            for column, kind in enumerate(("bias", "bias_rate")):
+                found[rows, self._place(kind, each)] = bias[:, column]
+        return found
+
+    @cached_property
+    def tilted(self) -> bool:
+        """Whether the commands tell the gain of the tilt from an acceleration that is always there."""
+        shared = self.baseline[:, : len(SHARED)] / self.observations.sigma[:, None]
+        size = np.linalg.norm(shared, axis=0)
+        if not size[0] > 0.0:
+            return False
+        rest = shared[:, 1:] / np.where(size[1:] > 0.0, size[1:], 1.0)
+        found, *_ = np.linalg.lstsq(rest, shared[:, 0], rcond=1e-12)
+        return bool(np.linalg.norm(shared[:, 0] - rest @ found) > _SEPARABLE * size[0])
+
+    @cached_property
+    def commanded_y(self) -> FloatArray:
+        """What the commanded c_Y adds to the observables, shape (n,)."""
+        found = np.zeros(len(self.observations.value))
+        for each, rows in zip(self.channels, self.rows, strict=True):
+            means, ramps = baseline_columns(each.run.cells, each.channel)
+            found[rows] = each.reducer.of(means[:, 3:], ramps[:, 3:])[:, 0]
+        return found
+
+    def _place(self, kind: str, each: ChannelRun) -> int:
+        of_run = OF_A_RUN.index(f"{kind}_{each.channel}")
+        return len(SHARED) + of_run * len(self.run_ids) + self.run_ids.index(each.run.run_id)
+
+    def of_run(self, values: FloatArray, kind: str, channel: str) -> FloatArray:
+        """Level or rate of a channel's bias at every cell."""
+        first = len(SHARED) + OF_A_RUN.index(f"{kind}_{channel}") * len(self.run_ids)
+        return np.asarray(values[first : first + len(self.run_ids)][self._run_of(channel)])
+
+    def _run_of(self, channel: str) -> FloatArray:
+        return np.concatenate(
+            [
+                np.full(each.run.cells.period.size, self.run_ids.index(each.run.run_id))
+                for each in self.channels
+                if each.channel == channel
+            ]
+        ).astype(np.intp)
+
+    @cached_property
+    def chain(self) -> dict[str, PlatformRuns]:
+        """All cells of all runs, by channel."""
+        return {channel: self._chain(channel) for channel in CHANNELS}
+
+    def _chain(self, channel: str) -> PlatformRuns:
+        own = [each for each in self.channels if each.channel == channel]
+        cells = [each.run.cells for each in own]
+        moving = np.concatenate([off_stop(each) for each in cells], axis=1)
+
+        def joined(of: Callable[[ChannelRun], FloatArray]) -> FloatArray:
+            return np.concatenate([of(each) for each in own])
+
+        names = sorted({name for each in own for name in own_columns(each.run.conditions)})
+        return PlatformRuns(
+            channel=channel,
+            t=joined(lambda each: _start_s(each) + each.run.cells.time_s),
+            within=joined(
+                lambda each: each.run.cells.time_s - 0.5 * each.run.cells.periods * each.run.cells.period_s
+            ),
+            cos=np.concatenate([each.geometry[:, 0] for each in cells]),
+            sin=np.concatenate([each.geometry[:, 1] for each in cells]),
+            since=np.concatenate([each.since_s for each in cells]),
+            direction=np.concatenate([each.direction for each in cells]),
+            speed_squared=moving[0],
+            turning=moving[1],
+            c_y=np.concatenate([each.state[:, 1] for each in cells]),
+            c_z=np.concatenate([each.state[:, 0] for each in cells]),
+            temperature=joined(_temperatures),
+            period=joined(lambda each: np.full(each.run.cells.period.size, each.run.cells.period_s)),
+            g=self.g_m_s2,
+            cells=cells,
+            columns={
+                name: joined(
+                    lambda each, name=name: np.full(  # type: ignore[misc]
+                        each.run.cells.period.size, own_columns(each.run.conditions).get(name, math.nan)
+                    )
+                )
+                for name in names
+            },
+        )
+
+    @cached_property
+    def operators(self) -> dict[str, sparse.csr_matrix]:
+        """By channel, from means over all its cells to the whole vector, (n, cells)."""
+        found = {}
+        for channel in CHANNELS:
+            parts = [
+                each.reducer.operator if each.channel == channel else sparse.csr_matrix((each.value.size, 0))
+                for each in self.channels
+            ]
+            rest = sparse.csr_matrix((len(self.observations.value) - self.rows[-1].stop, 0))
+            found[channel] = sparse.csr_matrix(sparse.block_diag([*parts, rest]))
+        return found
+
+    def reduced(self, added: Mapping[str, FloatArray]) -> FloatArray:
+        """The observables of what has these means over all cells of a channel, by channel; shape (n,)."""
+        found = np.zeros(len(self.observations.value))
+        for channel, means in added.items():
+            found += self.operators[channel] @ means
+        return found
+
+
+def _start_s(each: ChannelRun) -> float:
+    start_s = float(each.run.conditions.get("start_s", math.nan))
+    return start_s if math.isfinite(start_s) else 0.0
+
+
+def _temperatures(each: ChannelRun) -> FloatArray:
+    sampled = each.run.cells.state[:, 2]
+    if np.isfinite(sampled).all():
+        return sampled
+    return np.full(sampled.size, float(each.run.conditions.get("temperature_c", math.nan)))

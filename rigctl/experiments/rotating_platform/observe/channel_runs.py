@@ -1,0 +1,140 @@
+"""The channels of a run: observables, noise, covariance, and what the baseline's parameters multiply."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.observe.cells import GEOMETRY, Cells
+from rigctl.experiments.rotating_platform.observe.estimators import OUTPUTS
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
+from rigctl.experiments.rotating_platform.observe.reducer import Reducer
+from rigctl.experiments.rotating_platform.observe.run_noise import (
+    Likelihood,
+    RunNoise,
+    Scatter,
+    covariance_within,
+    joint_covariance,
+    likelihood,
+    run_noise,
+)
+from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
+
+_REWEIGHTED = 5
+_FEWEST_GROUPS = 6
+
+
+@dataclass(frozen=True)
+class ChannelRun:
+    """One channel of a run: how it is reduced, its observables, its noise, their covariance's parts."""
+
+    run: PlatformRun
+    channel: str
+    reducer: Reducer
+    value: FloatArray
+    noise: RunNoise
+    sigma: FloatArray
+    factor: FloatArray
+
+    @property
+    def outputs(self) -> int:
+        """How many of the observables are outputs of periods; the others are bins."""
+        return 4 * self.reducer.groups.size
+
+
+def channel_runs(runs: Sequence[PlatformRun]) -> tuple[list[ChannelRun], dict[str, str]]:
+    """All runs in both channels, z first, and by run_id why one is left out."""
+    reducers: list[tuple[PlatformRun, list[Reducer]]] = []
+    left_out: dict[str, str] = {}
+    for run in runs:
+        try:
+            reducers.append((run, [Reducer(run.cells, channel) for channel in CHANNELS]))
+        except DataError as error:
+            left_out[run.run_id] = f"run {run.run_id}: {error}"
+    found: list[ChannelRun] = []
+    told = {channel: [_likelihood(own[i]) for _, own in reducers] for i, channel in enumerate(CHANNELS)}
+    for number, (run, own) in enumerate(reducers):
+        for reducer in own:
+            likelihoods = told[reducer.channel]
+            others = likelihoods[:number] + likelihoods[number + 1 :]
+            noise = run_noise(likelihoods[number], others, run.cells.period_s)
+            found.append(channel_run(run, reducer, noise))
+    return found, left_out
+
+
+def baseline_columns(cells: Cells, channel: str) -> tuple[FloatArray, FloatArray]:
+    """What multiplies tilt_gain, accel_z0, accel_y0, and what c_Y adds: means and ramps, shape (cells, 4)."""
+    names = {"z": (("cz_cos", 1), ("cos", 1), ("sin", -1), ("cy_sin", -1))}
+    names["y"] = (("cz_sin", 1), ("sin", 1), ("cos", 1), ("cy_cos", 1))
+    columns = [GEOMETRY.index(name) for name, _ in names[channel]]
+    signs = np.array([sign for _, sign in names[channel]], dtype=np.float64)
+    return cells.geometry[:, columns] * signs, cells.ramps[:, columns] * signs
+
+
+def bias_columns(cells: Cells) -> tuple[FloatArray, FloatArray]:
+    """What multiplies bias and rate of a run: means and ramps, shape (cells, 2)."""
+    ones = np.ones(cells.period.size)
+    within = cells.time_s - 0.5 * cells.periods * cells.period_s
+    # Of a time within a cell: sum (u - mean u) t, t = u / (2 f_s).
+    spread = cells.count * (cells.count**2 - 1.0) / 3.0 / (2.0 * cells.sample_rate_hz)
+    return np.stack([ones, within], axis=1), np.stack([np.zeros_like(ones), spread], axis=1)
+
+
+def _likelihood(reducer: Reducer) -> Likelihood:
+    """What a run tells of its noise once everything slow and everything that is fitted has been taken off."""
+    cells = reducer.cells
+    means, ramps = baseline_columns(cells, reducer.channel)
+    bias_means, bias_ramps = bias_columns(cells)
+    warmer = cells.state[:, 2] - np.nanmean(cells.state[:, 2]) if np.isfinite(cells.state[:, 2]).all() else None
+    slow = [] if warmer is None or not np.ptp(warmer) > 0.0 else [warmer, warmer**2]
+    columns = np.column_stack([means, bias_means, *slow])
+    whole = np.column_stack([ramps, bias_ramps, *(np.zeros_like(each) for each in slow)])
+    given = reducer.series(reducer.readings()[:, None])[:, :, 0]
+    fitted = reducer.series(reducer.of(columns, whole))
+    # Where a turn leaves something behind, every period has the same of it, but for one that begins without a turn.
+    same = np.broadcast_to(np.eye(len(OUTPUTS))[:, None], (*given.shape, len(OUTPUTS)))
+    design = np.concatenate([fitted, same], axis=2)
+    if given.shape[1] > _FEWEST_GROUPS:
+        given, design = given[:, 1:], design[:, 1:]
+    seen = np.isfinite(given)
+    size = np.linalg.norm(design[seen], axis=0)
+    design = design / np.where(size > 0.0, size, 1.0)
+    left = given
+    # An output in which an external signal is large must not count by its size: by what is left of it.
+    for _ in range(_REWEIGHTED):
+        scale = np.nanstd(left, axis=1, keepdims=True)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        matrix = (design / scale[:, :, None])[seen]
+        found, *_ = np.linalg.lstsq(matrix, (given / scale)[seen], rcond=1e-12)
+        left = given - design @ found
+    left = np.where(seen, left, 0.0)
+    rank = int(np.linalg.matrix_rank(design[seen]))
+    sigma, dof = reducer.bin_scatter()
+    return likelihood(
+        reducer.sampled,
+        reducer.per_group,
+        left,
+        rank if rank < np.count_nonzero(seen) else left.size,
+        Scatter(reducer.bin_weights(), sigma**2 * (dof + 1.0), dof),
+    )
+
+
+def channel_run(run: PlatformRun, reducer: Reducer, noise: RunNoise) -> ChannelRun:
+    """A channel of a run with its observables and, from its noise, their covariance."""
+    covariance = joint_covariance(noise, reducer.sampled, reducer.per_group, reducer.groups.tolist())
+    sigma = np.sqrt(np.diag(covariance))
+    factor = np.linalg.cholesky(covariance / np.outer(sigma, sigma))
+    sigma = sigma * np.tile(np.sqrt(reducer.per_group / reducer.members) * reducer.inflation(), 4)
+    bins = len(reducer.bins)
+    whole = np.zeros((sigma.size + bins, sigma.size + bins))
+    whole[: sigma.size, : sigma.size] = factor
+    around = covariance_within(noise, run.cells.sample_rate_hz, reducer.bin_weights())
+    bin_sigma = np.sqrt(np.diag(around) / reducer.bin_periods())
+    if bins:
+        size = np.sqrt(np.diag(around))
+        whole[sigma.size :, sigma.size :] = np.linalg.cholesky(around / np.outer(size, size))
+    return ChannelRun(run, reducer.channel, reducer, reducer.readings(), noise, np.append(sigma, bin_sigma), whole)

@@ -1,0 +1,130 @@
+"""Spectra, run by run, of what the fits of all periods leave: in them steady lines are looked for."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special, stats
+from scipy.ndimage import uniform_filter1d
+
+from rigctl.analysis.kept import Kept, Packed
+from rigctl.analysis.lines import MAX_BINS, LineScan, ScannedRun
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
+from rigctl.experiments.rotating_platform.observe.residuals import residual_blocks
+
+_LEVEL_BINS = 401
+_LOWEST = 2.5
+_NOTCH = 0.8
+_BANDS, _FEWEST_IN_BAND = 24, 30
+_SCAN, _PEAKS = "scan", "peaks"
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """The scan of a recording, and by run and channel how unlikely its highest peak is, in sigma."""
+
+    scan: LineScan
+    peaks: Mapping[str, float]
+
+
+def spectra(kept: Kept, runs: Mapping[str, tuple[Cells, Iterable[Columns]]], chains: Chains) -> Spectra:
+    """The scan of these runs, kept as long as the runs are the same."""
+    names = [f"{run_id} {channel}" for run_id in runs for channel in CHANNELS]
+    before = kept.get(_SCAN, _unpacked)
+    if before is not None and list(before.peaks) == names:
+        return before
+    scan, peaks = LineScan(), {}
+    for run_id, (cells, chunks) in runs.items():
+        half = zlib.crc32(run_id.encode()) & 1
+        for channel, parts in _scanned(chunks, chains, cells).items():
+            for number, part in enumerate(parts):
+                scan.add(f"{run_id} {channel} {number}", (channel, half), part)
+            peaks[f"{run_id} {channel}"] = _peak(parts)
+    packed = scan.packed()
+    kept.put(_SCAN, Packed({**packed.head, _PEAKS: peaks}, packed.arrays))
+    return Spectra(scan, peaks)
+
+
+def _unpacked(kept: Packed) -> Spectra:
+    return Spectra(LineScan.unpacked(kept), kept.head[_PEAKS])
+
+
+def _scanned(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> dict[str, list[ScannedRun]]:
+    found: dict[str, list[ScannedRun]] = {channel: [] for channel in CHANNELS}
+    for block in residual_blocks(chunks, chains, cells):
+        usable = max(float(block.whole.sum()), 1.0)
+        kept = float(np.tile(block.kept, len(block.whole)) @ np.repeat(block.whole, cells.samples))
+        for channel in CHANNELS:
+            # What every period has alike comes of the turns and is no line.
+            table = block.left[channel].reshape(len(block.whole), -1)
+            alike = (table.sum(axis=0) / usable) * block.whole[:, None]
+            part = _part((table - alike).ravel(), kept, cells)
+            if part is not None:
+                found[channel].append(part)
+    return found
+
+
+def _part(left: FloatArray, kept: float, cells: Cells) -> ScannedRun | None:
+    """One stretch's powers in units of their level, as the mean of the neighbours' logarithms."""
+    rate_hz = cells.sample_rate_hz
+    duration_s = left.size / rate_hz
+    step_hz = 2.0 ** math.floor(math.log2(0.5 / duration_s))
+    length = max(round(rate_hz / step_hz), left.size)
+    step_hz = rate_hz / length
+    power = np.abs(np.fft.rfft(left, length)[:MAX_BINS]) ** 2
+    if kept < 1.0 or power.size < 2 * _LEVEL_BINS or not power.any():
+        return None
+    power *= (2.0 / kept) ** 2
+    frequency: FloatArray = np.asarray(np.arange(power.size) * step_hz)
+    logs = np.log(np.maximum(power, np.finfo(float).tiny)) - special.digamma(1.0)
+    # Where the periods' mean was taken off there is nothing left to look at.
+    apart_hz = np.abs(frequency - np.rint(frequency * cells.period_s) / cells.period_s)
+    seen = (frequency > _LOWEST / cells.period_s) & (frequency < 0.5 * rate_hz - 2.0 / duration_s)
+    use: FloatArray = np.asarray(seen & (apart_hz > _NOTCH / duration_s), dtype=np.float64)
+    if use.sum() < 2 * _LEVEL_BINS:
+        return None
+    slope, use = _slope(frequency, logs, use)
+    smooth = uniform_filter1d((logs - slope) * use, _LEVEL_BINS, mode="constant")
+    share = uniform_filter1d(use, _LEVEL_BINS, mode="constant")
+    inverse = np.exp(-slope - smooth / np.maximum(share, 1e-9)) * use
+    normal = power * inverse
+    logarithm = np.log(np.maximum(normal, np.finfo(float).tiny)) * use
+    return ScannedRun(step_hz, duration_s, rate_hz, np.stack([use, normal, logarithm, inverse]))
+
+
+def _slope(frequency: FloatArray, logs: FloatArray, use: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The course of the logarithms over the frequency in broad bands, and what can be used: no band of few bins."""
+    where = np.flatnonzero(use)
+    at = np.log(frequency[where])
+    edges = np.linspace(at[0], at[-1] + 1e-9, _BANDS + 1)
+    band = np.searchsorted(edges, at, side="right") - 1
+    count = np.bincount(band, minlength=_BANDS)
+    full = count >= _FEWEST_IN_BAND
+    if full.sum() < 2:
+        return np.full(frequency.size, float(logs[where].mean())), use
+    middle = np.bincount(band, at, _BANDS)[full] / count[full]
+    mean = np.bincount(band, logs[where], _BANDS)[full] / count[full]
+    course = np.interp(np.log(np.maximum(frequency, frequency[where[0]])), middle, mean)
+    seen = use * (np.log(np.maximum(frequency, frequency[1])) >= middle[0])
+    return np.asarray(course), np.asarray(seen)
+
+
+def _peak(parts: Sequence[ScannedRun]) -> float:
+    """The highest peak of a run, as the normal deviate that is as unlikely; about N(0, 1) without a line."""
+    log_p, trials = 0.0, 0.0
+    for part in parts:
+        use, power = part.sums[0], part.sums[1]
+        trials += float(use.sum())
+        log_p = min(log_p, -float(power.max()))
+    if not trials:
+        return 0.0
+    # One minus the chance that none of so many exponentials is as high.
+    none = trials * math.log1p(-math.exp(log_p)) if log_p < 0.0 else -math.inf
+    p = -math.expm1(none)
+    return float(stats.norm.isf(max(p, 1e-300))) if p < 1.0 else -8.0

@@ -1,0 +1,157 @@
+"""One run: means, slopes and precisions from both its channels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.rotating_platform.model.response import SineResponse
+from rigctl.experiments.rotating_platform.observe.cells import FAULTS, Cells
+from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun
+from rigctl.experiments.rotating_platform.observe.estimates import PeriodEstimates, estimates
+from rigctl.experiments.rotating_platform.observe.estimators import Estimator
+from rigctl.experiments.rotating_platform.observe.mask import outside_guard, usual_mask
+from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
+from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
+from rigctl.experiments.rotating_platform.result.alignment import Value
+from rigctl.experiments.rotating_platform.result.external import commanded_accel, response_of, without_command
+from rigctl.experiments.rotating_platform.result.run_precision import OUTPUTS, Precision, run_means, run_precision
+from rigctl.experiments.rotating_platform.result.separation import Conditions, conditions
+
+_BALANCED = 1e-9
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """One run: `values` of the four outputs by channel, how they came about, and how well they are known.
+
+    `series` are the outputs period by period, `commanded` (periods,) what was commanded of a_Z, as demodulated.
+    """
+
+    run: PlatformRun
+    sampled: SampledPattern
+    estimator: Estimator
+    series: PeriodEstimates
+    conditions: Conditions
+    values: Mapping[str, Mapping[str, Value]]
+    precision: Mapping[str, Precision]
+    response: SineResponse | None
+    commanded: FloatArray
+    dropped: Mapping[str, int]
+
+    @property
+    def refitted(self) -> int:
+        """Periods that had to be fitted jointly, in either channel."""
+        return int(self.series.refitted.any(axis=1).sum())
+
+    @property
+    def invalid(self) -> int:
+        """Periods of which too little is left, in either channel."""
+        return int(self.series.invalid.any(axis=1).sum())
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is to be said of its record, a line each."""
+        cells, found = self.run.cells, []
+        if cells.drift_s:
+            found.append(
+                f"{self.run.run_id}: the turns come {cells.drift_s:+.3g} s later in the last period than in the "
+                "first: the platform's clock is not that of the samples; every period is fitted jointly"
+            )
+        if cells.off_stop:
+            found.append(
+                f"{self.run.run_id}: {cells.off_stop} samples count although the platform moves: "
+                "look at the mask, or give a guard time"
+            )
+        if self.invalid:
+            found.append(f"{self.run.run_id}: {self.invalid} of {cells.periods} periods have lost half their samples")
+        return tuple(found)
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `runs` in `rigctl result --json`."""
+        given = self.run.conditions
+        found: dict[str, Any] = {
+            "run_id": self.run.run_id,
+            "pattern": given["pattern"],
+            "modulation_period_s": self.sampled.pattern.period_s,
+            "sample_rate_hz": self.sampled.sample_rate_hz,
+            "external": given.get("external") or "constant",
+            "estimator": self.estimator,
+            "guard_s": self.run.guard_s,
+            "periods": len(self.series),
+            "refitted": self.refitted,
+            "invalid": self.invalid,
+            "dropped": dict(self.dropped),
+            "conditions": asdict(self.conditions),
+        }
+        for output in OUTPUTS:
+            unit = "m_s3" if output.endswith("slope") else "m_s2"
+            for channel in sorted(CHANNELS):
+                found[f"{output}_{channel}_{unit}"] = value_json(self.values[channel][output])
+        found["precision_1h_m_s2"] = {channel: self.precision[channel].as_json() for channel in sorted(CHANNELS)}
+        found["response"] = None if self.response is None else _response(self.response)
+        found["remarks"] = list(self.remarks)
+        return found
+
+
+def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
+    """Means, slopes and precisions of one run from both its channels; guard applied as its table was made."""
+    run = channels[0].run
+    cells = run.cells
+    keep = outside_guard(cells, run.guard_s, run.lead_s)
+    sampled = usual_mask(cells, keep)
+    found = conditions(sampled)
+    asked = run.conditions.get("estimator") == "joint-ls"
+    uneven = bool(cells.drift_s) or abs(found.m0) > _BALANCED
+    estimator: Estimator = "joint-ls" if asked or uneven else "projection"
+    series = estimates(cells, keep, sampled, estimator)
+    noises = {each.channel: each.noise for each in channels}
+    accel = {channel: without_command(cells, series, number) for number, channel in enumerate(CHANNELS)}
+    values, precisions = {}, {}
+    for number, channel in enumerate(CHANNELS):
+        values[channel] = run_means(sampled, series, number, estimator, noises[channel])
+        gain = chains.gain_v_per_m_s2[channel]
+        precisions[channel] = run_precision(sampled, accel[channel], estimator, noises[channel], gain)
+    commanded = commanded_accel(cells)
+    return RunResult(
+        run,
+        sampled,
+        estimator,
+        series,
+        found,
+        values,
+        precisions,
+        response_of(run, sampled, series),
+        commanded,
+        _dropped(cells),
+    )
+
+
+def _dropped(cells: Cells) -> dict[str, int]:
+    """Samples of dwells that were left out, by reason; lost in both channels counts once."""
+    return {name: int(cells.faults[:, :, i].max(axis=1).sum()) for i, name in enumerate(FAULTS[:3])}
+
+
+def value_json(value: Value) -> dict[str, float | None]:
+    """Within `rigctl result --json`; None for what is not known."""
+    return {"value": _number(value.value), "sigma": _number(value.sigma)}
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _response(found: SineResponse) -> dict[str, Any]:
+    return {
+        "accel_pp_m_s2": found.accel_pp,
+        "bias_pp_m_s2": found.bias_pp,
+        "shift_min": {
+            "start": found.shift.start_min,
+            "centre": found.shift.centre_min,
+            "end": found.shift.end_min,
+        },
+    }

@@ -1,0 +1,118 @@
+"""Figures 7 and 8: acceleration and bias, period by period, under an external triangle or sine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rigctl.experiments.rotating_platform.model.response import expected_sine
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
+from rigctl.experiments.rotating_platform.result import published
+from rigctl.experiments.rotating_platform.result.result import PlatformResult
+from rigctl.experiments.rotating_platform.result.run_result import RunResult
+from rigctl.report.figures.data import Plate
+from rigctl.report.figures.style import new_figure, panel_letter, series_style
+from rigctl.report.quantities import number
+
+
+@dataclass(frozen=True)
+class CourseRow:
+    """A period of a run with a varying external signal: outputs in the z channel, and what was commanded."""
+
+    run_id: str
+    pattern: str
+    modulation_period_s: float
+    time_min: float
+    commanded_m_s2: float
+    accel_m_s2: float
+    bias_m_s2: float
+    accel_slope_m_s3: float
+    bias_slope_m_s3: float
+    expected_bias_m_s2: float | None
+
+
+def course_plate(
+    name: str, external: str, runs: Sequence[RunResult], found: PlatformResult, chains: Chains
+) -> Plate[CourseRow]:
+    """Outputs over time under an external triangle or sine."""
+    rows: list[CourseRow] = []
+    said: list[str] = []
+    for run in runs:
+        expected = _expected_bias(run, found.tilt_gain.value, chains) if external == "sine" else None
+        z = CHANNELS.index("z")
+        period_s = run.sampled.pattern.period_s
+        for number_, commanded in enumerate(run.commanded):
+            time_s = (number_ + 0.5) * period_s + run.sampled.centre_s
+            rows.append(
+                CourseRow(
+                    run.run.run_id,
+                    str(run.run.conditions["pattern"]),
+                    period_s,
+                    time_s / 60.0,
+                    float(commanded),
+                    float(run.series.accel_mean[number_, z]),
+                    float(run.series.bias_mean[number_, z]),
+                    float(run.series.accel_slope[number_, z]),
+                    float(run.series.bias_slope[number_, z]),
+                    None if expected is None else float(expected[number_]),
+                )
+            )
+        if run.response is not None:
+            response = run.response
+            said.append(
+                f"{run.run.run_id} (pattern {run.run.conditions['pattern']}, {period_s:g} s): bias "
+                f"{number(response.bias_pp)} m/s2 peak to peak, {response.shift.end_min:.1f} min late stamped at the "
+                f"end of the window, {response.shift.centre_min:.1f} at its centre"
+            )
+    printed = ""
+    if external == "sine":
+        printed = (
+            f" Printed for pattern a, {published.SINE_TAU_S:g} s, {published.SINE_V:g} V: "
+            f"{published.BIAS_PP_M_S2:g} expected, {published.BIAS_PP_MEASURED_M_S2:g} measured, "
+            f"{published.SHIFT_MIN:g} min stamped at the end ({published.SOURCE}, figure 8)."
+        )
+    caption = (
+        f"Acceleration and bias of the z channel under an external {external}, period by period: (a) acceleration, "
+        f"(b) bias, (c) slope of the acceleration, (d) slope of the bias. {'; '.join(said)}.{printed}"
+    )
+    return Plate(name, caption, rows, draw_course)
+
+
+def draw_course(rows: Sequence[CourseRow]) -> Figure:
+    """Four panels over time, a series per run."""
+    figure = new_figure(4.4)
+    panels = figure.subplots(2, 2, sharex=True).ravel()
+    names = ("accel_m_s2", "bias_m_s2", "accel_slope_m_s3", "bias_slope_m_s3")
+    labels = ("acceleration / m/s²", "bias / m/s²", "slope of the acceleration / m/s³", "slope of the bias / m/s³")
+    runs = list(dict.fromkeys(row.run_id for row in rows))
+    for panel, letter, name, label in zip(panels, "abcd", names, labels, strict=True):
+        for index, run_id in enumerate(runs):
+            own = [row for row in rows if row.run_id == run_id]
+            look = series_style(index)
+            times = [row.time_min for row in own]
+            text = f"{run_id}: {own[0].pattern}, {own[0].modulation_period_s:g} s"
+            panel.plot(times, [getattr(r, name) for r in own], color=look.color, linestyle=look.line, label=text)
+            if name == "bias_m_s2" and own[0].expected_bias_m_s2 is not None:
+                panel.plot(times, [r.expected_bias_m_s2 for r in own], ":", color=look.color, linewidth=0.8)
+        panel.set_ylabel(label)
+        panel_letter(panel, letter)
+        panel.ticklabel_format(axis="y", scilimits=(-3, 4))
+    for panel in panels[2:]:
+        panel.set_xlabel("time / min")
+    panels[0].legend(loc="best")
+    return figure
+
+
+def _expected_bias(run: RunResult, gain: float, chains: Chains) -> Any:
+    """The bias of every period that the pattern makes of the sine, about its mean (eq. 16 on the masked samples)."""
+    period_s = float(run.run.conditions["external_period_s"])
+    amplitude = abs(float(run.run.conditions["v_z_v"])) / chains.command_v_per_m_s2["z"] * gain
+    expected = expected_sine(run.sampled, amplitude, period_s, run.estimator)
+    times_s = (np.arange(len(run.series)) + 0.5) * run.sampled.pattern.period_s + run.sampled.centre_s
+    lag_s = 60.0 * expected.shift.centre_min
+    mean = float(np.nanmean(run.series.bias_mean[:, CHANNELS.index("z")]))
+    return mean + 0.5 * expected.bias_pp * np.sin(2.0 * np.pi * (times_s - lag_s) / period_s)
