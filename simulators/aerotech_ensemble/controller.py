@@ -9,7 +9,7 @@ from enum import Enum, auto
 import numpy as np
 
 from simulators.aerotech_ensemble.grammar import Invalid
-from simulators.aerotech_ensemble.limits import first_crossing_s
+from simulators.aerotech_ensemble.limits import AxisLimits
 from simulators.aerotech_ensemble.parameters import Parameter, Parameters
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisFault, AxisStatus, PlaneStatus
@@ -56,6 +56,7 @@ class AxisController:
         self._axis = axis
         self._parameters = parameters
         self._settings = settings
+        self._limits = AxisLimits(axis, parameters, settings)
         self._lasting = AxisFault(0)
         self.on_fault: Callable[[], None] = lambda: None
         self.restart()
@@ -214,7 +215,8 @@ class AxisController:
     def status(self) -> AxisStatus:
         """The status word, without position capture."""
         now_s = self._now()
-        status = self._limit_levels(self._axis.position(now_s))
+        pressed = bool(self._lasting & AxisFault.EMERGENCY_STOP)
+        status = self._limits.levels(self._axis.position(now_s), emergency_stop=pressed)
         if self.enabled:
             status |= AxisStatus.ENABLED | AxisStatus.SERVO_CONTROL
         if self.homed:
@@ -261,7 +263,8 @@ class AxisController:
     def _begin(self, activity: Activity, now_s: float, end_s: float, watch_until_s: float) -> None:
         self._activity = activity
         self._end_s = end_s
-        self._limit_s, self._limit_fault = self._next_limit(now_s, watch_until_s)
+        jogging = activity is Activity.JOG
+        self._limit_s, self._limit_fault = self._limits.crossing(now_s, watch_until_s, self.zero_mm, soft=jogging)
         self._wake_at(end_s)
         self._wake_at(self._limit_s)
 
@@ -271,22 +274,6 @@ class AxisController:
 
     def _wake(self) -> None:
         self._now()
-
-    def _next_limit(self, now_s: float, until_s: float) -> tuple[float, AxisFault]:
-        """When the motion just begun runs into a limit, and which."""
-        s = self._settings
-        bounds = [
-            (s.travel_max_mm, 1, AxisFault.CW_HARD_LIMIT),
-            (s.travel_min_mm, -1, AxisFault.CCW_HARD_LIMIT),
-        ]
-        soft = self._soft_limits()
-        if soft and self._activity is Activity.JOG:
-            bounds.append((soft[1] + self.zero_mm, 1, AxisFault.CW_SOFT_LIMIT))
-            bounds.append((soft[0] + self.zero_mm, -1, AxisFault.CCW_SOFT_LIMIT))
-        crossings = [
-            (first_crossing_s(self._axis, now_s, until_s, bound, side), fault) for bound, side, fault in bounds
-        ]
-        return min(crossings, key=lambda crossing: crossing[0])
 
     def _brake(self, now_s: float, deceleration_mm_s2: float | None = None) -> None:
         if self._activity is Activity.NONE:
@@ -317,12 +304,7 @@ class AxisController:
 
     def _rejected(self, speed_mm_s: float, position_mm: float | None = None) -> bool:
         """A set-point beyond a limit is a fault before anything moves; raises `Faulted` if set up so."""
-        fault = AxisFault(0)
-        soft = self._soft_limits()
-        if soft and position_mm is not None and not soft[0] <= position_mm <= soft[1]:
-            fault |= AxisFault.CW_SOFT_LIMIT if position_mm > soft[1] else AxisFault.CCW_SOFT_LIMIT
-        if speed_mm_s > self._parameters[Parameter.VELOCITY_COMMAND_THRESHOLD]:
-            fault |= AxisFault.MAX_VELOCITY_COMMAND
+        fault = self._limits.of_set_point(speed_mm_s, position_mm)
         if not fault:
             return False
         self._trip(self._clock.now_s(), fault)
@@ -334,11 +316,6 @@ class AxisController:
         if acceleration_mm_s2 > self._settings.acceleration_max_mm_s2:
             self._trip(now_s, AxisFault.POSITION_ERROR)
 
-    def _soft_limits(self) -> tuple[float, float] | None:
-        low = self._parameters[Parameter.SOFTWARE_LIMIT_LOW]
-        high = self._parameters[Parameter.SOFTWARE_LIMIT_HIGH]
-        return None if low == high == 0.0 else (low, high)
-
     def _direction_of_motion(self, now_s: float) -> AxisStatus:
         _, velocity, acceleration = self._axis.sample(np.array([now_s]))
         v, a = float(velocity[0]), float(acceleration[0])
@@ -346,14 +323,3 @@ class AxisController:
         if a == 0.0:
             return status
         return status | (AxisStatus.DECELERATING if v * a < 0 else AxisStatus.ACCELERATING)
-
-    def _limit_levels(self, position_mm: float) -> AxisStatus:
-        s = self._settings
-        setup = int(self._parameters[Parameter.END_OF_TRAVEL_LIMIT_SETUP])
-        pressed = bool(self._lasting & AxisFault.EMERGENCY_STOP)
-        levels = AxisStatus.ESTOP_LEVEL if s.estop_level != pressed else AxisStatus(0)
-        if (position_mm >= s.travel_max_mm) == bool(setup & 4):
-            levels |= AxisStatus.CW_LIMIT_LEVEL
-        if (position_mm <= s.travel_min_mm) == bool(setup & 2):
-            levels |= AxisStatus.CCW_LIMIT_LEVEL
-        return levels

@@ -81,3 +81,30 @@ def move_words(words: tuple[str, ...], axis_names: frozenset[str]) -> tuple[floa
         raise Invalid
     position, speed = found.groups()
     return number(position), None if speed is None else number(speed)
+
+
+def none(words: tuple[str, ...]) -> None:
+    """Nothing may follow."""
+    exactly(0, words)
+
+
+def exactly(count: int, words: tuple[str, ...]) -> tuple[str, ...]:
+    """That many words."""
+    if len(words) != count:
+        raise Invalid
+    return words
+
+
+def choice(names: dict[str, int], word: str) -> int:
+    """The code of a keyword."""
+    if word not in names:
+        raise Invalid
+    return names[word]
+
+
+def positive(word: str) -> float:
+    """A number above zero that leaves a motion finite."""
+    value = number(word)
+    if not 1e-6 <= value <= 1e9:
+        raise Invalid
+    return value

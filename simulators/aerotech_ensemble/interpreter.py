@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from simulators.aerotech_ensemble.capture import PositionCapture
 from simulators.aerotech_ensemble.controller import AxisController, Faulted
-from simulators.aerotech_ensemble.grammar import Command, Invalid, move_words, number, whole
-from simulators.aerotech_ensemble.parameters import Parameter, Parameters, named
+from simulators.aerotech_ensemble.grammar import Command, Invalid, exactly, move_words, none, number, whole
+from simulators.aerotech_ensemble.modes import ABSOLUTE, INPOS, NOWAIT, MotionModes
+from simulators.aerotech_ensemble.parameters import Parameters, named
 from simulators.aerotech_ensemble.registers import Registers
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisStatus, signed_32_bit
@@ -17,12 +18,6 @@ from simulators.measured import Tap
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
 
-NOWAIT, MOVEDONE, INPOS = range(3)
-WAIT_WORDS = {"NOWAIT": NOWAIT, "MOVEDONE": MOVEDONE, "INPOS": INPOS}
-RAMP_WORDS = {"DIST": 0, "RATE": 1, "TIME": 2}
-SWITCH_WORDS = {"OFF": 0, "ON": 1}
-ABSOLUTE, INCREMENTAL = range(2)
-MODES = 13
 TASKS = 5
 TASK_IDLE = 1
 PLANES = 4
@@ -63,7 +58,7 @@ class Interpreter:
         self.capture = PositionCapture(axis, trigger, settings, tap)
         self._registers = Registers(settings)
         self._unit_mm = 1.0
-        self._set_power_on_modes()
+        self._modes = MotionModes(self.parameters, self._names)
         self._handlers: dict[str, Callable[[tuple[str, ...]], Reply]] = {
             "VERSION": self._version,
             "ACKNOWLEDGEALL": self._acknowledge_all,
@@ -75,17 +70,17 @@ class Interpreter:
             "HOMEASYNC": self._home_asynchronously,
             "PROGRAM": self._program,
             "TASKSTATE": self._task_state,
-            "WAIT": self._wait,
-            "ABS": self._absolute,
-            "INC": self._incremental,
+            "WAIT": self._modes.set_wait,
+            "ABS": self._modes.set_absolute,
+            "INC": self._modes.set_incremental,
             "MOVEABS": self._move_absolute,
             "MOVEINC": self._move_incremental,
             "LINEAR": self._linear,
             "FREERUN": self._free_run,
             "OSCILLATE": self._oscillate,
-            "RAMP": self._ramp,
-            "SCURVE": self._s_curve,
-            "VELOCITY": self._velocity_profiling,
+            "RAMP": lambda words: self._modes.set_ramp(words, self._unit_mm),
+            "SCURVE": self._modes.set_s_curve,
+            "VELOCITY": self._modes.set_profiling,
             "PFBK": self._query(lambda: self._length(self.axis.feedback_mm())),
             "PFBKPROG": self._query(lambda: self._length(self._program_mm(self.axis.feedback_mm()))),
             "PCMD": self._query(lambda: self._length(self.axis.commanded_mm())),
@@ -102,7 +97,7 @@ class Interpreter:
             "SETPARM": self._set_parameter,
             "COMMITPARAMETERS": self._commit_parameters,
             "RESET": self._reset,
-            "GETMODE": self._get_mode,
+            "GETMODE": self._modes.text,
             "DIN": self._digital_input,
             "DOUT": self._digital_output,
             "AIN": self._analog_input,
@@ -130,19 +125,7 @@ class Interpreter:
         self.axis.restart()
         self.capture.reset()
         self._registers.clear()
-        self._set_power_on_modes()
-
-    def _set_power_on_modes(self) -> None:
-        self._wait_mode = int(self.parameters[Parameter.DEFAULT_WAIT_MODE])
-        self._positioning = ABSOLUTE
-        self._ramp_mode = RAMP_WORDS["RATE"]
-        self._ramp_rate_mm_s2 = self.parameters[Parameter.DEFAULT_RAMP_RATE]
-        self._ramp_time_s = 0.1
-        self._ramp_distance_mm = 1.0
-        self._s_curve_percent = 0.0
-        self._profiling = 0
-        self._speed_mm_s = self.parameters[Parameter.DEFAULT_SPEED]
-        self._program_zero_mm = 0.0
+        self._modes.restart()
 
     # shapes that several commands share
 
@@ -176,7 +159,7 @@ class Interpreter:
         return way * self._unit_mm, None if speed is None else speed * self._unit_mm
 
     def _program_mm(self, machine_mm: float) -> float:
-        return machine_mm - self._program_zero_mm
+        return machine_mm - self._modes.program_zero_mm
 
     # state
 
@@ -191,7 +174,7 @@ class Interpreter:
 
     def _enable(self) -> None:
         self.axis.enable()
-        self._wait_mode = int(self.parameters[Parameter.DEFAULT_WAIT_MODE])
+        self._modes.default_wait()
 
     def _axis_status(self) -> str:
         status = self.axis.status()
@@ -232,26 +215,9 @@ class Interpreter:
         self.axis.home()
         return None
 
-    def _wait(self, words: tuple[str, ...]) -> Reply:
-        mode, value = exactly(2, words)
-        if mode != "MODE":
-            raise Invalid
-        self._wait_mode = choice(WAIT_WORDS, value)
-        return None
-
-    def _absolute(self, words: tuple[str, ...]) -> Reply:
-        none(words)
-        self._positioning = ABSOLUTE
-        return None
-
-    def _incremental(self, words: tuple[str, ...]) -> Reply:
-        none(words)
-        self._positioning = INCREMENTAL
-        return None
-
     def _move_absolute(self, words: tuple[str, ...]) -> Reply:
         position_mm, speed_mm_s = self._move_words(words)
-        return self._go(position_mm + self._program_zero_mm, position_mm, speed_mm_s)
+        return self._go(position_mm + self._modes.program_zero_mm, position_mm, speed_mm_s)
 
     def _move_incremental(self, words: tuple[str, ...]) -> Reply:
         distance_mm, speed_mm_s = self._move_words(words)
@@ -259,19 +225,19 @@ class Interpreter:
 
     def _linear(self, words: tuple[str, ...]) -> Reply:
         value_mm, speed_mm_s = self._move_words(words)
-        origin_mm = self._program_zero_mm if self._positioning == ABSOLUTE else self.axis.commanded_mm()
+        origin_mm = self._modes.program_zero_mm if self._modes.positioning == ABSOLUTE else self.axis.commanded_mm()
         return self._go(origin_mm + value_mm, value_mm, speed_mm_s, linear=True)
 
     def _go(self, target_mm: float, way_mm: float, speed_mm_s: float | None, *, linear: bool = False) -> Reply:
-        speed = self._speed_mm_s if speed_mm_s is None else speed_mm_s
-        end_s = self.axis.move(target_mm, speed, self._ramp_mm_s2(speed, abs(way_mm)), linear=linear)
-        self._speed_mm_s = speed
+        speed = self._modes.speed_mm_s if speed_mm_s is None else speed_mm_s
+        end_s = self.axis.move(target_mm, speed, self._modes.ramp_mm_s2(speed, abs(way_mm)), linear=linear)
+        self._modes.speed_mm_s = speed
         return self._moving_until(end_s)
 
     def _free_run(self, words: tuple[str, ...]) -> Reply:
         (velocity,) = exactly(1, self._after_axis(words))
         velocity_mm_s = number(velocity) * self._unit_mm
-        self.axis.jog(velocity_mm_s, self._ramp_mm_s2(abs(velocity_mm_s), 0.0))
+        self.axis.jog(velocity_mm_s, self._modes.ramp_mm_s2(abs(velocity_mm_s), 0.0))
         return None
 
     def _oscillate(self, words: tuple[str, ...]) -> Reply:
@@ -284,56 +250,19 @@ class Interpreter:
         return self._moving_until(end_s) if self._settings.oscillate_waits else None
 
     def _moving_until(self, end_s: float) -> Reply:
-        if self._wait_mode == NOWAIT or self.axis.fault() or not self.axis.moving():
+        if self._modes.wait == NOWAIT or self.axis.fault() or not self.axis.moving():
             return None
-        return Blocked(end_s + (self._settings.settle_s if self._wait_mode == INPOS else 0.0))
-
-    def _ramp_mm_s2(self, speed_mm_s: float, way_mm: float) -> float:
-        if self._ramp_mode == RAMP_WORDS["TIME"]:
-            return speed_mm_s / self._ramp_time_s or self._ramp_rate_mm_s2
-        if self._ramp_mode == RAMP_WORDS["DIST"] and way_mm:
-            return speed_mm_s**2 / (2.0 * self._ramp_distance_mm)
-        return self._ramp_rate_mm_s2
-
-    def _ramp(self, words: tuple[str, ...]) -> Reply:
-        what, *rest = words or ("",)
-        if len(rest) == 2 and rest[0] in self._names:
-            rest = rest[1:]
-        (value,) = exactly(1, tuple(rest))
-        if what == "MODE":
-            self._ramp_mode = choice(RAMP_WORDS, value)
-        elif what == "RATE":
-            self._ramp_rate_mm_s2 = positive(value) * self._unit_mm
-        elif what == "TIME":
-            self._ramp_time_s = positive(value)
-        elif what == "DIST":
-            self._ramp_distance_mm = positive(value)
-        else:
-            raise Invalid
-        return None
-
-    def _s_curve(self, words: tuple[str, ...]) -> Reply:
-        (value,) = exactly(1, words)
-        percent = number(value)
-        if not 0.0 <= percent <= 100.0:
-            raise Invalid
-        self._s_curve_percent = percent
-        return None
-
-    def _velocity_profiling(self, words: tuple[str, ...]) -> Reply:
-        (value,) = exactly(1, words)
-        self._profiling = choice(SWITCH_WORDS, value)
-        return None
+        return Blocked(end_s + (self._settings.settle_s if self._modes.wait == INPOS else 0.0))
 
     def _position_offset(self, words: tuple[str, ...]) -> Reply:
         what, *rest = words or ("",)
         arguments = self._after_axis(tuple(rest))
         if what == "SET":
             (position,) = exactly(1, arguments)
-            self._program_zero_mm = self.axis.feedback_mm() - number(position) * self._unit_mm
+            self._modes.program_zero_mm = self.axis.feedback_mm() - number(position) * self._unit_mm
         elif what == "CLEAR":
             none(arguments)
-            self._program_zero_mm = 0.0
+            self._modes.program_zero_mm = 0.0
         else:
             raise Invalid
         return None
@@ -357,20 +286,6 @@ class Interpreter:
     def _reset(self, words: tuple[str, ...]) -> Reply:
         none(words)
         raise Restarting
-
-    def _get_mode(self, words: tuple[str, ...]) -> Reply:
-        (mode,) = exactly(1, words)
-        modes = {
-            0: self._positioning,
-            1: self._wait_mode,
-            2: self._ramp_mode,
-            3: self._profiling,
-            4: self._s_curve_percent,
-            6: self._speed_mm_s,
-            7: self._ramp_rate_mm_s2,
-            10: self._ramp_rate_mm_s2,
-        }
-        return f"{modes.get(whole(mode, 0, MODES - 1), 0):g}"
 
     def _digital_input(self, words: tuple[str, ...]) -> Reply:
         for word in self._after_axis(words):
@@ -420,30 +335,3 @@ class Interpreter:
             case _:
                 raise Invalid
         return None
-
-
-def none(words: tuple[str, ...]) -> None:
-    """Nothing may follow."""
-    exactly(0, words)
-
-
-def exactly(count: int, words: tuple[str, ...]) -> tuple[str, ...]:
-    """That many words."""
-    if len(words) != count:
-        raise Invalid
-    return words
-
-
-def choice(names: dict[str, int], word: str) -> int:
-    """The code of a keyword."""
-    if word not in names:
-        raise Invalid
-    return names[word]
-
-
-def positive(word: str) -> float:
-    """A number above zero that leaves a motion finite."""
-    value = number(word)
-    if not 1e-6 <= value <= 1e9:
-        raise Invalid
-    return value

@@ -1,6 +1,7 @@
 """SCPI and IEEE 488.2 as an instrument hears them: the grammar, and the shell around a simulated device."""
 
-from simulators.scpi.device import Command, Pending, Register, Reply, ScpiShell, setting
+from simulators.scpi.commands import Command, Pending, Register, Reply, setting
+from simulators.scpi.device import ScpiShell
 from simulators.scpi.grammar import Boolean, Choice, Integer, Number, ScpiError, Text, header_regex, parse
 
 __all__ = [
