@@ -271,7 +271,7 @@ def test_a_rig_without_lasers_or_thermometer_is_a_bench_as_well(desk: Any) -> No
         ("rotation", "silent = { after = 36 }", "NOT known to be at rest: "),
         ("accelerometer", "silent = { after = 120 }", "accelerometer"),
         ("accelerometer", "truncated = { after = 120, keep_bytes = 1 }", "accelerometer"),
-        ("thermometer", "silent = { after = 12 }", "thermometer"),
+        ("thermometer", "silent = { after = 24 }", "thermometer"),
     ],
 )
 def test_an_instrument_that_fails_in_the_middle_costs_no_run_and_the_campaign_can_be_resumed(
