@@ -1,4 +1,4 @@
-"""The walks of docs/walks.md: lists of files that are there, each named once, each joined to the next by an import."""
+"""The walks of docs/walks.md: files that are there, each named once, each joined to the next by an import."""
 
 from __future__ import annotations
 
