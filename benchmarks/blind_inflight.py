@@ -24,7 +24,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 import numpy as np
 
 from benchmarks.blind_trials import clopper_pearson
-from procedures.inflight.calibration import TEN, Calibration
+from procedures.inflight.tables import TEN, Calibration
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.core.errors import RigError
 from rigctl.experiments.inflight.study import InflightStudy

@@ -28,8 +28,8 @@ from inflight_plain import PlainSatellite, State
 from machine import conditions
 from scipy import signal
 
-from procedures.inflight.calibration import MonteCarlo
 from procedures.inflight.monte_carlo import Unit, reduce_unit
+from procedures.inflight.tables import MonteCarlo
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.result.draws import rows_of
 from simulators.worlds.satellite.ensemble import Ensemble

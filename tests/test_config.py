@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from procedures.inflight import calibration as inflight
+from procedures.inflight import tables as inflight
 from procedures.rotating_platform import tables as platform_tables
 from procedures.sensing_axis import tables
 from procedures.sensing_axis.campaign import plan_of

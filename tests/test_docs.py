@@ -26,7 +26,7 @@ from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
 from drivers.newport_esp301 import Esp301Settings
 from drivers.newport_xps import XpsSettings
 from drivers.rotation_settings import RotationSettings
-from procedures.inflight.calibration import Calibration, MonteCarlo
+from procedures.inflight.tables import Calibration, MonteCarlo
 from procedures.rotating_platform import tables as platform_tables
 from procedures.sensing_axis.tables import ListedRun, Procedure, Targets
 from rigctl.cli import app

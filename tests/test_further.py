@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from procedures.inflight import campaign as inflight
-from procedures.inflight.orbit import flight_of
+from procedures.inflight.bench import flight_of
 from procedures.rotating_platform import campaign as rotating_platform
 from procedures.rotating_platform.bias_rejection import Plan
 from procedures.rotating_platform.tables import Procedure as PlatformProcedure

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from procedures.campaigns import Instruments
-from procedures.inflight.calibration import Calibration, Flight, calibrate, check
-from procedures.inflight.orbit import flight_of
+from procedures.inflight.bench import Flight, flight_of
+from procedures.inflight.calibration import calibrate, check
+from procedures.inflight.tables import Calibration
 from rigctl.campaign.origin import campaign_of
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
 from rigctl.campaign.session.session import Session

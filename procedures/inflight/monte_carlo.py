@@ -15,8 +15,9 @@ from threading import Event
 from typing import Any, Protocol, cast
 
 from procedures.campaigns import Instruments
-from procedures.inflight.calibration import Flight, MonteCarlo, calibrate, check
-from procedures.inflight.orbit import flight_of
+from procedures.inflight.bench import Flight, flight_of
+from procedures.inflight.calibration import calibrate, check
+from procedures.inflight.tables import MonteCarlo
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.parts import Part
 from rigctl.core.errors import ConfigError, LinkError

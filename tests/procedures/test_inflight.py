@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procedures.inflight.calibration import TEN, Calibration, Flight, calibrate, check, on_grid
-from procedures.inflight.orbit import flight_of
+from procedures.inflight.bench import Flight, flight_of
+from procedures.inflight.calibration import calibrate, check
+from procedures.inflight.tables import TEN, Calibration
+from procedures.inflight.telemetry import on_grid
 from rigctl import runner
 from rigctl.campaign.bundle.bundle import read_bundle, write_bundle
 from rigctl.campaign.recording import Header

@@ -17,8 +17,8 @@ import pytest
 from distributed import LocalCluster
 
 from procedures.inflight import monte_carlo
-from procedures.inflight.calibration import MonteCarlo
 from procedures.inflight.monte_carlo import Unit
+from procedures.inflight.tables import MonteCarlo
 from rigctl import results, runner
 from rigctl.campaign.origin import truth_path
 from rigctl.campaign.status import status_of

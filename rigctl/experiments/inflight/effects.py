@@ -13,31 +13,12 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import effect
+from rigctl.experiments.inflight.model.gradient import attitude_error, flattening, precession
 
 if TYPE_CHECKING:
     from rigctl.experiments.inflight.model.flight import FlightRun
 
-EARTH_RADIUS_M, EARTH_M3_S2, LIGHT_M_S, EARTH_ORBIT_M_S = 6378137.0, 3.986004418e14, 299792458.0, 29780.0
-
-_TURN_Y = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-"""What turning the orbit from X to Z does to a direction, per radian."""
-
-
-def _turned(tensor: FloatArray, generator: FloatArray) -> FloatArray:
-    """The change of T when directions change by `generator`, (3, 3) or (3, 3, n)."""
-    if generator.ndim == 2:
-        generator = generator[:, :, None]
-    return np.asarray(
-        np.einsum("ijn,jkn->ikn", np.broadcast_to(generator, tensor.shape), tensor)
-        - np.einsum("ijn,jkn->ikn", tensor, np.broadcast_to(generator, tensor.shape))
-    )
-
-
-def _attitude_error(run: FlightRun, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    """The change of T in the satellite's frame when its true attitude is the estimated one less (x, y, z)."""
-    zero = np.zeros_like(run.t)
-    x, y, z = zero + x, zero + y, zero + z
-    return _turned(run.gradient, np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]))
+LIGHT_M_S, EARTH_ORBIT_M_S = 299792458.0, 29780.0
 
 
 @effect(
@@ -49,7 +30,7 @@ def _attitude_error(run: FlightRun, x: FloatArray, y: FloatArray, z: FloatArray)
 )
 def tracker_bias(run: FlightRun, s_x: FloatArray, s_y: FloatArray, s_z: FloatArray) -> FloatArray:
     """The star tracker is askew: the true attitude is less by s, and T is turned; a_c12, a_c13, Dx, Dz take it up."""
-    return _attitude_error(run, s_x, s_y, s_z)
+    return attitude_error(run.gradient, s_x, s_y, s_z)
 
 
 @effect(
@@ -64,7 +45,9 @@ def tracker_aberration(run: FlightRun, orbital: FloatArray, annual: FloatArray) 
     cosine, sine = np.cos(run.orbital * run.t), np.sin(run.orbital * run.t)
     speed = 7.1e6 * run.orbital / LIGHT_M_S
     constant = EARTH_ORBIT_M_S / LIGHT_M_S
-    return _attitude_error(run, 0.0 * cosine, annual * constant + orbital * speed * cosine, orbital * speed * sine)
+    return attitude_error(
+        run.gradient, 0.0 * cosine, annual * constant + orbital * speed * cosine, orbital * speed * sine
+    )
 
 
 @effect(
@@ -88,14 +71,7 @@ def orbit_dating(run: FlightRun, delay: FloatArray) -> FloatArray:
 )
 def orbit_precession(run: FlightRun, perigee_rate: FloatArray, eccentricity_rate: FloatArray) -> FloatArray:
     """Perigee and eccentricity move during a session: the phase of 2 f_orb drifts, the line at f_orb grows."""
-    mean = run.orbital * run.t
-    # Over ten orbits the angle reaches hundredths: its square counts.
-    angle, none, one = perigee_rate * run.t, np.zeros_like(mean), np.ones_like(mean)
-    c, s = np.cos(angle), np.sin(angle)
-    turn = np.array([[c, none, -s], [none, one, none], [s, none, c]])
-    precessed = np.einsum("ijn,jkn,lkn->iln", turn, run.gradient, turn) - run.gradient
-    grown = 2.0 * np.sin(mean) * _turned(run.gradient, _TURN_Y) + 3.0 * np.cos(mean) * run.gradient
-    return np.asarray(precessed + eccentricity_rate * run.t * grown)
+    return precession(run.gradient, run.orbital, run.t, perigee_rate, eccentricity_rate)
 
 
 @effect(
@@ -115,25 +91,8 @@ def gravity_j2(
     j_yz: FloatArray,
 ) -> FloatArray:
     """The Earth is flat at its poles: T differs by J2 (R/a)^2; j_kl is J2 times the pole's components k and l."""
-    # The orbit's eccentricity changes what is small by a hundredth.
-    cosine, sine = np.cos(run.orbital * run.t), np.sin(run.orbital * run.t)
-    u = np.array([cosine, np.zeros_like(cosine), sine])
-    axis_m = (EARTH_M3_S2 / run.orbital**2) ** (1.0 / 3.0)
-    factor = -0.5 * (run.orbital * EARTH_RADIUS_M / axis_m) ** 2
     products = np.array([[j_xx, j_xy, j_xz], [j_xy, j_yy, j_yz], [j_xz, j_yz, j_zz]], dtype=np.float64)
-    along = np.einsum("ij,jn->in", products, u)
-    latitude = np.einsum("in,in->n", u, along)
-    trace = np.trace(products)
-    eye, outer = np.eye(3)[:, :, None], u[:, None] * u[None]
-    return np.asarray(
-        factor
-        * (
-            6.0 * products[:, :, None]
-            - 30.0 * (along[:, None] * u[None] + u[:, None] * along[None])
-            + (3.0 * trace - 15.0 * latitude) * eye
-            + (105.0 * latitude - 15.0 * trace) * outer
-        )
-    )
+    return flattening(run.orbital, run.t, products)
 
 
 @effect(
@@ -202,11 +161,7 @@ def charge(run: FlightRun, charging_d: FloatArray) -> FloatArray:
     source="remanent moment in the field's gradient (f_orb), susceptibility in its square's (2 f_orb); to 1e-13",
 )
 def magnetic(
-    run: FlightRun,
-    once_cos_d: FloatArray,
-    once_sin_d: FloatArray,
-    twice_cos_d: FloatArray,
-    twice_sin_d: FloatArray,
+    run: FlightRun, once_cos_d: FloatArray, once_sin_d: FloatArray, twice_cos_d: FloatArray, twice_sin_d: FloatArray
 ) -> FloatArray:
     """The Earth's field pulls at the masses: lines at f_orb and, like the gradient's, at 2 f_orb."""
     angle = run.orbital * run.t

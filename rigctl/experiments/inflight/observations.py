@@ -8,7 +8,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.model.baseline import Baseline, Stretch
-from rigctl.experiments.inflight.observe.observed import Observed
+from rigctl.experiments.inflight.model.observed import Observed
 from rigctl.workbench.study import NoisePool, Observations, Series
 
 DIFFERENTIAL, OWN = "2 m_dx", "own channel"

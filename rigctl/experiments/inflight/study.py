@@ -11,8 +11,8 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.inflight.model.parameters import NAMES
-from rigctl.experiments.inflight.observe.found import level_found, line_found, pulses_found
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
+from rigctl.experiments.inflight.sample_findings import level_found, line_found, pulses_found
 from rigctl.experiments.inflight.study_data import FlightData
 from rigctl.experiments.inflight.study_model import InflightModel, shown_name
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term

@@ -13,12 +13,13 @@ from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.effect_changes import EffectChanges
 from rigctl.experiments.inflight.imagined import stronger
 from rigctl.experiments.inflight.model.baseline import Baseline, Stretch
+from rigctl.experiments.inflight.model.observed import Observed, observed
+from rigctl.experiments.inflight.model.residual_samples import RunScan
+from rigctl.experiments.inflight.model.sample_scans import run_scans
 from rigctl.experiments.inflight.observations import observations_of
-from rigctl.experiments.inflight.observe.found import loudness
-from rigctl.experiments.inflight.observe.observed import Observed, observed
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
-from rigctl.experiments.inflight.observe.samples import RunScan
-from rigctl.experiments.inflight.observe.store_reduction import reduced_without, reduction, run_scans
+from rigctl.experiments.inflight.observe.store_reduction import reduced_without, reduction
+from rigctl.experiments.inflight.sample_findings import loudness
 from rigctl.workbench.study import Observations, Proposal
 
 

@@ -10,8 +10,7 @@ from rigctl.analysis.least_squares import Parameter
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.inflight.effect_changes import STEP
-from rigctl.experiments.inflight.model.baseline import NUISANCES
-from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.model.parameters import NAMES, NUISANCES
 from rigctl.experiments.inflight.study_data import FlightData
 from rigctl.workbench.study import Observations, Term
 

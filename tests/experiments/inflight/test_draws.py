@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.inflight.calibration import MonteCarlo
 from procedures.inflight.monte_carlo import Unit, reduce_unit
+from procedures.inflight.tables import MonteCarlo
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.result.draws import ReducedUnit, estimated
 from simulators.worlds.satellite.ensemble import Ensemble

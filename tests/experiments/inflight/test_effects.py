@@ -108,7 +108,7 @@ def plain(flight, instrument):
 @pytest.mark.parametrize("name", DONE)
 def test_data_move_as_the_derivative_says(flight, instrument, plain, name):
     added, sizes = DONE[name]
-    changed = study(flight, instrument, added).observations.value - plain.observations.value
+    changed = study(flight, instrument, added).data.observations.value - plain.data.observations.value
     effect = catalogue("inflight-calibration")[name]
     values = np.array([sizes.get(parameter, 0.0) for parameter in effect.parameters])
     model = plain.model(())

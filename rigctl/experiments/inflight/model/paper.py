@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.arrays import ComplexArray, FloatArray
-from rigctl.experiments.inflight.model.baseline import held_elsewhere
+from rigctl.experiments.inflight.model.equation import held_elsewhere
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.series import Amplitudes, straightened
 from rigctl.experiments.inflight.observe.sessions import MASS_MOTION, Session

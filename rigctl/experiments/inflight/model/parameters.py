@@ -18,6 +18,13 @@ NAMES = (
 )
 UNITS = ("m", "m", "m", "rad", "rad", "1", "rad", "rad", "s2/m", "s2/m")
 
+NUISANCES = ("ac11", "theta_cx", "k_y", "k_z", "ad22", "ad33")
+"""What the equation of the baseline needs besides, known beforehand within limits."""
+
+NUISANCE_UNITS = ("1", "rad", "s2/m", "s2/m", "1", "1")
+SHARED = len(NAMES) + len(NUISANCES)
+"""How many parameters all runs share: those of `NAMES`, then those of `NUISANCES`."""
+
 
 class Quadratic(NamedTuple):
     """Quadratic factors of the two masses, in the linearised output's own scale (s2/m)."""

@@ -1,11 +1,10 @@
-"""Any recording's runs, each reduced and searched once and kept in the store."""
+"""Any recording's runs, each reduced once and kept in the store."""
 
 from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,13 +14,13 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.between_lines import BetweenLines
 from rigctl.experiments.inflight.observe.grid import Grid
+from rigctl.experiments.inflight.observe.pulses import without_pulses
 from rigctl.experiments.inflight.observe.reduction import ReducedRun, ReducedStretch, reduce_run
-from rigctl.experiments.inflight.observe.samples import Peak, Pulses, RunScan, covered, scan
 from rigctl.experiments.inflight.observe.series import Amplitudes
 from rigctl.experiments.inflight.observe.sessions import Line, session_of
 
 RECIPE = Recipe("inflight-calibration", 8)
-"""Its version is counted up whenever reduction.py or samples.py would give other numbers."""
+"""Its version is counted up whenever reduction.py or model/residual_samples.py would give other numbers."""
 
 
 def reduction(source: RunSource, progress: Progress | None = None) -> Reduction[ReducedRun]:
@@ -42,31 +41,11 @@ def reduced_without(source: RunSource, run: ReducedRun, pulses_s: FloatArray) ->
     """A run reduced again without the samples that pulses beginning at `pulses_s` cover; kept like the others."""
 
     def make() -> Packed:
-        samples = _without(pulses_s, source.samples(run.run_id))
+        samples = without_pulses(source.samples(run.run_id), pulses_s)
         again = reduce_run(run.run_id, run.conditions, samples, orbit_period_of(source))
         return packed(replace(again, remarks=run.remarks))
 
-    return _kept(source, "without", pulses_s.tobytes()).once(run.run_id, make, lambda kept: unpacked(kept, run))
-
-
-def run_scans(
-    source: RunSource, runs: Sequence[ReducedRun], values: FloatArray, pulses_s: Mapping[str, FloatArray]
-) -> tuple[RunScan, ...]:
-    """What the baseline at `values` leaves of all runs' samples, without those that pulses cover, looked through.
-
-    Kept for just these runs and pulses.
-    """
-    names = " ".join(sorted(run.run_id for run in runs))
-    kept = _kept(source, "samples", names.encode() + b"".join(pulses.tobytes() for pulses in pulses_s.values()))
-
-    def scanned(run: ReducedRun) -> RunScan:
-        def make() -> Packed:
-            samples = _without(pulses_s.get(run.run_id), source.samples(run.run_id))
-            return packed_scan(scan(run, samples, values))
-
-        return kept.once(run.run_id, make, unpacked_scan)
-
-    return tuple(map(scanned, runs))
+    return kept_by(source, "without", pulses_s.tobytes()).once(run.run_id, make, lambda kept: unpacked(kept, run))
 
 
 def orbit_period_of(source: RunSource) -> float:
@@ -77,15 +56,9 @@ def orbit_period_of(source: RunSource) -> float:
     return period_s
 
 
-def _kept(source: RunSource, what: str, depends_on: bytes) -> Kept:
+def kept_by(source: RunSource, what: str, depends_on: bytes) -> Kept:
+    """What is kept of runs that depends on something besides their own samples."""
     return Kept(source, replace(RECIPE, settings=(what, f"{zlib.crc32(depends_on):08x}")))
-
-
-def _without(pulses_s: FloatArray | None, samples: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
-    if pulses_s is None:
-        return samples
-    hidden = covered(samples["t_s"], pulses_s)
-    return {name: column if name == "t_s" else np.where(hidden, np.nan, column) for name, column in samples.items()}
 
 
 def packed(run: ReducedRun) -> Packed:
@@ -148,19 +121,3 @@ def unpacked(kept: Packed, run: RunRecord | ReducedRun) -> ReducedRun:
         Grid(arrays["t_s"], columns, arrays["present"]),
         tuple(head["remarks"]),
     )
-
-
-def packed_scan(scan: RunScan) -> Packed:
-    """Everything."""
-    pulses = scan.pulses
-    head = {"run_id": scan.run_id, "trials": pulses.trials, "peak": None if scan.peak is None else asdict(scan.peak)}
-    arrays = {"at_s": pulses.at_s, "amplitude": pulses.amplitude, "sigma": pulses.sigma}
-    return Packed(head, {**arrays, "levels": scan.levels, "level_at_s": scan.level_at_s})
-
-
-def unpacked_scan(kept: Packed) -> RunScan:
-    """What `packed_scan` was given."""
-    head, arrays = kept.head, kept.arrays
-    pulses = Pulses(arrays["at_s"], arrays["amplitude"], arrays["sigma"], head["trials"])
-    peak = None if head["peak"] is None else Peak(**head["peak"])
-    return RunScan(head["run_id"], pulses, peak, arrays["levels"], arrays["level_at_s"])

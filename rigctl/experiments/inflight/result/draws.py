@@ -14,9 +14,9 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.model.baseline import Stretch
 from rigctl.experiments.inflight.model.joint import joint_estimate
+from rigctl.experiments.inflight.model.observed import own_sigma
 from rigctl.experiments.inflight.model.paper import FittedRun, paper_estimate
 from rigctl.experiments.inflight.model.parameters import NAMES
-from rigctl.experiments.inflight.observe.observed import own_sigma
 from rigctl.experiments.inflight.observe.series import INDEX, SERIES, Amplitudes, central, raw_series
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
 from rigctl.experiments.inflight.observe.weights import response, weights

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
+from rigctl.experiments.inflight.model.residual_samples import STRETCH_S, THRESHOLD_SIGMA, RunScan, unsteadiness
 from rigctl.experiments.inflight.observe.reduction import ReducedStretch
-from rigctl.experiments.inflight.observe.samples import STRETCH_S, THRESHOLD_SIGMA, RunScan, unsteadiness
 from rigctl.workbench.study import Line, Term
 
 CHANNEL = "2 m_dx"

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.arrays import ComplexArray, FloatArray
-from rigctl.experiments.inflight.model.baseline import Stretch, own_channel, own_force
+from rigctl.experiments.inflight.model.baseline import Stretch
+from rigctl.experiments.inflight.model.equation import own_channel, own_force
 from rigctl.experiments.inflight.model.joint import joint_estimate
+from rigctl.experiments.inflight.model.noise import RunNoise, run_noises
 from rigctl.experiments.inflight.model.paper import FittedRun
-from rigctl.experiments.inflight.observe.noise import RunNoise, run_noises
 from rigctl.experiments.inflight.observe.reduction import ReducedRun, ReducedStretch
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Session
 

@@ -10,17 +10,16 @@ import numpy as np
 from scipy import ndimage, signal, stats
 
 from rigctl.core.arrays import BoolArray, FloatArray
-from rigctl.experiments.inflight.model.baseline import SHARED, coefficients
+from rigctl.experiments.inflight.model.equation import coefficients
+from rigctl.experiments.inflight.model.parameters import SHARED
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of
+from rigctl.experiments.inflight.observe.pulses import AFTER_S
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import NEEDED, raw_series
 from rigctl.experiments.inflight.observe.weights import taper, templates
 
 RISE_S, FALL_S = 1.0, 3.0
 THRESHOLD_SIGMA = 6.0
-BEFORE_S, AFTER_S = 3.0, 30.0
-"""What a pulse covers."""
-
 EDGE_S = 12.0
 """So near to a gap or an end no pulse is told from it."""
 
@@ -115,14 +114,6 @@ def residual(run: ReducedRun, grid: Grid, values: FloatArray) -> FloatArray:
         columns = {name: column - means.get(name, 0.0) for name, column in part.columns.items()}
         found[start : start + _CHUNK] = raw_series(run.session, part.t_s, columns) @ c
     return np.where(grid.present, found, 0.0)
-
-
-def covered(grid_t_s: FloatArray, at_s: FloatArray) -> BoolArray:
-    """Which samples pulses cover."""
-    found = np.zeros(len(grid_t_s), dtype=bool)
-    for begin_s in at_s:
-        found |= (grid_t_s > begin_s - BEFORE_S) & (grid_t_s < begin_s + AFTER_S)
-    return found
 
 
 def unsteadiness(levels: Sequence[FloatArray]) -> float:

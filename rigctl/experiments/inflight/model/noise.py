@@ -13,7 +13,8 @@ import numpy as np
 from scipy import optimize
 
 from rigctl.core.arrays import BoolArray, FloatArray
-from rigctl.experiments.inflight.model.baseline import SHARED, coefficients, own_channel
+from rigctl.experiments.inflight.model.equation import coefficients, own_channel
+from rigctl.experiments.inflight.model.parameters import SHARED
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 
 POWERS = (-2, -1, 0, 2, 4)

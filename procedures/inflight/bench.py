@@ -1,12 +1,23 @@
-"""The satellite of a rig file and its orbit."""
+"""The bench of an in-flight campaign: the satellite of a rig file and its orbit."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from procedures.campaigns import Instruments
-from procedures.inflight.calibration import Flight
 from rigctl.core.errors import ConfigError
+from rigctl.core.satellites import DragFreeSatellite
 
 ORBIT = ("orbit_period_s", "eccentricity")
+
+
+@dataclass(frozen=True)
+class Flight:
+    """The satellite, and what is believed of its orbit."""
+
+    satellite: DragFreeSatellite
+    orbit_period_s: float
+    eccentricity: float
 
 
 def flight_of(rig: Instruments) -> Flight:
