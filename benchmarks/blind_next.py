@@ -38,7 +38,7 @@ from rigctl.core.errors import RigError
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.files.rig_file import read_rig
 from rigctl.workbench.findings import Diagnosis
-from rigctl.workbench.next.promise import PROMISE
+from rigctl.workbench.next.noncentrality import SEPARATING_LAMBDA
 from rigctl.workbench.next.recommend import recommend
 from rigctl.workbench.next.recommendation import Recommendation
 from rigctl.workbench.study import Term
@@ -63,7 +63,7 @@ SIGMA = (6.0, 15.0)
 ROOM = "\n[world.temperature]\ndaily_k = 3.0\n"
 """A room that warms by some 0.1 K in such a scan."""
 
-BOUNDS = (PROMISE, 50.0, 100.0, np.inf)
+BOUNDS = (SEPARATING_LAMBDA, 50.0, 100.0, np.inf)
 TARGET = 0.95
 ALPHA = 0.01
 
@@ -205,11 +205,19 @@ def report(rows: Sequence[Mapping[str, Any]]) -> bool:
     for low, high in pairwise(BOUNDS):
         within = [pair["separated"] for pair in pairs if low <= pair["lambda"] < high]
         line("pairs", within, f"lambda {low:g} .. {high:g}")
-    line("pairs", [pair["separated"] for pair in pairs if pair["lambda"] < PROMISE], f"lambda below {PROMISE:g}")
-    kept = [row for row in asked if min(pair["lambda"] for pair in row["pairs"]) >= PROMISE]
+    line(
+        "pairs",
+        [pair["separated"] for pair in pairs if pair["lambda"] < SEPARATING_LAMBDA],
+        f"lambda below {SEPARATING_LAMBDA:g}",
+    )
+    kept = [row for row in asked if min(pair["lambda"] for pair in row["pairs"]) >= SEPARATING_LAMBDA]
     line("trials", [row["said_after"] == list(row["hidden"]) for row in kept], "exactly the hidden effect named")
     promise = [all(pair["separated"] for pair in row["pairs"]) for row in kept]
-    line("trials", promise, f"all its rivals told apart, lambda {PROMISE:g} and more (target {TARGET:g})")
+    line(
+        "trials",
+        promise,
+        f"all its rivals told apart, lambda {SEPARATING_LAMBDA:g} and more (target {TARGET:g})",
+    )
     return bool(promise) and clopper_pearson(sum(promise), len(promise))[1] < TARGET
 
 

@@ -1,4 +1,4 @@
-"""What the workbench finds, as data: for JSON, tables, figures and reports alike."""
+"""Results of the workbench as data, for JSON, tables, figures and reports."""
 
 from __future__ import annotations
 

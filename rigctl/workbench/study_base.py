@@ -127,22 +127,22 @@ def line_frequencies_hz(terms: Sequence[Term]) -> tuple[float, ...]:
     return tuple(float(term.choice["frequency_hz"]) for term in terms if "frequency_hz" in term.choice)
 
 
-def steady_line(found: FoundLine, term: Term, channel: str, unit: str, duration_s: float) -> Line:
+def steady_line(line: FoundLine, term: Term, channel: str, unit: str, duration_s: float) -> Line:
     """A line found in samples as the workbench has it; runs of `duration_s` tell how well its frequency is known."""
     # Cramer-Rao for a sine of free phase in each run, in terms of the relative uncertainty of its amplitude.
-    sigma_hz = 3.0**0.5 / (np.pi * duration_s) * found.sigma / found.amplitude
-    frequency = {"value": found.frequency_hz, "sigma": float(sigma_hz), "unit": "Hz"}
+    sigma_hz = 3.0**0.5 / (np.pi * duration_s) * line.sigma / line.amplitude
+    frequency = {"value": line.frequency_hz, "sigma": float(sigma_hz), "unit": "Hz"}
     return Line(
         term=term,
         channel=channel,
-        frequency_hz=found.frequency_hz,
-        amplitude=found.amplitude,
-        sigma=found.sigma,
+        frequency_hz=line.frequency_hz,
+        amplitude=line.amplitude,
+        sigma=line.sigma,
         unit=unit,
-        p_value=found.p_value,
-        held_out_error_ratio=found.held_out_error_ratio,
+        p_value=line.p_value,
+        held_out_error_ratio=line.held_out_error_ratio,
         parameters={
-            "amplitude": {"value": found.amplitude, "sigma": found.sigma, "unit": unit},
-            "frequency": {**frequency, "aliases_hz": list(found.aliases_hz)},
+            "amplitude": {"value": line.amplitude, "sigma": line.sigma, "unit": unit},
+            "frequency": {**frequency, "aliases_hz": list(line.aliases_hz)},
         },
     )

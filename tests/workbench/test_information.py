@@ -102,9 +102,9 @@ def test_lambda_by_updates_is_that_of_a_full_refit(seed: int, hidden: float) -> 
 
     chosen: tuple[int, ...] = ()
     for _ in range(3):
-        assert information.lambdas([question]) == pytest.approx([direct(*chosen)], rel=AGREES)
+        assert information.noncentralities([question]) == pytest.approx([direct(*chosen)], rel=AGREES)
         expected = [direct(*chosen, run) for run in range(len(made.rows_of))]
-        assert information.lambdas_with_each([question])[0] == pytest.approx(np.array(expected), rel=AGREES)
+        assert information.noncentralities_with_each([question])[0] == pytest.approx(np.array(expected), rel=AGREES)
         chosen = (*chosen, int(np.argmax(expected)))
         information.add(chosen[-1])
 
@@ -119,9 +119,9 @@ def test_what_no_run_has_told_yet_takes_its_share_of_the_next(seed: int) -> None
     information, question = asked(made, size)
     effect = made.effects["j"] @ size
     expected = [refitted(made.fitted[rows], effect[rows]) for rows in map(made.rows, range(len(made.rows_of)))]
-    assert information.lambdas_with_each([question])[0] == pytest.approx(np.array(expected), rel=0.05)
+    assert information.noncentralities_with_each([question])[0] == pytest.approx(np.array(expected), rel=0.05)
     information.add(0)
-    assert information.lambdas([question]) == pytest.approx(expected[:1], rel=AGREES)
+    assert information.noncentralities([question]) == pytest.approx(expected[:1], rel=AGREES)
 
 
 def test_a_parameter_that_is_not_in_question_is_free() -> None:
@@ -129,7 +129,7 @@ def test_a_parameter_that_is_not_in_question_is_free() -> None:
     information, question = asked(made, np.array([0.0, 1.0]))
     beside = np.hstack([made.fitted, made.effects["j"][:, :1]])[: made.made]
     expected = refitted(beside, made.effects["j"][: made.made, 1])
-    assert information.lambdas([question]) == pytest.approx([expected], rel=AGREES)
+    assert information.noncentralities([question]) == pytest.approx([expected], rel=AGREES)
 
 
 @pytest.mark.parametrize(("hidden", "absorbed"), [(1e-4, True), (1.0, False)])
@@ -144,7 +144,11 @@ def test_what_is_absorbed_promises_nothing(hidden: float, absorbed: bool) -> Non
         free = refitted(made.fitted[rows], effect)
         share = free / float(effect @ effect) / ABSORBED**2
         expected = free * min(share, 1.0) ** 2
-        found = information.lambdas_with_each([question])[0, 0] if runs else information.lambdas([question])[0]
+        found = (
+            information.noncentralities_with_each([question])[0, 0]
+            if runs
+            else information.noncentralities([question])[0]
+        )
         assert found == pytest.approx(expected, rel=1e-4)
 
 
@@ -156,7 +160,7 @@ def test_what_is_left_of_an_absorbed_rival_imitates_nothing() -> None:
     there = slice(made.made)
     beside = np.hstack([made.fitted, made.effects["j"][:, 1:]])[there]
     expected = refitted(beside, made.effects["j"][there, 0])
-    assert information.lambdas([question]) == pytest.approx([expected], rel=1e-2)
+    assert information.noncentralities([question]) == pytest.approx([expected], rel=1e-2)
 
 
 def test_a_term_that_no_run_can_be_asked_about_is_no_question() -> None:
@@ -182,7 +186,7 @@ def test_what_else_may_act_is_believed_to_be_of_its_typical_size(recorded: bool)
     belief = np.append(np.zeros(made.fitted.shape[1]), 1.0 / 0.3)
     beside = np.vstack([np.hstack([made.fitted[there], column]), belief])
     expected = refitted(beside, np.append(made.effects["j"][there] @ np.ones(2), 0.0))
-    assert information.lambdas([question]) == pytest.approx([expected], rel=AGREES)
+    assert information.noncentralities([question]) == pytest.approx([expected], rel=AGREES)
 
 
 @settings(deadline=None, max_examples=30)

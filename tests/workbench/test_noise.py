@@ -12,7 +12,7 @@ from scipy import stats
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import NoisePool, Observations, Series
-from rigctl.workbench.verdict.noise import Correlation, Noise, NoiseEstimator, felt, orthonormal, saturated
+from rigctl.workbench.verdict.noise import Correlation, Noise, NoiseEstimator, above_rounding, orthonormal, saturated
 
 MINUTE = 60.0
 
@@ -81,7 +81,7 @@ def test_whitening_undoes_colouring_and_leaves_unit_covariance(
     covariance = np.diag(sigma**2)
     covariance[np.ix_(where, where)] = np.outer(sigma[where], sigma[where]) * (factor @ factor.T)
     np.testing.assert_allclose(noise.whiten(noise.whiten(covariance).T), np.eye(2 * count), atol=1e-9)
-    np.testing.assert_allclose(noise.plain() ** 2, np.diag(covariance), rtol=1e-9)
+    np.testing.assert_allclose(noise.total_sigma() ** 2, np.diag(covariance), rtol=1e-9)
 
 
 def test_the_scale_of_white_noise_comes_out_with_the_scatter_of_chi_square() -> None:
@@ -121,7 +121,7 @@ def test_rounding_takes_no_place() -> None:
     columns[:20, 1] *= 1e-10
     columns[:20, 2] *= 1e-3
     where = np.arange(20)
-    np.testing.assert_array_equal(felt(columns, where, np.ones(60)), columns[:20][:, [0, 2]])
+    np.testing.assert_array_equal(above_rounding(columns, where, np.ones(60)), columns[:20][:, [0, 2]])
 
 
 def test_everything_possible_is_projected_out_when_there_is_room() -> None:
@@ -137,10 +137,10 @@ def test_an_effect_that_hides_in_the_data_does_not_inflate_the_noise() -> None:
     white = rng.standard_normal(90)
     aware = NoiseEstimator(given, line(90), lambda where: [hidden[where]])
     with_effect, without = aware.estimate(white + 50.0 * hidden[:, 0]), aware.estimate(white)
-    np.testing.assert_allclose(with_effect.plain(), without.plain(), rtol=1e-9)
+    np.testing.assert_allclose(with_effect.total_sigma(), without.total_sigma(), rtol=1e-9)
     assert with_effect.correlations == without.correlations
     unaware = NoiseEstimator(given, line(90), nothing).estimate(white + 50.0 * hidden[:, 0])
-    assert unaware.plain().mean() > 5.0 * without.plain().mean()
+    assert unaware.total_sigma().mean() > 5.0 * without.total_sigma().mean()
 
 
 def test_correlated_noise_is_found_and_whitened() -> None:

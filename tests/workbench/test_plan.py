@@ -21,10 +21,10 @@ class Known:
         self.growth = np.array(growth)
         self._now = np.full(len(self.growth), now)
 
-    def lambdas(self, questions: Sequence[int]) -> FloatArray:
+    def noncentralities(self, questions: Sequence[int]) -> FloatArray:
         return self._now[list(questions)]
 
-    def lambdas_with_each(self, questions: Sequence[int]) -> FloatArray:
+    def noncentralities_with_each(self, questions: Sequence[int]) -> FloatArray:
         return self._now[list(questions), None] + self.growth[list(questions)]
 
     def add(self, run: int) -> None:
@@ -66,10 +66,10 @@ def test_no_more_runs_than_may_be_made() -> None:
 class Late(Known):
     """Three runs are needed before anything is told: a thousandth, a tenth, all."""
 
-    def lambdas(self, questions: Sequence[int]) -> FloatArray:
+    def noncentralities(self, questions: Sequence[int]) -> FloatArray:
         return np.array([(0.0, 0.05, 1.0, 30.0)[min(int(self._now[0]), 3)]])
 
-    def lambdas_with_each(self, questions: Sequence[int]) -> FloatArray:
+    def noncentralities_with_each(self, questions: Sequence[int]) -> FloatArray:
         after = [(0.0, 0.05, 1.0, 30.0)[min(int(self._now[0] + more), 3)] for more in self.growth[0]]
         return np.array([after])
 

@@ -14,7 +14,7 @@ from scipy import stats
 from rigctl.analysis.least_squares import Parameter
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.findings import Diagnosis
-from rigctl.workbench.next.promise import LEVEL, PROMISE
+from rigctl.workbench.next.noncentrality import LEVEL, SEPARATING_LAMBDA
 from rigctl.workbench.next.recommend import recommend
 from rigctl.workbench.next.recommendation import Recommendation
 from rigctl.workbench.study import (
@@ -222,13 +222,13 @@ def test_it_stops_when_enough_is_promised(ambiguous: tuple[Bench, Diagnosis]) ->
     study, found = ambiguous
     advice = recommend(study, (), found)
     least = min(answer.lambda_promised for answer in advice.answers)
-    assert PROMISE <= least < 4.0 * PROMISE
+    assert SEPARATING_LAMBDA <= least < 4.0 * SEPARATING_LAMBDA
     shorter = study.extended(advice.runs[:1])
     reached = [
         noncentrality(shorter, answer.question.other, answer.question.term.effect, float(answer.question.size[0]))
         for answer in advice.answers
     ]
-    assert min(reached) < PROMISE
+    assert min(reached) < SEPARATING_LAMBDA
 
 
 @pytest.mark.parametrize("true", ["flat", "growing"])

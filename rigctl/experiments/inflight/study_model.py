@@ -51,16 +51,16 @@ class InflightModel:
         shared, changes = self._split(values)
         baseline = self.data.baseline
         columns = [-baseline.jacobian(shared, changes)]
-        for effect, own in self._by_effect(values):
-            for derivative in self.data.effects.derivatives(effect, own):
+        for effect, parameters in self._by_effect(values):
+            for derivative in self.data.effects.derivatives(effect, parameters):
                 columns.append(baseline.shift(shared, derivative)[:, None])
         return np.hstack(columns)
 
     def _split(self, values: FloatArray) -> tuple[FloatArray, list[ComplexArray] | None]:
         """The baseline's values, and what the effects do to the amplitudes of all halves."""
         total: list[ComplexArray] | None = None
-        for effect, own in self._by_effect(values):
-            changes = self.data.effects.changes(effect, own)
+        for effect, parameters in self._by_effect(values):
+            changes = self.data.effects.changes(effect, parameters)
             total = changes if total is None else [a + b for a, b in zip(total, changes, strict=True)]
         return values[: len(self.data.baseline.parameters)], total
 

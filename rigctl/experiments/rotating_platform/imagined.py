@@ -98,11 +98,11 @@ def options(seen: Sequence[PlatformRun]) -> list[Proposal]:
     """
     tilts = [*((level, 0.0) for level in LEVELS_V), (0.0, 1.0)]
     ways: list[dict[str, Any]] = [*({"rotation_s": turn_s} for turn_s in TURNS_S), {"turning": "forward"}]
-    found = []
+    proposals = []
     for name in PATTERNS:
-        found += [_proposal(seen, name, period_s, *tilt) for period_s in PERIODS_S for tilt in tilts]
-        found += [_proposal(seen, name, PERIODS_S[0], *tilts[-1], **way) for way in ways]
-    return found
+        proposals += [_proposal(seen, name, period_s, *tilt) for period_s in PERIODS_S for tilt in tilts]
+        proposals += [_proposal(seen, name, PERIODS_S[0], *tilts[-1], **way) for way in ways]
+    return proposals
 
 
 def _proposal(
@@ -123,7 +123,7 @@ def _proposal(
 
 def imagined_channels(proposals: Sequence[Proposal], seen: Sequence[ChannelRun], chains: Chains) -> list[ChannelRun]:
     """The proposed runs in both channels, with the noise of the last run there was."""
-    found: list[ChannelRun] = []
+    channels: list[ChannelRun] = []
     made: dict[str, Cells] = {}
     noises: dict[str, RunNoise] = {each.channel: each.noise for each in seen}
     later_s = max((_end_s(each.run) for each in seen), default=0.0) + BETWEEN_S
@@ -132,8 +132,8 @@ def imagined_channels(proposals: Sequence[Proposal], seen: Sequence[ChannelRun],
         cells = _cells(given, chains, made)
         conditions = {**_conditions(given), "start_s": later_s}
         run = PlatformRun(f"next {number}", conditions, cells)
-        found += [channel_run(run, Reducer(cells, channel), noises[channel]) for channel in CHANNELS]
-    return found
+        channels += [channel_run(run, Reducer(cells, channel), noises[channel]) for channel in CHANNELS]
+    return channels
 
 
 def _cells(given: Mapping[str, Any], chains: Chains, made: dict[str, Cells]) -> Cells:

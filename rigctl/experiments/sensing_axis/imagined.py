@@ -149,8 +149,8 @@ class _NoiseOf:
 
     def _found(self, head: str, place: Place, frequency_hz: float) -> tuple[FloatArray, float, FloatArray]:
         alike = [run for run in self._runs if (run.axis, run.configuration) == place[:2]] or self._runs
-        own = [(run, run.lasers_m.get(head) if head else run.accel_v) for run in alike]
-        known = [(run, channel) for run, channel in own if channel is not None]
+        channels = [(run, run.lasers_m.get(head) if head else run.accel_v) for run in alike]
+        known = [(run, channel) for run, channel in channels if channel is not None]
         if not known:
             level = _NOMINAL_M_RTHZ if head else _NOMINAL_V_RTHZ
             return np.full(HARMONICS + 1, level**2), _NOMINAL_DC_V, np.full(HARMONICS + 1, 40.0)

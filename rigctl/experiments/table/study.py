@@ -81,7 +81,7 @@ class TableStudy(StudyBase[TableData]):
         first = fitted(model)
         if first is not None and first.verdict == "converged":
             return replace(model, starts=first.values)
-        found = [first] if first is not None else []
+        fits = [first] if first is not None else []
         for number, piece in enumerate(model.pieces):
             if not isinstance(piece, ColumnPiece) or not isinstance(piece.form, Scanned):
                 continue
@@ -90,16 +90,16 @@ class TableStudy(StudyBase[TableData]):
                 moved = replace(piece, term=Term(piece.term.effect, piece.form.full_choice(float(value))))
                 pieces = (*model.pieces[:number], moved, *model.pieces[number + 1 :])
                 fit = fitted(replace(model, pieces=pieces, starts=self._starts(pieces)))
-                found += [fit] if fit is not None and fit.verdict == "converged" else []
-        return replace(model, starts=min(found, key=lambda fit: fit.chi2).values) if found else model
+                fits += [fit] if fit is not None and fit.verdict == "converged" else []
+        return replace(model, starts=min(fits, key=lambda fit: fit.chi2).values) if fits else model
 
     def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         """Every effect that `model` lacks; a scanned one once per point of its grid."""
         assert isinstance(model, TableModel)
         taken = {term.effect for term in model.terms}
-        held = span_of(model.jacobian(values))
+        spanned = span_of(model.jacobian(values))
         left = self.observations.value - model.predict(values)
-        found: list[Candidate] = []
+        candidates: list[Candidate] = []
         untestable: list[NotTestable] = []
         for base, form in self.data.forms.items():
             if base in taken and not isinstance(form, Scanned):
@@ -110,13 +110,13 @@ class TableStudy(StudyBase[TableData]):
             effect = next_id(base, taken)
             choices = self._grid(form) if isinstance(form, Scanned) else [{}]
             unit = self.data.readings.response.unit
-            found += [candidate_of(form, Term(effect, choice), unit, held, left) for choice in choices]
+            candidates += [candidate_of(form, Term(effect, choice), unit, spanned, left) for choice in choices]
         for name, effect_ in self.catalogue.items():
             if name not in taken:
                 piece = PluginPiece(Term(name), effect_, self.data.readings)
                 entry = plugin_candidate(piece, model.signal(values))
-                (found if isinstance(entry, Candidate) else untestable).append(entry)  # type: ignore[arg-type]
-        return found, untestable
+                (candidates if isinstance(entry, Candidate) else untestable).append(entry)  # type: ignore[arg-type]
+        return candidates, untestable
 
     def lines(self, model: Model) -> Sequence[Line]:
         """None: a table has no samples."""
@@ -174,16 +174,16 @@ class TableStudy(StudyBase[TableData]):
         with np.errstate(over="ignore"):
             design = np.concatenate([slopes[:, linear], *bases], axis=1) / sigma[:, None]
         change = solve(design, (self.observations.value - signal) / sigma) if design.shape[1] else None
-        own = self.data.start.copy()
+        baseline = self.data.start.copy()
         if change is None:
-            return own
-        own[linear] += change[: len(linear)]
-        found = iter(np.split(change[len(linear) :], np.cumsum([basis.shape[1] for basis in bases])[:-1]))
+            return baseline
+        baseline[linear] += change[: len(linear)]
+        amplitudes = iter(np.split(change[len(linear) :], np.cumsum([basis.shape[1] for basis in bases])[:-1]))
         parts = [
-            piece.joined(next(found)) if isinstance(piece, ColumnPiece) else np.zeros(len(piece.units))
+            piece.joined(next(amplitudes)) if isinstance(piece, ColumnPiece) else np.zeros(len(piece.units))
             for piece in pieces
         ]
-        return np.concatenate([own, *parts])
+        return np.concatenate([baseline, *parts])
 
     def _require_enough(self, parameters: int) -> None:
         rows = self.observations.value.size

@@ -233,5 +233,5 @@ def last_diagnosis(store: Store) -> dict[str, Any] | None:
 
 
 def _kept(store: Store, kind: str, what: str, **key: Any) -> dict[str, Any] | None:
-    found = [each.data[what] for each in store.documents(kind) if key.items() <= each.data.items()]
-    return dict(found[-1]) if found else None
+    matching = [each.data[what] for each in store.documents(kind) if key.items() <= each.data.items()]
+    return dict(matching[-1]) if matching else None

@@ -1,4 +1,4 @@
-"""Runs that decide questions, and what they promise."""
+"""Runs that answer questions, with the noncentrality and the power they are expected to reach."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.next.information import Information
+from rigctl.workbench.next.noncentrality import SEPARATING_LAMBDA, power
 from rigctl.workbench.next.plan import Plan, runs_needed
-from rigctl.workbench.next.promise import PROMISE, power
 from rigctl.workbench.next.questions import Question
 from rigctl.workbench.next.recommendation import Answer
 from rigctl.workbench.next.rig_time import RigTime
@@ -21,8 +21,8 @@ from rigctl.workbench.study import Candidate, Term
 _SCANNED = 3
 """Effects with more choices than that (an unknown period) are scanned for: too many to count with beside others."""
 
-_HOPELESS = 0.2 * PROMISE
-"""A lambda that nothing can lift past this is no promise."""
+_HOPELESS = 0.2 * SEPARATING_LAMBDA
+"""Questions that stay below this noncentrality are reported as not answerable."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def decided(
         return Decided()
     triangle = triangle_of(imagined, _terms_of(questions), others=others)
     first = _planned(triangle, imagined, questions, most_runs)
-    reached = [answer for answer in first.answers if answer.lambda_promised >= PROMISE]
+    reached = [answer for answer in first.answers if answer.lambda_promised >= SEPARATING_LAMBDA]
     if not reached or not (first.hopeless or len(reached) < len(first.answers)):
         return _made(first, imagined, others)
     # What cannot be reached anyway would take its share of the runs.
@@ -52,7 +52,7 @@ def decided(
 
 
 def others_than(questions: Sequence[Question], imagined: Imagined) -> list[Candidate]:
-    """What might act too and is not in question: a run must not raise as many doubts as it settles."""
+    """Candidates that are not in question but may act too, and are therefore free while runs are chosen."""
     asked = _terms_of(questions)
     effects = [candidate.term.effect for candidate in imagined.candidates]
     return [
@@ -65,7 +65,7 @@ def others_than(questions: Sequence[Question], imagined: Imagined) -> list[Candi
 def _planned(triangle: Triangle, imagined: Imagined, questions: Sequence[Question], most_runs: int) -> Decided:
     information = Information(triangle)
     asked = [(question, known) for question in questions if (known := information.asked(question)) is not None]
-    wanted = [PROMISE] * len(asked)
+    wanted = [SEPARATING_LAMBDA] * len(asked)
     plan = Plan(information, [known for _, known in asked], wanted, RigTime(imagined.proposals), most_runs)
     answers = [_answer(question, plan.promised(number)) for number, (question, _) in enumerate(asked)]
     worth = tuple(answer for answer in answers if answer.lambda_promised >= _HOPELESS)
@@ -74,20 +74,22 @@ def _planned(triangle: Triangle, imagined: Imagined, questions: Sequence[Questio
 
 
 def _answer(question: Question, course: Sequence[float]) -> Answer:
-    return Answer(question, course[0], course[-1], _power(question, course[-1]), runs_needed(course, PROMISE))
+    return Answer(
+        question, course[0], course[-1], _power(question, course[-1]), runs_needed(course, SEPARATING_LAMBDA)
+    )
 
 
-def _made(found: Decided, imagined: Imagined, others: Sequence[Candidate]) -> Decided:
-    """The promise of these runs made one after the other; each was chosen as if it were the next."""
-    if not found.chosen:
-        return found
-    questions = [answer.question for answer in found.answers]
-    promised = _promised(imagined.only(found.chosen), questions, others)
+def _made(decision: Decided, imagined: Imagined, others: Sequence[Candidate]) -> Decided:
+    """Expected noncentralities once all chosen runs are made; each run was chosen as if it were the next."""
+    if not decision.chosen:
+        return decision
+    questions = [answer.question for answer in decision.answers]
+    promised = _promised(imagined.only(decision.chosen), questions, others)
     answers = [
         replace(answer, lambda_promised=value, power=_power(answer.question, value))
-        for answer, value in zip(found.answers, map(float, promised), strict=True)
+        for answer, value in zip(decision.answers, map(float, promised), strict=True)
     ]
-    return replace(found, answers=tuple(answers))
+    return replace(decision, answers=tuple(answers))
 
 
 def _promised(imagined: Imagined, questions: Sequence[Question], others: Sequence[Candidate]) -> FloatArray:
@@ -95,7 +97,7 @@ def _promised(imagined: Imagined, questions: Sequence[Question], others: Sequenc
     for run in range(len(imagined.proposals)):
         information.add(run)
     asked = [information.asked(question) for question in questions]
-    return np.array([0.0 if each is None else information.lambdas([each])[0] for each in asked])
+    return np.array([0.0 if each is None else information.noncentralities([each])[0] for each in asked])
 
 
 def _power(question: Question, noncentrality: float) -> float:
@@ -103,7 +105,7 @@ def _power(question: Question, noncentrality: float) -> float:
 
 
 def _terms_of(questions: Sequence[Question]) -> list[Term]:
-    found: list[Term] = []
+    terms: list[Term] = []
     for question in questions:
-        found += [term for term in question.terms if term not in found]
-    return found
+        terms += [term for term in question.terms if term not in terms]
+    return terms

@@ -1,4 +1,4 @@
-"""How much of the catalogue the data exclude, by the yardstick of a full scan; and the runs that exclude more."""
+"""Which effects the data exclude, at the size that a full scan would show; and the runs that exclude more."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.next.information import Asked, Information
+from rigctl.workbench.next.noncentrality import needed_noncentrality
 from rigctl.workbench.next.plan import Plan
-from rigctl.workbench.next.promise import needed
 from rigctl.workbench.next.questions import Question
 from rigctl.workbench.next.rig_time import RigTime
 from rigctl.workbench.next.triangle import triangle_of
@@ -64,27 +64,27 @@ def sensitivity(
     """What the runs of `study` exclude beside `terms`, and a `batch` of `options` to go on with; see `Plan`."""
     attempt = Attempt(study, terms)
     imagined = Imagined(study, attempt, [*options, *full_scan])
-    terms_ = [candidate.term for candidate in imagined.candidates]
-    information = Information(triangle_of(imagined, terms_))
-    scanned = Information(triangle_of(imagined, terms_, made=imagined.beliefs))
+    candidate_terms = [candidate.term for candidate in imagined.candidates]
+    information = Information(triangle_of(imagined, candidate_terms))
+    scanned = Information(triangle_of(imagined, candidate_terms, made=imagined.beliefs))
     for run in range(len(options), len(imagined.proposals)):
         scanned.add(run)
     level = CATALOGUE_SHARE * alpha / attempt.n_eff
     dof = {each.candidate.term.effect: each.score.dof for each in attempt.scored}
     wanted: list[float] = []
     questions: list[Asked] = []
-    found: list[tuple[str, str, float, str]] = []
+    asked: list[tuple[str, str, float, str]] = []
     for candidate in imagined.candidates:
         for number, name in enumerate(candidate.names):
             size = _shown_by(scanned, candidate, number)
             if size is None:
                 continue
             questions.append(_parameter(information, candidate, size))
-            wanted.append(needed(level, dof.get(candidate.term.effect, np.inf)))
-            found.append((candidate.term.effect, name, float(size[number]), candidate.units[number]))
+            wanted.append(needed_noncentrality(level, dof.get(candidate.term.effect, np.inf)))
+            asked.append((candidate.term.effect, name, float(size[number]), candidate.units[number]))
     plan = Plan(information, questions, wanted, RigTime(options, run_price_s), batch)
     shares = [value / enough for value, enough in zip(plan.course[0], wanted, strict=True)]
-    parameters = [Excluded(*each, share=float(share)) for each, share in zip(found, shares, strict=True)]
+    parameters = [Excluded(*each, share=float(share)) for each, share in zip(asked, shares, strict=True)]
     return Sensitivity(tuple(parameters), tuple(options[i] for i in plan.runs))
 
 
@@ -94,7 +94,7 @@ def _shown_by(scanned: Information, candidate: Candidate, number: int) -> FloatA
     asked = _parameter(scanned, candidate, size)
     if scanned.is_absorbed(asked):
         return None
-    return np.asarray(size * SIZE_SIGMA / np.sqrt(scanned.lambdas([asked])[0]))
+    return np.asarray(size * SIZE_SIGMA / np.sqrt(scanned.noncentralities([asked])[0]))
 
 
 def _parameter(information: Information, candidate: Candidate, size: FloatArray) -> Asked:

@@ -58,7 +58,7 @@ def first_design(
 
 
 def _bounded(columns: FloatArray) -> FloatArray:
-    """Typical sizes may be far beyond what is needed to see an effect: then there is no more to gain."""
+    """Columns no longer than what is clearly significant: a larger typical size adds nothing to the design."""
     size = np.linalg.norm(columns, axis=0)
     return np.asarray(columns * np.where(size > _MOST, _MOST / np.where(size > 0.0, size, 1.0), 1.0))
 

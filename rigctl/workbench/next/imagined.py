@@ -91,13 +91,13 @@ class Imagined:
             return None
         values = _values(model, {**self._attempt.values, **_zeros(model, term)})
         fitted = [each.name.rpartition(".")[2] not in term.choice for each in model.parameters]
-        own = [column for column, owner in enumerate(model.owners) if owner == term.effect and fitted[column]]
-        slopes = model.jacobian(values)[:, own]
+        columns = [column for column, owner in enumerate(model.owners) if owner == term.effect and fitted[column]]
+        slopes = model.jacobian(values)[:, columns]
         return self._padded(slopes[:, np.any(slopes != 0.0, axis=0)])
 
     @cached_property
     def candidates(self) -> list[Candidate]:
-        """Everything the model lacks, on all data."""
+        """Candidates of the model, with their derivatives on all data."""
         return self._study.candidates(self._model, self._values)[0]
 
     def _padded(self, columns: FloatArray) -> FloatArray:
@@ -109,7 +109,7 @@ class Imagined:
 
 
 def _beliefs(model: Model, made: Model) -> FloatArray:
-    """A row for each prior, as if it had been measured; runs that are only imagined make none unnecessary."""
+    """A row for each prior, as if it were a datum; imagined runs remove none of them."""
     priors = {each.name: each.prior for each in (*model.parameters, *made.parameters)}
     known = [(i, prior) for i, p in enumerate(model.parameters) if (prior := priors[p.name]) and not p.fixed]
     rows = np.zeros((len(known), len(model.parameters)))
@@ -123,15 +123,15 @@ def _values(model: Model, known: Mapping[str, float]) -> FloatArray:
 
 
 def _zeros(model: Model, term: Term) -> dict[str, float]:
-    """A term's parameters at none of it; what was scanned for stays where it is."""
-    own = [each for each, owner in zip(model.parameters, model.owners, strict=True) if owner == term.effect]
-    return {each.name: each.start if each.name.rpartition(".")[2] in term.choice else 0.0 for each in own}
+    """A term's amplitudes at zero, and its scanned parameters at their values."""
+    parameters = [each for each, owner in zip(model.parameters, model.owners, strict=True) if owner == term.effect]
+    return {each.name: each.start if each.name.rpartition(".")[2] in term.choice else 0.0 for each in parameters}
 
 
 def _imagined_sigma(noise: Noise, made: Observations, whole: Observations) -> FloatArray:
     """Standard deviations of imagined data: given weights times what the existing data of the pool came out at."""
     count = len(made.value)
-    ratio = noise.plain() / made.sigma
+    ratio = noise.total_sigma() / made.sigma
     names = [pool.name for pool in made.pools]
     by_pool = {
         name: float(np.median(ratio[made.pool_of == number]))

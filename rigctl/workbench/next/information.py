@@ -1,4 +1,4 @@
-"""What runs, made or imagined, would tell: of terms that a model lacks, and of the parameters it has.
+"""Information of runs, made or imagined, on terms that a model lacks and on the parameters it has.
 
 The block of a triangle R that belongs to the terms has R'R = V = G' M G, the information on them with everything
 fitted too: R is the root of the Schur complement. A run more adds to V by Woodbury's identity, all runs that could be
@@ -43,62 +43,62 @@ class Information:
 
     def asked(self, question: Question) -> Asked | None:
         """A question as these columns have it; None when no run can be asked."""
-        own, rival = self._place(question.term), self._places(question.terms[1:])
-        if own is None or rival is None or len(own) != len(question.size):
+        effect, rival = self._place(question.term), self._places(question.terms[1:])
+        if effect is None or rival is None or len(effect) != len(question.size):
             return None
         length = self._triangle.length[self._free :]
         size = np.zeros(len(length))
-        size[own] = question.size * length[own]
-        beside = np.concatenate([own[question.size == 0.0], rival])
+        size[effect] = question.size * length[effect]
+        beside = np.concatenate([effect[question.size == 0.0], rival])
         return Asked(size, beside, ABSORBED if question.rival is None else 0.0)
 
-    def lambdas(self, questions: Sequence[Asked]) -> FloatArray:
+    def noncentralities(self, questions: Sequence[Asked]) -> FloatArray:
         """Noncentrality of each effect, from the runs there are and those added, (questions,)."""
-        return np.array([self._counted(_noncentrality(self._told, each), each) for each in questions])
+        return np.array([self._counted(_noncentrality(self._information, each), each) for each in questions])
 
-    def lambdas_with_each(self, questions: Sequence[Asked]) -> FloatArray:
+    def noncentralities_with_each(self, questions: Sequence[Asked]) -> FloatArray:
         """The same with one run more, for each that could be made: (questions, runs)."""
-        own = self._triangle.ahead[..., self._free :]
+        columns = self._triangle.ahead[..., self._free :]
         along = _over(self._root[: self._free, : self._free], self._triangle.ahead[..., : self._free])
-        left = own - along @ self._root[: self._free, self._free :]
-        told = self._told + left.swapaxes(1, 2) @ _lessened(along, left)
+        left = columns - along @ self._root[: self._free, self._free :]
+        information = self._information + left.swapaxes(1, 2) @ _lessened(along, left)
         return np.array(
             [
-                self._counted(_noncentrality(told, each), each, np.sum((own @ each.size) ** 2, axis=1))
+                self._counted(_noncentrality(information, each), each, np.sum((columns @ each.size) ** 2, axis=1))
                 for each in questions
             ]
-        ).reshape(len(questions), len(own))
+        ).reshape(len(questions), len(columns))
 
     def is_absorbed(self, question: Asked) -> bool:
-        """Whether next to nothing of the effect escapes what is fitted."""
-        return bool(_noncentrality(self._told, question) <= question.absorbed**2 * self._whole(question))
+        """Whether the fitted parameters absorb the effect almost entirely."""
+        return bool(_noncentrality(self._information, question) <= question.absorbed**2 * self._whole(question))
 
     def add(self, run: int) -> None:
         """Count a run among those that are there."""
         self._root = root_of(np.vstack([self._root, self._triangle.ahead[run]]))
 
     @property
-    def _told(self) -> FloatArray:
+    def _information(self) -> FloatArray:
         """V, (k, k)."""
         block = self._root[self._free :, self._free :]
         return np.asarray(block.T @ block)
 
     def _whole(self, question: Asked) -> float:
-        """What the effect would be with nothing fitted."""
+        """Noncentrality of the effect with nothing fitted."""
         there = self._root[:, self._free :] @ question.size
         return float(there @ there + question.size @ self._settled @ question.size)
 
     def _counted(self, free: FloatArray, question: Asked, more: FloatArray | float = 0.0) -> FloatArray:
-        """What is absorbed counts less, the more it is: it is of second order and promises nothing."""
+        """Noncentrality, reduced where most of the effect is absorbed: what is left is of second order."""
         if not question.absorbed:
             return free
         share = free / np.maximum(self._whole(question) + more, _TINY) / question.absorbed**2
         return np.asarray(free * np.where(share >= 1.0, 1.0, share**2))
 
     def _places(self, terms: Sequence[Term]) -> IntArray | None:
-        found = [self._place(term) for term in terms]
-        known = [each for each in found if each is not None]
-        return np.concatenate([np.zeros(0, dtype=np.intp), *known]) if len(known) == len(found) else None
+        places = [self._place(term) for term in terms]
+        known = [each for each in places if each is not None]
+        return np.concatenate([np.zeros(0, dtype=np.intp), *known]) if len(known) == len(places) else None
 
     def _place(self, term: Term) -> IntArray | None:
         return next((where for known, where in self._triangle.places if known == term), None)
@@ -121,8 +121,8 @@ class Precision:
         """The same with one run more, for each that could be made: (parameters, runs)."""
         along = _over(self._root, self._ahead)
         left = along @ self._spread.T
-        told = np.sum(left * _lessened(along, left), axis=1).T
-        return np.asarray(np.sqrt(np.maximum(np.sum(self._spread**2, axis=1)[:, None] - told, 0.0)))
+        reduction = np.sum(left * _lessened(along, left), axis=1).T
+        return np.asarray(np.sqrt(np.maximum(np.sum(self._spread**2, axis=1)[:, None] - reduction, 0.0)))
 
     def add(self, run: int) -> None:
         """Count a run among those that are there."""
@@ -134,13 +134,13 @@ class Precision:
         return _over(self._root, self._scaled)
 
 
-def _noncentrality(told: FloatArray, question: Asked) -> FloatArray:
-    """Of V (..., k, k) in the effect's direction, with what is beside it free."""
-    along = told @ question.size
+def _noncentrality(information: FloatArray, question: Asked) -> FloatArray:
+    """Of the information V (..., k, k) in the effect's direction, with the columns `beside` it free."""
+    along = information @ question.size
     beside = question.beside
     if not len(beside):
         return np.asarray(along @ question.size)
-    free = told[..., beside[:, None], beside] + SECOND_ORDER**2 * np.eye(len(beside))
+    free = information[..., beside[:, None], beside] + SECOND_ORDER**2 * np.eye(len(beside))
     imitated = np.linalg.solve(free, along[..., beside, None])[..., 0]
     left = along @ question.size - np.sum(along[..., beside] * imitated, axis=-1)
     return np.asarray(np.maximum(left, 0.0))

@@ -1,4 +1,4 @@
-"""Which runs to make: one after the other, each the one that tells most per second of rig time."""
+"""Which runs to make: chosen one after the other, each with the largest gain per second of rig time."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Plan:
         self._questions = questions
         self._wanted = np.array(wanted)
         self._most_runs = most_runs
-        self.course = [information.lambdas(questions)]
+        self.course = [information.noncentralities(questions)]
         self.runs = greedy(self._gains, self._take, self._worth, rig_time, most_runs if questions else 0)
         for sitting in rig_time.sittings(self.runs):
             self._accompany(sitting)
@@ -77,23 +77,23 @@ class Plan:
         return [float(each[number]) for each in self.course]
 
     def _accompany(self, sitting: IntArray) -> None:
-        """Further runs where a sitting has few: what is slow, noise and drift, passes for anything in a lone one."""
-        own = [run for run in self.runs if run in sitting]
-        for _ in range(min(COMPANY - len(own), self._most_runs - len(self.runs))):
+        """Further runs where a sitting has few: a single run cannot tell an effect from drift and slow noise."""
+        chosen = [run for run in self.runs if run in sitting]
+        for _ in range(min(COMPANY - len(chosen), self._most_runs - len(self.runs))):
             left = np.setdiff1d(sitting, self.runs)
             if not len(left):
                 return
-            lambdas = self._information.lambdas_with_each(self._questions)[:, left]
+            lambdas = self._information.noncentralities_with_each(self._questions)[:, left]
             self.runs.append(int(left[np.argmax(np.sum(np.log(lambdas + 1.0), axis=0))]))
             self._take(self.runs[-1])
 
     def _gains(self) -> FloatArray:
-        worth = _worth_of(self._information.lambdas_with_each(self._questions) / self._wanted[:, None])
+        worth = _worth_of(self._information.noncentralities_with_each(self._questions) / self._wanted[:, None])
         return np.asarray(np.sum(worth - _worth_of(self.course[-1] / self._wanted)[:, None], axis=0))
 
     def _take(self, run: int) -> None:
         self._information.add(run)
-        self.course.append(self._information.lambdas(self._questions))
+        self.course.append(self._information.noncentralities(self._questions))
 
     def _worth(self, gain: float, made: int) -> bool:
         """Whether it is much, or what is missing could still be reached with the runs left."""

@@ -76,14 +76,16 @@ def inseparable(final: Attempt, diagnosis: Diagnosis) -> list[Question]:
     for pair in diagnosis.inseparable:
         if pair.effect not in scored or pair.effect in absorbed:
             continue
-        own = scored[pair.effect].candidate
+        candidate = scored[pair.effect].candidate
         if pair.other.startswith("baseline:"):
             absorbed.add(pair.effect)
-            size = np.where(scored[pair.effect].score.keep < ABSORBED, own.typical, 0.0)
+            size = np.where(scored[pair.effect].score.keep < ABSORBED, candidate.typical, 0.0)
             if size.any():
-                questions.append(Question(own.term, None, size, "typical", pair.other))
+                questions.append(Question(candidate.term, None, size, "typical", pair.other))
         elif pair.other in scored:
-            questions.append(Question(own.term, scored[pair.other].candidate.term, own.typical, "typical"))
+            questions.append(
+                Question(candidate.term, scored[pair.other].candidate.term, candidate.typical, "typical")
+            )
     return questions
 
 
@@ -97,8 +99,8 @@ def _nearby(study: Study, term: Term) -> tuple[Term, ...]:
     """The same effect with the neighbours of what a scan has found."""
     if not isinstance(study, ScansBetween):
         return ()
-    found = study.neighbours(term).items()
-    return tuple(Term(term.effect, {**term.choice, name: value}) for name, both in found for value in both)
+    neighbours = study.neighbours(term).items()
+    return tuple(Term(term.effect, {**term.choice, name: value}) for name, both in neighbours for value in both)
 
 
 def _estimated(study: Study, beside: Sequence[Term], term: Term) -> FloatArray:
@@ -108,15 +110,19 @@ def _estimated(study: Study, beside: Sequence[Term], term: Term) -> FloatArray:
     except UNFIT:
         return np.zeros(0)
     amplitudes = [name not in attempt.scanned for name in attempt.names]
-    own = np.flatnonzero([o == term.effect and a for o, a in zip(attempt.model.owners, amplitudes, strict=True)])
-    size = np.asarray(attempt.result.values[own])
-    sure = np.abs(size) > SURE * _sigma(attempt.result.covariance, own, np.flatnonzero(np.logical_not(amplitudes)))
+    columns = np.flatnonzero([o == term.effect and a for o, a in zip(attempt.model.owners, amplitudes, strict=True)])
+    size = np.asarray(attempt.result.values[columns])
+    sure = np.abs(size) > SURE * _sigma(
+        attempt.result.covariance, columns, np.flatnonzero(np.logical_not(amplitudes))
+    )
     # What is not sure is estimated too large: no promise is built on it.
     return np.where(sure, size, 0.0) if sure.any() else size
 
 
-def _sigma(covariance: FloatArray, own: IntArray, scanned: IntArray) -> FloatArray:
+def _sigma(covariance: FloatArray, amplitudes: IntArray, scanned: IntArray) -> FloatArray:
     """Standard uncertainties of amplitudes with what was scanned for held where it is."""
-    across = covariance[np.ix_(own, scanned)]
+    across = covariance[np.ix_(amplitudes, scanned)]
     known = np.linalg.pinv(covariance[np.ix_(scanned, scanned)])
-    return np.asarray(np.sqrt(np.maximum(np.diag(covariance[np.ix_(own, own)] - across @ known @ across.T), 0.0)))
+    return np.asarray(
+        np.sqrt(np.maximum(np.diag(covariance[np.ix_(amplitudes, amplitudes)] - across @ known @ across.T), 0.0))
+    )

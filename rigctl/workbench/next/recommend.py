@@ -79,10 +79,10 @@ def recommend(
     return _tightening([offered[i] for i in chosen], tightened, revealing.hopeless, seed)
 
 
-def _telling(purpose: Purpose, found: Decided, offered: Sequence[Proposal], seed: int) -> Recommendation:
-    runs = shuffled([offered[i] for i in found.chosen], seed)
-    words = telling_words(found.answers, found.hopeless, runs)
-    return Recommendation(purpose, runs, words, found.answers, found.hopeless, best=offered[found.chosen[0]])
+def _telling(purpose: Purpose, decision: Decided, offered: Sequence[Proposal], seed: int) -> Recommendation:
+    runs = shuffled([offered[i] for i in decision.chosen], seed)
+    words = telling_words(decision.answers, decision.hopeless, runs)
+    return Recommendation(purpose, runs, words, decision.answers, decision.hopeless, best=offered[decision.chosen[0]])
 
 
 def _tightening(

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rigctl.workbench.next.promise import PROMISE
+from rigctl.workbench.next.noncentrality import SEPARATING_LAMBDA
 from rigctl.workbench.next.questions import Question
 from rigctl.workbench.next.rig_time import total_s
 from rigctl.workbench.study import Proposal
@@ -86,14 +86,14 @@ class Recommendation:
 
 def telling_words(answers: Sequence[Answer], hopeless: Sequence[Answer], runs: Sequence[Proposal]) -> str:
     """Of runs that answer questions."""
-    told = []
+    answered = []
     for answer in answers:
         size = "as large as estimated" if answer.question.basis == "estimate" else "of its typical size"
         chance = f"lambda {answer.lambda_promised:.3g}, probability {answer.power:.0%}"
-        if answer.lambda_promised < PROMISE and answer.runs_needed is not None:
+        if answer.lambda_promised < SEPARATING_LAMBDA and answer.runs_needed is not None:
             chance += f"; {answer.runs_needed} runs like these would do"
-        told.append(f"{answer.question.term.effect}, {size}, from {_plain(answer.question.other)} ({chance})")
-    return f"{_counted(runs)} would tell {'; '.join(told)}. {hopeless_words(hopeless)}".strip()
+        answered.append(f"{answer.question.term.effect}, {size}, from {_plain(answer.question.other)} ({chance})")
+    return f"{_counted(runs)} would tell {'; '.join(answered)}. {hopeless_words(hopeless)}".strip()
 
 
 def tightening_words(result: Sequence[Tightened], runs: Sequence[Proposal]) -> str:
@@ -106,8 +106,8 @@ def hopeless_words(hopeless: Sequence[Answer]) -> str:
     """Of questions that no runs answer; "" for none."""
     if not hopeless:
         return ""
-    told = "; ".join(f"{each.question.term.effect} from {_plain(each.question.other)}" for each in hopeless)
-    return f"Beyond what runs like these can tell apart: {told}. "
+    pairs = "; ".join(f"{each.question.term.effect} from {_plain(each.question.other)}" for each in hopeless)
+    return f"Beyond what runs like these can tell apart: {pairs}. "
 
 
 def _plain(other: str) -> str:

@@ -87,11 +87,11 @@ def _columns_of(terms: Sequence[Term], imagined: Imagined) -> tuple[tuple[tuple[
     places: list[tuple[Term, IntArray]] = []
     columns = [np.zeros((len(imagined.fitted), 0))]
     for term in terms:
-        own = imagined.columns(term)
-        if own is not None:
+        derivatives = imagined.columns(term)
+        if derivatives is not None:
             first = sum(each.shape[1] for each in columns)
-            places.append((term, np.arange(first, first + own.shape[1])))
-            columns.append(own)
+            places.append((term, np.arange(first, first + derivatives.shape[1])))
+            columns.append(derivatives)
     return tuple(places), np.hstack(columns)
 
 
@@ -114,10 +114,10 @@ def _eliminated(settled: FloatArray, firmness: FloatArray, others: FloatArray) -
 def _by_run(rows: FloatArray, imagined: Imagined) -> FloatArray:
     """Rows of each proposal, (proposals, rows of the longest, columns), zeros below those of shorter ones."""
     longest = max((len(each) for each in imagined.rows_of), default=0)
-    found = np.zeros((len(imagined.rows_of), longest, rows.shape[1]))
+    padded = np.zeros((len(imagined.rows_of), longest, rows.shape[1]))
     for run, where in enumerate(imagined.rows_of):
-        found[run, : len(where)] = rows[where - imagined.made]
-    return found
+        padded[run, : len(where)] = rows[where - imagined.made]
+    return padded
 
 
 def _length(settled: FloatArray, left: FloatArray, ahead: FloatArray) -> FloatArray:

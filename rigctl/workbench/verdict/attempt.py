@@ -16,7 +16,7 @@ from rigctl.workbench.study import Candidate, ScansBetween, Study, Term
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best, Generic
-from rigctl.workbench.verdict.noise import NoiseEstimator, felt, stacked
+from rigctl.workbench.verdict.noise import NoiseEstimator, above_rounding, stacked
 from rigctl.workbench.verdict.score import Score, corrected, p_of, trials
 
 ROUNDS = 2
@@ -96,22 +96,22 @@ class Attempt(FittedModel):
         study, term = self.study, scored.candidate.term
         if not isinstance(study, ScansBetween) or self.corrected(scored.score.p_value) >= REFINED_FROM:
             return scored
-        found = scored
+        best = scored
         for name, (low, high) in study.neighbours(term).items():
 
-            def with_value(log: float, at: Term = found.candidate.term, name: str = name) -> Scored:
+            def with_value(log: float, at: Term = best.candidate.term, name: str = name) -> Scored:
                 choice = {**at.choice, name: float(f"{np.exp(log):.6g}")}
                 candidate = study.candidate(self.model, self.result.values, Term(at.effect, choice))
                 return Scored(candidate, self._score(candidate))
 
-            best = optimize.minimize_scalar(
+            minimum = optimize.minimize_scalar(
                 lambda log, of=with_value: -of(log).score.statistic,
                 bounds=(np.log(low), np.log(high)),
                 method="bounded",
                 options={"xatol": _SCAN_TOLERANCE},
             )
-            found = max(found, with_value(best.x), key=lambda each: each.score.statistic)
-        return found
+            best = max(best, with_value(minimum.x), key=lambda each: each.score.statistic)
+        return best
 
     @cached_property
     def scores(self) -> list[Score]:
@@ -170,7 +170,7 @@ def _estimator(fitted: FittedModel, candidates: Sequence[Candidate], generic: Ge
     few = stacked([c.derivative for c in candidates if counts[c.term.effect] <= _SCANNED], len(given.value))
 
     def possible(where: IntArray) -> list[FloatArray]:
-        return [felt(few, where, given.sigma), generic.main_columns(where)]
+        return [above_rounding(few, where, given.sigma), generic.main_columns(where)]
 
     return NoiseEstimator(given, fitted.model.jacobian(fitted.result.values), possible)
 

@@ -1,7 +1,7 @@
-"""Are p-values right where the noise itself was estimated? Noise like the one found is drawn, and estimated anew.
+"""P-values where the noise was estimated too: a parametric bootstrap draws noise like it and estimates it again.
 
-A parametric bootstrap of "nothing hidden". Everything is linear at the fit, and data whose noise is known act through
-what they say of the columns only: a draw costs some products of small matrices.
+The null hypothesis is that no effect is hidden. Everything is linear at the fit, and data whose noise is known enter
+through their Gram matrices only: a draw costs some products of small matrices.
 """
 
 from __future__ import annotations
@@ -140,10 +140,10 @@ def _statistics(
     free = columns - basis @ (basis.T @ columns)
     along = free.T @ (left - basis @ (basis.T @ left))
     size = np.sum(columns**2, axis=0)
-    own = np.sum(free**2, axis=0)
-    kept = own > ABSORBED**2 * np.where(size > 0.0, size, 1.0)
+    free_size = np.sum(free**2, axis=0)
+    kept = free_size > ABSORBED**2 * np.where(size > 0.0, size, 1.0)
     first = np.concatenate([[0], np.cumsum(widths)[:-1]])
-    statistics = np.where(kept, along**2 / np.where(kept, own, 1.0), 0.0)[first]
+    statistics = np.where(kept, along**2 / np.where(kept, free_size, 1.0), 0.0)[first]
     dimensions = np.ones(len(widths), dtype=np.intp)
     for number in np.flatnonzero(widths > 1):
         where = first[number] + np.flatnonzero(kept[first[number] : first[number] + widths[number]])

@@ -1,4 +1,4 @@
-"""What of an effect is found by scanning: the head, frequency or period that explains most of what is left."""
+"""Choices of an effect found by scanning: the head, frequency or period that explains most of the residuals."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from rigctl.workbench.verdict.attempt import Attempt
 def diagnosed(diagnosis: Mapping[str, Any] | None, effect: str) -> Term | None:
     """The term as a diagnosis (its JSON) ranked it; None when that says nothing of it."""
     ranking = diagnosis["ranking"] if diagnosis else []
-    found = [Term(effect, rank["choice"]) for rank in ranking if rank["effect"] == effect]
-    return found[0] if found else None
+    ranked = [Term(effect, rank["choice"]) for rank in ranking if rank["effect"] == effect]
+    return ranked[0] if ranked else None
 
 
 def best(study: Study, terms: Sequence[Term], effect: str) -> Term:

@@ -1,4 +1,4 @@
-"""The current model beside the measurements: how far off, in what, and along which condition."""
+"""Residuals of the current model: their size per channel, outliers, and trends along the conditions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def compared(attempt: Attempt, version: int) -> Comparison:
     """What a fitted attempt leaves."""
     given, left = attempt.model.observations, attempt.whitened()
     channels = []
-    plain, raw = attempt.noise.plain(), attempt.unexplained()
+    plain, raw = attempt.noise.total_sigma(), attempt.unexplained()
     for number, series in enumerate(given.series):
         rows = given.series_of == number
         if rows.any():
@@ -79,10 +79,10 @@ def _outlier(attempt: Attempt, where: int, sigma: float) -> Outlier:
 
 
 def _trends(attempt: Attempt) -> tuple[Trend, ...]:
-    """Every series against every covariate that says something of its own, the strongest first."""
+    """F tests of every series along every distinct covariate, the most significant first."""
     given, projector = attempt.model.observations, attempt.projector
     covariates = distinct(given.covariates)
-    found: list[tuple[Trend, float]] = []
+    trends: list[tuple[Trend, float]] = []
     for number, series in enumerate(given.series):
         rows = np.flatnonzero(given.series_of == number)
         for name in covariates:
@@ -91,16 +91,16 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
             if columns is None:
                 continue
             whole = np.zeros((len(given.value), columns.shape[1]))
-            whole[rows] = columns * attempt.noise.plain()[rows, None]
+            whole[rows] = columns * attempt.noise.total_sigma()[rows, None]
             score = projector.score(attempt.whitened_columns(whole))
             if not score.dimension:
                 continue
             explained = np.sqrt(score.statistic / len(rows))
-            found.append(
+            trends.append(
                 (Trend(series.channel, series.component, name, score.p_value, 1.0, float(explained)), score.p_value)
             )
-    trials = len(found)
-    found.sort(key=lambda pair: pair[1])
+    trials = len(trends)
+    trends.sort(key=lambda pair: pair[1])
     return tuple(
         Trend(
             each.channel,
@@ -110,7 +110,7 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
             min(trials * each.p_value, 1.0),
             each.rms_explained,
         )
-        for each, _ in found[:TRENDS]
+        for each, _ in trends[:TRENDS]
     )
 
 

@@ -1,4 +1,4 @@
-"""Conditions of the runs that say something of their own."""
+"""Conditions of the runs that vary and are not collinear with others."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _CONSTANT = 1e-6
 
 def distinct(covariates: Mapping[str, FloatArray]) -> list[str]:
     """Names of those that vary, without what goes with an earlier one: an angle asked for and the angle reached."""
-    found: list[str] = []
+    names: list[str] = []
     for name, values in covariates.items():
-        if _varies(values) and not any(_alike(values, covariates[other]) for other in found):
-            found.append(name)
-    return found
+        if _varies(values) and not any(_alike(values, covariates[other]) for other in names):
+            names.append(name)
+    return names
 
 
 def _varies(values: FloatArray) -> bool:

@@ -1,4 +1,4 @@
-"""Which physical effect is missing? Ranked, sized, named if it can be, and honest when it cannot."""
+"""Which physical effect is missing: candidates ranked with their sizes, and the verdict."""
 
 from __future__ import annotations
 
@@ -76,14 +76,14 @@ def _verdict(search: Search, rivals: Sequence[Rival], unexplained: Unexplained |
 
 def _by_significance(search: Search, rivals: Sequence[Rival]) -> tuple[Term, ...]:
     """What was found, the most significant first, each followed by rivals of other classes."""
-    found: list[Term] = []
+    suggested: list[Term] = []
     p_values = {term.effect: _p_of(search, term) for term in search.suggested}
     for term in sorted(search.suggested, key=lambda term: p_values[term.effect]):
         alternatives = [term, *(rival.term for rival in rivals if rival.instead_of == term.effect)]
         for simplest in _simplest_of_classes(search, term, alternatives):
-            if simplest not in found:
-                found.append(simplest)
-    return tuple(found)
+            if simplest not in suggested:
+                suggested.append(simplest)
+    return tuple(suggested)
 
 
 def _simplest_of_classes(search: Search, term: Term, alternatives: Sequence[Term]) -> list[Term]:
@@ -100,9 +100,9 @@ def _simplest_of_classes(search: Search, term: Term, alternatives: Sequence[Term
     for each in alternatives:
         if each.effect not in scores:
             return [term]
-        own = scores[each.effect].score.basis
+        basis = scores[each.effect].score.basis
         for members in classes:
-            if likeness(scores[members[0].effect].score.basis, own) > SAME:
+            if likeness(scores[members[0].effect].score.basis, basis) > SAME:
                 members.append(each)
                 break
         else:
@@ -138,7 +138,7 @@ def _ranking(search: Search, rivals: Sequence[Rival]) -> tuple[Rank, ...]:
 def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Term, rivals: Sequence[Rival]) -> Rank:
     without = search.attempt([each for each in search.terms if each != term])
     p_value = search.p_of_term(search.terms, term)
-    own = {
+    estimates = {
         name: estimate
         for (name, estimate), owner in zip(final.estimates().items(), final.model.owners, strict=True)
         if owner == term.effect
@@ -151,7 +151,7 @@ def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Ter
         term=term,
         p_value=p_value,
         p_value_corrected=corrected_for(first, p_value),
-        parameters=own,
+        parameters=estimates,
         held_out_error_ratio=held_out_ratio(final, without),
         equivalent_to=tuple(equivalent),
         statistic=without.chi2_with(final.noise) - final.result.chi2,
@@ -220,22 +220,22 @@ def _one(a: Scored, b: Scored) -> bool:
 
 def _inseparable(attempt: Attempt) -> tuple[Inseparable, ...]:
     """Effects absorbed by fitted parameters, and pairs of effects that are one."""
-    found = []
+    inseparable = []
     for scored in attempt.scored:
         effect = scored.candidate.term.effect
         if scored.score.keep.min() < ABSORBED:
             for name, shift in _absorbers(attempt, scored).items():
-                found.append(Inseparable(effect, name, shift))
+                inseparable.append(Inseparable(effect, name, shift))
     if isinstance(attempt.study, DeclaresInseparable):
-        known = {(each.effect, each.other) for each in found}
+        known = {(each.effect, each.other) for each in inseparable}
         for effect, names in attempt.study.inseparable().items():
             pairs = [(effect, f"baseline:{name}") for name in names]
-            found += [Inseparable(*pair) for pair in pairs if pair not in known]
+            inseparable += [Inseparable(*pair) for pair in pairs if pair not in known]
     for number, a in enumerate(attempt.scored):
         for b in attempt.scored[number + 1 :]:
             if _one(a, b):
-                found.append(Inseparable(a.candidate.term.effect, b.candidate.term.effect))
-    return tuple(found)
+                inseparable.append(Inseparable(a.candidate.term.effect, b.candidate.term.effect))
+    return tuple(inseparable)
 
 
 def _absorbers(attempt: Attempt, scored: Scored) -> dict[str, str]:
@@ -245,16 +245,16 @@ def _absorbers(attempt: Attempt, scored: Scored) -> dict[str, str]:
     column = attempt.columns(scored.candidate) @ typical
     shift, *_ = np.linalg.lstsq(attempt.jacobian, column, rcond=1e-10)
     strength = np.abs(shift) * np.linalg.norm(attempt.jacobian, axis=0)
-    found: dict[str, str] = {}
+    shifts: dict[str, str] = {}
     for where in np.argsort(-strength):
         if strength[where] < _SHARE * strength.max() or not strength[where] > 0.0:
             break
         name = attempt.model.owners[where] or f"baseline:{attempt.names[where].partition('[')[0]}"
-        if name not in found:
-            found[name] = (
+        if name not in shifts:
+            shifts[name] = (
                 f"its typical size moves {attempt.names[where]} by {shift[where]:.3g}{_unit(attempt, where)}"
             )
-    return found
+    return shifts
 
 
 def _unit(attempt: Attempt, where: np.intp) -> str:
@@ -278,10 +278,10 @@ def _detectable(attempt: Attempt, scored: Scored, alpha: float) -> dict[str, flo
 
 
 def _steps(search: Search) -> list[Step]:
-    found = []
+    steps = []
     for move in search.moves:
         attempt = search.attempt(move.terms)
-        found.append(
+        steps.append(
             Step(
                 move.terms,
                 move.added,
@@ -292,4 +292,4 @@ def _steps(search: Search) -> list[Step]:
                 attempt.held_out.error(),
             )
         )
-    return found
+    return steps

@@ -1,4 +1,4 @@
-"""Whatever might be left, with no physics assumed: shapes over the conditions, one series at a time.
+"""Shapes without physics that residuals may have: functions of the conditions, one series at a time.
 
 A shape is a harmonic of the angle, times a power of the frequency, times a covariate. Where no effect of the
 catalogue explains what is left, the strongest shape describes it.
@@ -77,10 +77,10 @@ class Generic:
 
     def main_columns(self, where: IntArray) -> FloatArray:
         """The shapes one at a time, products left out, at some data: what saturates a small pool; (data, k)."""
-        found = [np.zeros((len(where), 0))]
+        blocks = [np.zeros((len(where), 0))]
         for number in np.unique(self._given.series_of[where]):
-            own = np.flatnonzero(self._given.series_of[where] == number)
-            rows = where[own]
+            members = np.flatnonzero(self._given.series_of[where] == number)
+            rows = where[members]
             _, shapes, stack, second = _distinct(self._given, int(number), rows)
             main = [
                 place
@@ -89,12 +89,12 @@ class Generic:
             ]
             places = [*main, *(second[place] for place in main if second[place] >= 0)]
             columns = np.zeros((len(where), len(places)))
-            columns[own] = stack[:, places]
-            found.append(columns)
-        return np.hstack(found)
+            columns[members] = stack[:, places]
+            blocks.append(columns)
+        return np.hstack(blocks)
 
     def best(self, noise: Noise, projector: Projector, rng: np.random.Generator) -> Best | None:
-        """The strongest shape in what is left; None without any that could be seen."""
+        """The strongest shape in the residuals; None where all shapes are absorbed."""
         rows = len(projector.left)
         draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // rows, 200)), rows), dtype=np.float32)
         fitted = draws @ projector.basis.astype(np.float32)
@@ -102,10 +102,10 @@ class Generic:
         shapes: list[Shape] = []
         scored: list[_Scored] = []
         for part in self._parts():
-            found = self._scored(part, noise, projector)
-            smallest = np.minimum(smallest, _smallest(found, draws, fitted))
+            of_series = self._scored(part, noise, projector)
+            smallest = np.minimum(smallest, _smallest(of_series, draws, fitted))
             shapes += part[1]
-            scored.append(replace(found, columns=_NONE, shadow=_NONE))
+            scored.append(replace(of_series, columns=_NONE, shadow=_NONE))
         if not scored:
             return None
         statistics = np.concatenate([each.statistic for each in scored])
@@ -268,21 +268,25 @@ def _common(given: Observations, rows: IntArray) -> tuple[list[tuple[int, str]],
 
 
 def _covariates(given: Observations, rows: IntArray) -> list[str]:
-    """Those that vary and say something of their own, "" for none, and their squares."""
-    found = [""]
+    """Those that vary and are not collinear with others, with their powers; "" for none."""
+    names = [""]
     used_up = given.angle is not None or given.frequency is not None
     used = [given.of_runs(name)[rows] for name in (given.angle, given.frequency) if name is not None]
     for name in given.covariates:
-        own = given.of_runs(name)[rows]
-        if name in (given.angle, given.frequency, *given.levels) or not np.isfinite(own).all() or np.ptp(own) <= 0.0:
+        values = given.of_runs(name)[rows]
+        if (
+            name in (given.angle, given.frequency, *given.levels)
+            or not np.isfinite(values).all()
+            or np.ptp(values) <= 0.0
+        ):
             continue
-        if any(np.ptp(each) > 0.0 and abs(np.corrcoef(own, each)[0, 1]) > _COPY for each in used):
+        if any(np.ptp(each) > 0.0 and abs(np.corrcoef(values, each)[0, 1]) > _COPY for each in used):
             continue
-        used.append(own)
-        found.append(name)
-        degrees = min(POLYNOMIAL if not used_up else 2, (len(np.unique(own)) - 1) // 2)
-        found += [f"{name}^{degree}" for degree in range(2, degrees + 1)]
-    return found
+        used.append(values)
+        names.append(name)
+        degrees = min(POLYNOMIAL if not used_up else 2, (len(np.unique(values)) - 1) // 2)
+        names += [f"{name}^{degree}" for degree in range(2, degrees + 1)]
+    return names
 
 
 def _plain(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
@@ -302,7 +306,7 @@ def _plain(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
 
 
 def _polynomial(scaled: FloatArray, degree: int) -> FloatArray:
-    """The power of a scaled covariate less what lower powers say of it, of unit rms."""
+    """The power of a scaled covariate, orthogonal to the lower powers, of unit rms."""
     if degree == 1:
         return scaled
     lower = np.linalg.qr(np.vander(scaled, degree, increasing=True))[0]

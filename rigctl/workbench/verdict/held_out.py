@@ -1,4 +1,4 @@
-"""How far a model is off on runs its fit never used.
+"""Cross-validation: the error of a model on held-out blocks of runs.
 
 Blocks (mountings, else stretches of time) are left out in turn. At the fit everything is linear, so that the fit of
 the rest follows from that of all: with Q an orthonormal basis of what is fitted and e the residuals, a block's errors
@@ -47,12 +47,12 @@ class HeldOut:
         if further is not None:
             basis, left = np.hstack([basis, further]), left - further @ (further.T @ left)
         wanted = np.ones(self._data, dtype=bool) if series is None else np.isin(self._series_of, series)
-        found = expected = 0.0
+        total = expected = 0.0
         for block in self._blocks if self.possible else []:
             square, mean = _predicted(basis[block], left[block], wanted[block])
-            found += square
+            total += square
             expected += mean
-        return float(np.sqrt(found / expected)) if expected > 0.0 else float("nan")
+        return float(np.sqrt(total / expected)) if expected > 0.0 else float("nan")
 
 
 def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> tuple[float, float]:

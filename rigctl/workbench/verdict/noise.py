@@ -27,7 +27,7 @@ EXPONENTS = (1.0, 1.64, 2.4)
 
 TIME_CONSTANTS = 6
 WHITE_ODDS = 3.0
-"""How much likelier white noise is beforehand than all correlated kinds together."""
+"""Prior odds of white noise over all correlated kinds together."""
 
 SATURATED_SHARE = 2.0 / 3.0
 """At least this share of a pool's data is left to tell its noise."""
@@ -81,8 +81,8 @@ class Noise:
         white = np.zeros((len(everywhere), columns.shape[1]))
         white[np.searchsorted(everywhere, rows)] = columns / self.sigma[rows][:, None]
         for where, factor in factors:
-            own = np.searchsorted(everywhere, where)
-            white[own] = solve_triangular(factor, white[own], lower=True, check_finite=False)
+            members = np.searchsorted(everywhere, where)
+            white[members] = solve_triangular(factor, white[members], lower=True, check_finite=False)
         return everywhere, white
 
     def colour(self, white: FloatArray) -> FloatArray:
@@ -92,7 +92,7 @@ class Noise:
             coloured[where] = factor @ coloured[where]
         return np.asarray(coloured * (self.sigma if white.ndim == 1 else self.sigma[:, None]), dtype=np.float64)
 
-    def plain(self) -> FloatArray:
+    def total_sigma(self) -> FloatArray:
         """Standard deviation of each datum, correlations included, shape (n,)."""
         total = self.sigma.copy()
         for where, factor in self.factors:
@@ -101,7 +101,7 @@ class Noise:
 
 
 class NoiseEstimator:
-    """Estimates the noise of one set of observations from residuals, again and again.
+    """Estimates the noise of one set of observations from the residuals of any fit.
 
     `required` (n, m) are the derivatives of what is fitted, `possible` gives those of what might be hidden at
     some of the data, matrices (data, k) in order of precedence; both are projected out of each pool that needs its
@@ -143,7 +143,7 @@ class NoiseEstimator:
         return np.concatenate([np.zeros(0, dtype=np.intp), *(pool.where for pool in self._pools)])
 
     def estimate(self, residuals: FloatArray) -> Noise:
-        """The noise behind residuals (n,) of a fit."""
+        """The noise estimated from residuals (n,) of a fit."""
         sigma, dof = self._given.sigma.copy(), self._dof.copy()
         known = np.isfinite(dof) & (dof > 4.0)
         # A sigma from few degrees of freedom understates: Student's t has the variance nu / (nu - 2).
@@ -151,11 +151,11 @@ class NoiseEstimator:
         factors = list(self._given.factors)
         correlations = []
         for pool in self._pools:
-            scale, found = pool.estimate(residuals[pool.where] / self._given.sigma[pool.where])
+            scale, weighted = pool.estimate(residuals[pool.where] / self._given.sigma[pool.where])
             sigma[pool.where] *= scale
             dof[pool.where] = pool.dof
-            correlations.append(max(found, key=lambda pair: pair[0])[1])
-            factors += pool.factors(found)
+            correlations.append(max(weighted, key=lambda pair: pair[0])[1])
+            factors += pool.factors(weighted)
         return Noise(sigma, dof, tuple(factors), tuple(correlations))
 
 
@@ -174,7 +174,7 @@ class _Pool:
         self._group = given.group_of[where]
         self._at = _usable(given.of_runs(order)[where]) if order is not None else None
         weights = given.sigma[where][:, None]
-        fitted = felt(required, where, given.sigma)
+        fitted = above_rounding(required, where, given.sigma)
         self.basis = saturated(fitted / weights, [columns / weights for columns in possible(where)])
         self.dof = max(len(where) - self.basis.shape[1], _FLOOR_DOF)
         self._looked_at = _stretch(len(where), self.basis.shape[1])
@@ -209,7 +209,7 @@ class _Pool:
         """Cholesky factors of the weighted mean of R, group by group; none for white noise."""
         if all(not correlation.kernel for _, correlation in correlations):
             return []
-        found: list[tuple[IntArray, FloatArray]] = []
+        factors: list[tuple[IntArray, FloatArray]] = []
         for group in np.unique(self._group):
             members = np.flatnonzero(self._group == group)
             mean: FloatArray = np.eye(len(members), dtype=np.float64)
@@ -220,8 +220,8 @@ class _Pool:
                 if kernel:
                     mean = np.asarray(mean + strength * self._kernel(kernel, members), dtype=np.float64)
             factor = np.asarray(np.linalg.cholesky(mean), dtype=np.float64)
-            found.append((self.where[members], factor))
-        return found
+            factors.append((self.where[members], factor))
+        return factors
 
     @property
     def correlated(self) -> bool:
@@ -294,7 +294,7 @@ class _Trial:
 def saturated(required: FloatArray, possible: Sequence[FloatArray]) -> FloatArray:
     """Orthonormal basis of all that is fitted and, as far as enough data remain, of all that might be hidden.
 
-    `possible` in the order of precedence: what has no place poses as noise.
+    `possible` in the order of precedence; what finds no room there stays in the noise estimate.
     """
     data = len(required)
     basis = orthonormal(required, 1e-9)
@@ -311,10 +311,10 @@ def saturated(required: FloatArray, possible: Sequence[FloatArray]) -> FloatArra
     return basis
 
 
-def felt(columns: FloatArray, where: IntArray, sigma: FloatArray) -> FloatArray:
-    """At some of the data, those of the columns (n, k) that are more there than differences leave of nothing.
+def above_rounding(columns: FloatArray, where: IntArray, sigma: FloatArray) -> FloatArray:
+    """The columns (n, k), at some of the data, that are larger there than the rounding of numerical derivatives.
 
-    Scaled to unit length, a derivative's rounding would take the place of a shape.
+    Scaled to unit length, a column of rounding errors would be projected out like a signal.
     """
     whole = np.linalg.norm(columns / sigma[:, None], axis=0)
     here = np.linalg.norm(columns[where] / sigma[where][:, None], axis=0)
@@ -337,12 +337,12 @@ def stacked(columns: Sequence[FloatArray], rows: int) -> FloatArray:
 
 
 def _usable(order: FloatArray) -> FloatArray | None:
-    """Times to correlate by; None when some are unknown."""
+    """Times along which noise is correlated; None when some are unknown."""
     return order if np.isfinite(order).all() else None
 
 
 def _stretch(data: int, fitted: int) -> IntArray:
-    """Which data the correlation is looked for in: all, or a stretch from the middle."""
+    """The data from which the correlation is estimated: all, or a stretch from the middle."""
     count = min(data, max(LARGEST_POOL, 3 * fitted))
     first = (data - count) // 2
     return np.arange(first, first + count)

@@ -1,4 +1,4 @@
-"""Testing what might be added against what is left, with everything fitted free to move.
+"""Score tests of candidates on the residuals, with all fitted parameters free to move.
 
 Whitened and linearised at a fit, z = W (y - f), J = W df/dp (priors are further rows), M = 1 - J J^+: the columns G
 of a candidate count as far as no fitted parameter can imitate them. With Q an orthonormal basis of M G, T = |Q' z|^2
@@ -18,7 +18,7 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.verdict.noise import orthonormal
 
 ABSORBED = 1e-2
-"""What is left of a column after the fitted parameters have imitated it: below, second order rules."""
+"""Share of a column that no fitted parameter imitates, below which effects of second order dominate."""
 
 DRAWS = 2000
 QUANTILE = 0.02
@@ -27,7 +27,7 @@ UNDETERMINED = 1e-8
 
 @dataclass(frozen=True)
 class Score:
-    """One candidate against what is left.
+    """The score test of one candidate.
 
     `statistic` T with `dimension` d and the noise's `dof`; `keep` per parameter; `estimate` and `sigma` (d,) at first
     order, 0 and infinity for parameters that are absorbed. `basis` Q has shape (n, d); d is 0 when all is absorbed.
@@ -44,7 +44,7 @@ class Score:
 
 
 class Projector:
-    """What the fitted parameters leave free: M, for whitened data at a fit."""
+    """The projection M orthogonal to the derivatives by the fitted parameters, for whitened data at a fit."""
 
     def __init__(self, jacobian: FloatArray, residuals: FloatArray, dof: FloatArray, data: int) -> None:
         self.basis = orthonormal(jacobian, UNDETERMINED)
@@ -66,13 +66,13 @@ class Projector:
         if not len(seen):
             return Score(0.0, 0, np.inf, 1.0, keep, estimate, sigma, np.zeros((len(columns), 0)))
         left, s, right = svd(free[:, seen] / size[seen])
-        told = s > ABSORBED * s[0]
-        basis = left[:, told]
+        determined = s > ABSORBED * s[0]
+        basis = left[:, determined]
         along = basis.T @ self.left
-        root = right[told].T / s[told]
+        root = right[determined].T / s[determined]
         estimate[seen] = root @ along / size[seen]
         sigma[seen] = np.sqrt(np.sum(root**2, axis=1)) / size[seen]
-        statistic, dimension = float(along @ along), int(told.sum())
+        statistic, dimension = float(along @ along), int(determined.sum())
         dof = self.dof_of(basis)
         return Score(statistic, dimension, dof, float(p_of(statistic, dimension, dof)), keep, estimate, sigma, basis)
 

@@ -110,13 +110,13 @@ class Search:
         pairs = list(itertools.combinations(allowed, 2))
         per_dimension, choices = 0.5 * float(np.log(len(attempt.result.residuals))), float(np.log(max(len(pairs), 1)))
         wanted = 0.5 * shape.statistic - shape.dimension * per_dimension - float(np.log(shape.n_eff))
-        found = []
+        better = []
         for pair in pairs:
             score = attempt.projector.score(np.hstack([attempt.columns(each.candidate) for each in pair]))
             evidence = 0.5 * score.statistic - score.dimension * per_dimension - choices
             if evidence > wanted:
-                found.append((evidence, (pair[0].candidate.term, pair[1].candidate.term)))
-        for _, both in sorted(found, key=lambda each: -each[0])[:REFITTED]:
+                better.append((evidence, (pair[0].candidate.term, pair[1].candidate.term)))
+        for _, both in sorted(better, key=lambda each: -each[0])[:REFITTED]:
             if self._explain(both):
                 return both
         return None
@@ -153,7 +153,7 @@ class Search:
         self.unexplained = significant_shape(self.attempt(self.terms), self.alpha)
 
     def _without(self, effect: str) -> Search:
-        """The search with one effect barred: what stands in for two others keeps either of them out."""
+        """The search with one effect barred, which may have taken the place of two others."""
         detour = Search(self.study, self.given, self.alpha, self._seed, self._progress)
         detour._attempts, detour._shapes, detour._values = self._attempts, self._shapes, self._values
         detour._barred = effect
@@ -227,8 +227,8 @@ class Search:
         return float(p_of(max(fall, 0.0), max(dimension, 1), min(same, default=np.inf)))
 
     def _add_lines(self, attempt: Attempt) -> None:
-        found = [line for line in self.study.lines(attempt.model) if line.p_value < LINES_SHARE * self.alpha]
-        self.lines = sorted(found, key=lambda line: line.p_value)
+        significant = [line for line in self.study.lines(attempt.model) if line.p_value < LINES_SHARE * self.alpha]
+        self.lines = sorted(significant, key=lambda line: line.p_value)
         for line in self.lines:
             if line.term not in self.terms and len(self.suggested) < MOST_TERMS:
                 self.terms = (*self.terms, line.term)

@@ -66,8 +66,8 @@ def transfer(here: Study, there: Study, terms: Sequence[Term]) -> Transfer:
     names = [name for name in _lasting(mine.model) if name in theirs.names]
     estimates, others = mine.estimates(), theirs.estimates()
     shared = tuple(Shared(name, estimates[name], others[name]) for name in names)
-    own = _error(theirs.result.chi2, theirs.result.dof)
-    return Transfer(shared, own, _transferred(shared, theirs))
+    error = _error(theirs.result.chi2, theirs.result.dof)
+    return Transfer(shared, error, _transferred(shared, theirs))
 
 
 def _lasting(model: Model) -> list[str]:

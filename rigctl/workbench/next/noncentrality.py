@@ -1,11 +1,11 @@
-"""What a lambda promises: a noncentral chi-square against the threshold of one question."""
+"""Power of a test from its noncentrality lambda, and the lambda that a wanted power takes."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import optimize, stats
 
-PROMISE = 25.0
+SEPARATING_LAMBDA = 25.0
 """Lambda that separates: one question at half the default level, any one or two parameters, power 0.95."""
 
 LEVEL = 0.005
@@ -13,13 +13,13 @@ POWER = 0.95
 
 
 def power(noncentrality: float, dimension: int) -> float:
-    """Probability that an effect of this lambda is seen at the level of one question."""
+    """Probability that noncentral chi-square exceeds the threshold of one question."""
     threshold = stats.chi2.isf(LEVEL, max(dimension, 1))
     return float(stats.ncx2.sf(threshold, max(dimension, 1), max(noncentrality, 1e-12)))
 
 
-def needed(level: float, dof: float = np.inf) -> float:
-    """Lambda of one parameter that is significant at a level with power 0.95, the noise being known with `dof`."""
+def needed_noncentrality(level: float, dof: float = np.inf) -> float:
+    """Noncentrality at which one parameter is significant at `level` with power 0.95; `dof` is that of the noise."""
     if not np.isfinite(dof):
         return float((stats.norm.isf(level / 2.0) + stats.norm.ppf(POWER)) ** 2)
     threshold = stats.f.isf(level, 1, dof)
