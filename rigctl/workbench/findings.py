@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-import numpy as np
-
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.study import Observations, Term
 
@@ -243,8 +241,3 @@ class ModelFit:
             "parameters": {name: each.as_json() for name, each in self.parameters.items()},
             "result": dict(self.result),
         }
-
-
-def finite(value: float) -> float | None:
-    """For JSON, which has no NaN."""
-    return value if np.isfinite(value) else None

@@ -95,40 +95,32 @@ class Model(Protocol):
     @property
     def observations(self) -> Observations:
         """The data, in the order of predictions."""
-        ...
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """What the baseline was extended with."""
-        ...
 
     @property
     def parameters(self) -> Sequence[Parameter]:
         """Of the baseline and then of the terms: names as in `rigctl fit --json`, starts, priors."""
-        ...
 
     @property
     def units(self) -> Sequence[str]:
         """Of each parameter."""
-        ...
 
     @property
     def owners(self) -> Sequence[str]:
         """To which each parameter belongs: an effect's id, or "" for the baseline."""
-        ...
 
     @property
     def local(self) -> Sequence[bool]:
         """Of each parameter, whether it belongs to one mounting and says nothing of another recording."""
-        ...
 
     def predict(self, values: FloatArray) -> FloatArray:
         """The data for parameter values of shape (m,); shape (n,)."""
-        ...
 
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -179,27 +171,21 @@ class Study(Protocol):
     @property
     def experiment(self) -> str:
         """Its id, as in recording.toml."""
-        ...
 
     def effects(self) -> Mapping[str, str]:
         """Every effect that can be added, in the order of the catalogue: id and the physics in a sentence."""
-        ...
 
     def model(self, terms: Sequence[Term]) -> Model:
         """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
-        ...
 
     def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         """Every effect that `model` lacks, at the fitted `values`; a scanned one appears once per choice."""
-        ...
 
     def lines(self, model: Model) -> Sequence[Line]:
         """Steady lines in what is left of the samples; empty where the recording has no samples to look at."""
-        ...
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """What the experiment is for, for the error ladder: by name, JSON with `value`, `sigma` and `unit`."""
-        ...
 
 
 @runtime_checkable
@@ -208,7 +194,6 @@ class DeclaresInseparable(Protocol):
 
     def inseparable(self) -> Mapping[str, tuple[str, ...]]:
         """By effect, the parameters of the baseline that take it up."""
-        ...
 
 
 @runtime_checkable
@@ -217,11 +202,9 @@ class ScansBetween(Study, Protocol):
 
     def neighbours(self, term: Term) -> Mapping[str, tuple[float, float]]:
         """Between which positive values the scan leaves open what a choice really is, by name."""
-        ...
 
     def candidate(self, model: Model, values: FloatArray, term: Term) -> Candidate:
         """An effect that `model` lacks with any values of its choice, at the fitted `values`."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -244,7 +227,6 @@ class Plannable(Study, Protocol):
 
     def options(self) -> Sequence[Proposal]:
         """What could be measured next."""
-        ...
 
     def extended(self, proposals: Sequence[Proposal]) -> Study:
         """This study as if these runs had been made too, with noise as in the runs there are.
@@ -252,4 +234,3 @@ class Plannable(Study, Protocol):
         Existing runs come first, then one run per proposal. Measured values of the latter mean nothing: only
         derivatives, sigmas and conditions do. Models keep their parameters' names.
         """
-        ...

@@ -11,6 +11,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.workbench.findings import Unexplained
 from rigctl.workbench.study import NoisePool, Observations, Series
 from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.description import described
 from rigctl.workbench.verdict.generic import POLYNOMIAL, Generic
 
 SEEDS = 6
@@ -23,8 +24,14 @@ def found(made_up: Any, seed: int, column: FloatArray, series: int, sigmas: floa
     foreign = np.zeros(3 * runs)
     foreign[series * runs : (series + 1) * runs] = column
     attempt = Attempt(made_up.study(seed, foreign=made_up.sized(foreign[:, None], sigmas)), ())
-    assert attempt.best_shape is not None
-    return attempt.generic.describe(attempt.best_shape, attempt.noise, attempt.projector)
+    return what_is_left(attempt)
+
+
+def what_is_left(attempt: Attempt) -> Unexplained:
+    shape = attempt.best_shape
+    assert shape is not None
+    score = attempt.projector.score(attempt.whitened_columns(shape.columns))
+    return described(attempt.model.observations, shape, score)
 
 
 def shape_of(conditions: Any, harmonic: int, power: int, covariate: str, phase_deg: float = 25.0) -> FloatArray:
@@ -67,8 +74,7 @@ def test_the_size_the_phase_and_the_words_are_those_of_the_shape(made_up: Any) -
     column = 8.0 * shape_of(made_up.conditions(), 2, 0, "", phase_deg=40.0)
     foreign = np.concatenate([np.zeros(48), column, np.zeros(48)])
     attempt = Attempt(made_up.study(1, foreign=foreign), ())
-    assert attempt.best_shape is not None
-    what = attempt.generic.describe(attempt.best_shape, attempt.noise, attempt.projector)
+    what = what_is_left(attempt)
     assert what.details["size"] == pytest.approx(8.0, abs=4.0 * what.details["sigma"])
     # Amplitudes of 48 data of unit noise: sqrt(2 / 48) for each of cosine and sine.
     assert what.details["sigma"] == pytest.approx(np.sqrt(4.0 / 48.0), rel=0.4)
@@ -83,8 +89,7 @@ def test_the_sign_of_what_has_no_phase_is_said(made_up: Any, sign: int) -> None:
     column = sign * shape_of(made_up.conditions(), 0, 0, "start_s")
     foreign = np.concatenate([np.zeros(48), 4.0 * column, np.zeros(48)])
     attempt = Attempt(made_up.study(2, foreign=foreign), ())
-    assert attempt.best_shape is not None
-    what = attempt.generic.describe(attempt.best_shape, attempt.noise, attempt.projector)
+    what = what_is_left(attempt)
     assert what.details["sign"] == sign
     assert ("off by -" in what.description) == (sign < 0)
     assert what.details["covariate"] in what.description

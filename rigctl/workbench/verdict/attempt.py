@@ -16,7 +16,7 @@ from rigctl.workbench.study import Candidate, ScansBetween, Study, Term
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best, Generic
-from rigctl.workbench.verdict.noise import NoiseEstimator, above_rounding, stacked
+from rigctl.workbench.verdict.noise_estimate import NoiseEstimator, above_rounding
 from rigctl.workbench.verdict.score import Score, corrected, p_of, trials
 
 ROUNDS = 2
@@ -167,7 +167,8 @@ def _estimator(fitted: FittedModel, candidates: Sequence[Candidate], generic: Ge
     """What is hidden may be in the catalogue, or of any plain shape; scans are too many to project out."""
     given = fitted.model.observations
     counts = Counter(candidate.term.effect for candidate in candidates)
-    few = stacked([c.derivative for c in candidates if counts[c.term.effect] <= _SCANNED], len(given.value))
+    named = [each.derivative for each in candidates if counts[each.term.effect] <= _SCANNED]
+    few = np.hstack([np.zeros((len(given.value), 0)), *named])
 
     def possible(where: IntArray) -> list[FloatArray]:
         return [above_rounding(few, where, given.sigma), generic.main_columns(where)]

@@ -17,7 +17,8 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Candidate
 from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.generic import Generic
-from rigctl.workbench.verdict.noise import NoiseEstimator, orthonormal
+from rigctl.workbench.verdict.noise import orthonormal
+from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
 from rigctl.workbench.verdict.score import ABSORBED, Score, p_of
 
 DRAWS = 300

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ WORST = 10
 BINS = 5
 TRENDS = 20
 _FEW = 3
+_OF_A_LINE = ("channel", "frequency_hz", "amplitude", "sigma", "unit", "p_value")
 
 
 @one_thread
@@ -56,14 +58,7 @@ def compared(attempt: Attempt, version: int) -> Comparison:
         worst=tuple(_outlier(attempt, int(where), float(left[where])) for where in worst),
         trends=_trends(attempt),
         lines=tuple(
-            {
-                "channel": line.channel,
-                "frequency_hz": line.frequency_hz,
-                "amplitude": line.amplitude,
-                "sigma": line.sigma,
-                "unit": line.unit,
-                "p_value": line.p_value,
-            }
+            {key: getattr(line, key) for key in _OF_A_LINE}
             for line in attempt.study.lines(attempt.model)
             if np.isfinite(line.frequency_hz)
         ),
@@ -82,7 +77,7 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
     """F tests of every series along every distinct covariate, the most significant first."""
     given, projector = attempt.model.observations, attempt.projector
     covariates = distinct(given.covariates)
-    trends: list[tuple[Trend, float]] = []
+    trends: list[Trend] = []
     for number, series in enumerate(given.series):
         rows = np.flatnonzero(given.series_of == number)
         for name in covariates:
@@ -95,23 +90,11 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
             score = projector.score(attempt.whitened_columns(whole))
             if not score.dimension:
                 continue
-            explained = np.sqrt(score.statistic / len(rows))
-            trends.append(
-                (Trend(series.channel, series.component, name, score.p_value, 1.0, float(explained)), score.p_value)
-            )
-    trials = len(trends)
-    trends.sort(key=lambda pair: pair[1])
-    return tuple(
-        Trend(
-            each.channel,
-            each.component,
-            each.covariate,
-            each.p_value,
-            min(trials * each.p_value, 1.0),
-            each.rms_explained,
-        )
-        for each, _ in trends[:TRENDS]
-    )
+            rms = float(np.sqrt(score.statistic / len(rows)))
+            trends.append(Trend(series.channel, series.component, name, score.p_value, 1.0, rms))
+    count = len(trends)
+    strongest = sorted(trends, key=lambda trend: trend.p_value)[:TRENDS]
+    return tuple(replace(trend, p_value_corrected=min(count * trend.p_value, 1.0)) for trend in strongest)
 
 
 def _steps(values: FloatArray, bins: int) -> FloatArray | None:

@@ -11,6 +11,7 @@ from rigctl.workbench.findings import Diagnosis, Estimate, Inseparable, Rank, St
 from rigctl.workbench.study import DeclaresInseparable, Line, Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt, Scored
+from rigctl.workbench.verdict.description import described
 from rigctl.workbench.verdict.fitted_model import held_out_ratio
 from rigctl.workbench.verdict.rivals import Rival, rivals_of
 from rigctl.workbench.verdict.score import ABSORBED, contained, likeness
@@ -51,7 +52,8 @@ def diagnose(
     first, final = search.attempt(search.given), search.attempt(search.terms)
     unexplained = None
     if search.unexplained is not None:
-        unexplained = final.generic.describe(search.unexplained, final.noise, final.projector)
+        score = final.projector.score(final.whitened_columns(search.unexplained.columns))
+        unexplained = described(final.model.observations, search.unexplained, score)
     return Diagnosis(
         verdict=_verdict(search, rivals, unexplained),
         alpha=alpha,
@@ -288,7 +290,7 @@ def _steps(search: Search) -> list[Step]:
                 move.dropped,
                 attempt.result.chi2_per_dof,
                 attempt.chi2_p_value(),
-                float(np.sqrt(attempt.result.chi2_per_dof)) if attempt.result.dof > 0 else float("nan"),
+                attempt.error(),
                 attempt.held_out.error(),
             )
         )

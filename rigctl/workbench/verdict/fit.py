@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from rigctl.workbench.findings import ModelFit
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
@@ -27,7 +25,7 @@ def fitted(attempt: Attempt) -> ModelFit:
         chi2=result.chi2,
         dof=result.dof,
         p_value=attempt.chi2_p_value(),
-        error_fit=float(np.sqrt(result.chi2_per_dof)) if result.dof > 0 else float("nan"),
+        error_fit=attempt.error(),
         error_held_out=attempt.held_out.error(),
         residuals=attempt.whitened(),
         result=attempt.study.result(attempt.model, result.values, result.covariance),

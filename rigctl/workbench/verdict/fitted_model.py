@@ -120,6 +120,10 @@ class FittedModel:
         dof = len(self.noise.dof) ** 2 / spread if spread > 0.0 else np.inf
         return float(p_of(self.result.chi2, self.result.dof, dof))
 
+    def error(self) -> float:
+        """Rms of what is left in units of the noise, degrees of freedom considered; NaN without any."""
+        return float(np.sqrt(self.result.chi2_per_dof))
+
     def chi2_with(self, noise: Noise) -> float:
         """Chi-square of what is left and of the priors in units of another noise, at the fit as it is."""
         white = noise.whiten(self.unexplained())

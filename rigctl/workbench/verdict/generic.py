@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.workbench.findings import Unexplained
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.score import ABSORBED, Projector, corrected, p_of, smallest_p, trials_of
@@ -164,39 +163,6 @@ class Generic:
             pairs,
         )
 
-    def describe(self, best: Best, noise: Noise, projector: Projector) -> Unexplained:
-        """In words and numbers."""
-        given, shape = self._given, best.shape
-        series = given.series[shape.series]
-        score = projector.score(_padded(noise.whiten(best.columns), len(projector.left)))
-        amplitude = float(np.linalg.norm(score.estimate))
-        sigma = float(np.sqrt(np.sum(np.where(np.isfinite(score.sigma), score.sigma, 0.0) ** 2)))
-        details: dict[str, object] = {
-            "harmonic_of_angle": shape.harmonic,
-            "frequency_power": shape.power,
-            "covariate": shape.covariate,
-            "size": amplitude,
-            "sigma": sigma,
-            "unit": series.unit,
-            "sign": 0 if shape.harmonic else int(np.sign(score.estimate[0])),
-        }
-        words = [f"{series.name} is off by {amplitude:.3g} +- {sigma:.2g} {series.unit}".replace("  ", " ")]
-        if shape.harmonic:
-            phase = float(np.degrees(np.arctan2(score.estimate[1], score.estimate[0])))
-            details["phase_deg"] = phase
-            words.append(f"as cos({_times(shape.harmonic)}{given.angle} - {phase:.0f} deg)")
-        else:
-            words[0] = words[0].replace("off by ", "off by " + ("" if score.estimate[0] > 0 else "-"), 1)
-        if given.frequency is not None:
-            words.append(
-                {-1: "falling as 1/w", 0: "whatever the frequency", 1: "growing as w", 2: "growing as w^2"}[
-                    shape.power
-                ]
-            )
-        if shape.covariate:
-            words.append(f"with {_worded(shape.covariate)} (size per standard deviation of it)")
-        return Unexplained(series.channel, series.component, ", ".join(words), best.p_value_corrected, details)
-
 
 @dataclass(frozen=True)
 class _Scored:
@@ -318,17 +284,3 @@ def _polynomial(scaled: FloatArray, degree: int) -> FloatArray:
 def _normalised(columns: FloatArray) -> FloatArray:
     size = np.linalg.norm(columns, axis=0)
     return np.asarray(columns / np.where(size > 0.0, size, 1.0))
-
-
-def _padded(columns: FloatArray, rows: int) -> FloatArray:
-    return np.vstack([columns, np.zeros((rows - len(columns), columns.shape[1]))])
-
-
-def _times(harmonic: int) -> str:
-    return "" if harmonic == 1 else f"{harmonic} "
-
-
-def _worded(covariate: str) -> str:
-    name, _, degree = covariate.partition("^")
-    words = {"": name, "2": f"the square of {name}", "3": f"the cube of {name}"}
-    return words.get(degree, f"power {degree} of {name}")

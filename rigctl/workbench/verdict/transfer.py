@@ -66,8 +66,7 @@ def transfer(here: Study, there: Study, terms: Sequence[Term]) -> Transfer:
     names = [name for name in _lasting(mine.model) if name in theirs.names]
     estimates, others = mine.estimates(), theirs.estimates()
     shared = tuple(Shared(name, estimates[name], others[name]) for name in names)
-    error = _error(theirs.result.chi2, theirs.result.dof)
-    return Transfer(shared, error, _transferred(shared, theirs))
+    return Transfer(shared, theirs.error(), _transferred(shared, theirs))
 
 
 def _lasting(model: Model) -> list[str]:
@@ -86,8 +85,4 @@ def _transferred(shared: Sequence[Shared], theirs: Attempt) -> float:
         for parameter, start in zip(theirs.model.parameters, theirs.result.values, strict=True)
     ]
     result = whitened_least_squares(theirs.model, theirs.noise, parameters)
-    return _error(float(result.residuals @ result.residuals), result.dof)
-
-
-def _error(chi2: float, dof: int) -> float:
-    return float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
+    return float(np.sqrt(result.residuals @ result.residuals / result.dof)) if result.dof > 0 else float("nan")

@@ -1,0 +1,49 @@
+"""A significant shape without physics in words and numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rigctl.workbench.findings import Unexplained
+from rigctl.workbench.study import Observations
+from rigctl.workbench.verdict.generic import Best, Shape
+from rigctl.workbench.verdict.score import Score
+
+_BY_POWER = {-1: "falling as 1/w", 0: "whatever the frequency", 1: "growing as w", 2: "growing as w^2"}
+
+
+def described(given: Observations, best: Best, score: Score) -> Unexplained:
+    """A shape whose size comes from its `score` in the residuals."""
+    shape, series = best.shape, given.series[best.shape.series]
+    size = float(np.linalg.norm(score.estimate))
+    sigma = float(np.sqrt(np.sum(np.where(np.isfinite(score.sigma), score.sigma, 0.0) ** 2)))
+    details: dict[str, Any] = {
+        "harmonic_of_angle": shape.harmonic,
+        "frequency_power": shape.power,
+        "covariate": shape.covariate,
+        "size": size,
+        "sigma": sigma,
+        "unit": series.unit,
+        "sign": 0 if shape.harmonic else int(np.sign(score.estimate[0])),
+    }
+    sign = "" if shape.harmonic or score.estimate[0] > 0 else "-"
+    words = [f"{series.name} is off by {sign}{size:.3g} +- {sigma:.2g} {series.unit}".replace("  ", " ")]
+    if shape.harmonic:
+        details["phase_deg"] = float(np.degrees(np.arctan2(score.estimate[1], score.estimate[0])))
+        times = "" if shape.harmonic == 1 else f"{shape.harmonic} "
+        words.append(f"as cos({times}{given.angle} - {details['phase_deg']:.0f} deg)")
+    words += _conditions(given, shape)
+    return Unexplained(series.channel, series.component, ", ".join(words), best.p_value_corrected, details)
+
+
+def _conditions(given: Observations, shape: Shape) -> list[str]:
+    """How it goes with the frequency and with a covariate."""
+    words = [] if given.frequency is None else [_BY_POWER[shape.power]]
+    if shape.covariate:
+        name, _, degree = shape.covariate.partition("^")
+        powers = {"": name, "2": f"the square of {name}", "3": f"the cube of {name}"}
+        shown = powers.get(degree, f"power {degree} of {name}")
+        words.append(f"with {shown} (size per standard deviation of it)")
+    return words
