@@ -1,0 +1,76 @@
+"""Effects that the data cannot tell from each other, or from fitted parameters that absorb them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rigctl.workbench.findings import Inseparable
+from rigctl.workbench.study import DeclaresInseparable
+from rigctl.workbench.verdict.attempt import Attempt, Scored
+from rigctl.workbench.verdict.score import ABSORBED, contained
+
+SAME = 0.99
+"""Canonical correlation above which two effects are one class: these data cannot tell them apart."""
+
+DISTINCT_FALL = 30.0
+"""Difference of the falls of chi-square above which two effects are distinct, whatever their correlation."""
+
+_SHARE = 0.3
+"""Parameters that contribute less, relative to the strongest, are not named as absorbing an effect."""
+
+
+def equivalent_effects(attempt: Attempt, scored: Scored) -> list[str]:
+    """Effects these data cannot tell from this one, and parameters of the baseline that absorb it."""
+    if not scored.score.dimension:
+        return list(_absorbers(attempt, scored))
+    return [other.candidate.term.effect for other in attempt.scored if other is not scored and _alike(scored, other)]
+
+
+def _alike(a: Scored, b: Scored) -> bool:
+    """Whether two effects do the same to these data: their spans coincide, neither explains more of what is left."""
+    same = a.score.dimension == b.score.dimension > 0 and abs(a.score.statistic - b.score.statistic) < DISTINCT_FALL
+    return same and contained(a.score.basis, b.score.basis) > SAME
+
+
+def inseparable_effects(attempt: Attempt) -> tuple[Inseparable, ...]:
+    """Effects absorbed by fitted parameters, and pairs of effects that are one."""
+    inseparable = []
+    for scored in attempt.scored:
+        effect = scored.candidate.term.effect
+        if scored.score.keep.min() < ABSORBED:
+            for name, shift in _absorbers(attempt, scored).items():
+                inseparable.append(Inseparable(effect, name, shift))
+    if isinstance(attempt.study, DeclaresInseparable):
+        known = {(each.effect, each.other) for each in inseparable}
+        for effect, names in attempt.study.inseparable().items():
+            pairs = [(effect, f"baseline:{name}") for name in names]
+            inseparable += [Inseparable(*pair) for pair in pairs if pair not in known]
+    for number, a in enumerate(attempt.scored):
+        for b in attempt.scored[number + 1 :]:
+            if _alike(a, b):
+                inseparable.append(Inseparable(a.candidate.term.effect, b.candidate.term.effect))
+    return tuple(inseparable)
+
+
+def _absorbers(attempt: Attempt, scored: Scored) -> dict[str, str]:
+    """Fitted parameters that imitate the absorbed columns of a candidate, with what its typical size does to them."""
+    absorbed = scored.score.keep < ABSORBED
+    typical = np.where(absorbed, scored.candidate.typical, 0.0)
+    column = attempt.columns(scored.candidate) @ typical
+    shift, *_ = np.linalg.lstsq(attempt.jacobian, column, rcond=1e-10)
+    strength = np.abs(shift) * np.linalg.norm(attempt.jacobian, axis=0)
+    shifts: dict[str, str] = {}
+    for where in np.argsort(-strength):
+        if strength[where] < _SHARE * strength.max() or not strength[where] > 0.0:
+            break
+        name = attempt.model.owners[where] or f"baseline:{attempt.names[where].partition('[')[0]}"
+        if name not in shifts:
+            shifts[name] = (
+                f"its typical size moves {attempt.names[where]} by {shift[where]:.3g}{_unit(attempt, where)}"
+            )
+    return shifts
+
+
+def _unit(attempt: Attempt, where: np.intp) -> str:
+    unit = attempt.model.units[int(where)]
+    return f" {unit}" if unit not in {"", "1"} else ""

@@ -1,0 +1,125 @@
+"""Every effect of the catalogue as it stands beside the model that a search ended with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import optimize, stats
+
+from rigctl.workbench.findings import Estimate, Rank
+from rigctl.workbench.study import Line, Term
+from rigctl.workbench.verdict.alike import equivalent_effects
+from rigctl.workbench.verdict.attempt import Attempt, Scored
+from rigctl.workbench.verdict.fitted_model import held_out_ratio
+from rigctl.workbench.verdict.rivals import Rival
+from rigctl.workbench.verdict.search import Search
+from rigctl.workbench.verdict.significance import CATALOGUE_SHARE, corrected_for
+
+POWER = 0.95
+
+HELD_OUT = 10
+"""For so many of the effects that were not suggested the held-out error is worked out, the likeliest first."""
+
+
+def ranking(search: Search, rivals: Sequence[Rival]) -> tuple[Rank, ...]:
+    """What was suggested with its refitted size, then everything else against what is left."""
+    first, final = search.attempt(search.given), search.attempt(search.terms)
+    ranks = []
+    lines = {line.term.effect: line for line in search.lines}
+    for term in search.suggested:
+        if term.effect in lines:
+            ranks.append(_rank_of_line(lines[term.effect]))
+        else:
+            ranks.append(_rank_of_suggested(search, first, final, term, rivals))
+    ranks.sort(key=lambda rank: rank.p_value)
+    others = sorted(final.scored, key=lambda each: (each.score.p_value, -each.score.statistic))
+    others = [each for each in others if each.candidate.term.effect not in {rank.term.effect for rank in ranks}]
+    for place, scored in enumerate(others):
+        ranks.append(_rank_of_other(search, final, scored, held_out=place < HELD_OUT))
+    return tuple(ranks)
+
+
+def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Term, rivals: Sequence[Rival]) -> Rank:
+    without = search.attempt([each for each in search.terms if each != term])
+    p_value = search.p_of_term(search.terms, term)
+    estimates = {
+        name: estimate
+        for (name, estimate), owner in zip(final.estimates().items(), final.model.owners, strict=True)
+        if owner == term.effect
+    }
+    scored = without.scored_effect(term.effect)
+    equivalent = [rival.term.effect for rival in rivals if rival.instead_of == term.effect]
+    if scored is not None:
+        equivalent += [name for name in equivalent_effects(without, scored) if name not in equivalent]
+    return Rank(
+        term=term,
+        p_value=p_value,
+        p_value_corrected=corrected_for(first, p_value),
+        parameters=estimates,
+        held_out_error_ratio=held_out_ratio(final, without),
+        equivalent_to=tuple(equivalent),
+        statistic=without.chi2_with(final.noise) - final.result.chi2,
+        keep=float(scored.score.keep.max()) if scored is not None else float("nan"),
+        detectable=_detectable(without, scored, search.alpha) if scored is not None else {},
+    )
+
+
+def _rank_of_other(search: Search, final: Attempt, scored: Scored, *, held_out: bool) -> Rank:
+    score = scored.score
+    columns = final.columns(scored.candidate)
+    given = final.model.observations
+    strength = np.zeros(len(given.series))
+    np.add.at(strength, given.series_of, np.sum(columns[: len(given.value)] ** 2, axis=1))
+    touched = np.flatnonzero(strength > 1e-3 * strength.max())
+    ratio = float("nan")
+    if held_out and score.dimension and final.held_out.possible:
+        ratio = final.held_out.error(score.basis, touched) / final.held_out.error(series=touched)
+    return Rank(
+        term=scored.candidate.term,
+        p_value=score.p_value,
+        p_value_corrected=corrected_for(final, score.p_value),
+        parameters={
+            name: Estimate(float(value), float(sigma), unit)
+            for name, value, sigma, unit in zip(
+                scored.candidate.names, score.estimate, score.sigma, scored.candidate.units, strict=True
+            )
+        },
+        held_out_error_ratio=ratio,
+        equivalent_to=tuple(equivalent_effects(final, scored)),
+        statistic=score.statistic,
+        keep=float(score.keep.max()),
+        detectable=_detectable(final, scored, search.alpha),
+    )
+
+
+def _rank_of_line(line: Line) -> Rank:
+    return Rank(
+        term=line.term,
+        p_value=line.p_value,
+        p_value_corrected=line.p_value,
+        parameters={
+            name: Estimate(float(each["value"]), float(each["sigma"]), str(each["unit"]))
+            for name, each in line.parameters.items()
+        },
+        held_out_error_ratio=line.held_out_error_ratio,
+        equivalent_to=(),
+        statistic=(line.amplitude / line.sigma) ** 2,
+        keep=1.0,
+        detectable={},
+    )
+
+
+def _detectable(attempt: Attempt, scored: Scored, alpha: float) -> dict[str, float]:
+    """Size of each parameter that would have been significant with power 0.95 (noncentral chi-square)."""
+    d = scored.score.dimension
+    if not d:
+        return {}
+    level = -np.expm1(np.log1p(-CATALOGUE_SHARE * alpha) / attempt.n_eff)
+    threshold = stats.chi2.isf(level, d)
+    needed = optimize.brentq(lambda size: stats.ncx2.sf(threshold, d, size) - POWER, 1e-3, 1e4)
+    return {
+        name: float(np.sqrt(needed) * sigma)
+        for name, sigma in zip(scored.candidate.names, scored.score.sigma, strict=True)
+        if np.isfinite(sigma)
+    }
