@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from rigctl.campaign.store.event_kinds import RUN_ENDED
 from rigctl.campaign.store.store import Store
 from rigctl.core.arrays import FloatArray
 from simulators.measured import from_file
 
 AROUND_S = 120.0
-"""A set-point of a run is read so long before or after it at most."""
+"""A set-point of a run is read so long before it at most, and after it where no event says when the run was over."""
 
 ROUNDED = 1e-9
 """Relative: what became of a number on its way through text, and of a mean of equal ones."""
@@ -28,6 +29,14 @@ TELL_OF_MISSING = ("record-lost", "gap")
 READ_ONCE = ("theta_deg", "temperature_c")
 DERIVED = {"t_s", "moving", "theta_deg", "temperature_c", "dm1_y_v", "dm1_z_v"}
 """Columns that are worked out from readings and set-points, not recorded."""
+
+
+@dataclass(frozen=True)
+class Period:
+    """A time of the rig, its ends included."""
+
+    from_s: float
+    until_s: float
 
 
 @dataclass(frozen=True)
@@ -44,9 +53,9 @@ class Truth:
         nearest = np.where(times_s - self.at_s[before] <= self.at_s[after] - times_s, before, after)
         return self.values[nearest], np.abs(self.at_s[nearest] - times_s)
 
-    def between(self, from_s: float, until_s: float) -> FloatArray:
+    def during(self, period: Period) -> FloatArray:
         """What was measured then."""
-        return self.values[(self.at_s >= from_s) & (self.at_s <= until_s)]
+        return self.values[(self.at_s >= period.from_s) & (self.at_s <= period.until_s)]
 
 
 def wrong_number(store_path: Path, measured_path: Path, *, own_clock: bool = False) -> str:
@@ -63,13 +72,16 @@ def wrong_number(store_path: Path, measured_path: Path, *, own_clock: bool = Fal
     with Store.open(store_path, readonly=True) as store:
         missed = any(event.kind == "temperature-missed" for event in store.events())
         told_s = [event.rig_time_s or 0.0 for event in store.events() if event.kind in TELL_OF_MISSING]
+        over_s = {event.data["key"]: event.rig_time_s or 0.0 for event in store.events() if event.kind == RUN_ENDED}
         for run in store.runs(valid_only=True):
             samples = store.samples(run.run_id)
             start_s = 0.0 if "t_s" in truths else float(run.conditions["start_s"])
             told = _told_during(samples, start_s, truths, told_s)
-            laid_s = start_s + (_shift_s(samples, start_s, truths) if own_clock else 0.0)
-            wrong = _wrong_sample(samples, laid_s, truths, told) or _wrong_reading(
-                run.conditions, samples, laid_s, truths, missed
+            shift_s = _shift_s(samples, start_s, truths) if own_clock else 0.0
+            end_s = start_s + float(samples["t_s"][-1]) + AROUND_S
+            read = Period(start_s - AROUND_S + shift_s, max(end_s, over_s.get(run.key, 0.0)) + shift_s)
+            wrong = _wrong_sample(samples, start_s + shift_s, truths, told) or _wrong_reading(
+                run.conditions, read, truths, missed
             )
             if wrong:
                 return f"run {run.run_id} is valid and {wrong}"
@@ -127,21 +139,14 @@ def _wrong_sample(samples: dict[str, FloatArray], start_s: float, truths: dict[s
     return ""
 
 
-def _wrong_reading(
-    conditions: dict[str, object],
-    samples: dict[str, FloatArray],
-    start_s: float,
-    truths: dict[str, Truth],
-    missed: bool,
-) -> str:
-    end_s = start_s + float(samples["t_s"][-1])
+def _wrong_reading(conditions: dict[str, object], read: Period, truths: dict[str, Truth], missed: bool) -> str:
     for name in READ_ONCE:
         if name not in conditions or name not in truths:
             continue
         told = float(str(conditions[name]))
         if name == "temperature_c" and math.isnan(told) and missed:
             continue
-        measured = truths[name].between(start_s - AROUND_S, end_s + AROUND_S)
+        measured = truths[name].during(read)
         if not len(measured) or not np.nanmin(measured) - 1e-6 <= told <= np.nanmax(measured) + 1e-6:
             return f"its {name} is {told!r}, which was not measured"
     return ""
