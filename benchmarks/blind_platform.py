@@ -113,7 +113,7 @@ def one_sigma(effect: str, short_s: float) -> float:
     own = study.catalogue[effect]
     term = Term(effect, {n: given[n] for n in own.scans})
     amplitudes, columns = slopes_at_zero(attempt.model, attempt.result.values, placed(own, term), attempt.noise.sigma)
-    direction = columns @ np.array([given.get(each.own, 0.0) for each in amplitudes])
+    direction = columns @ np.array([given.get(each.argument, 0.0) for each in amplitudes])
     free = attempt.projector.free(attempt.padded(attempt.noise.whiten(direction[:, None])))
     return 1.0 / float(np.linalg.norm(free))
 

@@ -79,26 +79,26 @@ class PlatformBench:
     def restore(self) -> None:
         """After a restart: the platform as the last recorded run has left it, turned in the same direction."""
         if self._left is not None:
-            for angle_deg in self._left.angles_deg[-2:]:
-                self.platform.move_to(angle_deg)
+            for theta_deg in self._left.angles_deg[-2:]:
+                self.platform.move_to(theta_deg)
 
     @property
     def turning(self) -> Apparatus:
         """The platform by itself: meters and source go on while it is brought back."""
         return Apparatus((self.platform,), alone=True)
 
-    def standing_deg(self, asked_deg: float) -> float:
+    def standing_deg(self, asked_theta_deg: float) -> float:
         """The encoder's angle, platform at rest; `ImplausibleSample` when it is not where it was sent.
 
         `SafetyStop` or `InstrumentError` when it has lost its reference: any angle it says is then none.
         """
-        angle_deg = self.platform.angle().value
+        theta_deg = self.platform.angle().value
         require_homed(self.platform)
         self.platform.confirm_in_step()
-        if abs(angle_deg - asked_deg) > ANGLE_TOLERANCE_DEG:
-            said = f"{self.platform.name}: {angle_deg:g} deg where {asked_deg:g} deg was asked for"
+        if abs(theta_deg - asked_theta_deg) > ANGLE_TOLERANCE_DEG:
+            said = f"{self.platform.name}: {theta_deg:g} deg where {asked_theta_deg:g} deg was asked for"
             raise ImplausibleSample(said, channel="theta_deg", instrument=self.platform.name)
-        return angle_deg
+        return theta_deg
 
     def rest(self) -> None:
         """Between runs nothing moves."""

@@ -59,13 +59,13 @@ class Plan:
     @cached_property
     def recordings(self) -> tuple[Recording, ...]:
         """All runs in order; `ConfigError` for a pattern that cannot be carried out or does not reject enough."""
-        found = []
+        recordings = []
         for number, run in enumerate(self.procedure.runs):
             try:
-                found += [replace(each, key=f"{number + 1}: {each.key}") for each in self._recordings(run)]
+                recordings += [replace(each, key=f"{number + 1}: {each.key}") for each in self._recordings(run)]
             except ConfigError as error:
                 raise ConfigError(f"procedure.runs.{number}: {error}") from None
-        return tuple(found)
+        return tuple(recordings)
 
     @property
     def separations(self) -> dict[str, Separation]:
@@ -169,7 +169,9 @@ def run(session: Session, bench: PlatformBench, plan: Plan) -> None:
     with session.step("prepare"):
         session.guarded("prepare", bench.apparatus(), bench.prepare)
         session.when_taken_up(bench.restore)
-        session.once("patterns", lambda: {label: list(found.says) for label, found in plan.separations.items()})
+        session.once(
+            "patterns", lambda: {label: list(separated.says) for label, separated in plan.separations.items()}
+        )
     for recording, after in zip_longest(plan.recordings, plan.recordings[1:]):
         with session.step(recording.key):
             _record(session, bench, recording, plan.procedure.estimator)

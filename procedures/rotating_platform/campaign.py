@@ -82,12 +82,12 @@ def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -
     """The recordings a campaign file asks for; `ConfigError`, also for a pattern that does not reject enough."""
     del part, plugins
     procedure = validated(Procedure, campaign.procedure, campaign.path, "procedure")
-    found = bias_rejection.Plan(procedure)
+    checked = bias_rejection.Plan(procedure)
     try:
-        _ = found.recordings
+        _ = checked.recordings
     except ConfigError as error:
         raise ConfigError(f"{campaign.path}: {error}") from None
-    return _Plan(found)
+    return _Plan(checked)
 
 
 def mounted(store: Store) -> Sequence[tuple[str, str, int]]:

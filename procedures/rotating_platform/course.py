@@ -37,7 +37,7 @@ class Course:
         self._legs = [Leg(-math.inf, -math.inf, begin_deg, begin_deg)]
 
     @property
-    def angle_deg(self) -> float:
+    def last_theta_deg(self) -> float:
         """Where the last leg ended."""
         return self._legs[-1].to_deg
 

@@ -93,16 +93,16 @@ class RecordingUnderWay:
         return self._found()
 
     def _found(self) -> dict[str, Any]:
-        found: dict[str, Any] = {
+        conditions: dict[str, Any] = {
             "start_s": self._rig_time_s(0.5 * self._period_s),
             "temperature_c": _mean(self._temperatures_c),
         }
         driven = self._started.waveforms.get(TILT_Z)
         if driven is not None and driven.shape != "constant":
-            found["external_period_s"] = driven.period_s
+            conditions["external_period_s"] = driven.period_s
         if remark := self._stream.remark(self._wanted.samples):
-            found["reason"] = remark
-        return found
+            conditions["reason"] = remark
+        return conditions
 
     def _turn(self, motion: Motion) -> None:
         """A turn that begins late takes less time, within limits, so as to be over in time."""
@@ -113,7 +113,7 @@ class RecordingUnderWay:
         self._carry_out(motion)
 
     def _carry_out(self, motion: Motion) -> None:
-        from_deg, began_s, what = self._course.angle_deg, self._now_s(), f"turn to {motion.to_deg:g} deg"
+        from_deg, began_s, what = self._course.last_theta_deg, self._now_s(), f"turn to {motion.to_deg:g} deg"
         to_deg, ended_s = self._session.guarded(what, self._bench.turning, lambda: self._turned(motion))
         self._course.add(Leg(began_s, ended_s, from_deg, to_deg))
         self._stood_s = ended_s
@@ -130,7 +130,7 @@ class RecordingUnderWay:
             fault = self._astray()
         if fault is not None and not self._wanted.table.motions:
             raise fault
-        now_s, at_deg = self._now_s(), self._course.angle_deg
+        now_s, at_deg = self._now_s(), self._course.last_theta_deg
         if fault is not None:
             self._session.event(FAULT, during=f"dwell at {at_deg:g} deg", **told(fault, self._bench.turning))
             self._course.add(Leg(self._stood_s, now_s, at_deg, at_deg))
@@ -140,7 +140,7 @@ class RecordingUnderWay:
     def _astray(self) -> RigError | None:
         """Why the platform cannot be said to stand where it was sent."""
         try:
-            self._bench.standing_deg(self._course.angle_deg)
+            self._bench.standing_deg(self._course.last_theta_deg)
         except Faults as fault:
             return fault
         return None
@@ -191,7 +191,7 @@ class RecordingUnderWay:
         self._bench.source.require_running()
         if not self._stands():
             now_s = self._now_s()
-            self._carry_out(Motion(now_s, now_s, self._course.angle_deg))
+            self._carry_out(Motion(now_s, now_s, self._course.last_theta_deg))
         for block in blocks:
             self._keep(block)
         self._fetched_s = self._now_s()

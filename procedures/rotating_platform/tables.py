@@ -104,8 +104,8 @@ class Procedure(Table):
             samples = (run.modulation_period_s or 0.0) * (run.sample_rate_hz or self.sample_rate_hz)
             if samples > MOST_SAMPLES:
                 raise ValueError(f"a period of {samples:g} samples is more than {MOST_SAMPLES}; sample more slowly")
-        wanted = {run.modulation_period_s for run in self.runs if run.pattern == "custom"}
-        for period_s in sorted(each for each in wanted if each is not None and each not in periods):
+        custom_periods_s = {run.modulation_period_s for run in self.runs if run.pattern == "custom"}
+        for period_s in sorted(each for each in custom_periods_s if each is not None and each not in periods):
             raise ValueError(
                 f"no custom pattern has a modulation_period_s of {period_s:g} s; add [[procedure.custom]]"
             )

@@ -43,16 +43,16 @@ class TimeTable:
 
     def check(self, name: str, limits: RotationLimits) -> None:
         """`LimitError` when the stage called `name` cannot follow: angle, speed or acceleration."""
-        at_deg = self.begin_deg
-        for to_deg in (at_deg, *(motion.to_deg for motion in self.motions)):
+        theta_deg = self.begin_deg
+        for to_deg in (theta_deg, *(motion.to_deg for motion in self.motions)):
             if not limits.angle_min_deg <= to_deg <= limits.angle_max_deg:
                 raise LimitError(
                     f"{name}: the table turns to {to_deg:g} deg, outside {limits.angle_min_deg:g} .. "
                     f"{limits.angle_max_deg:g} deg; turn back and forth, or widen the limits if no cable minds"
                 )
         for motion in self.motions:
-            _check_speed(name, limits, abs(motion.to_deg - at_deg), motion.stop_s - motion.start_s - EARLY_S)
-            at_deg = motion.to_deg
+            _check_speed(name, limits, abs(motion.to_deg - theta_deg), motion.stop_s - motion.start_s - EARLY_S)
+            theta_deg = motion.to_deg
 
 
 def modulation(pattern: Pattern, periods: int, *, forward: bool = False) -> TimeTable:
@@ -65,11 +65,11 @@ def modulation(pattern: Pattern, periods: int, *, forward: bool = False) -> Time
     ]
     within = [turn for turn in turns if turn[1] > 0.0 and turn[0] < duration_s]
     first_sign = -within[0][2] if within else pattern.dwells[0].sign
-    begin_deg = at_deg = _angle_deg(first_sign)
+    begin_deg = theta_deg = _stop_theta_deg(first_sign)
     motions = []
     for start_s, stop_s, sign in within:
-        at_deg = at_deg + HALF_TURN_DEG if forward else _angle_deg(sign)
-        motions.append(Motion(start_s, stop_s, at_deg))
+        theta_deg = theta_deg + HALF_TURN_DEG if forward else _stop_theta_deg(sign)
+        motions.append(Motion(start_s, stop_s, theta_deg))
     return TimeTable(begin_deg, tuple(motions), duration_s)
 
 
@@ -85,7 +85,7 @@ def rest(duration_s: float) -> TimeTable:
     return TimeTable(0.0, (), duration_s)
 
 
-def _angle_deg(sign: int) -> float:
+def _stop_theta_deg(sign: int) -> float:
     return 0.0 if sign > 0 else HALF_TURN_DEG
 
 

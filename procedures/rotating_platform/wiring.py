@@ -44,17 +44,17 @@ def bench_of(rig: Instruments, procedure: Procedure) -> PlatformBench:
 
 def channels(rig: Instruments) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInfo]]:
     """The columns that runs will have; there are no laser heads."""
-    found = {
+    infos = {
         "theta_deg": ChannelInfo("deg", "angle"),
         "moving": ChannelInfo("", "flag"),
         "temperature_c": ChannelInfo("degC", "temperature"),
     }
     for role in ("readout", "voltmeter"):
         for instrument in rig.by_role(role):
-            found |= {
+            infos |= {
                 c.name: ChannelInfo(c.unit, "accelerometer", full_scale=c.full_scale, latency_s=c.latency_s)
                 for c in instrument.channels()
             }
     # What the source may give at most is no full scale: at its limit it is not saturated.
     commands = (c for instrument in rig.by_role("source") for c in instrument.channels())
-    return found | {c.name: ChannelInfo(c.unit, "command", latency_s=c.latency_s) for c in commands}, {}
+    return infos | {c.name: ChannelInfo(c.unit, "command", latency_s=c.latency_s) for c in commands}, {}

@@ -32,7 +32,7 @@ def carried_out(table: TimeTable, late_s: float = 0.0) -> Course:
     """The table as a stage does it that begins every turn `late_s` late, and takes its time."""
     course = Course(table, table.begin_deg, 1.0 / RATE_HZ)
     for motion in table.motions:
-        leg = Leg(motion.start_s + late_s, motion.stop_s - EARLY_S + late_s, course.angle_deg, motion.to_deg)
+        leg = Leg(motion.start_s + late_s, motion.stop_s - EARLY_S + late_s, course.last_theta_deg, motion.to_deg)
         course.add(leg)
     return course
 

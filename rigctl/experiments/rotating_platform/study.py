@@ -132,7 +132,7 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
 
 def _names_in(parts: Sequence[Placed]) -> list[str]:
     """The effects' own names of the parameters that are in a model already."""
-    return [parameter.own for each in parts for parameter in each.parameters]
+    return [parameter.argument for each in parts for parameter in each.parameters]
 
 
 def _between(scan: Sequence[float], value: float) -> tuple[float, float]:

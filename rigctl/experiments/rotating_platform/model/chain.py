@@ -157,25 +157,25 @@ def _joined(parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
 
 def _about_turns(cells: Cells, seen: Callable[[Motion, FloatArray], FloatArray]) -> FloatArray:
     """Means over the cells of what `seen` makes of the motion after each turn, shape (2, cells)."""
-    found = np.zeros((2, cells.since.size))
+    means = np.zeros((2, cells.since.size))
     for number, course in _courses(cells).items():
         sums = _sums_after(course.tobytes(), cells.turn_before, cells.sample_rate_hz, seen)
         last = sums.shape[1] - 1
-        own = np.flatnonzero((cells.kind == number) & (cells.since < last))
-        stop = np.minimum(cells.since[own] + cells.count[own].astype(np.int64), last)
-        found[:, own] = (sums[:, stop] - sums[:, cells.since[own]]) / cells.count[own]
-    return found
+        rows = np.flatnonzero((cells.kind == number) & (cells.since < last))
+        stop = np.minimum(cells.since[rows] + cells.count[rows].astype(np.int64), last)
+        means[:, rows] = (sums[:, stop] - sums[:, cells.since[rows]]) / cells.count[rows]
+    return means
 
 
 def _courses(cells: Cells) -> dict[int, FloatArray]:
     """The course of every kind of turn that a cell follows; one that was not seen whole is as another of its run."""
     seen = {(way, end): course for (way, end), course in zip(cells.turn_kinds.tolist(), cells.turns, strict=True)}
-    found: dict[int, FloatArray] = {}
+    courses: dict[int, FloatArray] = {}
     for number, (way, end) in enumerate(cells.followed):
         if way and seen:
             like = next((kind for kind in seen if kind[0] == way), next(iter(seen)))
-            found[number] = seen.get((way, end), way * like[0] * seen[like])
-    return found
+            courses[number] = seen.get((way, end), way * like[0] * seen[like])
+    return courses
 
 
 @lru_cache(maxsize=1024)

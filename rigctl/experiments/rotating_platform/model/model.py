@@ -25,10 +25,10 @@ from rigctl.experiments.rotating_platform.model.recorded_runs import OF_A_RUN, S
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.workbench.study import Observations, Term
 
-_STEPS = np.array([1e-3, 1e-6, 1e-6])
+_SHARED_STEPS = np.array([1e-3, 1e-6, 1e-6])
 _BIAS_STEP, _RATE_STEP = 1e-6, 1e-9
-_FRACTION = 1e-3
-_NOTHING = 1e-7
+_STEP_OF_TYPICAL = 1e-3
+_NEGLIGIBLE_SIGMAS = 1e-7
 
 
 class PlatformModel:
@@ -44,14 +44,14 @@ class PlatformModel:
         units = ["1", "m/s2", "m/s2", *(["m/s2"] * 2 * len(runs)), *(["m/s3"] * 2 * len(runs))]
         starts = [1.0, 0.0, 0.0, *([0.0] * len(OF_A_RUN) * len(runs))]
         added = [parameter for each in self.placed for parameter in each.parameters]
-        self._own = len(names)
+        self._baseline_size = len(names)
         self.parameters: Sequence[Parameter] = (
             *(Parameter(n, start, fixed=n in fixed) for n, start in zip(names, starts, strict=True)),
             *(fit_parameter(each) for each in added),
         )
         self.units: Sequence[str] = (*units, *(each.unit for each in added))
         self.owners: Sequence[str] = (
-            *([""] * self._own),
+            *([""] * self._baseline_size),
             *(each.effect.id for each in self.placed for _ in each.parameters),
         )
         self.local: Sequence[bool] = tuple("[" in name for name in names) + (False,) * len(added)
@@ -64,17 +64,17 @@ class PlatformModel:
     def predict(self, values: FloatArray) -> FloatArray:
         """The data for parameter values of shape (m,); shape (n,)."""
         values = np.asarray(values, dtype=np.float64)
-        found = self.recorded.baseline @ values[: self._own] + self.recorded.commanded_y
-        return np.asarray(found + self.added(values))
+        predicted = self.recorded.baseline @ values[: self._baseline_size] + self.recorded.commanded_y
+        return np.asarray(predicted + self.added(values))
 
     def added(self, values: FloatArray) -> FloatArray:
         """What the effects add to the observables of the baseline; shape (n,)."""
         if not self.placed:
             return np.zeros(len(self.observations.value))
-        own = values[self._own :]
+        amplitudes = values[self._baseline_size :]
         sizes, at = [], 0
         for each in self.placed:
-            sizes.append(own[at : at + len(each.parameters)])
+            sizes.append(amplitudes[at : at + len(each.parameters)])
             at += len(each.parameters)
         return self.recorded.reduced({channel: self._added_to(channel, values, sizes) for channel in CHANNELS})
 
@@ -82,52 +82,55 @@ class PlatformModel:
         run = at_rest(self.recorded, channel, values)
         before = run.along + run.signal
         angle = np.zeros(run.t.size)
-        passed = [(each.effect, sizes_for(channel, each, own)) for each, own in zip(self.placed, sizes, strict=True)]
-        for effect, own in passed:
+        passed = [
+            (each.effect, sizes_for(channel, each, arguments))
+            for each, arguments in zip(self.placed, sizes, strict=True)
+        ]
+        for effect, arguments in passed:
             if effect.on == "platform_angle_rad":
-                angle = angle + effect(run.at(signal=angle), **own)
+                angle = angle + effect(run.at(signal=angle), **arguments)
         turned = _turned(run, angle)
         bias = run.signal
         force = turned.along
-        for effect, own in passed:
+        for effect, arguments in passed:
             if effect.on == "force_m_s2":
-                force = force + effect(turned.at(signal=force), **own)
+                force = force + effect(turned.at(signal=force), **arguments)
         reading = force + bias
-        for effect, own in passed:
+        for effect, arguments in passed:
             if effect.on == "reading_m_s2" and not effect.scanned:
-                reading = reading + effect(turned.at(signal=reading), **own)
+                reading = reading + effect(turned.at(signal=reading), **arguments)
         return np.asarray(reading - before)
 
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
         values = np.asarray(values, dtype=np.float64)
-        found = np.zeros((len(self.observations.value), values.size))
-        found[:, : self._own] = self.recorded.baseline
+        derivatives = np.zeros((len(self.observations.value), values.size))
+        derivatives[:, : self._baseline_size] = self.recorded.baseline
         if not self.placed:
-            return found
+            return derivatives
         parameters = [parameter for each in self.placed for parameter in each.parameters]
         for number, parameter in enumerate(parameters):
-            column = self._own + number
-            found[:, column] = self._slope(values, [column], _FRACTION * abs(parameter.typical))
+            column = self._baseline_size + number
+            derivatives[:, column] = self._slope(values, [column], _STEP_OF_TYPICAL * abs(parameter.typical))
         if not self._on_baseline:
-            return found
+            return derivatives
         for column in range(len(SHARED)):
-            found[:, column] += self._slope(values, [column], float(_STEPS[column]))
+            derivatives[:, column] += self._slope(values, [column], float(_SHARED_STEPS[column]))
         runs = len(self.recorded.run_ids)
         for kind in range(len(OF_A_RUN)):
             columns = list(range(len(SHARED) + kind * runs, len(SHARED) + (kind + 1) * runs))
             step = _BIAS_STEP if kind < len(CHANNELS) else _RATE_STEP
             slope = self._slope(values, columns, step)
             for each, rows in zip(self.recorded.channels, self.recorded.rows, strict=True):
-                found[rows, columns[self.recorded.run_ids.index(each.run.run_id)]] += slope[rows]
-        return found
+                derivatives[rows, columns[self.recorded.run_ids.index(each.run.run_id)]] += slope[rows]
+        return derivatives
 
     @cached_property
     def _on_baseline(self) -> bool:
         """Whether what the effects add depends on the baseline's parameters."""
         typical = [parameter.typical for each in self.placed for parameter in each.parameters]
         here, there = np.zeros((2, len(self.parameters)))
-        here[self._own :] = there[self._own :] = typical
+        here[self._baseline_size :] = there[self._baseline_size :] = typical
         there[: len(SHARED)] = (1.0, 1e-3, 1e-3)
         there[len(SHARED) : len(SHARED) + len(CHANNELS) * len(self.recorded.run_ids)] = 1e-3
         return bool(np.any(self.added(here) != self.added(there)))
@@ -148,10 +151,10 @@ def at_rest(recorded: Recorded, channel: str, values: FloatArray) -> PlatformRun
     return _turned(run.at(a_z=a_z, a_y=a_y, signal=bias), 0.0)
 
 
-def _turned(run: PlatformRuns, angle_rad: FloatArray | float) -> PlatformRuns:
+def _turned(run: PlatformRuns, turned_by_rad: FloatArray | float) -> PlatformRuns:
     """With what acts along and across the sensing axis, the platform turned on by an angle."""
-    cos = run.cos - angle_rad * run.sin
-    sin = run.sin + angle_rad * run.cos
+    cos = run.cos - turned_by_rad * run.sin
+    sin = run.sin + turned_by_rad * run.cos
     own_y, own_z = run.a_y * cos + run.a_z * sin, run.a_z * cos - run.a_y * sin
     along, across = (own_z, own_y) if run.channel == "z" else (own_y, own_z)
     return run.at(cos=cos, sin=sin, along=along, across=across)
@@ -173,6 +176,6 @@ def slopes_at_zero(
         moved = start.copy()
         moved[len(values) + one.parameters.index(parameter)] = parameter.typical
         change = wider.added(moved) - before
-        if np.any(np.abs(change) > _NOTHING * sigma):
+        if np.any(np.abs(change) > _NEGLIGIBLE_SIGMAS * sigma):
             columns[:, number] = change / parameter.typical
     return amplitudes, columns

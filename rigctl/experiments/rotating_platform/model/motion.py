@@ -106,9 +106,9 @@ def motion_of(course_rad: FloatArray, before: int, rate_hz: float) -> Motion:
         law = _Cycloid(where[0], max(where[1], 1.0 / rate_hz), turn_rad)
         return np.asarray(course_rad - course_rad[0] - law.angle(times_s))
 
-    found = optimize.least_squares(misfit, [first_s, max(last_s - first_s, 1.0 / rate_hz)], x_scale=1.0 / rate_hz)
-    start_s, duration_s = (float(each) for each in found.x)
-    if math.sqrt(float(np.mean(found.fun**2))) < _CYCLOID_RAD:
+    fitted = optimize.least_squares(misfit, [first_s, max(last_s - first_s, 1.0 / rate_hz)], x_scale=1.0 / rate_hz)
+    start_s, duration_s = (float(each) for each in fitted.x)
+    if math.sqrt(float(np.mean(fitted.fun**2))) < _CYCLOID_RAD:
         return Motion(_Cycloid(start_s, duration_s, turn_rad), start_s, start_s + duration_s)
     spline = interpolate.CubicSpline(times_s, course_rad)
 

@@ -16,10 +16,10 @@ _SCAN_SPREAD = 0.3
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One number of an effect: its name in the model and in the function, channel ("" for all), unit, start."""
+    """One number of an effect: its name in the model, its `argument`, channel ("" for all), unit, start."""
 
     name: str
-    own: str
+    argument: str
     channel: str
     unit: str
     start: float
@@ -44,27 +44,27 @@ def fit_parameter(each: EffectParameter) -> Parameter:
 
 def placed(effect: Effect, term: Term, taken: Sequence[str] = ()) -> Placed:
     """An effect as part of a model; names that others have `taken` get its id before them."""
-    found: list[EffectParameter] = []
+    parameters: list[EffectParameter] = []
     for name, unit in effect.parameters.items():
         typical = float(effect.typical[name])
         shown = f"{effect.id}.{name}" if name in taken else name
         if name in effect.scans:
             start = float(term.choice.get(name, typical))
-            found.append(EffectParameter(shown, name, "", unit, start, start, scanned=True))
+            parameters.append(EffectParameter(shown, name, "", unit, start, start, scanned=True))
         elif effect.scope == "channel":
             start = 0.1 * typical if effect.scans else 0.0
-            found += [EffectParameter(f"{shown}[{c}]", name, c, unit, start, typical) for c in CHANNELS]
+            parameters += [EffectParameter(f"{shown}[{c}]", name, c, unit, start, typical) for c in CHANNELS]
         else:
-            found.append(EffectParameter(shown, name, "", unit, 0.0, typical))
-    return Placed(effect, term, tuple(found))
+            parameters.append(EffectParameter(shown, name, "", unit, 0.0, typical))
+    return Placed(effect, term, tuple(parameters))
 
 
 def sizes_for(channel: str, each: Placed, values: FloatArray) -> dict[str, float]:
     """The arguments of an effect in a channel, from the values of its parameters."""
-    found: dict[str, float] = {}
+    arguments: dict[str, float] = {}
     for parameter, value in zip(each.parameters, values.tolist(), strict=True):
         if parameter.scanned and not value > 0.0:
             value = parameter.start
         if parameter.channel in ("", channel):
-            found[parameter.own] = value
-    return found
+            arguments[parameter.argument] = value
+    return arguments

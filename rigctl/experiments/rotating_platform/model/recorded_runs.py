@@ -52,14 +52,14 @@ class Recorded:
     def baseline(self) -> FloatArray:
         """Derivatives by the baseline's parameters, shape (n, 3 + 4 runs)."""
         runs = len(self.run_ids)
-        found = np.zeros((len(self.observations.value), len(SHARED) + len(OF_A_RUN) * runs))
+        derivatives = np.zeros((len(self.observations.value), len(SHARED) + len(OF_A_RUN) * runs))
         for each, rows in zip(self.channels, self.rows, strict=True):
             means, ramps = baseline_columns(each.run.cells, each.channel)
-            found[rows, : len(SHARED)] = each.reducer.of(means[:, :3], ramps[:, :3])
+            derivatives[rows, : len(SHARED)] = each.reducer.of(means[:, :3], ramps[:, :3])
             bias = each.reducer.of(*bias_columns(each.run.cells))
             for column, kind in enumerate(("bias", "bias_rate")):
-                found[rows, self._place(kind, each)] = bias[:, column]
-        return found
+                derivatives[rows, self._place(kind, each)] = bias[:, column]
+        return derivatives
 
     @cached_property
     def tilted(self) -> bool:
@@ -69,17 +69,17 @@ class Recorded:
         if not size[0] > 0.0:
             return False
         rest = shared[:, 1:] / np.where(size[1:] > 0.0, size[1:], 1.0)
-        found, *_ = np.linalg.lstsq(rest, shared[:, 0], rcond=1e-12)
-        return bool(np.linalg.norm(shared[:, 0] - rest @ found) > _SEPARABLE * size[0])
+        coefficients, *_ = np.linalg.lstsq(rest, shared[:, 0], rcond=1e-12)
+        return bool(np.linalg.norm(shared[:, 0] - rest @ coefficients) > _SEPARABLE * size[0])
 
     @cached_property
     def commanded_y(self) -> FloatArray:
         """What the commanded c_Y adds to the observables, shape (n,)."""
-        found = np.zeros(len(self.observations.value))
+        added = np.zeros(len(self.observations.value))
         for each, rows in zip(self.channels, self.rows, strict=True):
             means, ramps = baseline_columns(each.run.cells, each.channel)
-            found[rows] = each.reducer.of(means[:, 3:], ramps[:, 3:])[:, 0]
-        return found
+            added[rows] = each.reducer.of(means[:, 3:], ramps[:, 3:])[:, 0]
+        return added
 
     def _place(self, kind: str, each: ChannelRun) -> int:
         of_run = OF_A_RUN.index(f"{kind}_{each.channel}")
@@ -105,14 +105,14 @@ class Recorded:
         return {channel: self._chain(channel) for channel in CHANNELS}
 
     def _chain(self, channel: str) -> PlatformRuns:
-        own = [each for each in self.channels if each.channel == channel]
-        cells = [each.run.cells for each in own]
+        runs = [each for each in self.channels if each.channel == channel]
+        cells = [each.run.cells for each in runs]
         moving = np.concatenate([off_stop(each) for each in cells], axis=1)
 
         def joined(of: Callable[[ChannelRun], FloatArray]) -> FloatArray:
-            return np.concatenate([of(each) for each in own])
+            return np.concatenate([of(each) for each in runs])
 
-        names = sorted({name for each in own for name in own_columns(each.run.conditions)})
+        names = sorted({name for each in runs for name in own_columns(each.run.conditions)})
         return PlatformRuns(
             channel=channel,
             t=joined(lambda each: _start_s(each) + each.run.cells.time_s),
@@ -144,22 +144,22 @@ class Recorded:
     @cached_property
     def operators(self) -> dict[str, sparse.csr_matrix]:
         """By channel, from means over all its cells to the whole vector, (n, cells)."""
-        found = {}
+        operators = {}
         for channel in CHANNELS:
             parts = [
                 each.reducer.operator if each.channel == channel else sparse.csr_matrix((each.value.size, 0))
                 for each in self.channels
             ]
             rest = sparse.csr_matrix((len(self.observations.value) - self.rows[-1].stop, 0))
-            found[channel] = sparse.csr_matrix(sparse.block_diag([*parts, rest]))
-        return found
+            operators[channel] = sparse.csr_matrix(sparse.block_diag([*parts, rest]))
+        return operators
 
     def reduced(self, added: Mapping[str, FloatArray]) -> FloatArray:
         """The observables of what has these means over all cells of a channel, by channel; shape (n,)."""
-        found = np.zeros(len(self.observations.value))
+        observables = np.zeros(len(self.observations.value))
         for channel, means in added.items():
-            found += self.operators[channel] @ means
-        return found
+            observables += self.operators[channel] @ means
+        return observables
 
 
 def _start_s(each: ChannelRun) -> float:

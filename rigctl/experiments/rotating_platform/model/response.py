@@ -159,10 +159,12 @@ def _sine(sampled: SampledPattern, values: FloatArray, external_period_s: float)
             f"{time_s.size} valid periods of {period_s:g} s do not tell a sine of {external_period_s:g} s: record "
             "longer, or modulate faster"
         )
-    found, *_ = np.linalg.lstsq(columns, values[seen])
-    scatter = float(((values[seen] - columns @ found) ** 2).sum()) / (time_s.size - columns.shape[1])
+    coefficients, *_ = np.linalg.lstsq(columns, values[seen])
+    scatter = float(((values[seen] - columns @ coefficients) ** 2).sum()) / (time_s.size - columns.shape[1])
     return _Sine(
-        math.hypot(found[0], found[1]), math.sqrt(2.0 * scatter / time_s.size), math.atan2(found[1], found[0])
+        math.hypot(coefficients[0], coefficients[1]),
+        math.sqrt(2.0 * scatter / time_s.size),
+        math.atan2(coefficients[1], coefficients[0]),
     )
 
 

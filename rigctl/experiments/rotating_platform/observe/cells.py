@@ -113,15 +113,15 @@ class Cells:
     def _kinds(self) -> tuple[Int64Array, Int64Array]:
         first = np.rint(0.5 * (self.centre + self.samples - self.count)).astype(np.int64)
         end = np.where(self.direction != 0.0, (first - self.since) % self.samples, 0)
-        found, which = np.unique(self.direction.astype(np.int64) * self.samples + end, return_inverse=True)
-        way = np.rint(np.floor_divide(found, self.samples)).astype(np.int64)
-        return np.stack([way, found - way * self.samples], axis=1), which
+        codes, which = np.unique(self.direction.astype(np.int64) * self.samples + end, return_inverse=True)
+        way = np.rint(np.floor_divide(codes, self.samples)).astype(np.int64)
+        return np.stack([way, codes - way * self.samples], axis=1), which
 
     @property
     def since_s(self) -> FloatArray:
         """Mean time of each cell since the last turn, infinite before the first."""
-        found = (self.since + 0.5 * self.count) / self.sample_rate_hz
-        return np.where(self.since < FAR, found, np.inf)
+        since_s = (self.since + 0.5 * self.count) / self.sample_rate_hz
+        return np.where(self.since < FAR, since_s, np.inf)
 
     def packed(self) -> Packed:
         """For keeping, bit for bit."""

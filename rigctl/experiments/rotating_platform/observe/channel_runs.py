@@ -55,15 +55,18 @@ def channel_runs(runs: Sequence[PlatformRun]) -> tuple[list[ChannelRun], dict[st
             reducers.append((run, [Reducer(run.cells, channel) for channel in CHANNELS]))
         except DataError as error:
             left_out[run.run_id] = f"run {run.run_id}: {error}"
-    found: list[ChannelRun] = []
-    told = {channel: [_likelihood(own[i]) for _, own in reducers] for i, channel in enumerate(CHANNELS)}
-    for number, (run, own) in enumerate(reducers):
-        for reducer in own:
-            likelihoods = told[reducer.channel]
+    channels: list[ChannelRun] = []
+    likelihoods_of = {
+        channel: [_likelihood(reducers_of_run[i]) for _, reducers_of_run in reducers]
+        for i, channel in enumerate(CHANNELS)
+    }
+    for number, (run, reducers_of_run) in enumerate(reducers):
+        for reducer in reducers_of_run:
+            likelihoods = likelihoods_of[reducer.channel]
             others = likelihoods[:number] + likelihoods[number + 1 :]
             noise = run_noise(likelihoods[number], others, run.cells.period_s)
-            found.append(channel_run(run, reducer, noise))
-    return found, left_out
+            channels.append(channel_run(run, reducer, noise))
+    return channels, left_out
 
 
 def baseline_columns(cells: Cells, channel: str) -> tuple[FloatArray, FloatArray]:
@@ -93,32 +96,32 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     slow = [] if warmer is None or not np.ptp(warmer) > 0.0 else [warmer, warmer**2]
     columns = np.column_stack([means, bias_means, *slow])
     whole = np.column_stack([ramps, bias_ramps, *(np.zeros_like(each) for each in slow)])
-    given = reducer.series(reducer.readings()[:, None])[:, :, 0]
+    outputs = reducer.series(reducer.readings()[:, None])[:, :, 0]
     fitted = reducer.series(reducer.of(columns, whole))
     # Where a turn leaves something behind, every period has the same of it, but for one that begins without a turn.
-    same = np.broadcast_to(np.eye(len(OUTPUTS))[:, None], (*given.shape, len(OUTPUTS)))
+    same = np.broadcast_to(np.eye(len(OUTPUTS))[:, None], (*outputs.shape, len(OUTPUTS)))
     design = np.concatenate([fitted, same], axis=2)
-    if given.shape[1] > _FEWEST_GROUPS:
-        given, design = given[:, 1:], design[:, 1:]
-    seen = np.isfinite(given)
+    if outputs.shape[1] > _FEWEST_GROUPS:
+        outputs, design = outputs[:, 1:], design[:, 1:]
+    seen = np.isfinite(outputs)
     size = np.linalg.norm(design[seen], axis=0)
     design = design / np.where(size > 0.0, size, 1.0)
-    left = given
+    residuals = outputs
     # An output in which an external signal is large must not count by its size: by what is left of it.
     for _ in range(_REWEIGHTED):
-        scale = np.nanstd(left, axis=1, keepdims=True)
+        scale = np.nanstd(residuals, axis=1, keepdims=True)
         scale = np.where(scale > 0.0, scale, 1.0)
         matrix = (design / scale[:, :, None])[seen]
-        found, *_ = np.linalg.lstsq(matrix, (given / scale)[seen], rcond=1e-12)
-        left = given - design @ found
-    left = np.where(seen, left, 0.0)
+        coefficients, *_ = np.linalg.lstsq(matrix, (outputs / scale)[seen], rcond=1e-12)
+        residuals = outputs - design @ coefficients
+    residuals = np.where(seen, residuals, 0.0)
     rank = int(np.linalg.matrix_rank(design[seen]))
     sigma, dof = reducer.bin_scatter()
     return likelihood(
         reducer.sampled,
         reducer.per_group,
-        left,
-        rank if rank < np.count_nonzero(seen) else left.size,
+        residuals,
+        rank if rank < np.count_nonzero(seen) else residuals.size,
         Scatter(reducer.bin_weights(), sigma**2 * (dof + 1.0), dof),
     )
 

@@ -96,10 +96,10 @@ class _Folded:
 
     def integral(self, kernel: ComplexArray) -> FloatArray:
         """Over kernels of shape (kernels, nodes); shape (kernels, outputs, outputs)."""
-        found = np.tensordot(kernel, self.values, axes=1).real
-        found[:, self.divergent[:, None] | self.divergent] = np.nan
-        found[:, self.divergent, self.divergent] = np.inf
-        return np.asarray(found)
+        integrals = np.tensordot(kernel, self.values, axes=1).real
+        integrals[:, self.divergent[:, None] | self.divergent] = np.nan
+        integrals[:, self.divergent, self.divergent] = np.inf
+        return np.asarray(integrals)
 
 
 def _fold(
@@ -156,12 +156,12 @@ def _transform(weights: FloatArray, place: FloatArray) -> ComplexArray:
     samples = weights.shape[1]
     nodes = chebyshev.chebpts1(_TRANSFORM_NODES)
     cycles = 0.5 * (nodes + 1.0) / samples
-    found = np.zeros((_TRANSFORM_NODES, len(weights)), dtype=np.complex128)
+    transform = np.zeros((_TRANSFORM_NODES, len(weights)), dtype=np.complex128)
     for start in range(0, samples, _COLUMNS):
         part = weights[:, start : start + _COLUMNS]
         index = np.arange(start, start + part.shape[1])
-        found += np.exp(-2j * np.pi * cycles[:, None] * index) @ part.T
-    series = chebyshev.chebvander(nodes, _TRANSFORM_NODES - 1).T @ found * (2.0 / _TRANSFORM_NODES)
+        transform += np.exp(-2j * np.pi * cycles[:, None] * index) @ part.T
+    series = chebyshev.chebvander(nodes, _TRANSFORM_NODES - 1).T @ transform * (2.0 / _TRANSFORM_NODES)
     series[0] *= 0.5
     return np.asarray((chebyshev.chebvander(2.0 * place - 1.0, _TRANSFORM_NODES - 1) @ series).T)
 

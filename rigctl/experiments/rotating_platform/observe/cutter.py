@@ -22,10 +22,10 @@ from rigctl.experiments.rotating_platform.observe.cells import (
     Columns,
 )
 from rigctl.experiments.rotating_platform.observe.even_samples import (
-    ANGLE,
     COMMANDED,
     MOVING,
     TEMPERATURE,
+    THETA,
     EvenSamples,
     filled,
 )
@@ -130,8 +130,8 @@ class _Cutter:
         if periods <= 0:
             return 0
         length = int(periods * self._samples)
-        course = self._turns.course(block[MOVING], block[ANGLE])
-        cos = np.cos(course.angle_rad)
+        course = self._turns.course(block[MOVING], block[THETA])
+        cos = np.cos(course.theta_rad)
         sign = np.where(course.rests, np.where(cos >= 0.0, 1, -1), 0)
         starts = np.flatnonzero(self._begins(sign, course)[:length])
         if course.rests[starts].any():
@@ -198,7 +198,7 @@ class _Cutter:
         centre_of_all = np.zeros(starts.size)
         centre_of_all[kept] = centre
         offset = u - np.repeat(centre_of_all, sizes)
-        sin = np.sin(course.angle_rad[:length])
+        sin = np.sin(course.theta_rad[:length])
         c_z, c_y = (filled(row) for row in block[COMMANDED])
         geometry = [(total(x) / count, total(offset * x)) for x in _geometry(cos, sin, c_z, c_y)]
         speed, turning = (row[:length] for row in self._turns.motion(course))
@@ -247,9 +247,9 @@ class _Cutter:
         return np.stack(channels, axis=1)
 
     def _bins(self, since: Int64Array, to_go: Int64Array) -> Int64Array:
-        found = np.searchsorted(self._bin_edges, since, side="right") - 1
-        found = np.where(to_go <= round(BEFORE_S * self._rate_hz), BEFORE, found)
-        return np.asarray(np.where(since < FAR, found, NO_BIN))
+        bins = np.searchsorted(self._bin_edges, since, side="right") - 1
+        bins = np.where(to_go <= round(BEFORE_S * self._rate_hz), BEFORE, bins)
+        return np.asarray(np.where(since < FAR, bins, NO_BIN))
 
 
 def _geometry(cos: FloatArray, sin: FloatArray, c_z: FloatArray, c_y: FloatArray) -> tuple[FloatArray, ...]:

@@ -10,7 +10,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Columns
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, COMMANDS, READINGS, Chains
 
-MOVING, ANGLE, COMMANDED, TEMPERATURE = 2, 3, slice(4, 6), 6
+MOVING, THETA, COMMANDED, TEMPERATURE = 2, 3, slice(4, 6), 6
 """Rows after the readings of `CHANNELS`: the flag, the angle [rad], the commands of `CHANNELS` [m/s2], [degC]."""
 
 _SAME_RATE = 2e-3
@@ -73,19 +73,19 @@ class EvenSamples:
         return np.stack(rows)
 
 
-def held(moving: FloatArray, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+def held(moving: FloatArray, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Moving and angle with what was lost as it was before; a stop that changed meanwhile was a turn."""
-    known = np.isfinite(moving) & np.isfinite(angle_rad)
+    known = np.isfinite(moving) & np.isfinite(theta_rad)
     if known.all():
-        return moving, angle_rad
+        return moving, theta_rad
     index = np.arange(known.size)
     before = np.maximum.accumulate(np.where(known, index, -1))
     after = np.minimum.accumulate(np.where(known, index, known.size)[::-1])[::-1]
     before = np.where(before < 0, np.minimum(after, known.size - 1), before)
     after = np.where(after >= known.size, before, after)
-    turned = (np.cos(angle_rad[before]) > 0.0) != (np.cos(angle_rad[after]) > 0.0)
+    turned = (np.cos(theta_rad[before]) > 0.0) != (np.cos(theta_rad[after]) > 0.0)
     filled_in = np.where(known, moving, np.where(turned, 1.0, moving[before]))
-    return np.nan_to_num(filled_in, nan=1.0), np.nan_to_num(angle_rad[before])
+    return np.nan_to_num(filled_in, nan=1.0), np.nan_to_num(theta_rad[before])
 
 
 def filled(values: FloatArray) -> FloatArray:

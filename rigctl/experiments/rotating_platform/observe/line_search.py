@@ -42,11 +42,11 @@ def found_lines(found: Spectra, periods_s: Iterable[float], alpha: float = 0.01,
         if not p_value < alpha or not 0 < at < bins - 1:
             break
         kept.append(_line_at(at, p_value, halves, scan))
-        own = kept[-1].frequency_hz
+        line_hz = kept[-1].frequency_hz
         for tone_hz in tones:
             for order in range(-_IMAGES, _IMAGES + 1):
                 apart = np.minimum(
-                    np.abs(frequency_hz - own - order * tone_hz), np.abs(frequency_hz + own + order * tone_hz)
+                    np.abs(frequency_hz - line_hz - order * tone_hz), np.abs(frequency_hz + line_hz + order * tone_hz)
                 )
                 log_p[apart < near_hz] = 0.0
     return kept
@@ -74,11 +74,11 @@ def _line_at(at: int, p_value: float, halves: FloatArray, scan: LineScan) -> Fou
 def _log_tail(power: FloatArray, count: FloatArray) -> FloatArray:
     """Logarithm of the probability that so many exponentials add up to more."""
     with np.errstate(divide="ignore"):
-        found = stats.gamma.logsf(power, count)
+        log_tail = stats.gamma.logsf(power, count)
     # A strong line's is beyond the range of floats: the first term of the tail's expansion.
     far = power > 10.0 * count + 100.0
     beyond = (count - 1.0) * np.log(np.maximum(power, 1.0)) - power - special.gammaln(count)
-    return np.where(far, beyond, found)
+    return np.where(far, beyond, log_tail)
 
 
 def _aliases(frequency_hz: float, scan: LineScan) -> tuple[float, ...]:

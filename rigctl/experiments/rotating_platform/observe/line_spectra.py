@@ -56,7 +56,7 @@ def _unpacked(kept: Packed) -> Spectra:
 
 
 def _scanned(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> dict[str, list[ScannedRun]]:
-    found: dict[str, list[ScannedRun]] = {channel: [] for channel in CHANNELS}
+    parts: dict[str, list[ScannedRun]] = {channel: [] for channel in CHANNELS}
     for block in residual_blocks(chunks, chains, cells):
         usable = max(float(block.whole.sum()), 1.0)
         kept = float(np.tile(block.kept, len(block.whole)) @ np.repeat(block.whole, cells.samples))
@@ -66,8 +66,8 @@ def _scanned(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> dict[st
             alike = (table.sum(axis=0) / usable) * block.whole[:, None]
             part = _part((table - alike).ravel(), kept, cells)
             if part is not None:
-                found[channel].append(part)
-    return found
+                parts[channel].append(part)
+    return parts
 
 
 def _part(left: FloatArray, kept: float, cells: Cells) -> ScannedRun | None:

@@ -23,7 +23,7 @@ def line_amplitudes(
     chunks: Iterable[Columns], chains: Chains, cells: Cells, lines_hz: Sequence[float]
 ) -> dict[str, FloatArray]:
     """Cosine and sine of each line, from the start of the run, by channel [m/s2]; shape (2 lines,)."""
-    found: dict[str, FloatArray] = {}
+    amplitudes: dict[str, FloatArray] = {}
     gram = {channel: np.zeros((2 * len(lines_hz), 2 * len(lines_hz))) for channel in CHANNELS}
     along = {channel: np.zeros(2 * len(lines_hz)) for channel in CHANNELS}
     for block in residual_blocks(chunks, chains, cells):
@@ -32,8 +32,8 @@ def line_amplitudes(
             gram[channel] += waves @ waves.T
             along[channel] += waves @ block.left[channel]
     for channel in CHANNELS:
-        found[channel] = np.asarray(np.linalg.lstsq(gram[channel], along[channel], rcond=1e-9)[0])
-    return found
+        amplitudes[channel] = np.asarray(np.linalg.lstsq(gram[channel], along[channel], rcond=1e-9)[0])
+    return amplitudes
 
 
 def without_lines(

@@ -62,11 +62,11 @@ def fit_noise(spectrum: NoiseSpectrum) -> NoiseFit:
             f"{spectrum.first.size} bands of a spectrum, {silent} of them without power, tell no noise: "
             "record longer, and a signal that is not constant"
         )
-    found = _minimum(spectrum, _BOTH)
+    best = _minimum(spectrum, _BOTH)
     for simpler in (_minimum(spectrum, _POWER_LAW), _minimum(spectrum, _WHITE)):
-        if simpler.cost < found.cost + _BY_CHANCE:
-            found = simpler
-    return _result(spectrum, found)
+        if simpler.cost < best.cost + _BY_CHANCE:
+            best = simpler
+    return _result(spectrum, best)
 
 
 class _Minimum(NamedTuple):
@@ -89,7 +89,7 @@ def _starts(spectrum: NoiseSpectrum, free: tuple[int, ...], reference_hz: float)
     """Levels that match the relative densities, for some exponents."""
     if free == _WHITE:
         return [np.array([np.log(np.average(spectrum.density, weights=spectrum.weight)), -np.inf, 0.0])]
-    found = []
+    starts = []
     for exponent in _STARTS:
         shape = expected(spectrum, exponent) * reference_hz**exponent
         columns = np.stack([np.ones_like(shape) if 0 in free else np.zeros_like(shape), shape], axis=1)
@@ -97,8 +97,8 @@ def _starts(spectrum: NoiseSpectrum, free: tuple[int, ...], reference_hz: float)
         levels, _ = nnls(columns * root[:, None], np.sqrt(spectrum.weight))
         floor = 1e-3 * spectrum.density.min()
         white = np.log(max(levels[0], floor)) if 0 in free else -np.inf
-        found.append(np.array([white, np.log(max(levels[1], floor)), exponent]))
-    return found
+        starts.append(np.array([white, np.log(max(levels[1], floor)), exponent]))
+    return starts
 
 
 def _parts(spectrum: NoiseSpectrum, parameters: FloatArray, reference_hz: float) -> FloatArray:

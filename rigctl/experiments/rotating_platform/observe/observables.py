@@ -112,63 +112,63 @@ def stacked(
 
 def _rows_of(number: int, each: ChannelRun, rows: list[Row], place: dict[tuple[str, str, int], int]) -> list[int]:
     """The row of each observable; those that the other channel has made already are shared."""
-    own: list[int] = []
+    rows_of_run: list[int] = []
     for group in each.reducer.groups.tolist():
         key = (each.run.run_id, "group", group)
         if key not in place:
             place[key] = len(rows)
             rows.append(_group_row(number, each, group))
-        own.append(place[key])
-    own *= 4
+        rows_of_run.append(place[key])
+    rows_of_run *= 4
     for one in each.reducer.bins:
         key = (each.run.run_id, "bin", 2 * one.number + (one.sign < 0))
         if key not in place:
             place[key] = len(rows)
             rows.append(_bin_row(number, each, one))
-        own.append(place[key])
-    return own
+        rows_of_run.append(place[key])
+    return rows_of_run
 
 
 def _group_row(number: int, each: ChannelRun, group: int) -> Row:
     cells, reducer = each.run.cells, each.reducer
     first = group * reducer.per_group
     last = min(first + reducer.per_group, cells.periods)
-    own = (cells.period >= first) & (cells.period < last)
-    share = cells.count[own] / cells.count[own].sum()
+    in_group = (cells.period >= first) & (cells.period < last)
+    share = cells.count[in_group] / cells.count[in_group].sum()
     middle_s = 0.5 * (first + last) * cells.period_s
     covariates = {
         "time_s": _start_s(each.run.conditions) + middle_s,
         "within_run_s": middle_s - 0.5 * cells.periods * cells.period_s,
-        "c_z_m_s2": float(share @ cells.state[own, 0]),
-        "c_y_m_s2": float(share @ cells.state[own, 1]),
-        "temperature_c": _temperature(each.run.conditions, float(share @ cells.state[own, 2])),
+        "c_z_m_s2": float(share @ cells.state[in_group, 0]),
+        "c_y_m_s2": float(share @ cells.state[in_group, 1]),
+        "temperature_c": _temperature(each.run.conditions, float(share @ cells.state[in_group, 2])),
         "modulation_frequency_hz": 1.0 / cells.period_s,
         "since_turn_s": math.nan,
         "stop": math.nan,
-        **_own_columns(each.run.conditions),
+        **own_columns(each.run.conditions),
     }
     return Row(number, covariates, (_STRETCHES * first) // max(cells.periods, 1))
 
 
 def _bin_row(number: int, each: ChannelRun, one: Bin) -> Row:
     cells = each.run.cells
-    own = (cells.bin == one.number) & (cells.sign == one.sign)
+    in_bin = (cells.bin == one.number) & (cells.sign == one.sign)
     after = AFTER_S[one.number] if one.number != BEFORE else -BEFORE_S
     covariates = {
         "time_s": _start_s(each.run.conditions) + 0.5 * cells.periods * cells.period_s,
         "within_run_s": math.nan,
-        "c_z_m_s2": float(cells.state[own, 0].mean()),
-        "c_y_m_s2": float(cells.state[own, 1].mean()),
-        "temperature_c": _temperature(each.run.conditions, float(cells.state[own, 2].mean())),
+        "c_z_m_s2": float(cells.state[in_bin, 0].mean()),
+        "c_y_m_s2": float(cells.state[in_bin, 1].mean()),
+        "temperature_c": _temperature(each.run.conditions, float(cells.state[in_bin, 2].mean())),
         "modulation_frequency_hz": 1.0 / cells.period_s,
         "since_turn_s": after,
         "stop": float(one.sign),
-        **_own_columns(each.run.conditions),
+        **own_columns(each.run.conditions),
     }
     return Row(number, covariates, 0)
 
 
-_KNOWN = (
+_FORMAT_COLUMNS = (
     "pattern",
     "modulation_period_s",
     "sample_rate_hz",
@@ -189,14 +189,10 @@ _KNOWN = (
 
 def own_columns(conditions: Mapping[str, Any]) -> dict[str, float]:
     """A laboratory's own columns of runs.csv that are numbers."""
-    return _own_columns(conditions)
-
-
-def _own_columns(conditions: Mapping[str, Any]) -> dict[str, float]:
     return {
         name: float(value)
         for name, value in conditions.items()
-        if name not in _KNOWN and isinstance(value, int | float) and not isinstance(value, bool)
+        if name not in _FORMAT_COLUMNS and isinstance(value, int | float) and not isinstance(value, bool)
     }
 
 

@@ -114,11 +114,11 @@ class Pattern:
     def _check_dwells(self) -> None:
         at = 0.0
         for number, dwell in enumerate(self.dwells):
-            said = f"{self.label}: dwell {number}, {dwell.start_s:g} to {dwell.stop_s:g} s,"
+            what = f"{self.label}: dwell {number}, {dwell.start_s:g} to {dwell.stop_s:g} s,"
             if dwell.sign not in (-1, 1):
-                raise ConfigError(f"{said} has the sign {dwell.sign}: it is +1 at 0 and -1 at half a turn")
+                raise ConfigError(f"{what} has the sign {dwell.sign}: it is +1 at 0 and -1 at half a turn")
             if not at <= dwell.start_s < dwell.stop_s <= self.period_s + _SAME_TIME_S:
-                raise ConfigError(f"{said} overlaps its neighbour or leaves the period: leave time for the rotations")
+                raise ConfigError(f"{what} overlaps its neighbour or leaves the period: leave time for the rotations")
             at = dwell.stop_s
 
     def _check_turns(self) -> None:

@@ -76,18 +76,18 @@ class Reducer:
     @cached_property
     def bins(self) -> tuple[Bin, ...]:
         """Those with enough turns behind them; the last two of each stop follow from the others and are left out."""
-        found: list[Bin] = []
+        bins: list[Bin] = []
         for sign in (1, -1):
-            own = (self.cells.sign == sign) & (self.cells.bin != NO_BIN) & self._counts
+            of_stop = (self.cells.sign == sign) & (self.cells.bin != NO_BIN) & self._counts
             numbers = [
                 n
-                for n in np.unique(self.cells.bin[own]).tolist()
-                if np.unique(self.cells.period[own & (self.cells.bin == n)]).size >= _FEWEST_TIMES
+                for n in np.unique(self.cells.bin[of_stop]).tolist()
+                if np.unique(self.cells.period[of_stop & (self.cells.bin == n)]).size >= _FEWEST_TIMES
             ]
             after = [n for n in numbers if n != BEFORE]
-            found += [Bin(n, sign) for n in after[: max(len(after) - _REDUNDANT, 0)]]
-            found += [Bin(BEFORE, sign)] if BEFORE in numbers and len(after) > _REDUNDANT else []
-        return tuple(found)
+            bins += [Bin(n, sign) for n in after[: max(len(after) - _REDUNDANT, 0)]]
+            bins += [Bin(BEFORE, sign)] if BEFORE in numbers and len(after) > _REDUNDANT else []
+        return tuple(bins)
 
     @property
     def rows(self) -> int:
@@ -110,11 +110,11 @@ class Reducer:
 
         `ramps` are sums of (u - mean u) x within the cells, where they matter.
         """
-        found = np.asarray(self.operator @ means)
+        observables = np.asarray(self.operator @ means)
         if ramps is not None:
             share = self._sums[:, 0] / self.cells.count / (2.0 * self.cells.sample_rate_hz)
-            found = found + self._of_ramps @ (share[:, None] * ramps)
-        return np.asarray(found)
+            observables = observables + self._of_ramps @ (share[:, None] * ramps)
+        return np.asarray(observables)
 
     def series(self, rows: FloatArray) -> FloatArray:
         """The four outputs of rows, shape (rows, k), by group in time: (4, all groups, k), NaN for those left out."""
@@ -139,10 +139,10 @@ class Reducer:
         left = self._left(level, ramp)
         sigma, dof = np.zeros(len(self.bins)), np.zeros(len(self.bins))
         for number, each in enumerate(self.bins):
-            own = self._of_bin(each)
-            periods, where = np.unique(self.cells.period[own], return_inverse=True)
-            count = np.bincount(where, self._sums[own, 0])
-            mean = np.bincount(where, left[own]) / count
+            in_bin = self._of_bin(each)
+            periods, where = np.unique(self.cells.period[in_bin], return_inverse=True)
+            count = np.bincount(where, self._sums[in_bin, 0])
+            mean = np.bincount(where, left[in_bin]) / count
             sigma[number] = float(np.std(mean, ddof=1)) / math.sqrt(periods.size)
             dof[number] = periods.size - 1.0
         return sigma, dof
@@ -152,21 +152,25 @@ class Reducer:
         sampled, cells = self.sampled, self.cells
         usual = np.flatnonzero(cells.faults[:, 0, -1] == 0)
         # The second of them: before the first turn of a run there is no bin.
-        own = np.flatnonzero(cells.period == usual[min(1, usual.size - 1)])
-        first = np.rint(0.5 * (cells.centre[own] + cells.samples - cells.count[own])).astype(np.int64)
+        cells_of_period = np.flatnonzero(cells.period == usual[min(1, usual.size - 1)])
+        first = np.rint(0.5 * (cells.centre[cells_of_period] + cells.samples - cells.count[cells_of_period])).astype(
+            np.int64
+        )
         bin_of = np.full(sampled.samples, NO_BIN)
-        for at, count, number in zip(first, cells.count[own].astype(np.int64), cells.bin[own], strict=True):
+        for at, count, number in zip(
+            first, cells.count[cells_of_period].astype(np.int64), cells.bin[cells_of_period], strict=True
+        ):
             bin_of[at : at + count] = number
-        found = np.zeros((len(self.bins), sampled.samples))
+        weights = np.zeros((len(self.bins), sampled.samples))
         for row, each in enumerate(self.bins):
             where = (bin_of == each.number) & (sampled.sign == each.sign)
             if not where.any():
                 continue
-            found[row, where] = 1.0 / where.sum()
+            weights[row, where] = 1.0 / where.sum()
             same = sampled.sign == each.sign
             line = np.stack([same.astype(np.float64), same * sampled.time_s])
-            found[row] -= np.linalg.solve(line @ line.T, line @ found[row]) @ line
-        return found
+            weights[row] -= np.linalg.solve(line @ line.T, line @ weights[row]) @ line
+        return weights
 
     def bin_periods(self) -> FloatArray:
         """How many periods stand behind each bin."""
@@ -180,8 +184,8 @@ class Reducer:
         return np.asarray(self.valid[self.cells.period] & (self._sums[:, 0] > 0.0))
 
     def _of_bin(self, each: Bin) -> Int64Array:
-        own = (self.cells.bin == each.number) & (self.cells.sign == each.sign) & self._counts
-        return np.flatnonzero(own)
+        in_bin = (self.cells.bin == each.number) & (self.cells.sign == each.sign) & self._counts
+        return np.flatnonzero(in_bin)
 
     @cached_property
     def _of_levels(self) -> sparse.csr_matrix:
@@ -223,10 +227,10 @@ class Reducer:
             moment = np.bincount(cells.period[inside], self._time[inside], cells.periods)
             same = use[cells.sign[use] == each.sign]
             period = cells.period[same]
-            taken = -(count[period] * level[same] + moment[period] * slope[same]) / total
+            fitted = -(count[period] * level[same] + moment[period] * slope[same]) / total
             rows += [np.full(same.size, 4 * size + number), np.full(inside.size, 4 * size + number)]
             columns += [same, inside]
-            values += [taken, np.full(inside.size, direct / total)]
+            values += [fitted, np.full(inside.size, direct / total)]
         shape = (self.rows, cells.period.size)
         return sparse.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape)
 

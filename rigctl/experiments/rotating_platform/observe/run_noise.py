@@ -61,11 +61,11 @@ class RunNoise:
     def __call__(self, frequency_hz: FloatArray) -> FloatArray:
         """The density [unit^2/Hz] at positive frequencies."""
         logs = np.log(np.asarray(frequency_hz, dtype=np.float64) / AT_HZ)
-        found = np.full(logs.shape, self.white)
+        density = np.full(logs.shape, self.white)
         for exponent, level in zip(EXPONENTS, self.red, strict=True):
             if level > 0.0:
-                found += level * np.exp(-exponent * logs)
-        return found
+                density += level * np.exp(-exponent * logs)
+        return density
 
 
 @dataclass(frozen=True)

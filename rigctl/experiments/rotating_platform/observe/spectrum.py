@@ -103,13 +103,13 @@ def expected(spectrum: NoiseSpectrum, exponent: float) -> FloatArray:
     """What the bands show of noise with the density (1 Hz / f)^`exponent`, 0 <= exponent < 3, shape (bands,)."""
     low = spectrum.stop <= _EXACT_BINS + 1
     high = ~low
-    found = np.empty(spectrum.first.size)
-    found[high] = _mean_power(spectrum.first[high], spectrum.stop[high], exponent)
+    means = np.empty(spectrum.first.size)
+    means[high] = _mean_power(spectrum.first[high], spectrum.stop[high], exponent)
     place, window = _low_window()
     summed = np.append(0.0, np.cumsum(window @ place**-exponent))
     first, stop = spectrum.first[low] - 1, spectrum.stop[low] - 1
-    found[low] = (summed[stop] - summed[first]) / (stop - first)
-    return np.asarray(found * spectrum.bin_hz**-exponent)
+    means[low] = (summed[stop] - summed[first]) / (stop - first)
+    return np.asarray(means * spectrum.bin_hz**-exponent)
 
 
 def _mean_power(first: Int64Array, stop: Int64Array, exponent: float) -> FloatArray:

@@ -26,7 +26,7 @@ class Course:
     """
 
     rests: BoolArray
-    angle_rad: FloatArray
+    theta_rad: FloatArray
     since: Int64Array
     to_go: Int64Array
     direction: FloatArray
@@ -45,24 +45,24 @@ class Turns:
         self._last_rad = np.zeros(0)
         self._courses: dict[tuple[int, int], tuple[FloatArray, int]] = {}
 
-    def course(self, moving: FloatArray, angle_rad: FloatArray) -> Course:
+    def course(self, moving: FloatArray, theta_rad: FloatArray) -> Course:
         """What the platform did in a block that begins with a period; its whole turns are added to the mean ones."""
-        moving, angle_rad = held(moving, angle_rad)
+        moving, theta_rad = held(moving, theta_rad)
         rests = moving == 0.0
         index = np.arange(rests.size)
         last = np.maximum.accumulate(np.where(rests, -1 - self._since, index))
         following = np.minimum.accumulate(np.where(rests, FAR, index)[::-1])[::-1]
-        still, astray = _at_stops(angle_rad, rests)
-        direction = self._directions(rests, angle_rad)
-        self._add_turns(rests, angle_rad)
-        return Course(rests, angle_rad, index - last - 1, following - index, direction, still, astray)
+        still, astray = _at_stops(theta_rad, rests)
+        direction = self._directions(rests, theta_rad)
+        self._add_turns(rests, theta_rad)
+        return Course(rests, theta_rad, index - last - 1, following - index, direction, still, astray)
 
     def motion(self, course: Course) -> tuple[FloatArray, FloatArray]:
         """Angular rate and acceleration beside the turns; elsewhere none, whatever the encoder's last digit does."""
-        angle_rad = course.angle_rad
-        earlier = self._last_rad if self._last_rad.size == 2 else np.full(2, angle_rad[0])
-        padded = np.concatenate([earlier, angle_rad, np.full(2, angle_rad[-1])])
-        far_back, back, here, on, far_on = (padded[k : k + angle_rad.size] for k in range(5))
+        theta_rad = course.theta_rad
+        earlier = self._last_rad if self._last_rad.size == 2 else np.full(2, theta_rad[0])
+        padded = np.concatenate([earlier, theta_rad, np.full(2, theta_rad[-1])])
+        far_back, back, here, on, far_on = (padded[k : k + theta_rad.size] for k in range(5))
         # Five points: a turn of seconds at ten samples a second is too bent for three.
         speed = (8.0 * (on - back) - (far_on - far_back)) * (self._rate_hz / 12.0)
         turning = (16.0 * (on + back) - 30.0 * here - (far_on + far_back)) * (self._rate_hz**2 / 12.0)
@@ -75,10 +75,10 @@ class Turns:
         last = length - 1
         self._since = int(min(course.since[last] + 1, 2 * FAR)) if course.rests[last] else 0
         self._direction = float(course.direction[last])
-        self._last_rad = course.angle_rad[max(last - 1, 0) : last + 1].copy()
+        self._last_rad = course.theta_rad[max(last - 1, 0) : last + 1].copy()
         resting = np.flatnonzero(course.rests[:length])
         if resting.size:
-            self._stop_rad = float(course.angle_rad[resting[-1]])
+            self._stop_rad = float(course.theta_rad[resting[-1]])
 
     def mean(self) -> tuple[FloatArray, Int64Array]:
         """`turns` and `turn_kinds` of `Cells`."""
@@ -87,19 +87,19 @@ class Turns:
             turns[number] = total / count
         return turns, np.array(list(self._courses), dtype=np.int64).reshape(-1, 2)
 
-    def _directions(self, rests: BoolArray, angle_rad: FloatArray) -> FloatArray:
+    def _directions(self, rests: BoolArray, theta_rad: FloatArray) -> FloatArray:
         """Of the last turn of each sample."""
         rested = np.concatenate([[self._since > 0], rests[:-1]])
         begins, ends = np.flatnonzero(rests & ~rested), np.flatnonzero(~rests & rested)
-        found = np.full(rests.size, self._direction)
+        direction = np.full(rests.size, self._direction)
         for begin in begins.tolist():
             before = ends[ends < begin]
-            stop_rad = angle_rad[before[-1] - 1] if before.size and before[-1] > 0 else self._stop_rad
-            turned = angle_rad[min(begin + self.ahead // 2, rests.size - 1)] - stop_rad
-            found[begin:] = np.sign(turned) if abs(turned) > _STILL_RAD else found[begin]
-        return found
+            stop_rad = theta_rad[before[-1] - 1] if before.size and before[-1] > 0 else self._stop_rad
+            turned = theta_rad[min(begin + self.ahead // 2, rests.size - 1)] - stop_rad
+            direction[begin:] = np.sign(turned) if abs(turned) > _STILL_RAD else direction[begin]
+        return direction
 
-    def _add_turns(self, rests: BoolArray, angle_rad: FloatArray) -> None:
+    def _add_turns(self, rests: BoolArray, theta_rad: FloatArray) -> None:
         """Add whole turns to the mean ones of their kinds."""
         begins = np.flatnonzero(rests[1:] & ~rests[:-1]) + 1
         ends = np.flatnonzero(~rests[1:] & rests[:-1]) + 1
@@ -108,27 +108,27 @@ class Turns:
             before = ends[ends < end]
             if not before.size:
                 continue
-            wanted = end - int(before[-1]) + beside
-            self.before = self.before or wanted
+            before_end = end - int(before[-1]) + beside
+            self.before = self.before or before_end
             first, last = end - self.before, end + beside
-            if first < 0 or last > angle_rad.size or abs(wanted - self.before) > 1:
+            if first < 0 or last > theta_rad.size or abs(before_end - self.before) > 1:
                 continue
-            course = angle_rad[first:last] - angle_rad[first]
+            course = theta_rad[first:last] - theta_rad[first]
             kind = (1 if course[-1] >= 0.0 else -1, end % self._samples)
             total, count = self._courses.get(kind, (np.zeros(course.size), 0))
             self._courses[kind] = total + course, count + 1
 
 
-def _at_stops(angle_rad: FloatArray, rests: BoolArray) -> tuple[BoolArray, BoolArray]:
+def _at_stops(theta_rad: FloatArray, rests: BoolArray) -> tuple[BoolArray, BoolArray]:
     """`still` and `astray` of each sample, from the angle in the middle of its dwell and the nearest to a stop.
 
     The difference of two angles could not tell: an encoder's last digit changes at rest too.
     """
     starts = np.flatnonzero(np.concatenate([[True], rests[1:] != rests[:-1]]))
-    stops = np.append(starts[1:], angle_rad.size)
-    middle_rad = np.repeat(angle_rad[(starts + stops) // 2], stops - starts)
-    still = rests & (np.abs(angle_rad - middle_rad) < _STILL_RAD)
-    away = np.abs(angle_rad - np.pi * np.rint(angle_rad / np.pi))
+    stops = np.append(starts[1:], theta_rad.size)
+    middle_rad = np.repeat(theta_rad[(starts + stops) // 2], stops - starts)
+    still = rests & (np.abs(theta_rad - middle_rad) < _STILL_RAD)
+    away = np.abs(theta_rad - np.pi * np.rint(theta_rad / np.pi))
     nearest = np.minimum.reduceat(away, starts)
     astray = np.repeat(nearest > math.radians(OFF_STOP_DEG), stops - starts) & rests
     return np.asarray(still), np.asarray(astray)

@@ -148,10 +148,10 @@ def _fit(
     weight = np.ones(count) if sigma is None else 1.0 / sigma
     left, size, right = np.linalg.svd(columns * weight[:, None] / _sizes(columns), full_matrices=False)
     inverse = (right.T / size) / _sizes(columns)[:, None]
-    found = inverse @ (left.T @ (values * weight))
-    chi2 = float((((values - columns @ found) * weight) ** 2).sum())
+    values_of_fit = inverse @ (left.T @ (values * weight))
+    chi2 = float((((values - columns @ values_of_fit) * weight) ** 2).sum())
     scale = chi2 / dof if sigma is None else 1.0
-    return Fitted(names, found, scale * inverse @ inverse.T, float(dof) if sigma is None else chi2, dof)
+    return Fitted(names, values_of_fit, scale * inverse @ inverse.T, float(dof) if sigma is None else chi2, dof)
 
 
 def _sizes(columns: FloatArray) -> FloatArray:

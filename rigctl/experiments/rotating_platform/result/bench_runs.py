@@ -35,12 +35,12 @@ class Scan:
 
     def as_json(self) -> dict[str, Any]:
         """Within `rigctl result --json`."""
-        found: dict[str, Any] = {"run_id": self.run_id}
+        shown: dict[str, Any] = {"run_id": self.run_id}
         for channel, fit in self.fits.items():
-            found[channel] = {name: {"value": fit.value(name), "sigma": fit.sigma(name)} for name in fit.names}
-        found["amplitude_ratio"] = vars(self.axes.amplitude_ratio)
-        found["nonorthogonality_rad"] = vars(self.axes.nonorthogonality_rad)
-        return found
+            shown[channel] = {name: {"value": fit.value(name), "sigma": fit.sigma(name)} for name in fit.names}
+        shown["amplitude_ratio"] = vars(self.axes.amplitude_ratio)
+        shown["nonorthogonality_rad"] = vars(self.axes.nonorthogonality_rad)
+        return shown
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,13 @@ class NoiseRecord:
 
 def scans(source: RunSource, chains: Chains) -> tuple[list[Scan], dict[str, str]]:
     """All scans of a recording, and by run_id why one tells nothing."""
-    found, left_out = [], {}
+    scans_read, left_out = [], {}
     for record in _of(source, "scan"):
         try:
-            found.append(_scan(source, record, chains))
+            scans_read.append(_scan(source, record, chains))
         except DataError as error:
             left_out[record.run_id] = f"run {record.run_id}: {error}"
-    return found, left_out
+    return scans_read, left_out
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,13 @@ class Flipped:
 
     def as_json(self) -> dict[str, Any]:
         """Within `rigctl result --json`."""
-        told = {name: (self.sensor.value(name), self.sensor.sigma(name)) for name in self.sensor.names}
-        found: dict[str, Any] = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in told.items()}
+        values = {name: (self.sensor.value(name), self.sensor.sigma(name)) for name in self.sensor.names}
+        sensor: dict[str, Any] = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in values.items()}
         if self.amplifier is None:
-            return {"sensor": found, "chain": None}
+            return {"sensor": sensor, "chain": None}
         k = self.amplifier
-        chain = {name: {"value": k * value, "sigma": k * sigma} for name, (value, sigma) in told.items()}
-        return {"sensor": found, "chain": chain}
+        chain = {name: {"value": k * value, "sigma": k * sigma} for name, (value, sigma) in values.items()}
+        return {"sensor": sensor, "chain": chain}
 
 
 def flips(source: RunSource, chains: Chains) -> dict[str, Flipped]:
@@ -105,32 +105,32 @@ def flips(source: RunSource, chains: Chains) -> dict[str, Flipped]:
     signs = [float(record.conditions["g_sign"]) for record in records]
     if len(set(signs)) < 2:
         return {}
-    found = {}
+    flipped = {}
     for channel in CHANNELS:
         try:
             read = [_read(source, record.run_id, READINGS[channel]) for record in records]
             readings = np.array([samples.mean() for samples in read])
             sigma_v = None if len(signs) > 2 else np.array([_scatter(samples) for samples in read])
             fitted = flip(signs, readings, chains.g_m_s2, sigma_v)
-            found[channel] = Flipped(fitted, chains.amplifier.get(channel))
+            flipped[channel] = Flipped(fitted, chains.amplifier.get(channel))
         except DataError:
             continue
-    return found
+    return flipped
 
 
 def noise_records(source: RunSource) -> tuple[list[NoiseRecord], dict[str, str]]:
     """The spectra of all noise records, and by run_id why one has none."""
-    found, left_out = [], {}
+    records, left_out = [], {}
     for record in _of(source, "noise"):
         rate_hz = float(record.conditions["sample_rate_hz"])
         for channel in CHANNELS:
             samples = _column(source, record.run_id, READINGS[channel])[:_LONGEST]
             try:
                 spectrum = noise_spectrum(samples, rate_hz)
-                found.append(NoiseRecord(record.run_id, channel, spectrum, fit_noise(spectrum)))
+                records.append(NoiseRecord(record.run_id, channel, spectrum, fit_noise(spectrum)))
             except DataError as error:
                 left_out[record.run_id] = f"run {record.run_id}: {error}"
-    return found, left_out
+    return records, left_out
 
 
 def _of(source: RunSource, pattern: str) -> Sequence[RunRecord]:
@@ -141,15 +141,15 @@ def _scan(source: RunSource, record: RunRecord, chains: Chains) -> Scan:
     samples = source.samples(record.run_id)
     if "theta_deg" not in samples:
         raise DataError("a scan needs the column theta_deg; add it")
-    theta = np.deg2rad(samples["theta_deg"])
-    moving = samples.get("moving", np.concatenate([[0.0], np.abs(np.diff(theta)) > 1e-6]))
-    rests = (moving == 0.0) & np.isfinite(theta)
+    theta_rad = np.deg2rad(samples["theta_deg"])
+    moving = samples.get("moving", np.concatenate([[0.0], np.abs(np.diff(theta_rad)) > 1e-6]))
+    rests = (moving == 0.0) & np.isfinite(theta_rad)
     edges = np.flatnonzero(np.concatenate([[True], rests[1:] != rests[:-1]]))
-    stops = np.append(edges[1:], theta.size)
+    stops = np.append(edges[1:], theta_rad.size)
     read = np.all([np.isfinite(samples[READINGS[channel]]) for channel in CHANNELS], axis=0)
     at_rest = [slice(int(a), int(b)) for a, b in zip(edges, stops, strict=True) if rests[a]]
     dwells = [each for each in at_rest if np.count_nonzero(read[each]) >= _FEWEST]
-    angles = np.array([float(theta[each].mean()) for each in dwells])
+    angles = np.array([float(theta_rad[each].mean()) for each in dwells])
     readings = {
         channel: np.array([float(np.nanmean(samples[READINGS[channel]][each])) for each in dwells])
         / chains.gain_v_per_m_s2[channel]

@@ -55,7 +55,7 @@ def designs(
     if not 0 <= drift_order < len(DRIFT):
         raise ConfigError(f"drift of order {drift_order}: patterns are known to reject orders 0 to {len(DRIFT) - 1}")
     masked_s = rotation_s + guard_s + lead_s
-    found = []
+    best = []
     for name, order in _orders().items():
         fewest = math.ceil(_ROOM * ROTATIONS[name] * masked_s / step_s)
         most = math.floor(longest_s / step_s)
@@ -65,13 +65,13 @@ def designs(
                 pattern = named_pattern(name, steps * step_s, rotation_s, guard_s=guard_s, lead_s=lead_s)
                 return Design(pattern, order, continuous_precision(pattern, noise, integration_s, sided=sided))
 
-            found.append(_best(at, max(1, fewest), most))
-    if not found:
+            best.append(_best(at, max(1, fewest), most))
+    if not best:
         raise ConfigError(
             f"no pattern of at most {longest_s:g} s has time to dwell beside half turns of {masked_s:g} s with "
             "guard: allow a longer period or turn faster"
         )
-    return sorted(found, key=lambda each: each.sigma)
+    return sorted(best, key=lambda each: each.sigma)
 
 
 def _best(at: Callable[[int], Design], fewest: int, most: int) -> Design:

@@ -28,9 +28,9 @@ def without_command(cells: Cells, series: PeriodEstimates, number: int) -> Float
     seen = np.isfinite(accel) & np.isfinite(commanded)
     columns = np.stack([np.ones_like(accel), commanded, slope], axis=1)[seen]
     size = np.maximum(np.abs(columns).max(axis=0), np.finfo(float).tiny)
-    found, *_ = np.linalg.lstsq(columns / size, accel[seen], rcond=1e-9)
+    coefficients, *_ = np.linalg.lstsq(columns / size, accel[seen], rcond=1e-9)
     left = np.full_like(accel, np.nan)
-    left[seen] = accel[seen] - (columns / size) @ found
+    left[seen] = accel[seen] - (columns / size) @ coefficients
     return left
 
 
@@ -76,5 +76,5 @@ def _phase_rad(cells: Cells, period_s: float) -> float:
     angle = 2.0 * np.pi * cells.time_s / period_s
     columns = np.stack([np.sin(angle), np.cos(angle), np.ones_like(angle)], axis=1)
     root = np.sqrt(cells.count)
-    found, *_ = np.linalg.lstsq(columns * root[:, None], cells.state[:, 0] * root)
-    return math.atan2(found[1], found[0])
+    coefficients, *_ = np.linalg.lstsq(columns * root[:, None], cells.state[:, 0] * root)
+    return math.atan2(coefficients[1], coefficients[0])

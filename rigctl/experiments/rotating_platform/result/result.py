@@ -57,7 +57,7 @@ def platform_result(
     by_run: dict[str, list[ChannelRun]] = {}
     for each in recorded.channels:
         by_run.setdefault(each.run.run_id, []).append(each)
-    runs = tuple(run_result(own, chains) for own in by_run.values())
+    runs = tuple(run_result(channels, chains) for channels in by_run.values())
     return PlatformResult(
         fitted["tilt_gain"],
         {"y": fitted["accel_y0"], "z": fitted["accel_z0"]},
@@ -71,7 +71,7 @@ def _wobbles(runs: Sequence[RunResult], chains: Chains) -> dict[str, Value] | No
     """Of the two sensing axes, from the biases of all runs; None without both electrical biases."""
     if set(chains.bias_v) != set(CHANNELS) or not runs:
         return None
-    found = {}
+    wobbles = {}
     for name, channel in (("a", "z"), ("b", "y")):
         biases = np.array([run.values[channel]["bias"].value for run in runs])
         biases = biases[np.isfinite(biases)]
@@ -79,10 +79,10 @@ def _wobbles(runs: Sequence[RunResult], chains: Chains) -> dict[str, Value] | No
             return None
         alone = min(run.values[channel]["bias"].sigma for run in runs)
         sigma = float(biases.std(ddof=1) / math.sqrt(biases.size)) if biases.size > 1 else alone
-        found[name] = wobble(
+        wobbles[name] = wobble(
             Value(float(biases.mean()), sigma),
             Value(chains.bias_v[channel], 0.0),
             Value(chains.gain_v_per_m_s2[channel], 0.0),
             chains.g_m_s2,
         )
-    return found
+    return wobbles

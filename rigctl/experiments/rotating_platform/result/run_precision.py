@@ -29,20 +29,20 @@ _LAGS = 8
 
 @dataclass(frozen=True)
 class Precision:
-    """Of the mean acceleration in an hour: `theory` by the paper's eq. 1, `own` by the run's own spectrum [m/s2]."""
+    """Of the mean acceleration in an hour [m/s2]: `theory` by the paper's eq. 1, and by the run's own spectrum."""
 
     theory: float
-    own: float
+    by_own_spectrum: float
     measured: MeasuredPrecision | None
 
     def as_json(self) -> dict[str, Any]:
         """Within `rigctl result --json`."""
-        found = self.measured
+        measured = self.measured
         return {
             "theory": self.theory,
-            "theory_own_spectrum": self.own,
-            "measured": None if found is None else found.sigma,
-            "interval_99": None if found is None else list(found.interval),
+            "theory_own_spectrum": self.by_own_spectrum,
+            "measured": None if measured is None else measured.sigma,
+            "interval_99": None if measured is None else list(measured.interval),
         }
 
 
@@ -72,12 +72,12 @@ def run_precision(
     rows, rate_hz = _coarse(weights(sampled, estimator)[:1], sampled.sample_rate_hz)
     lags = covariance(rows, rate_hz, noise, sided=SIDED, lags=_LAGS)[:, 0, 0]
     period_s = sampled.pattern.period_s
-    own = math.sqrt(float(lags[0]) * period_s / HOUR_S)
+    own_spectrum = math.sqrt(float(lags[0]) * period_s / HOUR_S)
     try:
         measured = measured_precision(accel, period_s, HOUR_S, correlation=(lags[1:] / lags[0]).tolist(), level=LEVEL)
     except DataError:
         measured = None
-    return Precision(theory.single_period, own, measured)
+    return Precision(theory.single_period, own_spectrum, measured)
 
 
 def _coarse(rows: FloatArray, rate_hz: float) -> tuple[FloatArray, float]:

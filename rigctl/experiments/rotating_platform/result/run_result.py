@@ -56,30 +56,32 @@ class RunResult:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What is to be said of its record, a line each."""
-        cells, found = self.run.cells, []
+        cells, remarks = self.run.cells, []
         if cells.drift_s:
-            found.append(
+            remarks.append(
                 f"{self.run.run_id}: the turns come {cells.drift_s:+.3g} s later in the last period than in the "
                 "first: the platform's clock is not that of the samples; every period is fitted jointly"
             )
         if cells.off_stop:
-            found.append(
+            remarks.append(
                 f"{self.run.run_id}: {cells.off_stop} samples count although the platform moves: "
                 "look at the mask, or give a guard time"
             )
         if self.invalid:
-            found.append(f"{self.run.run_id}: {self.invalid} of {cells.periods} periods have lost half their samples")
-        return tuple(found)
+            remarks.append(
+                f"{self.run.run_id}: {self.invalid} of {cells.periods} periods have lost half their samples"
+            )
+        return tuple(remarks)
 
     def as_json(self) -> dict[str, Any]:
         """Keys of `runs` in `rigctl result --json`."""
-        given = self.run.conditions
-        found: dict[str, Any] = {
+        asked = self.run.conditions
+        shown: dict[str, Any] = {
             "run_id": self.run.run_id,
-            "pattern": given["pattern"],
+            "pattern": asked["pattern"],
             "modulation_period_s": self.sampled.pattern.period_s,
             "sample_rate_hz": self.sampled.sample_rate_hz,
-            "external": given.get("external") or "constant",
+            "external": asked.get("external") or "constant",
             "estimator": self.estimator,
             "guard_s": self.run.guard_s,
             "periods": len(self.series),
@@ -91,11 +93,11 @@ class RunResult:
         for output in OUTPUTS:
             unit = "m_s3" if output.endswith("slope") else "m_s2"
             for channel in sorted(CHANNELS):
-                found[f"{output}_{channel}_{unit}"] = value_json(self.values[channel][output])
-        found["precision_1h_m_s2"] = {channel: self.precision[channel].as_json() for channel in sorted(CHANNELS)}
-        found["response"] = None if self.response is None else _response(self.response)
-        found["remarks"] = list(self.remarks)
-        return found
+                shown[f"{output}_{channel}_{unit}"] = value_json(self.values[channel][output])
+        shown["precision_1h_m_s2"] = {channel: self.precision[channel].as_json() for channel in sorted(CHANNELS)}
+        shown["response"] = None if self.response is None else _response(self.response)
+        shown["remarks"] = list(self.remarks)
+        return shown
 
 
 def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
@@ -104,9 +106,9 @@ def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
     cells = run.cells
     keep = outside_guard(cells, run.guard_s, run.lead_s)
     sampled = usual_mask(cells, keep)
-    found = conditions(sampled)
+    balance = conditions(sampled)
     asked = run.conditions.get("estimator") == "joint-ls"
-    uneven = bool(cells.drift_s) or abs(found.m0) > _BALANCED
+    uneven = bool(cells.drift_s) or abs(balance.m0) > _BALANCED
     estimator: Estimator = "joint-ls" if asked or uneven else "projection"
     series = estimates(cells, keep, sampled, estimator)
     noises = {each.channel: each.noise for each in channels}
@@ -122,7 +124,7 @@ def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
         sampled,
         estimator,
         series,
-        found,
+        balance,
         values,
         precisions,
         response_of(run, sampled, series),

@@ -92,7 +92,7 @@ def conditions(pattern: Pattern | SampledPattern) -> Conditions:
 
 def separation(sampled: SampledPattern, estimator: Estimator = "projection") -> Separation:
     """What `estimator` makes of the pattern; raises `ConfigError` where it has nothing to work with."""
-    found = conditions(sampled)
+    balance = conditions(sampled)
     kept, t = np.abs(sampled.sign).astype(np.float64), sampled.time_s
     powers = kept * t ** np.arange(len(DRIFT))[:, None]
     leaks = weights(sampled, estimator)[:2] @ powers.T
@@ -100,7 +100,7 @@ def separation(sampled: SampledPattern, estimator: Estimator = "projection") -> 
     free = np.abs(leaks) <= allowed
     order = int(np.argmin([*free[0], False])) - 1
     mean, slope = (tuple(float(each) for each in row) for row in leaks)
-    return Separation(estimator, found, mean, slope, order, bool(free[1, :2].all()))
+    return Separation(estimator, balance, mean, slope, order, bool(free[1, :2].all()))
 
 
 def require(sampled: SampledPattern, drift_order: int, estimator: Estimator = "projection") -> Separation:
@@ -110,15 +110,15 @@ def require(sampled: SampledPattern, drift_order: int, estimator: Estimator = "p
     """
     if not 0 <= drift_order < len(DRIFT):
         raise ConfigError(f"drift of order {drift_order}: patterns are known to reject orders 0 to {len(DRIFT) - 1}")
-    found = separation(sampled, estimator)
-    if found.order < drift_order:
-        order = found.order + 1
+    separated = separation(sampled, estimator)
+    if separated.order < drift_order:
+        order = separated.order + 1
         raise ConfigError(
             f"{sampled.pattern.label} at {sampled.sample_rate_hz:g} Hz with {estimator} cannot reject a "
-            f"{_drifting(drift_order)}: {_leak(found.mean_leaks, order)} of its {DRIFT[order]} part stay in the mean "
-            f"acceleration; {_mend(order)}"
+            f"{_drifting(drift_order)}: {_leak(separated.mean_leaks, order)} of its {DRIFT[order]} part stay in the "
+            f"mean acceleration; {_mend(order)}"
         )
-    return found
+    return separated
 
 
 def _mend(order: int) -> str:

@@ -76,31 +76,31 @@ def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
     figure = new_figure(2.6)
     scan, tilt = figure.subplots(1, 2)
     for index, channel in enumerate(CHANNELS):
-        own = sorted((r for r in rows if r.kind == "scan" and r.channel == channel), key=lambda r: r.theta_deg)
+        points = sorted((r for r in rows if r.kind == "scan" and r.channel == channel), key=lambda r: r.theta_deg)
         look = series_style(index)
-        if own:
-            angles = [r.theta_deg for r in own]
-            scan.plot(angles, [r.value_m_s2 for r in own], look.marker, color=look.color, label=f"m_{channel}")
-            scan.plot(angles, [r.fitted_m_s2 for r in own], linestyle=look.line, color=look.color)
+        if points:
+            angles = [r.theta_deg for r in points]
+            scan.plot(angles, [r.value_m_s2 for r in points], look.marker, color=look.color, label=f"m_{channel}")
+            scan.plot(angles, [r.fitted_m_s2 for r in points], linestyle=look.line, color=look.color)
     if scan.lines:
         scan.legend(loc="best")
     else:
         scan.text(0.5, 0.5, "no scan in this recording", ha="center", transform=scan.transAxes, color=SOFT)
     scan.set_xlabel("platform angle θ / deg")
     scan.set_ylabel("reading / m/s²")
-    own = [r for r in rows if r.kind == "tilt"]
+    points = [r for r in rows if r.kind == "tilt"]
     look = series_style(0)
     tilt.errorbar(
-        [r.commanded_m_s2 for r in own],
-        [r.value_m_s2 - (r.printed_m_s2 or 0.0) for r in own],
-        yerr=[r.sigma_m_s2 for r in own],
+        [r.commanded_m_s2 for r in points],
+        [r.value_m_s2 - (r.printed_m_s2 or 0.0) for r in points],
+        yerr=[r.sigma_m_s2 for r in points],
         fmt=look.marker,
         color=look.color,
         label="measured",
     )
-    own = sorted(own, key=lambda r: r.commanded_m_s2)
-    difference = [r.fitted_m_s2 - (r.printed_m_s2 or 0.0) for r in own]
-    tilt.plot([r.commanded_m_s2 for r in own], difference, color=look.color, label="fit")
+    points = sorted(points, key=lambda r: r.commanded_m_s2)
+    difference = [r.fitted_m_s2 - (r.printed_m_s2 or 0.0) for r in points]
+    tilt.plot([r.commanded_m_s2 for r in points], difference, color=look.color, label="fit")
     tilt.axhline(0.0, color=INK, linestyle="--", linewidth=0.7, label="printed")
     tilt.set_xlabel("commanded tilt / m/s²")
     tilt.set_ylabel("acceleration less printed / m/s²")

@@ -40,7 +40,7 @@ def course_plate(
 ) -> Plate[CourseRow]:
     """Outputs over time under an external triangle or sine."""
     rows: list[CourseRow] = []
-    said: list[str] = []
+    responses: list[str] = []
     for run in runs:
         expected = _expected_bias(run, found.tilt_gain.value, chains) if external == "sine" else None
         z = CHANNELS.index("z")
@@ -63,7 +63,7 @@ def course_plate(
             )
         if run.response is not None:
             response = run.response
-            said.append(
+            responses.append(
                 f"{run.run.run_id} (pattern {run.run.conditions['pattern']}, {period_s:g} s): bias "
                 f"{number(response.bias_pp)} m/s2 peak to peak, {response.shift.end_min:.1f} min late stamped at the "
                 f"end of the window, {response.shift.centre_min:.1f} at its centre"
@@ -77,7 +77,7 @@ def course_plate(
         )
     caption = (
         f"Acceleration and bias of the z channel under an external {external}, period by period: (a) acceleration, "
-        f"(b) bias, (c) slope of the acceleration, (d) slope of the bias. {'; '.join(said)}.{printed}"
+        f"(b) bias, (c) slope of the acceleration, (d) slope of the bias. {'; '.join(responses)}.{printed}"
     )
     return Plate(name, caption, rows, draw_course)
 
@@ -91,13 +91,13 @@ def draw_course(rows: Sequence[CourseRow]) -> Figure:
     runs = list(dict.fromkeys(row.run_id for row in rows))
     for panel, letter, name, label in zip(panels, "abcd", names, labels, strict=True):
         for index, run_id in enumerate(runs):
-            own = [row for row in rows if row.run_id == run_id]
+            periods = [row for row in rows if row.run_id == run_id]
             look = series_style(index)
-            times = [row.time_min for row in own]
-            text = f"{run_id}: {own[0].pattern}, {own[0].modulation_period_s:g} s"
-            panel.plot(times, [getattr(r, name) for r in own], color=look.color, linestyle=look.line, label=text)
-            if name == "bias_m_s2" and own[0].expected_bias_m_s2 is not None:
-                panel.plot(times, [r.expected_bias_m_s2 for r in own], ":", color=look.color, linewidth=0.8)
+            times = [row.time_min for row in periods]
+            text = f"{run_id}: {periods[0].pattern}, {periods[0].modulation_period_s:g} s"
+            panel.plot(times, [getattr(r, name) for r in periods], color=look.color, linestyle=look.line, label=text)
+            if name == "bias_m_s2" and periods[0].expected_bias_m_s2 is not None:
+                panel.plot(times, [r.expected_bias_m_s2 for r in periods], ":", color=look.color, linewidth=0.8)
         panel.set_ylabel(label)
         panel_letter(panel, letter)
         panel.ticklabel_format(axis="y", scilimits=(-3, 4))

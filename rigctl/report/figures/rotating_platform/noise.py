@@ -48,13 +48,13 @@ def draw_noise(rows: Sequence[NoiseRow]) -> Figure:
     figure = new_figure(2.8)
     axes = figure.subplots()
     for index, key in enumerate(dict.fromkeys((row.run_id, row.channel) for row in rows)):
-        own = [row for row in rows if (row.run_id, row.channel) == key]
+        bands = [row for row in rows if (row.run_id, row.channel) == key]
         look = series_style(index)
-        frequency = [row.frequency_hz for row in own]
-        axes.plot(frequency, [row.density_v2_hz for row in own], look.marker, color=look.color, label=" ".join(key))
-        axes.plot(frequency, [row.fitted_v2_hz for row in own], linestyle=look.line, color=look.color)
-    own = sorted(rows, key=lambda row: row.frequency_hz)
-    axes.plot([r.frequency_hz for r in own], [r.printed_v2_hz for r in own], "--", color=INK, label="eq. 1")
+        frequency = [row.frequency_hz for row in bands]
+        axes.plot(frequency, [row.density_v2_hz for row in bands], look.marker, color=look.color, label=" ".join(key))
+        axes.plot(frequency, [row.fitted_v2_hz for row in bands], linestyle=look.line, color=look.color)
+    bands = sorted(rows, key=lambda row: row.frequency_hz)
+    axes.plot([r.frequency_hz for r in bands], [r.printed_v2_hz for r in bands], "--", color=INK, label="eq. 1")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("frequency / Hz")

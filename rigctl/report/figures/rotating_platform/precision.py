@@ -163,14 +163,14 @@ def draw_table(rows: Sequence[PrecisionRow]) -> Figure:
     axes = figure.subplots()
     for index, channel in enumerate(CHANNELS):
         look = series_style(index)
-        own = [r for r in rows if r.kind == "measured" and r.channel == channel]
+        measured = [r for r in rows if r.kind == "measured" and r.channel == channel]
         shift = 1.0 + 0.04 * (2 * index - 1)
         axes.errorbar(
-            [shift * (r.sample_rate_hz or 1.0) for r in own],
-            [r.sigma_m_s2 for r in own],
+            [shift * (r.sample_rate_hz or 1.0) for r in measured],
+            [r.sigma_m_s2 for r in measured],
             yerr=[
-                [r.sigma_m_s2 - (r.low_m_s2 or 0.0) for r in own],
-                [(r.high_m_s2 or 0.0) - r.sigma_m_s2 for r in own],
+                [r.sigma_m_s2 - (r.low_m_s2 or 0.0) for r in measured],
+                [(r.high_m_s2 or 0.0) - r.sigma_m_s2 for r in measured],
             ],
             fmt=look.marker,
             color=look.color,

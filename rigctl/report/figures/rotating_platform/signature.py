@@ -78,7 +78,7 @@ def _rows(effect: Effect, pattern: str, period_s: float) -> list[PlatformSignatu
     added = model.added(np.array([*base, *(each.typical for each in one.parameters)]))
     (z,) = (each for each in recorded.channels if each.channel == "z")
     groups = z.reducer.groups.size
-    found = [
+    rows = [
         PlatformSignatureRow(
             name, pattern, period_s, float("nan"), 0, float(added[i * groups : (i + 1) * groups].mean())
         )
@@ -87,8 +87,8 @@ def _rows(effect: Effect, pattern: str, period_s: float) -> list[PlatformSignatu
     if (pattern, period_s) == ("c", PERIODS_S[0]):
         for one_bin, value in zip(z.reducer.bins, added[4 * groups : z.value.size], strict=True):
             after = -0.5 * BEFORE_S if one_bin.number == BEFORE else AFTER_S[one_bin.number]
-            found.append(PlatformSignatureRow("around a turn", pattern, period_s, after, one_bin.sign, float(value)))
-    return found
+            rows.append(PlatformSignatureRow("around a turn", pattern, period_s, after, one_bin.sign, float(value)))
+    return rows
 
 
 def _recorded(pattern: str, period_s: float, mask_short_s: float) -> Recorded:
@@ -110,11 +110,11 @@ def draw_signature(rows: Sequence[PlatformSignatureRow]) -> Figure:
             _draw_profile(panel, rows)
         else:
             for index, pattern in enumerate(PATTERNS):
-                own = [row for row in rows if (row.output, row.pattern) == (output, pattern)]
+                rows_of_pattern = [row for row in rows if (row.output, row.pattern) == (output, pattern)]
                 look = series_style(index)
                 panel.plot(
-                    [1e3 / row.period_s for row in own],
-                    [row.added_m_s2 for row in own],
+                    [1e3 / row.period_s for row in rows_of_pattern],
+                    [row.added_m_s2 for row in rows_of_pattern],
                     color=look.color,
                     marker=look.marker,
                     linestyle=look.line,
@@ -131,11 +131,11 @@ def draw_signature(rows: Sequence[PlatformSignatureRow]) -> Figure:
 
 def _draw_profile(panel: object, rows: Sequence[PlatformSignatureRow]) -> None:
     for index, (stop, label) in enumerate(((1, "at 0"), (-1, "at π"))):
-        own = [row for row in rows if row.output == "around a turn" and row.stop == stop]
+        rows_of_stop = [row for row in rows if row.output == "around a turn" and row.stop == stop]
         look = series_style(index)
         panel.plot(  # type: ignore[attr-defined]
-            [row.since_turn_s for row in own],
-            [row.added_m_s2 for row in own],
+            [row.since_turn_s for row in rows_of_stop],
+            [row.added_m_s2 for row in rows_of_stop],
             color=look.color,
             marker=look.marker,
             linestyle=look.line,
