@@ -17,6 +17,7 @@ from rigctl.campaign.store.parts import Part
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.effects.plugins import Plugin
+from rigctl.experiments.inflight.observe.sessions import LINEAR, MASS_MOTION, QUADRATIC
 from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.campaign_tables import settings_of
 from rigctl.files.toml_files import validated
@@ -69,10 +70,10 @@ class CalibrationWork:
 
 
 STRENGTH = {
-    **dict.fromkeys(("ad11", "ad12", "ad13", "k2d"), "common_m_s2"),
+    **dict.fromkeys(LINEAR, "common_m_s2"),
     "dy": "turn_rad",
-    **dict.fromkeys(("ac12", "ac13"), "displacement_m"),
-    **dict.fromkeys(("k2c_1", "k2c_2"), "quadratic_m"),
+    **dict.fromkeys(MASS_MOTION, "displacement_m"),
+    **dict.fromkeys(QUADRATIC, "quadratic_m"),
 }
 """Where a campaign file says how strong a session's stimulus is."""
 

@@ -8,9 +8,9 @@ from pydantic import Field, field_validator, model_validator
 
 from rigctl.core.file_tables import Table
 from rigctl.core.satellites import FlightSession, Stimulus
+from rigctl.experiments.inflight.observe.sessions import SESSIONS, SessionName
 
-SessionName = Literal["dx", "dz", "dx+dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2"]
-TEN: tuple[SessionName, ...] = ("dx", "dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2")
+TEN = tuple(name for name in SESSIONS if name != "dx+dz")
 
 # Far beyond what any satellite does, and near enough for everything that is reckoned from them to stay a number.
 Orbits = Annotated[float, Field(ge=1e-2, le=1e3)]

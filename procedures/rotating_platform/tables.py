@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from rigctl.core.file_tables import Table
+from rigctl.experiments.rotating_platform.observe.patterns import MODULATED
 
 # Far beyond what any platform does, and near enough for everything that is reckoned from them to stay a number.
 RateHz = Annotated[float, Field(ge=1e-2, le=1e4)]
@@ -16,8 +17,6 @@ RecordS = Annotated[float, Field(ge=1e-2, le=1e8)]
 PauseS = Annotated[float, Field(ge=0, le=1e6)]
 Drift = Literal["nothing", "constant", "linear", "quadratic", "cubic"]
 Turning = Literal["back-and-forth", "forward"]
-
-MODULATED = ("a", "b", "c", "c_tm", "custom")
 
 MOST_SAMPLES = 10_000_000
 """Of one modulation period; it is held as a whole."""

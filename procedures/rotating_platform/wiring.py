@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from procedures.campaigns import Instruments
 from procedures.rotating_platform.bench import TILT_Y, TILT_Z, PlatformBench
 from procedures.rotating_platform.tables import Procedure
-from rigctl.campaign.bundle.layout import ROTATING_PLATFORM
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
 from rigctl.core.errors import ConfigError
 from rigctl.core.interfaces import TimedRotationStage
+from rigctl.experiments.rotating_platform.columns import COLUMNS
 
 Q_A, Q_B = "q_a_v", "q_b_v"
 
@@ -26,7 +26,7 @@ def bench_of(rig: Instruments, procedure: Procedure) -> PlatformBench:
             raise ConfigError(f"{path}: the channel of {meter.name} is '{channel}'; call it {name}")
     if {channel.name for channel in source.channels()} != {TILT_Y, TILT_Z}:
         raise ConfigError(f"{path}: the outputs of {source.name} have to be {TILT_Y} and {TILT_Z}")
-    for name in ROTATING_PLATFORM.constants:
+    for name in COLUMNS.constants:
         if name not in rig.file.constants:
             raise ConfigError(f"{path}: [constants.{name}] is missing; add it")
     thermometers = rig.by_role("thermometer")

@@ -24,7 +24,7 @@ class Experiment:
     `rigctl.report.drawn.Drawing`.
 
     `tables` are the pydantic models of a campaign file's `[procedure]` and `[targets]`. `columns` is the
-    `rigctl.campaign.bundle.layout.Layout` of its runs; without one a recording is a table of readings. Effects, and
+    `rigctl.campaign.layout.Layout` of its runs; without one a recording is a table of readings. Effects, and
     procedures beside those of `campaign`, are declared by themselves: `rigctl.core.additions`.
 
     Effects act at `points` of its chain, in the order in which a signal passes, and have one value per each of

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from procedures.campaigns import Campaigns, campaigns_of, plan_of
-from rigctl.campaign.bundle.layout import Layout, layout_of
+from rigctl.campaign.layout import Layout, layout_of
 from rigctl.console.form import entries
 from rigctl.core import entry_points as registered
 from rigctl.core.additions import EFFECTS, PROCEDURES

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from rigctl.campaign.bundle import layout
-from rigctl.campaign.bundle.layout import Field, Layout
-from rigctl.campaign.bundle.unit_checks import UnitFindings
+from rigctl.campaign import layout
+from rigctl.campaign.layout import Field, Layout
+from rigctl.campaign.unit_checks import UnitFindings
 from tumble_test.positions import OUTS
 
 COLUMNS = Layout(

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.campaign.bundle.layout import Layout
 from rigctl.campaign.bundle.sample_file import SampleFile
+from rigctl.campaign.layout import Layout
 from rigctl.campaign.recording import ChannelInfo
 from rigctl.core.arrays import FloatArray
 from rigctl.core.plausible import possible_range

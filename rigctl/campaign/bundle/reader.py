@@ -13,9 +13,9 @@ import numpy as np
 from rigctl.campaign.bundle.checks import check_samples
 from rigctl.campaign.bundle.csv_table import CsvTable, numbers_or_text, read_table
 from rigctl.campaign.bundle.files import HEADER_FILE, BundleFiles
-from rigctl.campaign.bundle.layout import Field, Layout, face, layout_of, number
 from rigctl.campaign.bundle.recording_toml import read_header
 from rigctl.campaign.bundle.sample_file import SUFFIXES, SampleFile, read_sample_file
+from rigctl.campaign.layout import Field, Layout, face, layout_of, number
 from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id
 from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES

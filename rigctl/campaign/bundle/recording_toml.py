@@ -7,9 +7,9 @@ from dataclasses import asdict
 from datetime import UTC, date, datetime, time
 from typing import Any
 
-from rigctl.campaign.bundle.layout import FACES
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.bundle.toml_document import TomlDocument, parse_toml
+from rigctl.campaign.layout import FACES
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo, TableSpec
 from rigctl.core.experiments import EXPERIMENTS, of_readings
 from rigctl.core.messages import either

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.campaign.bundle.layout import layout_of
+from rigctl.campaign.layout import layout_of
 from rigctl.campaign.recording import READINGS, Header, RunRecord, flaw_of_run_id
 from rigctl.campaign.store import synced
 from rigctl.campaign.store.checksums import ColumnSums, row_sum

@@ -9,7 +9,7 @@ EXPERIMENT = Experiment(
     analysis="rigctl.experiments.rotating_platform.analysis",
     report="rigctl.report.experiments.rotating_platform",
     tables={"procedure": "procedures.rotating_platform.tables:Procedure"},
-    columns="rigctl.campaign.bundle.layout:ROTATING_PLATFORM",
+    columns="rigctl.experiments.rotating_platform.columns:COLUMNS",
     # force_m_s2 acts along a sensing axis, reading_m_s2 is the calibrated reading, bias included.
     points=("platform_angle_rad", "force_m_s2", "reading_m_s2"),
     scopes=("recording", "channel"),

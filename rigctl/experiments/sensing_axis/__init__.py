@@ -12,7 +12,7 @@ EXPERIMENT = Experiment(
         "procedure": "procedures.sensing_axis.tables:Procedure",
         "targets": "procedures.sensing_axis.tables:Targets",
     },
-    columns="rigctl.campaign.bundle.layout:SENSING_AXIS",
+    columns="rigctl.experiments.sensing_axis.columns:COLUMNS",
     # motion_m and angle_rad are those of sensor and cube alike, null_rad is theta0, which only the sensor has;
     # specific_force_m_s2 is what varies along the sensing axis, laser_m what one head reads of the motion.
     points=("motion_m", "angle_rad", "null_rad", "specific_force_m_s2", "sensor_output_v", "laser_m"),

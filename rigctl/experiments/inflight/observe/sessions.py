@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 
-SESSIONS = ("dx", "dz", "dx+dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2")
+SessionName = Literal["dx", "dz", "dx+dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2"]
+SESSIONS: tuple[SessionName, ...] = get_args(SessionName)
 GRADIENT = ("dx", "dz", "dx+dz")
 """Sessions without an injected signal: the gradient's own line is used."""
 

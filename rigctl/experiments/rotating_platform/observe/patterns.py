@@ -22,6 +22,9 @@ from rigctl.core.errors import ConfigError
 ROTATIONS = {"a": 2, "b": 2, "c": 4, "c_tm": 6}
 """Half turns per period of the patterns with a name."""
 
+MODULATED = (*ROTATIONS, "custom")
+"""What `pattern` says of runs that are modulated; the others are flips, scans and noise records."""
+
 ROTATION_TIME_S = 20.0
 """Time that all half turns of a period take together, in the paper."""
 

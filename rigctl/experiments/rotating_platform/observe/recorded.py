@@ -10,7 +10,6 @@ from typing import Any
 
 from rigctl.campaign.recording import Header
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS
 from rigctl.files.rig_file import parse_rig
 
 CHANNELS = ("z", "y")
@@ -21,9 +20,6 @@ READINGS: Mapping[str, str] = {"z": "q_a_v", "y": "q_b_v"}
 
 COMMANDS: Mapping[str, str] = {"z": "dm1_z_v", "y": "dm1_y_v"}
 """The columns of the pendulum's offset inputs."""
-
-MODULATED = (*ROTATIONS, "custom")
-"""What `pattern` says of runs that are modulated; the others are flips, scans and noise records."""
 
 
 @dataclass(frozen=True)

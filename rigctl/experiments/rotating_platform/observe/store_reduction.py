@@ -18,14 +18,8 @@ from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
 from rigctl.experiments.rotating_platform.observe.cutter import cells_of
 from rigctl.experiments.rotating_platform.observe.line_spectra import Spectra, spectra
 from rigctl.experiments.rotating_platform.observe.lines import line_amplitudes, refined, without_lines
-from rigctl.experiments.rotating_platform.observe.recorded import (
-    COMMANDS,
-    MODULATED,
-    Chains,
-    chains,
-    guard_of,
-    lead_of,
-)
+from rigctl.experiments.rotating_platform.observe.patterns import MODULATED
+from rigctl.experiments.rotating_platform.observe.recorded import COMMANDS, Chains, chains, guard_of, lead_of
 
 VERSION = 11
 """Of what is kept: counted up whenever cutter.py would give other numbers."""

@@ -1,0 +1,68 @@
+"""The columns of a recording in flight, and whether a run's samples are in their units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from rigctl.campaign.layout import COMMON_FIELDS, Field, Layout, not_negative, number, one_of, positive
+from rigctl.campaign.unit_checks import Columns, UnitFindings, sample_step_s, slip_between, time_slip
+from rigctl.experiments.inflight.observe.sessions import GRADIENT, LINEAR, MASS_MOTION, QUADRATIC, SESSIONS
+
+_AMPLITUDE_UNITS = {**dict.fromkeys(LINEAR, "m/s2"), **dict.fromkeys((*MASS_MOTION, *QUADRATIC), "m"), "dy": "rad"}
+
+
+def _flaw(run: Mapping[str, Any]) -> str | None:
+    session, unit = run["session"], run.get("amplitude_unit", "")
+    if session in GRADIENT:
+        return None
+    for name in ("calibration_frequency_hz", "amplitude"):
+        if math.isnan(run.get(name, math.nan)):
+            return f"session {session} has no {name}; write what was injected"
+    if unit and unit != _AMPLITUDE_UNITS[session]:
+        return f"amplitude_unit {unit} contradicts session {session}; write {_AMPLITUDE_UNITS[session]} and convert"
+    return None
+
+
+def _injected_period(run: Mapping[str, Any]) -> float:
+    frequency = run.get("calibration_frequency_hz", 0.0)
+    return 1 / frequency if frequency > 0 else 0.0
+
+
+def _units(run: Mapping[str, Any], columns: Columns, constants: Mapping[str, float]) -> UnitFindings:
+    """The sampling period, and how long the session lasts in orbits."""
+    step_s = sample_step_s(columns["t_s"])
+    period_s = float(run.get("sample_period_s", math.nan))
+    if slip := slip_between(step_s, period_s):
+        return UnitFindings(time_slip(f"samples are {step_s:.4g} apart", f"sample_period_s is {period_s:g}", slip))
+    asked_s = float(run.get("orbits", math.nan)) * constants.get("orbit_period_s", math.nan)
+    lasts_s = float(columns["t_s"][-1] - columns["t_s"][0]) + step_s
+    if slip := slip_between(lasts_s, asked_s):
+        return UnitFindings(time_slip(f"it lasts {lasts_s:.4g}", f"its orbits take {asked_s:.4g} s", slip))
+    return UnitFindings()
+
+
+COLUMNS = Layout(
+    fields={
+        "session": Field(one_of(*SESSIONS), required=True),
+        "orbits": Field(not_negative),
+        "sample_period_s": Field(positive),
+        "calibration_frequency_hz": Field(not_negative),
+        "amplitude": Field(number),
+        "amplitude_unit": Field(one_of("m/s2", "rad", "m"), missing=""),
+        "phase_rad": Field(number),
+        **COMMON_FIELDS,
+    },
+    samples_of=lambda _: (
+        "t_s",
+        *(f"m{mass}_{axis}" for mass in (1, 2) for axis in "xyz"),
+        *(f"t_{pair}" for pair in ("xx", "xz", "yy", "zz", "xy", "yz")),
+        *(f"{name}_{axis}" for name in ("dw", "att", "command") for axis in "xyz"),
+    ),
+    flaw_of_run=_flaw,
+    units_of=_units,
+    period_of=_injected_period,
+    constants=("orbit_period_s", "eccentricity"),
+    handles_missing=True,
+)
