@@ -15,7 +15,7 @@ from procedures.rotating_platform.course import Course, Leg
 from procedures.rotating_platform.stream import Block, FollowingMeter, PacingMeter, Stream
 from procedures.rotating_platform.time_table import EARLY_S, Motion, shortest_turn_s
 from procedures.sample_checks import voltages_flaw
-from rigctl.campaign.session.recovery import Faults, told
+from rigctl.campaign.session.recovery import Faults, fault_data
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.event_kinds import FAULT, TEMPERATURE_MISSED
 from rigctl.campaign.store.run_writer import RunWriter
@@ -132,7 +132,7 @@ class RecordingUnderWay:
             raise fault
         now_s, at_deg = self._now_s(), self._course.last_theta_deg
         if fault is not None:
-            self._session.event(FAULT, during=f"dwell at {at_deg:g} deg", **told(fault, self._bench.turning))
+            self._session.event(FAULT, during=f"dwell at {at_deg:g} deg", **fault_data(fault, self._bench.turning))
             self._course.add(Leg(self._stood_s, now_s, at_deg, at_deg))
         self._stood_s = now_s
         return fault is None

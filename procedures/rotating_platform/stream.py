@@ -20,7 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from procedures.pace import Pace
-from rigctl.campaign.session.recovery import Apparatus, told
+from rigctl.campaign.session.recovery import Apparatus, fault_data
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.event_kinds import FAULT
 from rigctl.core.arrays import FloatArray
@@ -231,7 +231,7 @@ class Stream:
     def _tell(self, error: RigError) -> None:
         """Note that a record is given up, and what for."""
         self._session.event("record-lost", sample=self._next, error=str(error))
-        self._session.event(FAULT, during=f"sample {self._next}", **told(error, self._apparatus))
+        self._session.event(FAULT, during=f"sample {self._next}", **fault_data(error, self._apparatus))
 
     def _reconnect(self) -> None:
         """Nobody can tell whose line it was."""

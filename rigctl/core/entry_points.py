@@ -46,13 +46,13 @@ class Registry(Generic[D]):
 
     def get(self, name: str) -> D:
         """What is registered by this name; imports its module."""
-        found = [point for point in _points(self.group) if point.name == name]
-        if not found:
+        points = [point for point in _points(self.group) if point.name == name]
+        if not points:
             raise ConfigError(f"unknown {self.group} '{name}'; one of {', '.join(self.names())}")
-        if len(found) > 1:
-            packages = " and ".join(f"{_package(point)} ({point.value})" for point in found)
+        if len(points) > 1:
+            packages = " and ".join(f"{_package(point)} ({point.value})" for point in points)
             raise ConfigError(f"{self.group} '{name}' is registered by {packages}; uninstall one")
-        return self._sound(found[0])
+        return self._sound(points[0])
 
     def sound(self) -> Iterator[D]:
         """Everything that can be used; imports all modules."""
@@ -75,17 +75,17 @@ class Registry(Generic[D]):
 
     def _sound(self, point: EntryPoint) -> D:
         where = f"{self.group} '{point.name}' of {_package(point)}"
-        found = _loaded(point, where)
-        if not isinstance(found, self.declared):
+        declaration = _loaded(point, where)
+        if not isinstance(declaration, self.declared):
             raise ConfigError(f"{where}: {point.value} is no {self.declared.__name__}; correct the entry point")
-        if found.contract != self.contract:
+        if declaration.contract != self.contract:
             raise ConfigError(
-                f"{where} was written for contract {found.contract}, this program has {self.contract}; "
+                f"{where} was written for contract {declaration.contract}, this program has {self.contract}; "
                 "install the versions that belong together"
             )
-        if self.name_of(found) != point.name:
-            raise ConfigError(f"{where} calls itself '{self.name_of(found)}'; correct the entry point's name")
-        return found
+        if self.name_of(declaration) != point.name:
+            raise ConfigError(f"{where} calls itself '{self.name_of(declaration)}'; correct the entry point's name")
+        return declaration
 
 
 def resolved(text: str, who: str) -> Any:

@@ -96,11 +96,11 @@ def require_rest(rests: Iterable[Rest]) -> None:
 
 def _all_at_once(actions: Sequence[tuple[str, Callable[[], None]]], deadline_s: float) -> tuple[Rest, ...]:
     began_s = time.monotonic()
-    found: dict[int, Rest] = {}
+    rests: dict[int, Rest] = {}
 
     def carry_out(number: int, name: str, act: Callable[[], None]) -> None:
         why = _failure(name, act)
-        found[number] = Rest(name, not why, time.monotonic() - began_s, why)
+        rests[number] = Rest(name, not why, time.monotonic() - began_s, why)
 
     threads = [
         threading.Thread(target=carry_out, args=(number, *action), daemon=True)
@@ -111,7 +111,7 @@ def _all_at_once(actions: Sequence[tuple[str, Callable[[], None]]], deadline_s: 
     for thread in threads:
         thread.join(max(began_s + deadline_s - time.monotonic(), 0.0))
     silence = f"no answer within {deadline_s:g} s"
-    return tuple(found.get(n) or Rest(name, False, deadline_s, silence) for n, (name, _) in enumerate(actions))
+    return tuple(rests.get(n) or Rest(name, False, deadline_s, silence) for n, (name, _) in enumerate(actions))
 
 
 def _failure(name: str, act: Callable[[], None]) -> str:

@@ -150,10 +150,10 @@ def _sections(text: str, name: str) -> list[tuple[bool, str]]:
     inside = False
     lines: list[tuple[bool, str]] = []
     for line in text.splitlines(keepends=True):
-        found = header.match(line)
+        match = header.match(line)
         # A row of a nested array looks like a header but holds numbers; names begin with a letter here.
-        if found and found.group(1)[0].isalpha():
-            inside = found.group(1) == name
+        if match and match.group(1)[0].isalpha():
+            inside = match.group(1) == name
             lines = _with_comments_above(lines) if inside else lines
         lines.append((inside, line))
     return lines

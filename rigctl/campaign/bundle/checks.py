@@ -139,13 +139,13 @@ def _time_base(t_s: FloatArray, step_s: float) -> list[str]:
 
 
 def _missing(file: SampleFile, names: Sequence[str]) -> list[str]:
-    found = []
+    remarks = []
     for name in names:
         bad = ~np.isfinite(file.columns[name])
         if bad.any():
             first = file.where(int(np.argmax(bad)))
-            found.append(f"{name}: {int(bad.sum())} of {bad.size} samples missing, first in {first}")
-    return found
+            remarks.append(f"{name}: {int(bad.sum())} of {bad.size} samples missing, first in {first}")
+    return remarks
 
 
 def _wholly_missing(file: SampleFile, names: Sequence[str]) -> list[str]:
@@ -165,31 +165,31 @@ def _moving(file: SampleFile) -> FloatArray:
 
 
 def _saturated(file: SampleFile, channels: Mapping[str, ChannelInfo], moving: FloatArray) -> list[str]:
-    found = []
+    remarks = []
     for name, channel in channels.items():
         if channel.full_scale is None or name not in file.columns:
             continue
         past = (np.abs(file.columns[name]) >= channel.full_scale) & (moving == 0)
         if past.any():
             first = file.where(int(np.argmax(past)))
-            found.append(
+            remarks.append(
                 f"{name}: {int(past.sum())} of {past.size} samples saturated "
                 f"(full scale {channel.full_scale:g} {channel.unit}), first in {first}"
             )
-    return found
+    return remarks
 
 
 def _impossible(file: SampleFile) -> list[str]:
     """Readings that their unit cannot have, such as a temperature below absolute zero."""
-    found = []
+    remarks = []
     for name, values in file.columns.items():
         unit = unit_of_column(name)
         low, high = possible_range(unit)
         wrong = (values < low) | (values > high)
         if wrong.any():
             at = int(np.argmax(wrong))
-            found.append(f"{name}: {values[at]:g} in {file.where(at)} can be no reading in {unit}")
-    return found
+            remarks.append(f"{name}: {values[at]:g} in {file.where(at)} can be no reading in {unit}")
+    return remarks
 
 
 def _rate(conditions: Mapping[str, Any], step_s: float) -> list[str]:

@@ -121,11 +121,11 @@ def _listed(place: Place, folder: int, prefix: str) -> dict[str, int]:
         for count, entry in enumerate(entries, 1):
             if count > FILES:
                 raise place.error(f"more than {FILES} files in {prefix or 'it'}; split the recording")
-            found = entry.stat(follow_symlinks=False)
-            if stat.S_ISLNK(found.st_mode):
+            status = entry.stat(follow_symlinks=False)
+            if stat.S_ISLNK(status.st_mode):
                 raise Place(f"{place.file}/{prefix}{entry.name}").error("a link; put the file itself there")
-            if not stat.S_ISDIR(found.st_mode):
-                sizes[prefix + entry.name] = found.st_size
+            if not stat.S_ISDIR(status.st_mode):
+                sizes[prefix + entry.name] = status.st_size
     return sizes
 
 

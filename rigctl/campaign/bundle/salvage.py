@@ -144,8 +144,8 @@ class Salvage:
 
     def _copies(self, cells: list[Cell]) -> list[tuple[str, bytes]]:
         """The copies of a chunk that differ, the newest first."""
-        found = [values[1:3] for cell in cells for values in self._pages.values(cell) if _is(values[1:], str, bytes)]
-        return list(dict.fromkeys((name, data) for name, data in found)) or [("?", b"")]
+        copies = [values[1:3] for cell in cells for values in self._pages.values(cell) if _is(values[1:], str, bytes)]
+        return list(dict.fromkeys((name, data) for name, data in copies)) or [("?", b"")]
 
 
 def _required(experiment: str) -> set[str]:

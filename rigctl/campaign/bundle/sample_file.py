@@ -56,13 +56,13 @@ def read_sample_file(files: BundleFiles, run_id: str, row: int) -> SampleFile:
 
     `DataError` when there is no file or more than one, or it holds anything but columns of numbers of equal length.
     """
-    found = [name for suffix in SUFFIXES if (name := f"runs/{run_id}{suffix}") in files.names]
+    names = [name for suffix in SUFFIXES if (name := f"runs/{run_id}{suffix}") in files.names]
     runs = files.place("runs.csv")
-    if not found:
+    if not names:
         raise runs.error(f"runs/{run_id}.csv is missing; add it, or remove run {run_id}", row)
-    if len(found) > 1:
-        raise runs.error(f"run {run_id} has both {' and '.join(found)}; remove all but one", row)
-    (name,) = found
+    if len(names) > 1:
+        raise runs.error(f"run {run_id} has both {' and '.join(names)}; remove all but one", row)
+    (name,) = names
     place = files.place(name)
     if name.endswith(".npz"):
         with files.open(name, NPZ_BYTES, shorten="split the run") as file:

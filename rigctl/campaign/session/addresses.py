@@ -99,12 +99,12 @@ def _of_socket(host: str, port: int) -> Claims:
 
 def _of_lan_device(host: str, device: str) -> Claims:
     """VXI-11 or HiSLIP. What a gateway has behind it is named by the device; else the host is the instrument."""
-    own = re.fullmatch(r"(?:inst|hislip)(\d*)(?:,(\d+))?", device)
+    interface = re.fullmatch(r"(?:inst|hislip)(\d*)(?:,(\d+))?", device)
     hosts = _hosts(host)
-    if own is None:
+    if interface is None:
         return _claims(hosts, Claim(f"device {device}"))
-    number, port = int(own[1] or 0), int(own[2] or HISLIP_PORT)
-    if port != HISLIP_PORT or (own[2] and THIS_MACHINE in hosts):
+    number, port = int(interface[1] or 0), int(interface[2] or HISLIP_PORT)
+    if port != HISLIP_PORT or (interface[2] and THIS_MACHINE in hosts):
         return _claims(hosts, Claim("sockets", shared=True), Claim(f"port {port}"))
     if number:
         return _claims(hosts, Claim(f"device {number}"))
@@ -124,11 +124,11 @@ def _of_device(path: str) -> Claims:
         raise ValueError(path)
     names = {f"device {path}", f"device {Path(path).resolve()}"}
     with suppress(OSError):
-        found = Path(path).stat()
+        status = Path(path).stat()
         if Path(path).resolve().parent == PSEUDO_TERMINALS:  # numbers are given again as soon as they are free
-            names = {f"pseudo-terminal {found.st_rdev} made {found.st_ctime_ns}"}
-        elif stat.S_ISCHR(found.st_mode):
-            names.add(f"character device {found.st_rdev}")
+            names = {f"pseudo-terminal {status.st_rdev} made {status.st_ctime_ns}"}
+        elif stat.S_ISCHR(status.st_mode):
+            names.add(f"character device {status.st_rdev}")
     return frozenset(map(Claim, names))
 
 
@@ -150,16 +150,16 @@ IpAddress = ipaddress.IPv4Address | ipaddress.IPv6Address
 
 
 def _looked_up(host: str) -> set[IpAddress]:
-    found: list[str] = []
+    resolved: list[str] = []
 
     def ask() -> None:
         with suppress(OSError, UnicodeError):
-            found.extend(str(entry[4][0]) for entry in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM))
+            resolved.extend(str(entry[4][0]) for entry in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM))
 
     asking = Thread(target=ask, daemon=True, name=f"look up {host}")
     asking.start()
     asking.join(RESOLVE_S)
-    return {_plain(ipaddress.ip_address(text)) for text in tuple(found)}
+    return {_plain(ipaddress.ip_address(text)) for text in tuple(resolved)}
 
 
 def _plain(ip: IpAddress) -> IpAddress:

@@ -67,7 +67,7 @@ def told_to_leave(rig: RigFile) -> Iterator[dict[str, Holder]]:
     """Tell every other program that holds an instrument of a rig to leave; who that is, by address."""
     with ExitStack() as stack:
         holders: dict[int, Holder] = {}
-        found: dict[str, Holder] = {}
+        by_address: dict[str, Holder] = {}
         for address, lock in _locks(rig):
             process = process_at(lock)
             if process not in holders and process not in {None, os.getpid()}:
@@ -77,8 +77,8 @@ def told_to_leave(rig: RigFile) -> Iterator[dict[str, Holder]]:
                     if process_at(lock) == process:  # the handle is of the one that holds it, not of a later one
                         holders[process] = _tell(process, handle)
             if process in holders:
-                found[address] = holders[process]
-        yield found
+                by_address[address] = holders[process]
+        yield by_address
 
 
 def process_at(lock: Path) -> int | None:

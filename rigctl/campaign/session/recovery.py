@@ -179,12 +179,12 @@ class Recovery:
                 stage.home()
 
     def _pause(self, fault: RigError, what: str, apparatus: Apparatus) -> None:
-        self._session.event(LOST, during=what, **told(fault, apparatus))
+        self._session.event(LOST, during=what, **fault_data(fault, apparatus))
         self._session.tell(_advice(fault))
         self._progress.state("paused")
 
     def _note(self, fault: RigError, what: str, apparatus: Apparatus) -> None:
-        self._session.event(FAULT, during=what, **told(fault, apparatus))
+        self._session.event(FAULT, during=what, **fault_data(fault, apparatus))
 
     def _agreed(self, fault: RigError) -> bool:
         """Whether a person was needed, and has agreed; False where none was needed."""
@@ -198,7 +198,7 @@ class Recovery:
             raise NotRecovered(f"{fault}; mend that, then `rigctl resume`") from fault
 
 
-def told(fault: RigError, apparatus: Apparatus) -> dict[str, str]:
+def fault_data(fault: RigError, apparatus: Apparatus) -> dict[str, str]:
     """A fault as an event keeps it: which instrument, which kind of error, its words."""
     text = str(fault)
     named = [each.name for each in apparatus.instruments if text.startswith((f"{each.name}:", f"{each.name} "))]

@@ -103,11 +103,11 @@ class Session:
             self.take_up()
             self.operator.announce_run(number)
             with self.store.begin_run(key, " / ".join(self._steps), conditions) as writer:
-                found = dict(measure(writer))
+                outcome = dict(measure(writer))
                 if apparatus is not None:
                     apparatus.confirm()
-                valid, reason = bool(found.pop("valid", True)), str(found.pop("reason", ""))
-                return writer.finish(found, valid=valid, reason=reason, rig_time_s=self.clock.now_s())
+                valid, reason = bool(outcome.pop("valid", True)), str(outcome.pop("reason", ""))
+                return writer.finish(outcome, valid=valid, reason=reason, rig_time_s=self.clock.now_s())
 
         record = self._repeated(RUN_REPEATED, key, apparatus, measured)
         self._progress.ran(valid=record.valid)

@@ -55,11 +55,11 @@ class CheckedRows:
 
     def rows(self, table: str, clause: str = "", values: Sequence[object] = ()) -> list[Row]:
         """Rows as `COLUMNS` has them and their sum, each verified; `DamagedStore`."""
-        found = self.read(self._query(table, clause), values)
-        for row in found:
+        rows = self.read(self._query(table, clause), values)
+        for row in rows:
             if not self._verifies(table, row):
                 raise self.damaged(f"{_name(table, row)} is not as it was written")
-        return found
+        return rows
 
     def undamaged(self, table: str, clause: str = "", values: Sequence[object] = ()) -> Iterator[Row]:
         """As `rows`, one by one, leaving out those that are not as they were written."""
@@ -77,14 +77,14 @@ class CheckedRows:
     def whole(self, table: str, clause: str = "") -> list[Row]:
         """As `rows`, of a whole table, none of them missing."""
         with database_errors(self.path), snapshot(self.connection):
-            found = self.rows(table, clause)
+            rows = self.rows(table, clause)
             kept = ledger.parts(self.connection) if self.summed else {}
-        for part, sums in _sums(table, found).items():
+        for part, sums in _sums(table, rows).items():
             if part in kept and kept[part] != (len(sums), ledger.joined(sums)):
                 raise self.damaged(
                     f"rows of the table {table} are missing, there twice, or not entered in the ledger"
                 )
-        return found
+        return rows
 
     def chunks(self, run: Row, order: str = "ASC") -> Generator[tuple[str, bytes], None, None]:
         """The chunks of a run with the names of their columns, as they are, nothing verified but their form."""

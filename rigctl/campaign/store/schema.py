@@ -210,9 +210,9 @@ def _declared() -> frozenset[tuple[str, str]]:
 
 def require_index(connection: sqlite3.Connection, path: Path) -> None:
     """Raise `DamagedStore` unless every run is found by its key: what is not found is measured again."""
-    (found,) = connection.execute("PRAGMA integrity_check(runs)").fetchone()
-    if found != "ok":
-        raise _damaged(path, found)
+    (verdict,) = connection.execute("PRAGMA integrity_check(runs)").fetchone()
+    if verdict != "ok":
+        raise _damaged(path, verdict)
 
 
 def bring_up(

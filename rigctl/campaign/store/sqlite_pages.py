@@ -60,13 +60,13 @@ class Pages:
 
     def values(self, cell: Cell) -> list[Values]:
         """The row of a cell, as the log and as the file alone complete it; none when it is no row."""
-        found: list[Values] = []
+        rows: list[Values] = []
         for overflow in (self._latest, self._in_main):
             with suppress(_NoRow):
                 values = _values(self._payload(cell, overflow))
-                if values not in found:
-                    found.append(values)
-        return found
+                if values not in rows:
+                    rows.append(values)
+        return rows
 
     def _cells(self, file: Buffer, at_page: int, age: int) -> Iterator[Cell]:
         page = file[at_page : at_page + self.page_bytes]
@@ -127,16 +127,16 @@ def _page_bytes(main: Buffer, wal: Buffer) -> int:
 
 def _frames(wal: Buffer, page_bytes: int) -> Iterator[tuple[int, int]]:
     """Page number and place of each committed page in the log, those of its last round only."""
-    found: list[tuple[bytes, int, int, int]] = []
+    frames: list[tuple[bytes, int, int, int]] = []
     for at in range(_WAL_HEADER_BYTES, len(wal) - _FRAME_HEADER_BYTES - page_bytes + 1, page_bytes + 24):
         number, committed = struct.unpack_from(">II", wal, at)
-        found.append((wal[at + 8 : at + 16], number, committed, at + _FRAME_HEADER_BYTES))
-    salts = Counter(salt for salt, *_ in found)
+        frames.append((wal[at + 8 : at + 16], number, committed, at + _FRAME_HEADER_BYTES))
+    salts = Counter(salt for salt, *_ in frames)
     if not salts:
         return
     salt = wal[16:24] if wal[16:24] in salts else salts.most_common(1)[0][0]
-    last = max((place for place, frame in enumerate(found) if frame[0] == salt and frame[2]), default=-1)
-    yield from ((number, at) for each, number, _, at in found[: last + 1] if each == salt)
+    last = max((place for place, frame in enumerate(frames) if frame[0] == salt and frame[2]), default=-1)
+    yield from ((number, at) for each, number, _, at in frames[: last + 1] if each == salt)
 
 
 def _local_bytes(size: int, page_bytes: int) -> int:

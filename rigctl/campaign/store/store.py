@@ -101,8 +101,8 @@ class Store:
 
     def run_by_key(self, key: str) -> RunRecord | None:
         """The finished run the procedure calls `key`; None when there is none."""
-        found = self._rows.rows("runs", "WHERE key = ? AND state = 'finished'", (key,))
-        return _record(found[0]) if found else None
+        rows = self._rows.rows("runs", "WHERE key = ? AND state = 'finished'", (key,))
+        return _record(rows[0]) if rows else None
 
     def runs(self, *, valid_only: bool = False, skip: int = 0) -> list[RunRecord]:
         """The finished runs in the order they were begun; those after the first `skip`, if any are skipped.
@@ -110,16 +110,16 @@ class Store:
         `DamagedStore` when one is not as it was written, or, of all runs, when one is missing.
         """
         if skip:
-            found = self._rows.rows("runs", "WHERE state = 'finished' ORDER BY number LIMIT -1 OFFSET ?", (skip,))
+            rows = self._rows.rows("runs", "WHERE state = 'finished' ORDER BY number LIMIT -1 OFFSET ?", (skip,))
         else:
-            found = self._rows.whole("runs", "ORDER BY number")
-        records = (_record(row) for row in found)
+            rows = self._rows.whole("runs", "ORDER BY number")
+        records = (_record(row) for row in rows)
         return [run for run in records if run.state == "finished" and (run.valid or not valid_only)]
 
     def run_counts(self) -> tuple[int, int]:
         """How many runs are finished, and how many of them are declared invalid; cheap."""
-        found = self._rows.read("SELECT COUNT(*), COALESCE(SUM(NOT valid), 0) FROM runs WHERE state = 'finished'")
-        return int(found[0][0]), int(found[0][1])
+        rows = self._rows.read("SELECT COUNT(*), COALESCE(SUM(NOT valid), 0) FROM runs WHERE state = 'finished'")
+        return int(rows[0][0]), int(rows[0][1])
 
     def interrupted_runs(self) -> list[RunRecord]:
         """Runs begun and never finished: cut off or, while a campaign is at it, still `acquiring`."""
@@ -160,10 +160,10 @@ class Store:
             )
 
     def _run(self, run_id: str) -> Row:
-        found = self._rows.rows("runs", "WHERE run_id = ?", (run_id,))
-        if not found:
+        rows = self._rows.rows("runs", "WHERE run_id = ?", (run_id,))
+        if not rows:
             raise DataError(f"{self.path}: no run {run_id}; {self._nearest(run_id)}")
-        return found[0]
+        return rows[0]
 
     def _nearest(self, run_id: str) -> str:
         known = [name for (name,) in self._rows.read("SELECT run_id FROM runs ORDER BY number")]
@@ -185,15 +185,15 @@ class Store:
         `DamagedStore` when one is not as it was written, or, without `after`, when one is missing.
         """
         if after:
-            found = self._rows.rows("events", "WHERE id > ? ORDER BY id", (after,))
+            rows = self._rows.rows("events", "WHERE id > ? ORDER BY id", (after,))
         else:
-            found = self._rows.whole("events", "ORDER BY id")
-        return [_event(row) for row in found if kind in (None, row[3])]
+            rows = self._rows.whole("events", "ORDER BY id")
+        return [_event(row) for row in rows if kind in (None, row[3])]
 
     def last_event(self, kind: str) -> Event | None:
         """The latest event of a kind."""
-        found = self._rows.rows("events", "WHERE kind = ? ORDER BY id DESC LIMIT 1", (kind,))
-        return _event(found[0]) if found else None
+        rows = self._rows.rows("events", "WHERE kind = ? ORDER BY id DESC LIMIT 1", (kind,))
+        return _event(rows[0]) if rows else None
 
     def add_request(self, kind: str) -> int:
         """Ask the campaign, from any process, for something: `pause`, `abort`, `resume`."""
@@ -208,10 +208,10 @@ class Store:
         if not self._rows.read(open_request):
             return None
         with self._rows.writing():
-            found = self._connection.execute(
+            taken = self._connection.execute(
                 f"UPDATE requests SET taken = 1 WHERE id = ({open_request}) RETURNING kind"  # noqa: S608
             ).fetchone()
-        return None if found is None else str(found[0])
+        return None if taken is None else str(taken[0])
 
     def set_status(self, status: Mapping[str, Any], *, durable: bool = False) -> None:
         """Replace what `status` returns; `durable`: on stable storage when this returns."""
@@ -220,8 +220,8 @@ class Store:
 
     def status(self) -> dict[str, Any]:
         """What the campaign last said of itself; empty when it has not."""
-        found = self._rows.rows("status")
-        return dict(json.loads(found[0][1])) if found else {}
+        rows = self._rows.rows("status")
+        return dict(json.loads(rows[0][1])) if rows else {}
 
     def set_identity(self, name: str, identity: Identity | Mapping[str, Any]) -> None:
         """Keep who answered as instrument `name`."""
@@ -260,8 +260,8 @@ class Store:
         """What is kept by `recipe` under one name; None for nothing, or for what is not as it was written."""
         if schema.schema_version(self._connection) < _WITH_REDUCTIONS:
             return None
-        found = self._rows.undamaged("reductions", "WHERE recipe = ? AND name = ?", (recipe, name))
-        return next((bytes(row[2]) for row in found), None)
+        rows = self._rows.undamaged("reductions", "WHERE recipe = ? AND name = ?", (recipe, name))
+        return next((bytes(row[2]) for row in rows), None)
 
     def reduced_names(self, recipe: str) -> set[str]:
         """The names of everything kept by `recipe` as it was written; none in a file from before there were any."""
@@ -281,10 +281,10 @@ class Store:
 
 
 def _header(rows: CheckedRows) -> Header:
-    found = rows.rows("header")
-    if not found:
+    headers = rows.rows("header")
+    if not headers:
         raise rows.damaged("the header is missing")
-    return header_from_json(found[0][1])
+    return header_from_json(headers[0][1])
 
 
 def _record(row: Row) -> RunRecord:
