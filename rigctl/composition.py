@@ -25,9 +25,9 @@ def workbench_of(store: Store, plugins: Sequence[Path] = ()) -> Workbench:
 
 
 @contextmanager
-def opened_workbench(store: Path, plugins: Sequence[Path] = ()) -> Iterator[Workbench]:
+def opened_workbench(store: Path, plugins: Sequence[Path] = (), *, readonly: bool = False) -> Iterator[Workbench]:
     """The workbench of the store at a path, which is closed at the end."""
-    with Store.open(store) as opened:
+    with Store.open(store, readonly=readonly) as opened:
         yield workbench_of(opened, plugins)
 
 

@@ -7,21 +7,32 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.store.store import Store
-from rigctl.composition import workbench_of
+from rigctl.composition import opened_workbench
 from rigctl.experiments.analysis import analysis_of
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.report.drawn import drawing_of
+from rigctl.workbench.workbench import Workbench
 
 
 def of(path: Path, plugins: Sequence[Path] = ()) -> dict[str, Any]:
     """The keys of `rigctl result --json`; `DataError`, `ProcedureError`."""
-    with Store.open(path, readonly=True) as store:
-        return analysis_of(store.header.experiment, path).result(workbench_of(store, plugins))
+    with opened_workbench(path, plugins, readonly=True) as workbench:
+        return of_workbench(workbench)
+
+
+def of_workbench(workbench: Workbench) -> dict[str, Any]:
+    """As `of`, of a store that is open."""
+    store = workbench.store
+    return analysis_of(store.header.experiment, store.path).result(workbench)
 
 
 def show(path: Path, found: Mapping[str, Any]) -> None:
     """Print a result, beside the campaign file's reference values."""
     with Store.open(path, readonly=True) as store:
-        text, experiment = store.header.campaign_toml, store.header.experiment
-    reference = parse_campaign(text, path).reference.model_dump() if text else {}
-    drawing_of(experiment, path).show(found, reference)
+        drawing_of(store.header.experiment, path).show(found, reference_of(store))
+
+
+def reference_of(store: Store) -> dict[str, Any]:
+    """The reference values of the campaign file a store was made with; none in an imported recording."""
+    text = store.header.campaign_toml
+    return parse_campaign(text, store.path).reference.model_dump() if text else {}

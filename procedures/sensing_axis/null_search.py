@@ -18,11 +18,10 @@ from rigctl.analysis.plane import ARCSEC
 from rigctl.campaign.session.session import Session
 from rigctl.core.errors import ConfigError, ProcedureError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, fit_recording
-from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit
+from rigctl.experiments.sensing_axis.model.one_mounting import ROLL, fit_mounting
 from rigctl.experiments.sensing_axis.observe.reduction import ReducedRun, noise_density, observables, reduce_run
 
-ROLL = "roll-gravity"
 MAX_RUNS = 24
 MAX_ATTEMPTS = 3
 """A run that saturates, or that an operator has declared invalid, is taken again."""
@@ -85,16 +84,9 @@ class NullSearch:
     def fit(self) -> RecordingFit:
         """The model fitted to the runs of this mounting."""
         bench = self.bench
-        return fit_recording(
-            RecordingModel(
-                observables(self.runs, harmonics=1), bench.package, bench.heads, bench.g_m_s2, self._separable()
-            )
+        return fit_mounting(
+            observables(self.runs, harmonics=1), bench.package, bench.heads, bench.g_m_s2, self.effects
         )
-
-    def _separable(self) -> tuple[Effect, ...]:
-        """At one frequency roll is a shift of the null: it enters the model with the second one."""
-        one_frequency = len({round(run.frequency_hz, 2) for run in self.runs}) == 1
-        return tuple(effect for effect in self.effects if effect.id != ROLL or not one_frequency)
 
     def _approach(self) -> NullPoint:
         """Short runs, each at the null as the last one told, until the guess stays on the spot."""

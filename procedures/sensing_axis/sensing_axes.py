@@ -16,12 +16,13 @@ from procedures.sensing_axis.angle_scan import AngleScan
 from procedures.sensing_axis.bench import Bench, SetPoint
 from procedures.sensing_axis.mounting import Fixture, Mounting, MountingLostError, Seated
 from procedures.sensing_axis.noise_check import NOISE_CHECK, check_noise
-from procedures.sensing_axis.null_search import ROLL, NullSearch, NullSearchSettings, expected_dwells_s
+from procedures.sensing_axis.null_search import NullSearch, NullSearchSettings, expected_dwells_s
 from procedures.sensing_axis.quick_check import DWELL_S, quick_check, reversal_points
 from procedures.sensing_axis.tables import Procedure, Targets
 from rigctl.campaign.session.session import Session
 from rigctl.core.errors import ConfigError
 from rigctl.effects.catalogue import Effect
+from rigctl.experiments.sensing_axis.model.one_mounting import ROLL
 
 RUNS_PER_MOUNTING = 3
 

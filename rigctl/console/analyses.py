@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rigctl.console.analyst import Analyst
+from rigctl.console.plan_text import plan_told
+from rigctl.core.errors import RigError
 
 if TYPE_CHECKING:
+    from rigctl.console.analyst import Analyst
     from rigctl.console.feed import StoreView
     from rigctl.console.messages import Severity
     from rigctl.console.screens.panes import Panes
@@ -28,7 +31,7 @@ class Analyses:
         self, panes: Panes, plugins: Sequence[Path], start: Start, tell: Callable[[str, Severity], None]
     ) -> None:
         self._panes = panes
-        self._analyst = Analyst(plugins)
+        self._plugins = plugins
         self._start = start
         self._tell = tell
         self._searched: tuple[object, ...] = ()
@@ -37,15 +40,22 @@ class Analyses:
 
     def close(self) -> None:
         """End what is still being worked out."""
-        self._analyst.close()
+        if "_analyst" in vars(self):
+            self._analyst.close()
+
+    @cached_property
+    def _analyst(self) -> Analyst:
+        from rigctl.console.analyst import Analyst  # pools of processes are imported after the first paint
+
+        return Analyst(self._plugins)
 
     def ask(self, store: Path, what: str, *arguments: Any, quiet: bool = False) -> None:
         """A function of `rigctl.console.analysis`; `quiet` ones nobody has asked for, and none is told of failing."""
         self._start("analysis", self._work_out(store, what, arguments, quiet))
 
-    def dry_run(self, campaign: Path, rig: Path | None) -> None:
+    def dry_run(self, campaign: Path) -> None:
         """What a campaign file would do."""
-        self._start("dry-run", self._try_out(campaign, rig))
+        self._start("dry-run", self._try_out(campaign))
 
     def follow(self, view: StoreView) -> None:
         """While a campaign runs, and its screen is looked at, the response is worked out anew after every run."""
@@ -66,13 +76,11 @@ class Analyses:
         finally:
             self._searching = False
 
-    async def _try_out(self, campaign: Path, rig: Path | None) -> None:
-        from rigctl.console.form import plan_told
-
+    async def _try_out(self, campaign: Path) -> None:
         pane = self._panes.campaign
         pane.show_plan("… checking")
         try:
-            pane.show_plan(plan_told(await self._analyst.ask("dry_run", campaign, rig)))
+            pane.show_plan(plan_told(await self._analyst.ask("dry_run", campaign)))
         except Exception as error:  # noqa: BLE001 - told to the operator
             pane.show_plan(f"✗ {in_one_line(error)}")
 
@@ -120,8 +128,6 @@ class Analyses:
 
 def in_one_line(error: BaseException) -> str:
     """What the operator is told of a failure."""
-    from rigctl.core.errors import RigError
-
     if isinstance(error, RigError):
         return str(error)
     return f"internal error: {type(error).__name__}: {' '.join(str(error).split())}"

@@ -8,15 +8,12 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
-
-from rigctl.console import analysis
 
 
 class Analyst:
@@ -28,9 +25,8 @@ class Analyst:
 
     async def ask(self, what: str, *arguments: Any, live: bool = False) -> Any:
         """The outcome of a function of `rigctl.console.analysis`; raises what it raises."""
-        function: Callable[[], Any] = partial(getattr(analysis, what), *arguments, self._plugins)
         try:
-            return await _outcome(self._pool(live).submit(function))
+            return await _outcome(self._pool(live).submit(_work_out, what, *arguments, self._plugins))
         except BrokenProcessPool:
             self._pools.pop(live, None)
             raise
@@ -64,6 +60,13 @@ async def _outcome(asked: Future[Any]) -> Any:
     asked.add_done_callback(wake)
     await done.wait()
     return asked.result()
+
+
+def _work_out(what: str, *arguments: Any) -> Any:
+    """In that process, which alone imports the analysis."""
+    from rigctl.console import analysis
+
+    return getattr(analysis, what)(*arguments)
 
 
 def _begin() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import signal
 import tomllib
 from collections.abc import Callable, Coroutine, Sequence
@@ -24,9 +23,11 @@ from rigctl.console import state
 from rigctl.console.analyses import Analyses
 from rigctl.console.campaigns import Campaigns
 from rigctl.console.feed import Feed, StoreView
+from rigctl.console.help import TEXT
 from rigctl.console.holding import Holding
-from rigctl.console.log_lines import Search, earlier
+from rigctl.console.log_lines import Search
 from rigctl.console.palette import Commands
+from rigctl.console.place import kind_of
 from rigctl.console.screens.campaign import CampaignPane
 from rigctl.console.screens.log import LogPane
 from rigctl.console.screens.panes import Panes
@@ -201,8 +202,6 @@ class Console(App[None]):
 
     def _open(self, path: Path) -> str:
         """Open a file; returns the screen on which it is seen."""
-        from rigctl.console.start import kind_of
-
         if path.suffix != ".toml":
             self._watch(path)
             return self.kept.screen
@@ -221,7 +220,6 @@ class Console(App[None]):
 
     @work(exclusive=True, group="campaign-file")
     async def _show_campaign_file(self, path: Path, text: str) -> None:
-        await asyncio.to_thread(_load_forms)
         self.kept.campaign = str(path.absolute())
         await self._panes.campaign.show_file(path, text)
         self._tell_standing()
@@ -413,8 +411,6 @@ class Console(App[None]):
 
     def action_help(self) -> None:
         """Keys."""
-        from rigctl.console.help import TEXT
-
         self.push_screen(HelpDialog(TEXT))
 
     def action_open(self) -> None:
@@ -528,7 +524,7 @@ class Console(App[None]):
 
     def on_dry_run_asked(self, message: say.DryRunAsked) -> None:
         """Have it worked out."""
-        self._analyses.dry_run(message.campaign, message.rig)
+        self._analyses.dry_run(message.campaign)
 
     def on_request_asked(self, message: say.RequestAsked) -> None:
         """Pause, resume, abort."""
@@ -569,6 +565,8 @@ class Console(App[None]):
 
     @work(thread=True, exclusive=True, group="search")
     def _find(self, store: Path, search: Search, before: int) -> None:
+        from rigctl.console.store_watch import earlier  # stores are imported after the first paint
+
         try:
             found = earlier(store, search, before)
         except RigError as error:
@@ -602,8 +600,3 @@ class Console(App[None]):
     def _base(self) -> Screen[Any]:
         """The screens are below whatever dialog is open."""
         return self.screen_stack[0]
-
-
-def _load_forms() -> None:
-    """What the form needs takes most of a second to import."""
-    import rigctl.files.campaign_file  # noqa: F401

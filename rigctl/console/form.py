@@ -7,53 +7,65 @@ import re
 import tomllib
 import types
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
+from rigctl.console.entries import Entry, Listing
+from rigctl.core.errors import ConfigError
+from rigctl.core.experiments import measured
+from rigctl.files.campaign_file import CampaignFile, ModelTable, parse_campaign
+from rigctl.files.campaign_tables import settings_of
+from rigctl.files.toml_files import validated
 
-@dataclass(frozen=True)
-class Entry:
-    """One key: `text` as the form shows it, "" when the file leaves it to its `default`; None if it must be there."""
 
-    table: str
-    key: str
-    text: str
-    default: str | None
-    choices: tuple[str, ...] = ()
-    words: bool = False
-    listed: bool = False
+class CampaignForm:
+    """A campaign file that is being edited: its text, and its keys as entries."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self.path = path
+        self.text = text
+        self.parts = entries(text)
+        self._entries = {part.name: part for part in self.parts if isinstance(part, Entry)}
 
     @property
-    def name(self) -> str:
-        """As faults name it."""
-        return f"{self.table}.{self.key}" if self.table else self.key
+    def saved(self) -> bool:
+        """Whether the file has this text."""
+        try:
+            return self.text == self.path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            return False
 
-    @property
-    def hint(self) -> str:
-        """What stands where nothing is written."""
-        if self.default is None:
-            told = "required"
-        else:
-            told = f"{self.default} if left out" if self.default else "may be left out"
-        return f"{told}: {' | '.join(self.choices)}" if self.choices else told
+    def save(self, path: Path) -> None:
+        """Write it, under its name or another; `OSError`."""
+        path.write_text(self.text, encoding="utf-8")
+        self.path = path
 
+    def type(self, name: str, typed: str) -> bool:
+        """Set the entry of that name to what was typed; False when that changes nothing."""
+        entry = self._entries.get(name)
+        if entry is None or typed == entry.text:
+            return False
+        self.text = changed(self.text, entry, typed)
+        self._entries[name] = replace(entry, text=typed)
+        return True
 
-@dataclass(frozen=True)
-class Listing:
-    """A list of tables, `[[name]]`, each in a line: shown here and kept as it is, changed in an editor."""
-
-    table: str
-    key: str
-    rows: tuple[str, ...]
+    def fault(self) -> str:
+        """The first thing that is wrong with the text, without the file's name; "" when it is right."""
+        try:
+            file = parse_campaign(self.text, self.path)
+            for table, model in settings_of(file.experiment, file.procedure).items():
+                validated(model, getattr(file, table), self.path, table)
+        except ConfigError as error:
+            return str(error).removeprefix(f"{self.path}: ")
+        return ""
 
 
 def entries(text: str) -> list[Entry | Listing]:
     """The keys a campaign file may have, table by table, with what it says; what is not TOML says nothing."""
     from rigctl.core.additions import procedures_for
-    from rigctl.core.experiments import measured
 
     data = _tables(text)
     found: list[Entry | Listing] = []
@@ -88,9 +100,6 @@ def _tables(text: str) -> dict[str, Any]:
 
 
 def _models(data: Mapping[str, Any]) -> dict[str, type[BaseModel]]:
-    from rigctl.files.campaign_file import CampaignFile, ModelTable
-    from rigctl.files.campaign_tables import settings_of
-
     procedure = data.get("procedure", {})
     own = settings_of(str(data.get("experiment")), procedure if isinstance(procedure, Mapping) else {})
     return {"": CampaignFile, **own, "model": ModelTable}
@@ -122,22 +131,6 @@ def changed(text: str, entry: Entry, typed: str) -> str:
     elif new:
         lines += ["", f"[{entry.table}]", *new]
     return "\n".join(lines) + "\n"
-
-
-def fault(text: str, path: Path) -> str:
-    """The first thing that is wrong with a campaign file's text, without the file's name; "" when it is right."""
-    from rigctl.core.errors import ConfigError
-    from rigctl.files.campaign_file import parse_campaign
-    from rigctl.files.campaign_tables import settings_of
-    from rigctl.files.toml_files import validated
-
-    try:
-        file = parse_campaign(text, path)
-        for table, model in settings_of(file.experiment, file.procedure).items():
-            validated(model, getattr(file, table), path, table)
-    except ConfigError as error:
-        return str(error).removeprefix(f"{path}: ")
-    return ""
 
 
 def _kind(annotation: Any) -> tuple[tuple[str, ...], bool, bool]:
@@ -208,32 +201,3 @@ def _comment(line: str) -> str:
             continue
         return "  " + line[place:]
     return ""
-
-
-def plan_told(found: Mapping[str, Any]) -> str:
-    """A dry run in words: what is known of every plan, then what its experiment says beyond."""
-    mountings = list(found.get("mountings", ()))
-    seated = f" in {len(mountings)} mounting{'s' if len(mountings) > 1 else ''}" if mountings else ""
-    lines = [f"{found['experiment']}, {found['procedure']}: {found['runs_planned']} runs{seated}"]
-    if mountings:
-        shown = ", ".join(mountings[:6]) + (f", … {mountings[-1]}" if len(mountings) > 6 else "")
-        lines.append(f"mountings   {shown}")
-    lines.append(f"model       baseline{''.join(f' + {effect}' for effect in found['effects'])}")
-    if found.get("theta0_sigma_arcsec") is not None:
-        lines.append(f"accuracy    sigma(theta0) {found['theta0_sigma_arcsec']:.3g} arcsec in each mounting")
-    elif "theta0_sigma_arcsec" in found:
-        lines.append("accuracy    these runs do not determine theta0")
-    if "rig_time_s" in found:
-        lines.append(
-            f"rig time    {_duration(found['rig_time_s'])} in a room as noisy as allowed; mounting not counted"
-        )
-    known = {"experiment", "procedure", "mountings", "runs_planned", "effects", "theta0_sigma_arcsec", "rig_time_s"}
-    for key, value in found.items():
-        if key not in known:
-            several = "\n            ".join(map(str, value)) if isinstance(value, list) else value
-            lines.append(f"{key:11} {several}")
-    return "\n".join([*lines, "", "Checked against the rig's limits: everything can be reached. Nothing was moved."])
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rigctl.console.analyses import in_one_line
 from rigctl.console.messages import BenchTaken, Noted
 
 if TYPE_CHECKING:
@@ -64,8 +65,6 @@ class Holding:
 
     def _begin(self, act: Callable[..., None], *arguments: Any) -> None:
         def safely() -> None:
-            from rigctl.console.analyses import in_one_line
-
             try:
                 act(*arguments)
             except Exception as error:  # noqa: BLE001 - whatever went wrong in this thread, the operator hears of it

@@ -1,11 +1,10 @@
-"""What happened, a line each: events of a store and what was done at this console, and the search through them."""
+"""What happened, a line each: events of a store and what was done at this console."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -62,16 +61,6 @@ def lines_of(events: Iterable[Event]) -> list[LogLine]:
         for event in events
         if event.kind not in BOOKKEEPING
     ]
-
-
-def earlier(store: Path, search: Search, before: int) -> list[LogLine]:
-    """All events of a store with numbers below `before` that a search finds; `DataError`."""
-    from rigctl.campaign.store.store import Store
-
-    with Store.open(store, readonly=True) as opened:
-        return [
-            line for line in lines_of(event for event in opened.events() if event.id < before) if search.finds(line)
-        ]
 
 
 def _told(data: Mapping[str, Any]) -> str:

@@ -70,10 +70,9 @@ class StartAsked(Message):
 class DryRunAsked(Message):
     """Tell what a campaign would do."""
 
-    def __init__(self, campaign: Path, rig: Path | None) -> None:
+    def __init__(self, campaign: Path) -> None:
         super().__init__()
         self.campaign = campaign
-        self.rig = rig
 
 
 class RequestAsked(Message):

@@ -9,6 +9,11 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
+from rigctl.console.app import Console
+from rigctl.console.place import kind_of
+from rigctl.core.errors import Aborted
+from rigctl.core.making_safe import require_rest
+
 LEAVE_S = 8.0
 """A console that has lost its terminal has stopped everything, and is gone, after so long."""
 
@@ -20,10 +25,6 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
     """
     if place is not None:
         check(place)
-    from rigctl.console.app import Console
-    from rigctl.core.errors import Aborted
-    from rigctl.core.making_safe import require_rest
-
     console = Console(place, plugins, leave_terminal=_leave_terminal)
     watch_terminal()
     try:
@@ -66,37 +67,15 @@ def _leave_terminal() -> None:
 
 def check(place: Path) -> None:
     """Raise what the commands raise for a rig file, campaign file or store that cannot be used."""
-    if place.suffix == ".toml":
-        kind, text = kind_of(place)
-        from rigctl.files.campaign_file import parse_campaign
-        from rigctl.files.rig_file import parse_rig
+    from rigctl.campaign.store.store import Store  # a console that is started without a place starts faster
+    from rigctl.files.campaign_file import parse_campaign
+    from rigctl.files.rig_file import parse_rig
 
-        if kind == "rig":
-            parse_rig(text, place)
-        else:
-            parse_campaign(text, place)
+    if place.suffix != ".toml":
+        Store.open(place, readonly=True).close()
         return
-    from rigctl.campaign.store.store import Store
-
-    Store.open(place, readonly=True).close()
-
-
-def kind_of(path: Path) -> tuple[str, str]:
-    """Whether a TOML file is a `rig` or a `campaign`, and its text; `ConfigError` when it cannot be read."""
-    from rigctl.core.errors import ConfigError
-
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise ConfigError(f"{path}: no such file; check the name") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    import tomllib
-
-    try:
-        tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from None
-    return ("campaign" if "experiment" in tables or "procedure" in tables else "rig"), text
+    kind, text = kind_of(place)
+    if kind == "rig":
+        parse_rig(text, place)
+    else:
+        parse_campaign(text, place)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
+from rigctl.campaign.store.store import Store
 from rigctl.core.experiments import part_of
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.workbench import Workbench
@@ -35,6 +36,19 @@ class Drawing(Protocol):
 
     def draw(self, workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
         """What a report shows; `lines_hz` are lines the model has, `found` those it has not (study.Line)."""
+        ...
+
+
+@runtime_checkable
+class DrawingOfNulls(Protocol):
+    """What an experiment shows of nulls beside, in functions of its `report` module where it searches them."""
+
+    def null_vectors(self, workbench: Workbench) -> dict[str, list[dict[str, Any]]]:
+        """The null vectors about their planes, by axis."""
+        ...
+
+    def null_search(self, store: Store) -> dict[str, Any]:
+        """The null of the last mounting as far as it is known while runs come; empty before there are any."""
         ...
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from rigctl.campaign.recording import Header
 from rigctl.campaign.store.store import Store
-from rigctl.console import feed
-from rigctl.console.log_lines import Search, earlier
+from rigctl.console import feed, store_watch
+from rigctl.console.log_lines import Search
 from rigctl.console.messages import StoreSeen
 
 
@@ -25,7 +25,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 @pytest.fixture
 def looks(store: Store) -> Iterator[Callable[[], feed.StoreView]]:
     with Store.open(store.path, readonly=True) as opened:
-        yield feed._Watched(opened).look
+        yield store_watch._Watched(opened).look
 
 
 def record(store: Store, number: int, samples: int = 10) -> None:
@@ -50,7 +50,7 @@ def test_new_runs_are_added_and_one_that_is_marked_is_seen_as_marked(store: Stor
 def test_of_a_long_run_the_last_samples_are_seen_as_they_come(
     store: Store, looks: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(feed, "SAMPLES", 1500)
+    monkeypatch.setattr(store_watch, "SAMPLES", 1500)
     record(store, 1, 4000)
     samples = looks().samples
     assert samples["t_s"].tolist() == list(np.arange(2500.0, 4000.0))
@@ -60,18 +60,19 @@ def test_of_a_long_run_the_last_samples_are_seen_as_they_come(
 def test_a_search_reaches_events_that_are_not_in_sight(
     store: Store, looks: Any, monkeypatch: pytest.MonkeyPatch, at_console: Any
 ) -> None:
-    for number in range(feed.EVENTS + 5):
+    for number in range(store_watch.EVENTS + 5):
         store.add_event("failed" if number == 1 else "note", {"told": f"event number {number} of the night"})
     view = looks()
-    assert len(view.events) == feed.EVENTS
-    found = earlier(store.path, Search("NUMBER 3 of"), view.events[0].id)
+    assert len(view.events) == store_watch.EVENTS
+    found = store_watch.earlier(store.path, Search("NUMBER 3 of"), view.events[0].id)
     assert [line.text for line in found] == ["told: event number 3 of the night"]
-    assert [line.event for line in earlier(store.path, Search(only_alarms=True), view.events[0].id)] == [2]
+    alarms = store_watch.earlier(store.path, Search(only_alarms=True), view.events[0].id)
+    assert [line.event for line in alarms] == [2]
 
     async def sitting(seat: Any) -> None:
         await seat.until(lambda: seat.app._view)
         await seat.press("5")
-        await seat.sees(f"event number {feed.EVENTS + 4} of")
+        await seat.sees(f"event number {store_watch.EVENTS + 4} of")
         assert "event number 3 of the night" not in seat.text
         await seat.press("slash", *"number 3 of")
         await seat.sees("event number 3 of the night")

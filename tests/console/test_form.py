@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from rigctl.console import form
+from rigctl.console.entries import Entry, Listing
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 SHIPPED = [
@@ -17,8 +18,8 @@ SHIPPED = [
 PLATFORM = CAMPAIGNS / "bias-rejection.toml"
 
 
-def entry(text: str, name: str) -> form.Entry:
-    return next(each for each in form.entries(text) if isinstance(each, form.Entry) and each.name == name)
+def entry(text: str, name: str) -> Entry:
+    return next(each for each in form.entries(text) if isinstance(each, Entry) and each.name == name)
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -26,14 +27,14 @@ def test_every_shipped_campaign_opens_and_is_valid(path: Path) -> None:
     text = path.read_text("utf-8")
     said = tomllib.loads(text)
     shown = {(each.table, each.key) for each in form.entries(text)}
-    assert form.fault(text, path) == ""
+    assert form.CampaignForm(path, text).fault() == ""
     assert {("procedure", key) for key in said["procedure"]} <= shown
     assert {("targets", key) for key in said.get("targets", {})} <= shown
 
 
 def test_a_list_of_runs_is_shown_and_kept_when_a_key_beside_it_changes() -> None:
     text = PLATFORM.read_text("utf-8")
-    runs = next(each for each in form.entries(text) if isinstance(each, form.Listing))
+    runs = next(each for each in form.entries(text) if isinstance(each, Listing))
     assert (runs.table, runs.key, runs.rows[0]) == ("procedure", "runs", "pattern flip  duration_s 60")
     changed = form.changed(text, entry(text, "procedure.rejects"), "quadratic")
     changed = form.changed(changed, entry(changed, "procedure.turning"), "forward")
@@ -47,7 +48,7 @@ def test_a_list_of_runs_is_shown_and_kept_when_a_key_beside_it_changes() -> None
 def test_what_an_experiment_does_not_allow_is_a_fault_of_its_own_table() -> None:
     text = PLATFORM.read_text("utf-8")
     wrong = form.changed(text, entry(text, "procedure.rejects"), "everything")
-    assert form.fault(wrong, PLATFORM).startswith("procedure.rejects: input should be 'nothing'")
+    assert form.CampaignForm(PLATFORM, wrong).fault().startswith("procedure.rejects: input should be 'nothing'")
 
 
 def test_a_hint_says_what_may_be_written() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -17,6 +18,7 @@ from textual.widgets import Static, TabbedContent, TabPane
 from rigctl.console.messages import AnalysisAsked
 from rigctl.console.widgets.dialogs import OpenDialog
 from rigctl.console.widgets.plot import MARKS, Line, Picture, Plot
+from rigctl.report.quantities import quantity
 
 Found = Mapping[str, Any]
 OF_AXES = ("tab-scatter", "tab-angles", "tab-budget")
@@ -196,8 +198,6 @@ def _numbers(found: Found) -> Iterator[tuple[Text, str, str, str]]:
 
 
 def _transfer(found: Found) -> RenderableType:
-    from rigctl.report.quantities import quantity
-
     table = Table(
         title="Parameters", title_justify="left", title_style="bold", box=None, padding=(0, 1), pad_edge=False
     )
@@ -213,8 +213,6 @@ def _transfer(found: Found) -> RenderableType:
 
 def _plane(axis: str, rows: list[Found]) -> Picture:
     """Figures 15 to 17: out-of-plane angle by mounting."""
-    import numpy as np
-
     lines = []
     for place, configuration in enumerate(dict.fromkeys(row["configuration"] for row in rows)):
         own = [row for row in rows if row["configuration"] == configuration]

@@ -3,36 +3,29 @@
 from __future__ import annotations
 
 import math
-import re
 import time
-import tomllib
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Grid, Vertical
+from textual.containers import Vertical
 from textual.widgets import DataTable, Static
 
-from rigctl.console.bench import InstrumentView, Limits, Strip, Value
 from rigctl.console.messages import HomeAsked, JogAsked, MoveAsked, Noted, ReconnectAsked
+from rigctl.console.readings import InstrumentView, Limits, Strip
+from rigctl.console.recorded_instruments import recorded_instruments
+from rigctl.console.screens.rig_charts import Charts
 from rigctl.console.widgets.dialogs import MoveDialog, TextDialog
-from rigctl.console.widgets.plot import Line, Picture, Plot
 from rigctl.core.numbers import decimal
 
 if TYPE_CHECKING:
-    from rigctl.campaign.recording import ChannelInfo
     from rigctl.console.feed import StoreView
-    from rigctl.core.arrays import FloatArray
 
 COLUMNS = ("instrument", "state", "value", "age", "identity")
 MARKS = {"ready": "●", "moving": "▶", "homing": "▶", "stopped": "■", "lost": "✗", "silent": "?", "connecting": "…"}
 STALE_S = 3.0
-CHARTS = ("accelerometer", "lasers", "stage", "angle")
-OF_KIND = {"accelerometer": "accelerometer", "displacement": "lasers", "position": "stage", "angle": "angle"}
-"""Which chart shows a channel of a recording; those of other kinds take charts that would be empty."""
 
 NUMBERS_S = 0.5
 """Numbers that change faster cannot be read, and a table is dear to draw; a change of state is shown at once."""
@@ -57,17 +50,13 @@ class RigPane(Vertical):
         self._views: dict[str, InstrumentView] = {}
         self._rows: dict[str, tuple[str, ...]] = {}
         self._numbers_s = 0.0
-        self._said: dict[str, Text] = {}
+        self._detail = Text()
 
     def compose(self) -> ComposeResult:
         """Table, line of details, charts."""
         yield DataTable(id="instruments", cursor_type="row", zebra_stripes=False)
         yield Static(id="detail")
-        with Grid(id="charts"):
-            for name in CHARTS:
-                yield Plot(Picture(name), id=f"chart-{name}")
-            yield Plot(Picture("spectrum"), id="chart-spectrum")
-            yield Static(id="noise")
+        yield Charts()
 
     def on_mount(self) -> None:
         """Columns once, rows as instruments come."""
@@ -78,88 +67,12 @@ class RigPane(Vertical):
     def show_bench(self, views: Sequence[InstrumentView], strips: Mapping[str, Strip]) -> None:
         """The rig this console holds."""
         self._show_instruments(views)
-        lasers = [
-            strip for name, strip in strips.items() if name not in {"angle", "position", "voltage", "temperature"}
-        ]
-        self._chart("accelerometer", "V", [_line(strips.get("voltage"))])
-        self._chart("lasers", "mm", [_line(strip, _short(strip.name), i) for i, strip in enumerate(lasers)])
-        self._chart("stage", "mm", [_line(strips.get("position"))])
-        self._chart("angle", "deg", [_line(strips.get("angle"))])
-        voltage = strips.get("voltage")
-        if voltage is not None and len(voltage.values) > 32:
-            span_s = float(voltage.ago_s[-1] - voltage.ago_s[0])
-            self._show_spectrum(
-                *density(voltage.values, (len(voltage.values) - 1) / max(span_s, 1e-3)), 1.0, "V", None
-            )
+        self.query_one(Charts).show_bench(strips)
 
     def show_store(self, view: StoreView) -> None:
         """The rig as the campaign that holds it tells."""
-        import numpy as np
-
-        rig = _tables(view.rig_toml)
-        self._show_instruments(_from_store(view, rig))
-        t_s = view.samples.get("t_s")
-
-        def line(column: str, name: str, colour: int) -> Line | None:
-            values = view.samples.get(column)
-            if values is None or t_s is None or not len(values):
-                return None
-            shown = min(len(values), len(t_s))  # of a run that is being recorded one may be longer
-            return Line(t_s[-shown:], values[-shown:], name, colour=colour)
-
-        told = f"run {view.run_id}, t / s"
-        for chart, (title, columns) in zip(CHARTS, charts_of(view.channels), strict=True):
-            names = [_short(column) if len(columns) > 1 or title == "lasers" else "" for column in columns]
-            unit = view.channels[columns[0]].unit if columns else ""
-            lines = [line(column, name, i) for i, (column, name) in enumerate(zip(columns, names, strict=True))]
-            self._chart(chart, unit, lines, told, title)
-        turns = [run for run in view.runs[-200:] if "theta_deg" in run.conditions]
-        if turns:
-            angles = np.array([float(run.conditions["theta_deg"]) for run in turns])
-            numbers = np.arange(len(view.runs) - len(turns) + 1, len(view.runs) + 1, dtype=float)
-            self._chart("angle", "deg", [Line(numbers, angles, mark="o")], "run")
-        self._show_run_spectrum(view, rig)
-
-    def _show_run_spectrum(self, view: StoreView, rig: Mapping[str, Any]) -> None:
-        sensors = [name for name, channel in view.channels.items() if channel.kind == "accelerometer"]
-        values, t_s = view.samples.get(sensors[0] if sensors else ""), view.samples.get("t_s")
-        if values is None or t_s is None or len(values) < 64 or not view.runs:
-            return
-        unit = view.channels[sensors[0]].unit
-        gain = _gain(rig, view.runs[-1].conditions)
-        target = _tables(view.campaign_toml).get("targets", {}).get("noise_m_s2_rthz")
-        rate_hz = (len(t_s) - 1) / float(t_s[-1] - t_s[0])
-        self._show_spectrum(*density(values, rate_hz), gain, "m/s²" if gain != 1.0 else unit, target)
-
-    def _chart(
-        self, name: str, unit: str, lines: Sequence[Line | None], x_label: str = "t / s", title: str = ""
-    ) -> None:
-        shown = tuple(line for line in lines if line is not None)
-        told = f"{title or name} / {unit}" if unit else title or name
-        self.query_one(f"#chart-{name}", Plot).show(Picture(told, shown, x_label))
-
-    def _show_spectrum(
-        self, frequency_hz: FloatArray, density_v: FloatArray, gain: float, unit: str, target: float | None
-    ) -> None:
-        import numpy as np
-
-        with np.errstate(divide="ignore"):
-            x, y = np.log10(frequency_hz), np.log10(density_v / gain)
-        keep = np.isfinite(y)
-        levels = ((math.log10(target), "required"),) if target else ()
-        line = Line(x[keep], y[keep])
-        picture = Picture(f"spectrum / {unit}/√Hz, log", (line,), "log f / Hz", levels=levels)
-        if target and keep.any():
-            low, high = float(y[keep].min()), float(y[keep].max())
-            picture = Picture(
-                picture.title,
-                (line,),
-                picture.x_label,
-                y_range=(min(low, math.log10(target)), max(high, math.log10(target))),
-                levels=levels,
-            )
-        self.query_one("#chart-spectrum", Plot).show(picture)
-        self._say("noise", _noise_told(frequency_hz, density_v / gain, unit, target))
+        self._show_instruments(recorded_instruments(view))
+        self.query_one(Charts).show_store(view)
 
     def _show_instruments(self, views: Sequence[InstrumentView]) -> None:
         table = self.query_one(DataTable)
@@ -183,19 +96,19 @@ class RigPane(Vertical):
         view = self._chosen()
         if view is None:
             told = f"… opening {self.opening}" if self.opening else "No rig is open: o opens a rig file or a store."
-            self._say("detail", Text(told))
+            self._say(Text(told))
             return
         limits = f"  limits {view.limits}  jog step {self.jog_step:g} {view.limits.unit}" if view.limits else ""
         who = f"  {view.identity}" if view.identity else ""
         text = Text(f"{view.name}: {view.role}, {view.driver}, {view.address}{who}{limits}")
         if view.error:
             text = Text(f"✗ {view.error}", style="bold", no_wrap=False)
-        self._say("detail", text)
+        self._say(text)
 
-    def _say(self, where: str, text: Text) -> None:
-        if self._said.get(where) != text:
-            self._said[where] = text
-            self.query_one(f"#{where}", Static).update(text, layout=where == "detail")
+    def _say(self, detail: Text) -> None:
+        if self._detail != detail:
+            self._detail = detail
+            self.query_one("#detail", Static).update(detail)
 
     def show_opening(self, rig: str) -> None:
         """A rig is being opened, which may take a while; "": it is not any more."""
@@ -261,50 +174,6 @@ def _no_step(text: str) -> str:
         return f"'{text}' is not a number"
 
 
-def density(volts: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """One-sided amplitude density of evenly spaced samples by frequency, the mean of overlapping Hann windows."""
-    import numpy as np
-
-    values = volts[np.isfinite(volts)]
-    size = min(len(values), 4096)
-    if size < 16:
-        return np.zeros(0), np.zeros(0)
-    window = np.hanning(size)
-    starts = range(0, len(values) - size + 1, max(size // 2, 1))
-    power = [
-        np.abs(np.fft.rfft(window * (part - part.mean()))) ** 2 for part in (values[s : s + size] for s in starts)
-    ]
-    scale = 2.0 / (rate_hz * float(np.sum(window**2)))
-    frequency_hz = np.asarray(np.fft.rfftfreq(size, 1.0 / rate_hz)[1:], dtype=np.float64)
-    return frequency_hz, np.asarray(np.sqrt(scale * np.mean(power, axis=0))[1:], dtype=np.float64)
-
-
-def _noise_told(frequency_hz: FloatArray, found: FloatArray, unit: str, target: float | None) -> Text:
-    """The median density between 0.2 and 2 Hz: lines such as the drive's do not move it."""
-    import numpy as np
-
-    band = (frequency_hz > 0.2) & (frequency_hz < 2.0)
-    if not band.any():
-        return Text("noise: no band of 0.2 .. 2 Hz yet", style="dim")
-    level = float(np.median(found[band]))
-    text = Text(f"noise 0.2 .. 2 Hz\n{level:.1e} {unit}/√Hz\n")
-    if target is None:
-        text.append("no requirement known", style="dim")
-    else:
-        text.append(f"required {target:.1e}\n")
-        text.append("✓ within" if level <= target else "✗ ABOVE", style="bold")
-    return text
-
-
-def _line(strip: Strip | None, name: str = "", colour: int = 0) -> Line | None:
-    return None if strip is None else Line(strip.ago_s, strip.values, name, colour=colour)
-
-
-def _short(name: str) -> str:
-    """A column's name without its unit."""
-    return re.sub(r"_(v|mm|deg|c)$", "", name.removeprefix("laser_"))
-
-
 def _row(view: InstrumentView) -> tuple[str, ...]:
     now_s = time.monotonic()
     age_s = max((now_s - each.taken_s for each in view.values), default=math.nan)
@@ -315,20 +184,6 @@ def _row(view: InstrumentView) -> tuple[str, ...]:
         _age_told(age_s),
         view.identity,
     )
-
-
-def charts_of(channels: Mapping[str, ChannelInfo]) -> list[tuple[str, list[str]]]:
-    """Title and columns of each of `CHARTS`: channels by their kind, kinds without a chart in those left empty."""
-    kinds: dict[str, list[str]] = {}
-    for name, channel in channels.items():
-        kinds.setdefault(channel.kind, []).append(name)
-    others = iter([kind for kind in kinds if kind not in OF_KIND and kind not in {"flag", "time"}])
-    found = []
-    for kind, title in OF_KIND.items():
-        if kind not in kinds and (other := next(others, None)) is not None:
-            kind, title = other, other or "other"
-        found.append((title, kinds.get(kind, [])))
-    return found
 
 
 def _age_told(age_s: float) -> str:
@@ -351,50 +206,3 @@ def _values_told(view: InstrumentView) -> str:
         digits = 3
     told = (f"{each.value:.{digits}f}" if math.isfinite(each.value) else "--" for each in view.values)
     return f"{' '.join(told)} {view.values[0].unit}"
-
-
-@lru_cache(maxsize=4)
-def _tables(text: str) -> dict[str, Any]:
-    """A file kept in a store, which was checked when it was put there."""
-    return tomllib.loads(text)
-
-
-def _gain(rig: Mapping[str, Any], conditions: Mapping[str, Any]) -> float:
-    """V/(m/s2) of the sensor that is mounted; 1 where the rig file does not say."""
-    try:
-        sensor = rig["package"]["axes"][conditions["axis"]]["sensor"][conditions["configuration"]]
-        return float(sensor["gain_v_per_m_s2"])
-    except (KeyError, TypeError):
-        return 1.0
-
-
-def _from_store(view: StoreView, rig: Mapping[str, Any]) -> list[InstrumentView]:
-    """The instruments as the store tells: identity, and the last value of each that was recorded."""
-    found = []
-    state = "campaign" if view.alive else "recorded"
-    for name, table in rig.get("instruments", {}).items():
-        identity = view.identities.get(name, {})
-        who = " ".join(str(identity[key]) for key in ("model", "serial", "firmware") if identity.get(key))
-        values = tuple(
-            Value(label, value, unit, view.sampled_s)
-            for label, value, unit in _recorded(view, table)
-            if math.isfinite(value)
-        )
-        driver, address = str(table["driver"]), str(table["address"])
-        found.append(InstrumentView(name, str(table["role"]), driver, address, state, who, values, ""))
-    return found
-
-
-def _recorded(view: StoreView, table: Mapping[str, Any]) -> list[tuple[str, float, str]]:
-    conditions = view.runs[-1].conditions if view.runs else {}
-    last = {name: float(values[-1]) for name, values in view.samples.items() if len(values)}
-    role = table["role"]
-    if role == "rotation" and ("theta_deg" in conditions or "theta_deg" in last):
-        return [("angle", float(conditions.get("theta_deg", last.get("theta_deg", math.nan))), "deg")]
-    if role == "thermometer" and "temperature_c" in conditions:
-        return [("temperature", float(conditions["temperature_c"]), "degC")]
-    if role == "linear" and "stage_x_mm" in last:
-        return [("position", last["stage_x_mm"], "mm")]
-    if (channel := table.get("channel", "accel_v")) in last and role in {"readout", "voltmeter"}:
-        return [("voltage", last[channel], "V")]
-    return [(head, last[head], "mm") for head in table.get("heads", {}) if head in last]

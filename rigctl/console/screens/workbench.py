@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -16,6 +17,9 @@ from textual.widgets import DataTable, Static, TabbedContent, TabPane
 from rigctl.console.messages import AnalysisAsked, Noted
 from rigctl.console.widgets.dialogs import PickDialog
 from rigctl.console.widgets.plot import MARKS, Line, Picture, Plot
+from rigctl.report.quantities import number, probability, quantity
+from rigctl.report.terminal_planning import runs_table
+from rigctl.report.verdicts import change_of, comparison_sentence, named, sizes
 
 Found = Mapping[str, Any]
 MAX_SERIES = 3
@@ -75,9 +79,6 @@ class WorkbenchPane(Vertical):
 
     def show_fit(self, found: Found) -> None:
         """`rigctl fit`."""
-        from rigctl.report.quantities import number, quantity
-        from rigctl.report.verdicts import comparison_sentence
-
         table = Table(box=None, padding=(0, 1), pad_edge=False)
         for name in ("parameter", "value", "unit"):
             table.add_column(name, no_wrap=True)
@@ -91,8 +92,6 @@ class WorkbenchPane(Vertical):
 
     def show_residuals(self, found: Found) -> None:
         """`rigctl compare`, against one covariate."""
-        import numpy as np
-
         self._covariates = list(found["covariates"])
         self.covariate = str(found["covariate"])
         self.query_one("#residual-line", Static).update(Text(found["sentence"]))
@@ -109,9 +108,6 @@ class WorkbenchPane(Vertical):
 
     def show_diagnosis(self, found: Found) -> None:
         """`rigctl diagnose`."""
-        from rigctl.report.quantities import number, probability
-        from rigctl.report.verdicts import named, sizes
-
         self._suggested = list(found["suggested"])
         self._ranked = list(found["ranking"])
         told = Text(found["sentence"])
@@ -144,11 +140,6 @@ class WorkbenchPane(Vertical):
 
     def show_history(self, rungs: Sequence[Found]) -> None:
         """`rigctl model history`."""
-        import numpy as np
-
-        from rigctl.report.quantities import number
-        from rigctl.report.verdicts import change_of
-
         table = Table(box=None, padding=(0, 1), pad_edge=False)
         for name in ("version", "change", "chi2/dof", "error", "held out"):
             table.add_column(name, no_wrap=True, justify="left" if name == "change" else "right")
@@ -168,8 +159,6 @@ class WorkbenchPane(Vertical):
 
     def show_next(self, found: Found) -> None:
         """`rigctl next`."""
-        from rigctl.report.terminal_planning import runs_table
-
         parts: list[RenderableType] = [Text(found["description"])]
         if found["runs"]:
             parts += [Text(), runs_table(found["runs"])]
@@ -187,9 +176,6 @@ class WorkbenchPane(Vertical):
         self._show_rank(event.cursor_row)
 
     def _show_rank(self, row: int) -> None:
-        from rigctl.report.quantities import number
-        from rigctl.report.verdicts import sizes
-
         if not 0 <= row < len(self._ranked):
             return
         rank = self._ranked[row]

@@ -15,8 +15,8 @@ from textual.screen import ModalScreen
 from textual.widgets import Checkbox, Input, OptionList, Static
 from textual.widgets.option_list import Option
 
-from rigctl.console.bench import Limits
 from rigctl.console.messages import Launch
+from rigctl.console.readings import Limits
 from rigctl.core.numbers import decimal
 
 MISSED_BY_S = 10.0

@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.segment import Segment
 from rich.style import Style
 from textual.geometry import Region
 from textual.strip import Strip
 from textual.widget import Widget
+
+from rigctl.console.widgets.braille import BLANK, dotted, joined, scaled, thinned
 
 if TYPE_CHECKING:
     from rigctl.core.arrays import FloatArray
@@ -183,10 +186,6 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
 
 
 def _with_values(lines: Sequence[Line]) -> list[Line]:
-    if not lines:  # without any, numpy can wait until after the first paint
-        return []
-    import numpy as np
-
     return [line for line in lines if np.isfinite(line.y).any()]
 
 
@@ -211,8 +210,6 @@ def _ink(line: Line, palette: Palette) -> Style:
 
 
 def _range(given: tuple[float, float] | None, values: Sequence[FloatArray], margin: float) -> tuple[float, float]:
-    import numpy as np
-
     if given is not None:
         return given
     known = np.concatenate([each[np.isfinite(each)] for each in values])
@@ -248,18 +245,10 @@ def _name_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
 
 
 def _row(value: float, area: _Area) -> int:
-    import numpy as np
-
-    from rigctl.console.widgets.braille import scaled
-
     return area.height - 1 - round(float(scaled(np.array(value), *area.y, area.height)))
 
 
 def _draw_line(sheet: _Sheet, line: Line) -> None:
-    import numpy as np
-
-    from rigctl.console.widgets.braille import BLANK, dotted, joined, scaled, thinned
-
     if line.mark:
         return
     area = sheet.area
@@ -274,8 +263,6 @@ def _draw_line(sheet: _Sheet, line: Line) -> None:
 
 
 def _draw_marks(sheet: _Sheet, line: Line) -> None:
-    from rigctl.console.widgets.braille import scaled
-
     if not line.mark:
         return
     area = sheet.area

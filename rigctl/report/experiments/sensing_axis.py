@@ -9,12 +9,24 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from rigctl.analysis.plane import ARCSEC
+from rigctl.campaign.origin import campaign_of
+from rigctl.campaign.recording import RunRecord
+from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError, ProcedureError
+from rigctl.effects.catalogue import chosen
 from rigctl.experiments.sensing_axis.analysis import analyse, uncertainties_of
+from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit
+from rigctl.experiments.sensing_axis.model.one_mounting import fit_mounting
+from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration
+from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
 from rigctl.report.drawn import Drawn
 from rigctl.report.quantities import number, quantity
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.workbench import Workbench
+
+FEW = 8
+"""Of so many runs it is also said how well the null was known after each."""
 
 
 def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
@@ -62,6 +74,40 @@ def null_vectors(workbench: Workbench) -> dict[str, list[dict[str, Any]]]:
         name: [asdict(row) for row in plane_plate(name, axis, settings[name]).rows]
         for name, axis in found.axes.items()
     }
+
+
+def null_search(store: Store) -> dict[str, Any]:
+    """The signed response of the last mounting against angle, and its null, as figure 12 shows them."""
+    from rigctl.report.figures.sensing_axis.null_search import response_plate
+
+    records = _last_mounting(store)
+    if not records:
+        return {}
+    effects = chosen(store.header.experiment, campaign_of(store).model.effects)
+    runs = observables([reduce_run(r.run_id, r.conditions, store.samples(r.run_id)) for r in records], harmonics=1)
+    first, calibration = runs[0], recorded_calibration(store.header)
+
+    def null_after(count: int) -> tuple[RecordingFit, NullPoint]:
+        fit = fit_mounting(runs[:count], *calibration, effects)
+        return fit, fit.null(first.axis, first.configuration, first.mounting)
+
+    fit, null = null_after(len(runs))
+    earlier = range(1, len(runs)) if len(runs) <= FEW else ()
+    return {
+        "sigmas": [null_after(count)[1].theta0_sigma_rad / ARCSEC for count in earlier],
+        "axis": first.axis,
+        "configuration": first.configuration,
+        "mounting": first.mounting,
+        "runs": len(runs),
+        "sigma_arcsec": null.theta0_sigma_rad / ARCSEC,
+        "rows": [asdict(row) for row in response_plate("null", fit, runs).rows],
+    }
+
+
+def _last_mounting(store: Store) -> list[RunRecord]:
+    records = store.runs(valid_only=True)
+    keys = ("axis", "configuration", "mounting")
+    return [run for run in records if all(run.conditions.get(k) == records[-1].conditions.get(k) for k in keys)]
 
 
 def _tables(told: Mapping[str, Any]) -> list[ResultTable]:

@@ -1,0 +1,186 @@
+"""The tab that shows how far a campaign is: its steps, and the null search as it happens."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import ProgressBar, Static, TabPane, Tree
+
+from rigctl.console.widgets.plot import MARKS, Line, Picture, Plot
+
+if TYPE_CHECKING:
+    from textual.widgets.tree import TreeNode
+
+    from rigctl.campaign.recording import RunRecord
+    from rigctl.console.feed import StoreView
+
+STEPS_S = 1.0
+"""The tree of steps is drawn anew at most so often."""
+
+STATES = {"running": "▶", "paused": "‖", "done": "✓", "aborted": "■", "interrupted": "✗"}
+
+
+class ProgressTab(TabPane):
+    """A line, a bar, the steps and two plots."""
+
+    def __init__(self) -> None:
+        super().__init__("Progress", id="tab-progress")
+        self._view: StoreView | None = None
+        self._sigmas: dict[str, dict[int, float]] = {}
+        self._tree_of: tuple[object, ...] = ()
+        self._steps_s = 0.0
+
+    def compose(self) -> ComposeResult:
+        """From top to bottom."""
+        yield Static(id="progress-line")
+        yield ProgressBar(id="progress", show_eta=False)
+        with Horizontal(id="progress-body"):
+            yield Tree("steps", id="steps")
+            with Vertical(id="nulls"):
+                yield Plot(Picture("null search: S against angle"), id="null-search")
+                yield Plot(Picture("σ(θ0)"), id="sigma")
+
+    def on_mount(self) -> None:
+        """No root line: the steps are the tree."""
+        tree = self.query_one(Tree)
+        tree.show_root = False
+        tree.guide_depth = 2
+        self.show_file(None)
+
+    def show_file(self, file: Path | None) -> None:
+        """Say what can be done with a campaign file that is open, while no campaign is watched."""
+        if self._view is not None:
+            return
+        # The path last: it may be too long for the line.
+        can = f"s starts, d tries {file}" if file else "o opens a campaign file or a store"
+        self._say(Text(f"No campaign is watched. {can}"), 0, 100)
+
+    def _say(self, line: Text, done: int, total: int) -> None:
+        line.no_wrap, line.overflow = True, "ellipsis"
+        self.query_one("#progress-line", Static).update(line)
+        self.query_one(ProgressBar).update(total=total, progress=done)
+
+    def show_store(self, view: StoreView, *, on_screen: bool) -> None:
+        """The campaign as its store tells."""
+        if self._view is None or view.path != self._view.path:
+            self._sigmas = {}
+        self._view = view
+        status = view.status
+        done, planned = int(status["runs_done"]), int(status["runs_planned"])
+        line = Text()
+        line.append(f"{STATES.get(view.state, '?')} {view.state} ", style="bold")
+        line.append(f" {done} of {planned} runs, {status['runs_invalid']} invalid, {_eta(status)}")
+        line.append(f"  {status.get('step', '')}", style="dim")
+        self._say(line, done, max(planned, 1))
+        if (on_screen and time.monotonic() - self._steps_s > STEPS_S) or not view.alive:
+            self._steps_s = time.monotonic()
+            self._show_steps(view)
+
+    def show_null_search(self, found: Mapping[str, Any]) -> None:
+        """The response of the mounting that is measured, as last worked out."""
+        if not found.get("rows"):
+            return
+        where = f"{found['axis']} {found['configuration']} {found['mounting']}"
+        history = self._sigmas.setdefault(where, {})
+        history.update(enumerate(found["sigmas"], 1))
+        history[found["runs"]] = found["sigma_arcsec"]
+        self.query_one("#null-search", Plot).show(response_picture(where, found["rows"], found["sigma_arcsec"]))
+        counts = np.array(sorted(history), dtype=float)
+        sigmas = np.log10([history[runs] for runs in sorted(history)])
+        title = f"log σ(θ0) / arcsec: {found['sigma_arcsec']:.2f}″ after {found['runs']} runs"
+        lines = (Line(counts, sigmas), Line(counts, sigmas, mark="o"))
+        self.query_one("#sigma", Plot).show(Picture(title, lines, "runs"))
+
+    def _show_steps(self, view: StoreView) -> None:
+        shape = (view.path, len(view.runs), view.state, view.status.get("step"))
+        if shape == self._tree_of:
+            return
+        self._tree_of = shape
+        tree = self.query_one(Tree)
+        tree.clear()
+        nulls = any("mounting" in run.conditions for run in view.runs)
+        self.query_one("#progress-body").set_class(bool(view.runs) and not nulls, "no-nulls")
+        for run in view.runs:
+            if "mounting" not in run.conditions:  # nothing to gather runs under
+                tree.root.add_leaf(f"{'✓' if run.valid else '✗'} {run.run_id} {run.key}")
+        running = view.state in {"running", "paused"}
+        groups = _groups(view.runs)
+        for place, (outer, mountings) in enumerate(groups.items()):
+            _add_group(tree.root, outer, mountings, running=running, last=place == len(groups) - 1)
+        if running:
+            tree.root.add_leaf(f"▶ now: {view.status.get('step') or 'preparing'}")
+        tree.scroll_end(animate=False)
+
+
+def response_picture(where: str, rows: list[Mapping[str, Any]], sigma_arcsec: float) -> Picture:
+    """Figure 12 for a terminal: one line and mark per frequency, the crossing at zero."""
+    measured = [row for row in rows if row["kind"] == "measured"]
+    frequencies = sorted({row["frequency_hz"] for row in measured})
+    far = max(abs(row["theta_minus_theta0_arcsec"]) for row in measured)
+    reach = max(1.2 * far, 20.0)
+    lines = []
+    for place, frequency in enumerate(frequencies):
+        at_frequency = [row for row in rows if row["frequency_hz"] == frequency]
+        model = [r for r in at_frequency if r["kind"] == "model" and abs(r["theta_minus_theta0_arcsec"]) <= reach]
+        runs = [r for r in at_frequency if r["kind"] == "measured"]
+        for shown, mark, name in ((model, "", ""), (runs, MARKS[place % 6], f"{frequency:.2g} Hz")):
+            x = np.array([row["theta_minus_theta0_arcsec"] for row in shown])
+            y = np.array([row["response_um_s2_per_mm"] for row in shown])
+            if len(x):
+                lines.append(Line(x, y, name, mark, place))
+    title = f"{where}: S/(µm/s²/mm), ±{sigma_arcsec:.2f}″"
+    return Picture(title, tuple(lines), "θ − θ0 / arcsec", x_range=(-reach, reach))
+
+
+def _groups(runs: Sequence[RunRecord]) -> dict[str, dict[str, list[RunRecord]]]:
+    """Runs by axis and configuration, then by mounting."""
+    groups: dict[str, dict[str, list[RunRecord]]] = {}
+    for run in runs:
+        given = run.conditions
+        if "mounting" in given:
+            outer = f"{given.get('axis', '?')} {given.get('configuration', '')}".strip()
+            groups.setdefault(outer, {}).setdefault(f"mounting {given['mounting']}", []).append(run)
+    return groups
+
+
+def _add_group(
+    root: TreeNode[Any], name: str, mountings: Mapping[str, list[RunRecord]], *, running: bool, last: bool
+) -> None:
+    count = sum(map(len, mountings.values()))
+    node = root.add(f"{'▶' if running and last else '✓'} {name}: {count} runs", expand=last)
+    for place, (mounting, runs) in enumerate(mountings.items()):
+        now = running and last and place == len(mountings) - 1
+        bad = sum(not run.valid for run in runs)
+        label = f"{'▶' if now else '✓'} {mounting}: {len(runs)}{f', {bad} invalid' if bad else ''}"
+        leaf = node.add(label, expand=now)
+        for run in runs if now or not running else ():  # a night has too many to draw them all each time
+            leaf.add_leaf(_run_label(run))
+
+
+def _run_label(run: RunRecord) -> str:
+    given = run.conditions
+    angle, frequency = given.get("theta_deg"), given.get("frequency_hz")
+    label = f"{'✓' if run.valid else '✗'} {run.run_id}"
+    if isinstance(angle, int | float):
+        label += f" {angle:+.4f} deg"
+    if isinstance(frequency, int | float):
+        label += f" {frequency:.2g} Hz"
+    return label
+
+
+def _eta(status: Mapping[str, Any]) -> str:
+    seconds = status.get("eta_s")
+    if status.get("state") not in {"running", "paused"}:
+        return "ended"
+    if seconds is None:
+        return "time left unknown"
+    if seconds < 120:
+        return f"{seconds:.0f} s left"
+    return f"{seconds / 60:.0f} min left" if seconds < 7200 else f"{seconds / 3600:.1f} h left"

@@ -1,0 +1,123 @@
+"""Reads a campaign's store for the console: what is new four times a second, and all events in a search."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from textual.message import Message
+
+from rigctl.campaign.recording import RunRecord
+from rigctl.campaign.session.questions import open_question
+from rigctl.campaign.session.requests import is_running
+from rigctl.campaign.status import status_in
+from rigctl.campaign.store.entries import Event
+from rigctl.campaign.store.store import Store
+from rigctl.console.feed import LOOK_S, StoreView
+from rigctl.console.log_lines import LogLine, Search, lines_of
+from rigctl.console.messages import StoreSeen
+from rigctl.core.arrays import FloatArray
+
+EVENTS = 2000
+"""So many events are kept in sight; a search goes through all of them in the store."""
+
+SAMPLES = 20_000
+"""So many of a run's last samples are shown: a run of hours at 200 Hz is not read again four times a second."""
+
+
+def follow(path: Path, ended: threading.Event, post: Callable[[Message], object]) -> None:
+    """Post a `StoreSeen` whenever the store has changed, until `ended` is set."""
+    with Store.open(path, readonly=True) as store:
+        seen: object = None
+        watched = _Watched(store)
+        while not ended.is_set():
+            now = _signs(path)
+            if now != seen:
+                seen = now
+                post(StoreSeen(watched.look()))
+            ended.wait(LOOK_S)
+
+
+def earlier(store: Path, search: Search, before: int) -> list[LogLine]:
+    """All events of a store with numbers below `before` that a search finds; `DataError`."""
+    with Store.open(store, readonly=True) as opened:
+        lines = lines_of(event for event in opened.events() if event.id < before)
+        return [line for line in lines if search.finds(line)]
+
+
+def _signs(path: Path) -> tuple[object, ...]:
+    """What changes when somebody writes the store, or its campaign's process ends."""
+    signs: list[object] = [is_running(path)]
+    for each in (path, path.with_name(path.name + "-wal")):
+        try:
+            status = each.stat()
+            signs += [status.st_size, status.st_mtime_ns]
+        except OSError:
+            signs.append(None)
+    return tuple(signs)
+
+
+class _Watched:
+    """An open store, and what has been read of it: every look reads only what is new."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._runs: list[RunRecord] = []
+        self._events: deque[Event] = deque(maxlen=EVENTS)
+        self._last_event = 0
+        self._identities: Mapping[str, Mapping[str, Any]] = {}
+        self._run_id = ""
+        self._recording = False
+        self._samples: Mapping[str, FloatArray] = {}
+        self._sampled_s = 0.0
+
+    def look(self) -> StoreView:
+        """The store as it is now."""
+        store = self._store
+        alive = is_running(store.path)
+        self._read_events()
+        self._runs += store.runs(skip=len(self._runs))
+        self._identities = self._identities or store.identities()
+        self._read_samples(alive)
+        return StoreView(
+            path=store.path,
+            title=store.header.title,
+            experiment=store.header.experiment,
+            status=status_in(store),
+            alive=alive,
+            runs=tuple(self._runs),
+            events=tuple(self._events),
+            identities=self._identities,
+            question=open_question(store) if alive else None,
+            run_id=self._run_id,
+            samples=self._samples,
+            sampled_s=self._sampled_s,
+            campaign_toml=store.header.campaign_toml or "",
+            rig_toml=store.header.rig_toml or "",
+            channels=store.header.channels,
+        )
+
+    def _read_events(self) -> None:
+        fresh = self._store.events(after=self._last_event)
+        if not fresh:
+            return
+        self._events.extend(fresh)
+        self._last_event = fresh[-1].id
+        if any(event.kind == "mark" for event in fresh):  # a run that was read is another now
+            self._runs = []
+
+    def _read_samples(self, alive: bool) -> None:
+        unfinished = self._store.interrupted_runs() if alive else []
+        acquiring = [run.run_id for run in unfinished if run.state == "acquiring"]
+        finished = self._runs[-1].run_id if self._runs else ""
+        run_id = acquiring[-1] if acquiring else finished
+        if not run_id or (run_id == self._run_id and not self._recording and not acquiring):
+            return
+        samples = self._store.last_samples(run_id, SAMPLES)
+        if samples:  # one that has only begun leaves the one before in sight
+            self._run_id, self._samples, self._sampled_s = run_id, samples, time.monotonic()
+            self._recording = bool(acquiring)
