@@ -45,7 +45,7 @@ class Station:
         self._table = table
         self._closing = closing
         self._post = post
-        self._state = "connecting"
+        self.state = "connecting"
         self._identity = ""
         self._error = ""
         self._busy_since_s = 0.0
@@ -55,13 +55,13 @@ class Station:
 
     def view(self) -> InstrumentView:
         """The instrument now, without asking it."""
-        silent = self._state == "ready" and time.monotonic() - self._busy_since_s > AGAIN_S
+        silent = self.state == "ready" and time.monotonic() - self._busy_since_s > AGAIN_S
         return InstrumentView(
             self.name,
             self._table.role,
             self._table.driver,
             self._table.address,
-            "silent" if silent else self._state,
+            "silent" if silent else self.state,
             self._identity,
             tuple(values[-1] for values in list(self._values.values())),
             self._error,
@@ -110,14 +110,14 @@ class Station:
 
     def _set_out(self, state: str, *steps: Callable[[], None]) -> None:
         """Carry out a motion on a thread of its own, unless it is stopped between two of its steps."""
-        if self._state in MOTIONS:
-            self._post(Noted(f"{self.name}: still {self._state}; stop it first", "warning"))
+        if self.state in MOTIONS:
+            self._post(Noted(f"{self.name}: still {self.state}; stop it first", "warning"))
             return
-        if self._state not in {"ready", "stopped"}:
-            self._post(Noted(f"{self.name}: {self._state}; it cannot be moved now", "warning"))
+        if self.state not in {"ready", "stopped"}:
+            self._post(Noted(f"{self.name}: {self.state}; it cannot be moved now", "warning"))
             return
         stops = self.stops
-        before, self._state = self._state, state
+        before, self.state = self.state, state
         self.settled.clear()
 
         def carry_out() -> None:
@@ -126,13 +126,13 @@ class Station:
                     self._raise_if_stopped(stops)
                     step()
             except LimitError as error:
-                self._state = before
+                self.state = before
                 self._post(Noted(str(error), "warning"))
             except RigError as error:
-                self._state, self._error = "stopped", str(error)
+                self.state, self._error = "stopped", str(error)
                 self._post(Noted(str(error), "warning"))
             else:
-                self._state, self._error = "ready", ""
+                self.state, self._error = "ready", ""
             finally:
                 self.settled.set()
 
@@ -149,28 +149,28 @@ class Station:
         while not self._closing.is_set():
             self._busy_since_s = time.monotonic()
             try:
-                if self._state in {"connecting", "lost"}:
+                if self.state in {"connecting", "lost"}:
                     self._connect()
                 for label, reading in readings_of(self.instrument):
                     value = Value(label, reading.value, reading.unit, time.monotonic())
                     self._values.setdefault(label, deque(maxlen=STRIP_LENGTH)).append(value)
-                if self._state not in {*MOTIONS, "stopped"}:
+                if self.state not in {*MOTIONS, "stopped"}:
                     self._error = ""
             except RigError as error:
                 self._lose(str(error))
             except Exception as error:  # noqa: BLE001 - a thread that ends in silence shows an old value for ever
                 self._lose(f"{self.name}: internal error: {type(error).__name__}: {error}")
             self._busy_since_s = time.monotonic()
-            self._wake.wait(AGAIN_S if self._state == "lost" else POLL_S)
+            self._wake.wait(AGAIN_S if self.state == "lost" else POLL_S)
             self._wake.clear()
 
     def _connect(self) -> None:
-        self._state = "connecting"
+        self.state = "connecting"
         self.instrument.open()
         self._bring_to_rest_first()
         identity = self.instrument.identify()
         self._identity = " ".join(part for part in (identity.model, identity.serial, identity.firmware) if part)
-        self._state, self._error = "ready", ""
+        self.state, self._error = "ready", ""
 
     def _bring_to_rest_first(self) -> None:
         """Whatever had it move, a crash or a lost connection among them: it moves when somebody here says so."""
@@ -185,7 +185,7 @@ class Station:
         if self._error != why:
             self._post(Noted(why, "error"))
         self._error = why
-        if self._state not in MOTIONS:
-            self._state = "lost"
+        if self.state not in MOTIONS:
+            self.state = "lost"
             with suppress(Exception):  # it is lost already, and who is told of failures has been told
                 self.instrument.close()
