@@ -14,7 +14,6 @@ import pytest
 from rigctl import cli
 from rigctl.campaign.session import locks
 from rigctl.campaign.store.store import Store
-from rigctl.files import rig_file
 from rigctl.files.rig_file import read_rig
 
 FIRST_ADDRESS = 'address = "sim:"                  # tcp://192.168.0.254:5001'
@@ -410,7 +409,7 @@ def test_a_bug_of_ours_is_one_line_unless_asked_for_in_full(desk: Any, monkeypat
     def bug(_: Path) -> None:
         raise ZeroDivisionError("seven by zero")
 
-    monkeypatch.setattr(rig_file, "read_rig", bug)
+    monkeypatch.setattr("rigctl.cli.instruments.read_rig", bug)
     found = desk.rigctl("check", "rig.toml")
     assert found.status == 1
     assert found.err.splitlines() == [
