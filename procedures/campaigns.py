@@ -75,7 +75,7 @@ class Work(Protocol):
 
     def rest(self) -> None:
         """Bring what moves to rest, at a pause; nothing where nothing moves."""
-        ...
+        return
 
 
 class Plan(Protocol):
@@ -96,7 +96,7 @@ class Plan(Protocol):
 
     def kept(self) -> Mapping[str, Any]:
         """What the recording's header keeps of it beside the campaign file: keys of `Header.extra`."""
-        ...
+        return {}
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from procedures.campaigns import Instruments
+from procedures.campaigns import Instruments, Plan, Work
 from procedures.inflight.bench import Flight, flight_of
 from procedures.inflight.calibration import calibrate, check
 from procedures.inflight.tables import Calibration
@@ -26,7 +26,7 @@ from rigctl.workbench.study import Proposal
 
 
 @dataclass(frozen=True)
-class CalibrationPlan:
+class CalibrationPlan(Plan):
     """One calibration, waiting for its satellite."""
 
     calibration: Calibration
@@ -48,13 +48,9 @@ class CalibrationPlan:
         sessions = self.calibration.sessions
         return {"sessions": list(sessions), "orbits": sum(self.calibration.orbits_of(name) for name in sessions)}
 
-    def kept(self) -> Mapping[str, Any]:
-        """Nothing beside the campaign file."""
-        return {}
-
 
 @dataclass(frozen=True)
-class CalibrationWork:
+class CalibrationWork(Work):
     """One calibration on its satellite."""
 
     flight: Flight
@@ -64,9 +60,6 @@ class CalibrationWork:
         """Carry it out."""
         session.plan(len(self.calibration.sessions))
         calibrate(session, self.flight, self.calibration)
-
-    def rest(self) -> None:
-        """Nothing moves that could rest."""
 
 
 STRENGTH = {

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from threading import Event
 from typing import Any, Protocol, cast
 
-from procedures.campaigns import Instruments
+from procedures.campaigns import Instruments, Plan, Work
 from procedures.inflight.bench import Flight, flight_of
 from procedures.inflight.calibration import calibrate, check
 from procedures.inflight.tables import MonteCarlo
@@ -91,7 +91,7 @@ def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> bytes:
 
 
 @dataclass(frozen=True)
-class MonteCarloPlan:
+class MonteCarloPlan(Plan):
     """A study, waiting for its ensemble."""
 
     study: MonteCarlo
@@ -124,10 +124,6 @@ class MonteCarloPlan:
         orbits = sum(self.study.orbits_of(name) for name in sessions)
         return {"draws": self.study.draws, "sessions": list(sessions), "orbits": orbits}
 
-    def kept(self) -> Mapping[str, Any]:
-        """Nothing beside the campaign file."""
-        return {}
-
 
 def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> MonteCarloPlan:
     """The study a campaign file asks for; `ConfigError`."""
@@ -136,16 +132,13 @@ def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -
 
 
 @dataclass(frozen=True)
-class MonteCarloWork:
+class MonteCarloWork(Work):
     """A study and its ensemble; `operate` are the hands that choose the satellite whose samples are kept."""
 
     flight: Flight
     study: MonteCarlo
     ensemble: SatelliteEnsemble
     operate: Callable[[Mapping[str, Any]], float]
-
-    def rest(self) -> None:
-        """Nothing moves that could rest."""
 
     def run(self, session: Session) -> None:
         """Carry it out; draws that are in the store already are not simulated again."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from procedures.campaigns import Instruments
+from procedures.campaigns import Instruments, Plan
 from procedures.sensing_axis import sensing_axes
 from procedures.sensing_axis.bench import Bench
 from procedures.sensing_axis.forecast import theta0_sigma_arcsec
@@ -32,7 +32,7 @@ __all__ = ["allowed", "channels", "chosen_runs", "further", "mounted", "plan", "
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _Plan(Plan):
     """A plan of the procedures, waiting for its rig."""
 
     plan: sensing_axes.Plan
@@ -61,9 +61,6 @@ class _Plan:
         if self.plan.procedure.name in sensing_axes.NULL_SEARCHES:
             return self.plan.targets.theta0_sigma_arcsec
         return theta0_sigma_arcsec(bench, self.plan)
-
-    def kept(self) -> Mapping[str, Any]:
-        return {}
 
 
 @dataclass(frozen=True)

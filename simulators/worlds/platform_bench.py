@@ -2,41 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from simulators.benches import WorldDeclaration, no_such_action
+from simulators.benches import BareBench, WorldDeclaration, no_such_action
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis
-from simulators.wiring import LINE_HISTORY_S, Signal, TriggerLine, VoltageLine
+from simulators.wiring import LINE_HISTORY_S, TriggerLine, VoltageLine
 from simulators.worlds.platform_pendulum import INPUTS
 from simulators.worlds.platform_settings import PlatformSettings
 from simulators.worlds.rotating_platform import RotatingPlatform
 
 
-class PlatformBench:
+class PlatformBench(BareBench):
     """Two accelerometers on a rotating platform on a servo-controlled pendulum."""
 
     def __init__(self, nature: PlatformSettings, clock: SimulationClock, pace: TriggerLine) -> None:
         self.nature = nature
         self.axes: Mapping[str, MotionAxis] = {"rotation": MotionAxis(history_s=LINE_HISTORY_S)}
         self.inputs: Mapping[str, VoltageLine] = {name: VoltageLine() for name in INPUTS}
-        self.sensors: Collection[str] = ()
-        self.heads: Collection[str] = ()
         self.world = RotatingPlatform(nature, clock, self.axes["rotation"], pace, self.inputs)
         self.volts = self.world.chain_v
         self.temperature_c = self.world.temperature_c
         self.announce_run = self.world.announce_run
         self.stands = self.world.stands
-
-    @property
-    def seed(self) -> int:
-        """What all its randomness follows from."""
-        return self.nature.seed
-
-    def displacement_mm(self, head: str) -> Signal:
-        """There are none."""
-        raise ValueError(f"no laser head '{head}' at the platform")
 
     def operate(self, action: Mapping[str, Any]) -> float:
         """Flip, heat."""
