@@ -31,9 +31,9 @@ _OWN_PART = 1e-6
 class Bench(NamedTuple):
     """Gravity, and as standard uncertainties how well a case is seated and how the head's stops scatter."""
 
-    g_m_s2: float
-    seat_rad: float
-    angle_rad: float
+    g_m_s2: float = 9.80665
+    seat_rad: float = 1e-4
+    angle_scatter_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def recorded(runs: Sequence[Reduced], bench: Bench, some: int | None = None) -> 
     line = np.stack([run.a_i, run.a_p, run.a_o, np.ones(len(value))], axis=1)
     own = [(place == j) & (of_run < measured) for j in range(len(sensors))]
     gains = np.array([np.linalg.lstsq(line[each], value[each], rcond=1e-9)[0][0] for each in own])
-    sigma, factors = _noise(runs, sensors, (of_run, place), gains[place] * run.slope_i * bench.angle_rad)
+    sigma, factors = _noise(runs, sensors, (of_run, place), gains[place] * run.slope_i * bench.angle_scatter_rad)
     passes = [(run.seat, run.number("sweep") if "sweep" in run.conditions else 0.0) for run in runs]
     order = "start_s" if np.isfinite(t).all() else None
     observations = Observations(

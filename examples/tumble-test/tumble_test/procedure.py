@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from procedures import campaigns
 from procedures.campaigns import Instruments
 from procedures.pace import Pace
 from rigctl.campaign.origin import campaign_of
@@ -76,7 +77,7 @@ def seat_of(position: Position) -> tuple[str, str, int]:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(campaigns.Plan):
     """A test ready to run, after what earlier campaigns of the store have left."""
 
     procedure: Procedure
@@ -109,10 +110,6 @@ class Plan:
         del rig
         return {"mountings": list(dict.fromkeys(" ".join(map(str, seat_of(each))) for each in self.positions))}
 
-    def kept(self) -> Mapping[str, Any]:
-        """Nothing beside the campaign file."""
-        return {}
-
     def _turns(self) -> Iterator[Position]:
         asked, sweep = self.procedure, 0
         angles = [place * 360.0 / asked.positions for place in range(asked.positions)]
@@ -137,7 +134,7 @@ def _position(seat: ListedMounting, number: int, angle_deg: float, approach: int
 
 
 @dataclass
-class Test:
+class Test(campaigns.Work):
     """A plan and its instruments by role: the readout paces the followers, a meter for each sensor."""
 
     plan: Plan
@@ -175,9 +172,6 @@ class Test:
                     self._mount(session, seat)
                 for position in positions:
                     self._measure(session, seat, position)
-
-    def rest(self) -> None:
-        """Between runs nothing moves."""
 
     @property
     def _samples(self) -> int:

@@ -13,6 +13,7 @@ from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
+from rigctl.effects.trial import columns_of
 from rigctl.experiments.analysis import Progress
 from rigctl.workbench.findings import ModelFit
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
@@ -48,8 +49,7 @@ class TumbleStudy(CatalogueStudy[Recorded]):
         if not runs:
             raise DataError(f"no valid run could be reduced: {next(iter(left_out.values()), 'there is none')}")
         known = self.source.header.constants
-        bench = Bench(known.get("g_m_s2", G_N), known.get("seat_rad", 1e-4), known.get("angle_scatter_rad", 0.0))
-        return recorded(runs, bench)
+        return recorded(runs, Bench(**{name: known[name] for name in Bench._fields if name in known}))
 
     def model(self, terms: Sequence[Term]) -> TumbleModel:
         """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
@@ -68,6 +68,8 @@ class TumbleStudy(CatalogueStudy[Recorded]):
         """Why these positions cannot be asked about an effect; None when they can."""
         del model
         run = self.data.run
+        if lacking := [name for name in columns_of(effect) if not np.isfinite(run.columns.get(name, np.nan)).all()]:
+            return f"there is no column {lacking[0]} of numbers"
         if "temperature" in effect.needs and not np.ptp(run.temperature) > 0.0:
             return "no temperature is recorded that changes; write temperature_c"
         if "approach" in effect.needs and not np.ptp(run.approach) > 0.0:

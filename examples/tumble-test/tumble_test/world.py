@@ -16,10 +16,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from scipy.signal import lfilter
 
 from rigctl.core.arrays import FloatArray
-from simulators.benches import WorldDeclaration, no_such_action
+from simulators.benches import BareBench, WorldDeclaration, no_such_action
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis
-from simulators.wiring import Signal, TriggerLine, VoltageLine
+from simulators.wiring import Signal, TriggerLine
 from simulators.worlds.bench_settings import TemperatureSettings
 from simulators.worlds.keyed_random import generator
 from simulators.worlds.temperature import Room
@@ -98,16 +98,14 @@ class TumbleSettings(_Settings):
     temperature: TemperatureSettings = TemperatureSettings(mean_c=22.0, drift_k_per_day=0.0)
 
 
-class TumbleBench:
+class TumbleBench(BareBench):
     """The case on the head, as its instruments find it; the stage of role "rotation" turns the head."""
 
     def __init__(self, nature: TumbleSettings, clock: SimulationClock, pace: TriggerLine) -> None:
         self.nature, self._clock, self._pace = nature, clock, pace
         self.axes: Mapping[str, MotionAxis] = {"rotation": MotionAxis()}
-        self.inputs: Mapping[str, VoltageLine] = {}
         self.sensors: Collection[str] = nature.sensors
-        self.heads: Collection[str] = ()
-        self.world, self.seed = self, nature.seed
+        self.world = self
         self._room, self._run = Room(nature.temperature), 0
         self._seated: dict[str, Any] | None = None
         self._plate_from_case = np.eye(3)
@@ -119,10 +117,6 @@ class TumbleBench:
     def temperature_c(self, times_s: FloatArray) -> FloatArray:
         """What a thermometer at the case feels."""
         return self._room.temperature_c(np.asarray(times_s, dtype=np.float64))
-
-    def displacement_mm(self, head: str) -> Signal:
-        """There are none."""
-        raise ValueError(f"no laser head '{head}' looks at a dividing head")
 
     def operate(self, action: Mapping[str, Any]) -> float:
         """Seat the case with one of its axes along the turning axis; the head's base stays as level as it is."""
