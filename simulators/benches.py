@@ -6,7 +6,6 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import numpy as np
 from pydantic import BaseModel
 
 from rigctl.core.arrays import FloatArray
@@ -63,7 +62,7 @@ class Bench(Protocol):
 
 
 class BareBench:
-    """A bench to which nothing is wired yet and in which no hand has done anything; `nature` has a seed."""
+    """A bench with no instruments yet and no laser head; `nature` has a seed."""
 
     axes: Mapping[str, MotionAxis] = {}
     inputs: Mapping[str, VoltageLine] = {}
@@ -76,21 +75,9 @@ class BareBench:
         """What all its randomness follows from."""
         return int(self.nature.seed)
 
-    def volts(self, column: str) -> Signal:
-        """There are none."""
-        raise ValueError(f"no cable leads here; nothing to measure '{column}' on")
-
     def displacement_mm(self, head: str) -> Signal:
         """There are none."""
         raise ValueError(f"no laser head '{head}' looks here")
-
-    def temperature_c(self, times_s: FloatArray) -> FloatArray:
-        """What a thermometer would feel in a room that has none."""
-        return np.full_like(times_s, np.nan)
-
-    def stands(self) -> list[dict[str, Any]]:
-        """Nothing has been made by hands."""
-        return []
 
 
 @dataclass(frozen=True)

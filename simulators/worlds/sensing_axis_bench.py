@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from simulators.benches import BareBench, WorldDeclaration
+from simulators.benches import WorldDeclaration
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis
-from simulators.wiring import Signal, TriggerLine
+from simulators.wiring import Signal, TriggerLine, VoltageLine
 from simulators.worlds.accelerometer_bench import AccelerometerBench
 from simulators.worlds.bench_settings import BenchSettings
 
 
-class SensingAxisBench(BareBench):
+class SensingAxisBench:
     """The accelerometer package on turntable and linear stage."""
 
     def __init__(self, nature: BenchSettings, clock: SimulationClock, pace: TriggerLine) -> None:
         self.nature = nature
         self.axes: Mapping[str, MotionAxis] = {"rotation": MotionAxis(), "linear": MotionAxis()}
+        self.inputs: Mapping[str, VoltageLine] = {}
         self.sensors: Collection[str] = nature.sensors
         self.heads: Collection[str] = nature.lasers
         self.world = AccelerometerBench(nature, clock, self.axes["rotation"], self.axes["linear"], pace)
@@ -26,6 +27,11 @@ class SensingAxisBench(BareBench):
         self.temperature_c = self.world.temperature_c
         self.announce_run = self.world.announce_run
         self.stands = self.world.stands
+
+    @property
+    def seed(self) -> int:
+        """What all its randomness follows from."""
+        return self.nature.seed
 
     def volts(self, _: str) -> Signal:
         """There is one sensor at a time."""

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import columns_of
-from rigctl.experiments.analysis import Progress
 from rigctl.workbench.findings import ModelFit
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
 from rigctl.workbench.study_base import CatalogueStudy, own_model

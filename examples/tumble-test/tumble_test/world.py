@@ -101,6 +101,8 @@ class TumbleSettings(_Settings):
 class TumbleBench(BareBench):
     """The case on the head, as its instruments find it; the stage of role "rotation" turns the head."""
 
+    nature: TumbleSettings
+
     def __init__(self, nature: TumbleSettings, clock: SimulationClock, pace: TriggerLine) -> None:
         self.nature, self._clock, self._pace = nature, clock, pace
         self.axes: Mapping[str, MotionAxis] = {"rotation": MotionAxis()}
@@ -124,7 +126,7 @@ class TumbleBench(BareBench):
             case {"remount": {"axis": str(out), "configuration": str(clocking), "mounting": int(number)}}:
                 self._seat(out, math.radians(float(clocking.removesuffix(" deg"))), number)
                 self._seated = {"axis": out, "configuration": clocking, "mounting": number}
-                return self._clock.now_s() + self.nature.remount_s
+                return float(self._clock.now_s() + self.nature.remount_s)
             case {"level": _}:
                 return self._clock.now_s()
             case _:
