@@ -53,6 +53,11 @@ class StudyBase(ABC, Generic[Data]):
         """Every effect that can be added, in the order in which they act: id and the physics in a sentence."""
         return {name: effect.summary for name, effect in self.catalogue.items()}
 
+    def lines(self, model: Model) -> Sequence[Line]:
+        """Steady lines in the samples; none where the data are no samples."""
+        del model
+        return ()
+
     def chosen(self, terms: Sequence[Term]) -> list[Effect]:
         """The effects of terms in the order in which they act; `ConfigError` for one that is unknown."""
         named = {term.effect for term in terms}

@@ -7,6 +7,7 @@ temperature, t, approach, g, and the means of temperature and time over the reco
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -21,23 +22,18 @@ of_output = partial(effect, on="tumble_output_v", scope="channel")
 STANDARD = "model equation of IEEE Std 1293; plausible 1 to 100 ug per g2 or g4"
 
 
-@of_head(
-    "head-eccentricity",
-    parameters={"c1": "rad", "s1": "rad"},
-    typical={"c1": 1e-5, "s1": 1e-5},
-    source="first harmonic of the graduation's error, equation 6; plausible 1e-6 to 1e-4 rad",
-)
+def alike(unit: str, size: float, *names: str) -> dict[str, Any]:
+    """Parameters of the same unit and typical size."""
+    return {"parameters": dict.fromkeys(names, unit), "typical": dict.fromkeys(names, size)}
+
+
+@of_head("head-eccentricity", **alike("rad", 1e-5, "c1", "s1"), source="equation 6; plausible 1e-6 to 1e-4 rad")
 def head_eccentricity(run: TumbleRun, c1: FloatArray, s1: FloatArray) -> FloatArray:
     """The head's graduation is off its axis: its angle errs by c1 cos(theta) + s1 sin(theta)."""
     return c1 * np.cos(run.theta) + s1 * np.sin(run.theta)
 
 
-@of_head(
-    "head-ellipticity",
-    parameters={"c2": "rad", "s2": "rad"},
-    typical={"c2": 5e-6, "s2": 5e-6},
-    source="second harmonic of the graduation's error, equation 6; plausible 1e-6 to 3e-5 rad",
-)
+@of_head("head-ellipticity", **alike("rad", 5e-6, "c2", "s2"), source="equation 6; plausible 1e-6 to 3e-5 rad")
 def head_ellipticity(run: TumbleRun, c2: FloatArray, s2: FloatArray) -> FloatArray:
     """The head's graduation is oval: its angle errs by c2 cos(2 theta) + s2 sin(2 theta)."""
     return c2 * np.cos(2.0 * run.theta) + s2 * np.sin(2.0 * run.theta)
@@ -55,18 +51,13 @@ def axis_tilt(run: TumbleRun, beta: FloatArray) -> FloatArray:
     return beta + 0.0 * run.theta
 
 
-@of_axis("axis-wobble", parameters={"wc": "rad", "ws": "rad"}, typical={"wc": 1e-5, "ws": 1e-5}, source="equation 1")
+@of_axis("axis-wobble", **alike("rad", 1e-5, "wc", "ws"), source="equation 1")
 def axis_wobble(run: TumbleRun, wc: FloatArray, ws: FloatArray) -> FloatArray:
     """The bearing's error motion lifts the turning axis by wc cos(theta) + ws sin(theta)."""
     return wc * np.cos(run.theta) + ws * np.sin(run.theta)
 
 
-@of_sensor(
-    "cross-quadratic",
-    parameters={"K_pp": "s2/m", "K_oo": "s2/m", "K_po": "s2/m"},
-    typical={"K_pp": 1e-6, "K_oo": 1e-6, "K_po": 1e-6},
-    source=STANDARD,
-)
+@of_sensor("cross-quadratic", **alike("s2/m", 1e-6, "K_pp", "K_oo", "K_po"), source=STANDARD)
 def cross_quadratic(run: TumbleRun, K_pp: FloatArray, K_oo: FloatArray, K_po: FloatArray) -> FloatArray:
     """What acts across the input axis is rectified: K_pp a_p^2 + K_oo a_o^2 + K_po a_p a_o."""
     return K_pp * run.a_p**2 + K_oo * run.a_o**2 + K_po * run.a_p * run.a_o

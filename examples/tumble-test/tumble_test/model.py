@@ -133,13 +133,10 @@ class Placed(NamedTuple):
     typical: FloatArray
     width: int
 
-    def sizes(self, values: FloatArray, place: IntArray) -> dict[str, FloatArray]:
-        """Its parameters at each datum."""
-        return dict(zip(self.effect.parameters, values.reshape(-1, self.width)[:, place % self.width], strict=True))
 
-
-def placed(effect: Effect, sensors: Sequence[str], taken: Sequence[str]) -> Placed:
-    """An effect for these sensors; a name that others have `taken` gets the effect's id before it."""
+def placed(effect: Effect, sensors: Sequence[str], before: Sequence[Placed]) -> Placed:
+    """An effect for these sensors; a name that one `before` it has gets the effect's id before it."""
+    taken = [name for each in before for name in each.names]
     labels = [f"[{sensor}]" for sensor in sensors] if effect.scope == "channel" else [""]
     own = [name + label for name in effect.parameters for label in labels]
     names = tuple(f"{effect.id}.{name}" if name in taken else name for name in own)
@@ -201,9 +198,10 @@ class TumbleModel:
     def _with_effects(self, point: str, run: TumbleRun, signal: FloatArray, values: FloatArray) -> FloatArray:
         at = self.own
         for each in self.placed:
-            own, at = values[at : at + len(each.names)], at + len(each.names)
+            own, at = values[at : at + len(each.names)].reshape(-1, each.width), at + len(each.names)
             if each.effect.on == point:
-                signal = signal + each.effect(replace(run, signal=signal), **each.sizes(own, self.data.place))
+                sizes = dict(zip(each.effect.parameters, own[:, self.data.place % each.width], strict=True))
+                signal = signal + each.effect(replace(run, signal=signal), **sizes)
         return np.asarray(signal)
 
     def _untold(self, starts: FloatArray) -> list[bool]:
@@ -214,5 +212,4 @@ class TumbleModel:
             left = slopes[:, column] - basis @ (basis.T @ slopes[:, column])
             held.append(bool(np.linalg.norm(left) <= _OWN_PART * size[column]))
             basis = basis if held[-1] else np.column_stack([basis, left / np.linalg.norm(left)])
-        seats = size[self._shared :]
-        return [*held, *(bool(each <= _OWN_PART * seats.max()) for each in seats)]
+        return [*held, *(size[self._shared :] <= _OWN_PART * size[self._shared :].max()).tolist()]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,10 +23,7 @@ OUTS = tuple(sense + axis for axis in AXES for sense in "+-")
 """Which axis of the case lies along the turning axis, and in which sense."""
 
 _STEP_RAD = 1e-5
-
-
-def _nothing() -> FloatArray:
-    return np.empty(0)
+_nothing = partial(np.empty, 0)
 
 
 def case_axes(out: str, clocking_rad: float) -> FloatArray:
@@ -96,12 +94,9 @@ def trial_run(point: str) -> TumbleRun:
     rng, data = np.random.default_rng(1), 48
     case = np.array([case_axes(OUTS[i % len(OUTS)], 0.3 * i) for i in range(data)])
     theta, sense = rng.uniform(0.0, 2.0 * np.pi, data), np.where(np.arange(data) % 2, 1.0, -1.0)
-    warm, t, sensor = (
-        rng.uniform(15.0, 30.0, data),
-        60.0 * np.arange(data, dtype=np.float64),
-        np.arange(data) % len(AXES),
-    )
-    bare = TumbleRun(theta, sense, warm, t, sensor, case, 9.81, 22.0, 1000.0, AnyColumns((data,)))
+    warm, t = rng.uniform(15.0, 30.0, data), 60.0 * np.arange(data)
+    sensor, columns = np.arange(data) % len(AXES), AnyColumns((data,))
+    bare = TumbleRun(theta, sense, warm, t, sensor, case, 9.81, 22.0, 1000.0, columns)
     run = bare.standing(np.zeros(data), np.zeros(data), np.zeros((data, 3)))
     scale = {"tumble_indicated_m_s2": 1.0, "tumble_output_v": 0.5}
     return replace(run, signal=scale[point] * (run.a_i + 0.01) if point in scale else np.full(data, 1e-5))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -100,8 +99,7 @@ class Plan(campaigns.Plan):
         for meter in meters:
             if meter.channels()[0].name not in (names := [f"{name}_v" for name in AXES]):
                 raise ConfigError(f"{rig.file.path}: {meter.name}.channel has to be one of {', '.join(names)}")
-        thermometer = next(iter(rig.by_role("thermometer")), None)
-        test = Test(self, rig.only("rotation"), meters[0], meters[1:], thermometer)
+        test = Test(self, rig.only("rotation"), meters[0], meters[1:], rig.by_role("thermometer")[:1])
         test.check()
         return test
 
@@ -141,7 +139,7 @@ class Test(campaigns.Work):
     rotation: Any
     readout: Any
     followers: Sequence[Any]
-    thermometer: Any
+    thermometers: Sequence[Any]
     _in_place: tuple[str, str, int] | None = field(default=None, init=False)
     _left_deg: float | None = field(default=None, init=False)
 
@@ -149,10 +147,8 @@ class Test(campaigns.Work):
         """`LimitError` when head or meters cannot do it, before anything moves."""
         asked, limits = self.plan.procedure, self.rotation.limits
         for each in self.plan.positions:
-            for angle_deg in (
-                each["angle_asked_deg"],
-                each["angle_asked_deg"] - each["approach"] * asked.overshoot_deg,
-            ):
+            asked_deg = each["angle_asked_deg"]
+            for angle_deg in (asked_deg, asked_deg - each["approach"] * asked.overshoot_deg):
                 if not limits.angle_min_deg <= angle_deg <= limits.angle_max_deg:
                     reach = f"{limits.angle_min_deg:g} .. {limits.angle_max_deg:g} deg"
                     raise LimitError(f"{self.rotation.name}: {angle_deg:g} deg is on the way, and outside {reach}")
@@ -179,8 +175,7 @@ class Test(campaigns.Work):
 
     @property
     def _apparatus(self) -> Apparatus:
-        others = (self.readout, *self.followers, self.thermometer)
-        return Apparatus((self.rotation,), tuple(each for each in others if each is not None))
+        return Apparatus((self.rotation,), (self.readout, *self.followers, *self.thermometers))
 
     def _prepare(self) -> None:
         if not self.rotation.is_homed():
@@ -217,15 +212,15 @@ class Test(campaigns.Work):
         self.rotation.move_to(asked_deg - position["approach"] * self.plan.procedure.overshoot_deg)
         self.rotation.move_to(asked_deg)
         session.wait_s(self.plan.procedure.settle_s)
-        angle_deg, temperatures_c = self.rotation.angle().value, [self._temperature_c()]
+        angle_deg, warm_c = self.rotation.angle().value, self._temperatures_c()
         start_s, columns = self._record(session)
-        temperatures_c.append(self._temperature_c())
+        warm_c += self._temperatures_c()
         for each in (angle_deg, self.rotation.angle().value):
             if not abs(each - asked_deg) <= ANGLE_TOLERANCE_DEG:
                 said = f"{self.rotation.name}: {each:g} deg where {asked_deg:g} deg was asked for"
                 raise ImplausibleSample(said, channel="angle_deg", instrument=self.rotation.name)
         writer.append(columns)
-        found = {"angle_deg": angle_deg, "start_s": start_s, "temperature_c": float(np.mean(temperatures_c))}
+        found = {"angle_deg": angle_deg, "start_s": start_s, "temperature_c": float(np.mean(warm_c or np.nan))}
         overloaded = [name for name, column in columns.items() if not np.isfinite(column).all()]
         return {**found, "valid": False, "reason": f"overload in {', '.join(overloaded)}"} if overloaded else found
 
@@ -244,22 +239,18 @@ class Test(campaigns.Work):
         columns = {"t_s": period_s * np.arange(samples), self.readout.channels()[0].name: rows[:, 0]}
         return start_s, columns | {meter.channels()[0].name: meter.collect()[:, 0] for meter in self.followers}
 
-    def _temperature_c(self) -> float:
-        return math.nan if self.thermometer is None else float(self.thermometer.temperature().value)
+    def _temperatures_c(self) -> list[float]:
+        return [float(each.temperature().value) for each in self.thermometers]
 
 
 def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -> Plan:
     """The positions a campaign file asks for, after what earlier campaigns have left; `ConfigError`."""
     del plugins
     before = () if part is None else (part.mountings_before, part.mounted)
-    found = Plan(_procedure_of(campaign), *before)
+    found = Plan(validated(Procedure, campaign.procedure, campaign.path, "procedure"), *before)
     if not found.positions:
         raise ConfigError(f"{campaign.path}: procedure.mountings is missing; add a table [[procedure.mountings]]")
     return found
-
-
-def _procedure_of(campaign: CampaignFile) -> Procedure:
-    return validated(Procedure, campaign.procedure, campaign.path, "procedure")
 
 
 def mounted(store: Store) -> Sequence[tuple[str, str, int]]:
@@ -288,7 +279,8 @@ def allowed(store: Store, rig: Instruments | None) -> Allowed | None:
     """What the head's limits leave."""
     if rig is None:
         return None
-    instruments, asked = rig, _procedure_of(campaign_of(store))
+    instruments, campaign = rig, campaign_of(store)
+    asked = validated(Procedure, campaign.procedure, campaign.path, "procedure")
 
     def within(proposal: Proposal) -> bool:
         try:

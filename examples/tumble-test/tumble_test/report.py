@@ -67,8 +67,7 @@ def tables(found: Mapping[str, Any]) -> list[ResultTable]:
 def nonlinearity_plate(model: TumbleModel, values: FloatArray) -> Plate[Deviation]:
     """Output less bias, scale factor and misalignment against the angle: what is curved in it."""
     data = model.data
-    straight = values[: model.own].copy()
-    count = len(data.sensors)
+    straight, count = values[: model.own].copy(), len(data.sensors)
     straight[4 * count : 8 * count] = 0.0
     line_v = TumbleModel(data, held=model.held).predict(straight)
     per_ug = values[:count][data.place] * G_N * 1e-6

@@ -16,8 +16,8 @@ from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import columns_of
 from rigctl.workbench.findings import ModelFit
-from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
-from rigctl.workbench.study_base import CatalogueStudy, own_model
+from rigctl.workbench.study import Candidate, Model, Proposal, Term
+from rigctl.workbench.study_base import CatalogueStudy, own_model, parameters_as_json
 from rigctl.workbench.verdict.fit import fit
 from rigctl.workbench.workbench import Workbench
 from tumble_test.model import OF_A_SENSOR, Bench, Placed, Recorded, TumbleModel, placed, recorded
@@ -27,9 +27,9 @@ from tumble_test.positions import OUTS
 G_N = 9.80665
 """The standard acceleration, exactly: the unit g of results. Gravity at the place is [constants.g_m_s2]."""
 
-SHEET_UNITS = ("V/g", "ug", "urad", "urad", "ug/g2", "ug/g3", "ug/g2", "ug/g2")
-SHEET_FACTORS = np.array([1e-6, 1.0 / G_N, 1.0, 1.0, G_N, G_N**2, G_N, G_N]) * 1e6 * np.array([G_N, *[1.0] * 7])
-"""Units of the coefficients OF_A_SENSOR on data sheets, and what they are multiplied by, from SI."""
+_ANGLE, _SQUARE = (1e6, "urad"), (1e6 * G_N, "ug/g2")
+SHEETS = ((G_N, "V/g"), (1e6 / G_N, "ug"), _ANGLE, _ANGLE, _SQUARE, (1e6 * G_N**2, "ug/g3"), _SQUARE, _SQUARE)
+"""What the coefficients OF_A_SENSOR are multiplied by, from SI, and their units on data sheets."""
 
 REMOUNT_S, RUN_S = 900.0, 40.0
 CLOCKINGS_DEG = (0.0, 90.0, 180.0, 270.0)
@@ -57,7 +57,7 @@ class TumbleStudy(CatalogueStudy[Recorded]):
         for effect in self.chosen(terms):
             if reason := self.untestable(effect, self._baseline):
                 raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
-            found.append(self._placed(effect, found))
+            found.append(placed(effect, self.data.sensors, found))
         return TumbleModel(self.data, found, self._baseline.held)
 
     @cached_property
@@ -82,7 +82,7 @@ class TumbleStudy(CatalogueStudy[Recorded]):
         """One for each effect."""
         here, found = own_model(model, TumbleModel), []
         for effect in effects:
-            one = self._placed(effect, here.placed)
+            one = placed(effect, here.data.sensors, here.placed)
             wider = TumbleModel(here.data, (*here.placed, one), here.held)
             derivative = wider.jacobian(np.concatenate([values, np.zeros(len(one.names))]), len(values))
             moved = np.abs(derivative * one.typical) > _NOTHING * here.observations.sigma[:, None]
@@ -90,23 +90,14 @@ class TumbleStudy(CatalogueStudy[Recorded]):
             found.append([Candidate(Term(effect.id), one.names, one.units, seen, one.typical)])
         return found
 
-    def _placed(self, effect: Effect, before: Sequence[Placed]) -> Placed:
-        return placed(effect, self.data.sensors, [name for each in before for name in each.names])
-
-    def lines(self, model: Model) -> Sequence[Line]:
-        """None: a position is a mean."""
-        del model
-        return ()
-
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """The coefficients of each sensor in the units of data sheets, without those that are held."""
-        sigmas, found = np.sqrt(np.maximum(np.diag(covariance), 0.0)), {}
-        for number, each in enumerate(model.parameters[: len(OF_A_SENSOR) * len(self.data.sensors)]):
-            place = number // len(self.data.sensors)
-            factor, unit = SHEET_FACTORS[place], SHEET_UNITS[place]
-            if not each.fixed:
-                value, sigma = float(factor * values[number]), float(factor * sigmas[number])
-                found[each.name] = {"value": value, "sigma": sigma, "unit": unit}
+        known = parameters_as_json(model, values, covariance, len(OF_A_SENSOR) * len(self.data.sensors))
+        held, found = {each.name for each in model.parameters if each.fixed}, {}
+        for number, (name, each) in enumerate(known.items()):
+            factor, unit = SHEETS[number // len(self.data.sensors)]
+            if name not in held:
+                found[name] = {"value": factor * each["value"], "sigma": factor * each["sigma"], "unit": unit}
         return found
 
     def options(self) -> list[Proposal]:

@@ -7,13 +7,13 @@ the force along its true axes as a damped oscillator, and what it reads is bent 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
-from scipy.signal import lfilter
+from scipy.signal import bilinear, lfilter
 
 from rigctl.core.arrays import FloatArray
 from simulators.benches import BareBench, WorldDeclaration, no_such_action
@@ -22,6 +22,7 @@ from simulators.motion import MotionAxis
 from simulators.wiring import Signal, TriggerLine
 from simulators.worlds.bench_settings import TemperatureSettings
 from simulators.worlds.keyed_random import generator
+from simulators.worlds.rotations import about_x, rotation
 from simulators.worlds.temperature import Room
 
 Name = Literal["x", "y", "z"]
@@ -32,20 +33,6 @@ STANDARD_G_M_S2 = 9.80665
 SINGLE_PERIOD_S = 0.02
 SLOW_HZ, SLOW_WAVES = (1e-5, 0.05), 120
 """The noise that goes on from run to run: between which frequencies, and as how many waves."""
-
-BENDS: Mapping[Bend, Callable[[FloatArray, FloatArray, FloatArray], FloatArray]] = {
-    "k2": lambda i, _p, _o: i**2,
-    "k3": lambda i, _p, _o: i**3,
-    "k4": lambda i, _p, _o: i**4,
-    "k_ip": lambda i, p, _o: i * p,
-    "k_io": lambda i, _p, o: i * o,
-    "k_pp": lambda _i, p, _o: p**2,
-    "k_oo": lambda _i, _p, o: o**2,
-    "k_po": lambda _i, p, o: p * o,
-    "k_oq": lambda i, _p, _o: i * np.abs(i),
-    "asymmetry": lambda i, _p, _o: np.abs(i),
-}
-"""What an output has beyond a straight line, by what acts along input, pendulous and output axis [g]."""
 
 
 class _Settings(BaseModel):
@@ -109,16 +96,13 @@ class TumbleBench(BareBench):
         self.sensors: Collection[str] = nature.sensors
         self.world = self
         self._room, self._run = Room(nature.temperature), 0
+        self.temperature_c = self._room.temperature_c
         self._seated: dict[str, Any] | None = None
         self._plate_from_case = np.eye(3)
 
     def announce_run(self, number: int) -> None:
         """A run begins, the key of its randomness."""
         self._run = number
-
-    def temperature_c(self, times_s: FloatArray) -> FloatArray:
-        """What a thermometer at the case feels."""
-        return self._room.temperature_c(np.asarray(times_s, dtype=np.float64))
 
     def operate(self, action: Mapping[str, Any]) -> float:
         """Seat the case with one of its axes along the turning axis; the head's base stays as level as it is."""
@@ -150,61 +134,57 @@ class TumbleBench(BareBench):
         along, following = (1.0 if out[0] == "+" else -1.0) * CASE[out[1:]], np.roll(CASE[out[1:]], 1)
         upright = np.stack([along, following, np.cross(along, following)])
         drawn = generator(self.seed, "seat", number).standard_normal(3)
-        off = _turned(1e-6 * self.nature.seat_urad * drawn)
-        self._plate_from_case = off @ _turned(np.array([clocking_rad, 0.0, 0.0])) @ upright
+        self._plate_from_case = rotation(1e-6 * self.nature.seat_urad * drawn) @ about_x(clocking_rad) @ upright
 
     def _volts(self, name: str, sensor: SensorSettings, times_s: FloatArray) -> FloatArray:
         times_s = np.asarray(times_s, dtype=np.float64)
-        a_i, a_p, a_o, rising = self._settled(sensor, times_s, partial(self._felt_g, name, sensor))
+        a_i, a_p, a_o, rising = self._settled(name, sensor, times_s)
         warm_k, days = self._room.warmer_k(times_s), times_s / 86400.0
-        bent = sum((size * BENDS[form](a_i, a_p, a_o) for form, size in sensor.bends_ug.items()), np.zeros(a_i.shape))
-        wandering = (
-            sensor.bias_ug_per_k * warm_k + sensor.bias_ug_per_day * days + self._noise_ug(name, sensor, times_s)
-        )
+        along = {"k2": a_i**2, "k3": a_i**3, "k4": a_i**4, "k_oq": a_i * np.abs(a_i), "asymmetry": np.abs(a_i)}
+        across = {"k_ip": a_i * a_p, "k_io": a_i * a_o, "k_pp": a_p**2, "k_oo": a_o**2, "k_po": a_p * a_o}
+        bent = sum((size * (along | across)[form] for form, size in sensor.bends_ug.items()), np.zeros(a_i.shape))
+        drifting = sensor.bias_ug_per_k * warm_k + sensor.bias_ug_per_day * days
+        wandering = drifting + self._noise_ug(name, sensor, times_s)
         reads_g = a_i + 1e-3 * sensor.bias_mg + 1e-6 * (bent + wandering + sensor.hysteresis_ug * rising)
         scale = 1.0 + 1e-6 * (sensor.scale_ppm_per_k * warm_k + sensor.scale_ppm_per_day * days)
         return np.asarray(sensor.scale_v_per_g * scale * reads_g)
 
     def _felt_g(self, name: str, sensor: SensorSettings, times_s: FloatArray) -> FloatArray:
         """Gravity's reaction along input, pendulous and output axis [g], and whether the first rises, (4, n)."""
-        rotation, head = self.axes["rotation"], self.nature.head
-        nominal, direction = np.deg2rad(rotation.sample(times_s)[0]), rotation.directions(times_s)
+        turned, head = self.axes["rotation"], self.nature.head
+        nominal, direction = np.deg2rad(turned.sample(times_s)[0]), turned.directions(times_s)
         waves = np.stack([np.cos(nominal), np.sin(nominal), np.cos(2.0 * nominal), np.sin(2.0 * nominal)])
         stop = head.scatter_urad * generator(self.seed, "stop", self._run).standard_normal()
         errs = np.array([*head.first_urad, *head.second_urad]) @ waves + stop - head.backlash_urad * direction
         angle, rise = nominal + 1e-6 * errs, 1e-6 * (head.tilt_urad + np.array(head.wobble_urad) @ waves[:2])
         up = np.stack([np.sin(rise), np.cos(rise) * np.sin(angle), np.cos(rise) * np.cos(angle)])
         onward = np.stack([np.zeros(angle.shape), up[2], -up[1]])
-        own = _turned(1e-6 * np.array(sensor.turned_urad))
+        own = rotation(1e-6 * np.array(sensor.turned_urad))
         axes = np.stack([own @ np.roll(CASE[name], step) for step in range(3)]) @ self._plate_from_case.T
         slope = (axes @ onward)[0]
         rising = np.where(np.abs(slope) < 1e-3, 0.0, np.sign(slope)) * direction
         return np.vstack([self.nature.g_m_s2 / STANDARD_G_M_S2 * (axes @ up), rising])
 
-    def _settled(
-        self, sensor: SensorSettings, times_s: FloatArray, felt_g: Callable[[FloatArray], FloatArray]
-    ) -> FloatArray:
+    def _settled(self, name: str, sensor: SensorSettings, times_s: FloatArray) -> FloatArray:
         """As the servo loop follows it: step by step through a turn and its ring-down, at rest at once."""
-        found, ended_s = felt_g(times_s), self.axes["rotation"].end_s
+        found, ended_s = self._felt_g(name, sensor, times_s), self.axes["rotation"].end_s
         w, q = 2.0 * math.pi * sensor.loop_hz, sensor.loop_q
         rings_s = 30.0 * max(q, 1.0 / q) / w
         moved = times_s < ended_s + rings_s
         if moved.any():
             step_s = 0.02 / sensor.loop_hz
             grid_s = np.arange(times_s[moved].min() - rings_s, times_s[moved].max() + 2.0 * step_s, step_s)
-            course = felt_g(grid_s)[:3]
-            k = 2.0 / step_s  # bilinear: x'' + (w/q) x' + w^2 x = w^2 u
-            a = np.array([k * k + k * w / q + w * w, 2.0 * (w * w - k * k), k * k - k * w / q + w * w])
-            b = w * w * np.array([1.0, 2.0, 1.0])
-            followed = course[:, :1] + lfilter(b / a[0], a / a[0], course - course[:, :1], axis=1)
+            course = self._felt_g(name, sensor, grid_s)[:3]
+            # x'' + (w/q) x' + w^2 x = w^2 u
+            b, a = bilinear([w * w], [1.0, w / q, w * w], fs=1.0 / step_s)
+            followed = course[:, :1] + lfilter(b, a, course - course[:, :1], axis=1)
             found[:3, moved] = [np.interp(times_s[moved], grid_s, each) for each in followed]
         return found
 
     def _noise_ug(self, name: str, sensor: SensorSettings, times_s: FloatArray) -> FloatArray:
         random, decades = generator(self.seed, "slow", name), math.log10(SLOW_HZ[1] / SLOW_HZ[0])
-        frequency_hz = SLOW_HZ[0] * 10.0 ** (
-            decades * (np.arange(SLOW_WAVES) + random.random(SLOW_WAVES)) / SLOW_WAVES
-        )
+        exponents = decades * (np.arange(SLOW_WAVES) + random.random(SLOW_WAVES)) / SLOW_WAVES
+        frequency_hz = SLOW_HZ[0] * 10.0**exponents
         phases = 2.0 * np.pi * (np.outer(times_s, frequency_hz) + random.random(SLOW_WAVES))
         slow = sensor.slow_ug * math.sqrt(2.0 * decades / SLOW_WAVES) * np.cos(phases).sum(axis=1)
         # The anti-alias filter before a meter lets through half of what it samples.
@@ -212,13 +192,6 @@ class TumbleBench(BareBench):
         band_hz = 0.5 / (train.period_s if train is not None else SINGLE_PERIOD_S)
         white = generator(self.seed, name, self._run, *times_s[:1].tolist()).standard_normal(times_s.shape)
         return np.asarray(slow + sensor.white_ug_rthz * math.sqrt(band_hz) * white)
-
-
-def _turned(vector: FloatArray) -> FloatArray:
-    """The rotation by a vector, by Rodrigues' formula."""
-    angle = float(np.linalg.norm(vector)) or 1.0
-    cross = np.cross(np.eye(3), vector / angle)
-    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross))
 
 
 WORLD = WorldDeclaration("tumble-test", TumbleSettings, TumbleBench)

@@ -22,7 +22,6 @@ from rigctl.experiments.table.proposals import options
 from rigctl.experiments.table.study_data import TableData
 from rigctl.workbench.study import (
     Candidate,
-    Line,
     Model,
     NotTestable,
     Observations,
@@ -117,11 +116,6 @@ class TableStudy(StudyBase[TableData]):
                 entry = plugin_candidate(piece, model.signal(values))
                 (candidates if isinstance(entry, Candidate) else untestable).append(entry)  # type: ignore[arg-type]
         return candidates, untestable
-
-    def lines(self, model: Model) -> Sequence[Line]:
-        """None: a table has no samples."""
-        del model
-        return ()
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """The parameters: they are what a calibration is for."""
