@@ -159,7 +159,7 @@ def test_an_investigation_adds_an_effect_of_ones_own_and_says_whose(
 ) -> None:
     known = catalogue("sensing-axis").values()
     others = tuple(each for each in known if each.id != "cable-hysteresis")
-    monkeypatch.setattr(sys.modules["rigctl.effects.catalogue"], "_own", lambda experiment: others)
+    monkeypatch.setattr(sys.modules["rigctl.effects.catalogue"], "_installed", lambda experiment: iter(others))
     bench.campaign((', "drag"', ""), text=SCAN)
     plugin = bench.directory / "drag.py"
     campaign = read_campaign(bench.directory / "campaign.toml")
