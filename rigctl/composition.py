@@ -13,7 +13,6 @@ from rigctl.campaign.store.store import Store
 from rigctl.core.experiments import experiment_named
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.analysis import analysis_of
-from rigctl.rig import Rig
 from rigctl.workbench.next.recommend import Allowed
 from rigctl.workbench.study import Study
 from rigctl.workbench.workbench import Workbench
@@ -41,6 +40,8 @@ def allowed_by_rig(store: Store) -> Allowed | None:
     header = store.header
     if not experiment_named(header.experiment).campaign:
         return None
+    from rigctl.rig import Rig  # drivers and simulators are a tenth of the time of `rigctl result`, which needs none
+
     measured_here = header.rig_toml is not None and header.campaign_toml is not None
     rig = Rig.for_its_limits(rig_file_of(store)) if measured_here else None
     return campaigns_of(header.experiment, store.path).allowed(store, rig)
