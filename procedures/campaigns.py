@@ -22,8 +22,7 @@ from rigctl.core.experiments import part_of
 from rigctl.effects.plugins import Plugin
 from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.rig_file import RigFile
-from rigctl.workbench.next.recommend import Allowed
-from rigctl.workbench.study import Proposal
+from rigctl.workbench.study import Allowed, Proposal
 
 
 class Simulation(Protocol):

@@ -13,8 +13,7 @@ from rigctl.campaign.store.store import Store
 from rigctl.core.experiments import experiment_named
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.analysis import analysis_of
-from rigctl.workbench.next.recommend import Allowed
-from rigctl.workbench.study import Study
+from rigctl.workbench.study import Allowed, Study
 from rigctl.workbench.workbench import Workbench
 
 

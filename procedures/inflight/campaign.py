@@ -21,8 +21,7 @@ from rigctl.experiments.inflight.observe.sessions import LINEAR, MASS_MOTION, QU
 from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.campaign_tables import settings_of
 from rigctl.files.toml_files import validated
-from rigctl.workbench.next.recommend import Allowed
-from rigctl.workbench.study import Proposal
+from rigctl.workbench.study import Allowed, Proposal
 
 
 @dataclass(frozen=True)

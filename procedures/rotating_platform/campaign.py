@@ -19,8 +19,7 @@ from rigctl.core.errors import ConfigError, LimitError
 from rigctl.effects.plugins import Plugin
 from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.toml_files import validated
-from rigctl.workbench.next.recommend import Allowed
-from rigctl.workbench.study import Proposal
+from rigctl.workbench.study import Allowed, Proposal
 
 __all__ = ["allowed", "channels", "further", "mounted", "plan"]
 

@@ -25,8 +25,7 @@ from rigctl.effects.plugins import Plugin
 from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S
 from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.toml_files import validated
-from rigctl.workbench.next.recommend import Allowed
-from rigctl.workbench.study import Proposal
+from rigctl.workbench.study import Allowed, Proposal
 
 __all__ = ["allowed", "channels", "chosen_runs", "further", "mounted", "plan", "set_points"]
 

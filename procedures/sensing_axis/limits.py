@@ -8,8 +8,7 @@ from typing import Any
 from procedures.sensing_axis.bench import Bench, SetPoint
 from procedures.sensing_axis.tables import Procedure
 from rigctl.core.errors import ConfigError, LimitError
-from rigctl.workbench.next.recommend import Allowed
-from rigctl.workbench.study import Proposal
+from rigctl.workbench.study import Allowed, Proposal
 
 
 def within(bench: Bench, procedure: Procedure, axis: str, configuration: str) -> Allowed:

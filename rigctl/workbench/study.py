@@ -6,7 +6,7 @@ one channel. The workbench works on these vectors and on derivatives with respec
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
@@ -219,6 +219,10 @@ class Proposal:
     takes_s: float = float("nan")
     sitting: str = ""
     sitting_s: float = 0.0
+
+
+Allowed = Callable[[Proposal], bool]
+"""Whether the rig that measured can carry a proposal out."""
 
 
 @runtime_checkable

@@ -18,8 +18,8 @@ from rigctl.workbench.study import Study, Term
 
 if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
-    from rigctl.workbench.next.recommend import Allowed
     from rigctl.workbench.next.recommendation import Recommendation
+    from rigctl.workbench.study import Allowed
     from rigctl.workbench.verdict.attempt import Attempt
     from rigctl.workbench.verdict.transfer import Transfer
 

@@ -27,8 +27,7 @@ from rigctl.core.file_tables import Table
 from rigctl.effects.plugins import Plugin
 from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.toml_files import validated
-from rigctl.workbench.next.recommend import Allowed
-from rigctl.workbench.study import Proposal
+from rigctl.workbench.study import Allowed, Proposal
 from tumble_test.positions import AXES
 
 ANGLE_TOLERANCE_DEG = 0.01

@@ -11,7 +11,7 @@ wrong one of the two in the model. Between rivals, M leaves the rest of the cata
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from rigctl.workbench.findings import Diagnosis
@@ -29,13 +29,11 @@ from rigctl.workbench.next.recommendation import (
     tightening_words,
 )
 from rigctl.workbench.next.tighten import tightening
-from rigctl.workbench.study import Plannable, Proposal, Study, Term
+from rigctl.workbench.study import Allowed, Plannable, Proposal, Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt
 
 MOST_RUNS = 24
-
-Allowed = Callable[[Proposal], bool]
 
 
 @one_thread
