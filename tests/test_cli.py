@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rigctl import cli
-from rigctl.campaign.session import locks
+from rigctl.campaign.session import locks, requests
 from rigctl.campaign.store.store import Store
 from rigctl.files.rig_file import read_rig
 
@@ -443,3 +443,13 @@ def test_the_page_of_all_commands_needs_nothing_that_they_work_with() -> None:
     assert "Run a campaign from start to result." in told
     assert "The versions of a store's model." in told
     assert not [name for name in ("numpy", "pydantic", "scipy", "textual", "matplotlib") if f"'{name}'" in told]
+
+
+def test_a_campaign_that_ends_while_it_is_asked_to_go_on_is_resumed(
+    desk: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = desk.run()
+    assert ended.status == 0
+    looks = iter([True])
+    monkeypatch.setattr(requests, "is_running", lambda store: next(looks, False))
+    assert desk.rigctl("resume", desk.store, "--json").json["status"]["state"] == "done"

@@ -13,7 +13,7 @@ from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
 from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell
 from rigctl.cli.steering import ask
-from rigctl.core.errors import ConfigError, DataError, ProcedureError
+from rigctl.core.errors import ConfigError, DataError, ProcedureError, RigError
 from rigctl.files.campaign_file import CampaignFile, read_campaign
 from rigctl.files.rig_file import read_rig
 from rigctl.report.terminal import ProgressBar
@@ -76,8 +76,13 @@ def resume(
 ) -> None:
     """Go on with a paused or an interrupted campaign."""
     if requests.is_running(store):
-        ask(store, "resume", as_json=as_json)
-        return
+        try:
+            ask(store, "resume", as_json=as_json)
+        except RigError:
+            if requests.is_running(store):  # otherwise it has ended just now, by a kill for instance
+                raise
+        else:
+            return
     with Store.open(store, readonly=True) as opened:
         unattended = yes or bool(opened.header.extra.get("unattended"))
     plugins = tuple(plugin or ())
