@@ -47,6 +47,7 @@ class CheckedRows:
         self.path = path
         self.summed = has_checksums(connection)
         self._note = synced.Note(path)
+        self._changes: list[Change] = []
 
     def read(self, query: str, values: Sequence[object] = ()) -> list[Any]:
         """The rows of any query, nothing verified."""
@@ -115,11 +116,13 @@ class CheckedRows:
     @contextmanager
     def writing(self, *, durable: bool = False) -> Iterator[None]:
         """One transaction; `durable`: on stable storage when it has ended, and noted beside the store."""
+        self._changes = []
         with database_errors(self.path):
             with transaction(self.connection, durable=durable):
                 yield
-                mark = ledger.count(self.connection) if durable else None
-            if mark is not None:
+                if self._changes or durable:
+                    mark = ledger.enter(self.connection, self._changes, commits=int(durable))
+            if durable:
                 self._note.write(mark)
 
     def put(self, table: str, *values: Any) -> int:
@@ -133,9 +136,9 @@ class CheckedRows:
         self.connection.execute(_BEGIN_RUN, (*run, row_sum("runs", *run)))
 
     def append(self, table: str, *values: Any) -> int:
-        """Insert a row under the next number, which is returned, and enter it in the ledger."""
+        """Insert a row under the next number, which is returned, for the ledger too; inside `writing`."""
         (number,) = self.connection.execute(f"SELECT COALESCE(MAX(id), 0) + 1 FROM {table}").fetchone()  # noqa: S608
-        ledger.enter(self.connection, [Change(table, [self.put(table, number, *values)])])
+        self._changes.append(Change(table, [self.put(table, number, *values)]))
         return int(number)
 
     def append_event(self, kind: str, data: Mapping[str, Any], rig_time_s: float | None) -> int:
@@ -143,10 +146,10 @@ class CheckedRows:
         return self.append("events", utc_now(), rig_time_s, kind, dumps(data))
 
     def replace(self, table: str, *values: Any) -> None:
-        """Insert a row in place of the one with its key, if there is one, and enter it in the ledger."""
+        """Insert a row in place of the one with its key, if there is one, for the ledger too; inside `writing`."""
         before = self.rows(table, f"WHERE {COLUMNS[table][0]} = ?", (values[0],))
         after = (*values, self.put(table, *values))
-        ledger.enter(self.connection, _changes(table, [after], before))
+        self._changes += _changes(table, [after], before)
 
     def end_run(self, *run: Any) -> None:
         """Write how a run ended that was acquiring; `DataError` when its key has finished meanwhile."""
@@ -161,7 +164,7 @@ class CheckedRows:
     def _write_run(self, run: Row, before: Sequence[Row]) -> None:
         after = (*run, row_sum("runs", *run))
         self.connection.execute(_WRITE_RUN, (*after[_CONDITIONS:], run[0]))
-        ledger.enter(self.connection, _changes("runs", [after], before))
+        self._changes += _changes("runs", [after], before)
 
     def close(self) -> None:
         """Close the file, and remove the note when nothing is left that it could be needed for."""

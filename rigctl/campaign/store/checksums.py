@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zlib
 from collections.abc import Iterable, Iterator
 from typing import Any
+
+from zlib_ng import zlib_ng
 
 _BYTES = 8
 # Damage can change the type of a value; that must not keep the sum from being made.
@@ -37,7 +38,7 @@ class ColumnSums:
     def add(self, name: str, data: bytes) -> None:
         """Take up the next chunk of a column."""
         length, crc = self._sums.get(name, (0, 0))
-        self._sums[name] = (length + len(data), zlib.crc32(data, crc))
+        self._sums[name] = (length + len(data), zlib_ng.crc32(data, crc))
 
     def taking(self, chunks: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, bytes]]:
         """The same chunks, each with the name of its column, taken up as they pass."""

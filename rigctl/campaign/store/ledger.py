@@ -10,7 +10,7 @@ import os
 import sqlite3
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cache, reduce
 from operator import xor
 
 FINISHED, INVALID, EVENTS, IDENTITIES, DOCUMENTS = "finished", "invalid", "events", "identities", "documents"
@@ -44,21 +44,27 @@ def open_ledger(connection: sqlite3.Connection) -> None:
     connection.execute("INSERT INTO ledger (id, store, commits) VALUES (1, ?, 0)", (os.urandom(8).hex(),))
 
 
-def enter(connection: sqlite3.Connection, changes: Iterable[Change]) -> None:
-    """Enter changes; inside a transaction."""
+def enter(connection: sqlite3.Connection, changes: Iterable[Change], commits: int = 0) -> Mark:
+    """Enter changes and `commits` durable transactions, in one statement; inside the transaction."""
+    counts: dict[str, int] = {}
+    sums: dict[str, int] = {}
     for change in changes:
-        total = joined((*change.added, *change.removed))
-        connection.execute(_ENTER[change.part], (len(change.added) - len(change.removed), total, total))
+        counts[change.part] = counts.get(change.part, 0) + len(change.added) - len(change.removed)
+        sums[change.part] = joined((sums.get(change.part, 0), *change.added, *change.removed))
+    values = [value for part, total in sums.items() for value in (counts[part], total, total)]
+    return Mark(*connection.execute(_enter(tuple(sums)), (*values, commits)).fetchall()[0])
+
+
+@cache
+def _enter(parts: tuple[str, ...]) -> str:
+    """SQLite has no exclusive or."""
+    changed = (f"{part} = {part} + ?, {part}_sum = ({part}_sum | ?) - ({part}_sum & ?), " for part in parts)
+    return f"UPDATE ledger SET {''.join(changed)}commits = commits + ? RETURNING store, commits"  # noqa: S608
 
 
 def mark(connection: sqlite3.Connection) -> Mark:
     """How far the store has come."""
     return Mark(*connection.execute("SELECT store, commits FROM ledger").fetchone())
-
-
-def count(connection: sqlite3.Connection) -> Mark:
-    """Count a durable transaction, inside it."""
-    return Mark(*connection.execute("UPDATE ledger SET commits = commits + 1 RETURNING store, commits").fetchall()[0])
 
 
 def parts(connection: sqlite3.Connection) -> Mapping[str, tuple[int, int]]:
@@ -73,9 +79,3 @@ def joined(sums: Iterable[int]) -> int:
 
 
 _READ = f"SELECT {', '.join(f'{part}, {part}_sum' for part in PARTS)} FROM ledger"  # noqa: S608
-_ENTER = {
-    # SQLite has no exclusive or.
-    part: f"UPDATE ledger SET {part} = {part} + ?, "  # noqa: S608
-    f"{part}_sum = ({part}_sum | ?) - ({part}_sum & ?)"
-    for part in PARTS
-}
