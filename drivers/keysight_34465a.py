@@ -87,6 +87,8 @@ class _Voltmeter(Keysight34465A):
         self._memory = ReadingMemory(self._link, settings.transfer)
         self._recording = False
         self._remaining = 0
+        self._overdue_s = math.inf
+        """When the last reading of a record that paces itself must long be there."""
 
     def open(self) -> None:
         """Connect, make sure it is a 34465A, end what it is doing and clear its errors."""
@@ -182,6 +184,21 @@ class _Voltmeter(Keysight34465A):
         self._remaining -= len(rows)
         return rows
 
+    def fetch(self) -> FloatArray:
+        """The readings since the last call [V], shape (n, 1), n may be 0; NaN where overloaded.
+
+        `InstrumentError` when readings were lost because the memory overflowed, came late, or no longer come.
+        """
+        overdue = self._clock.now_s() > self._overdue_s
+        rows = self._drain()
+        if self._recording and self._remaining:
+            self._check_record()
+            if overdue:
+                self._fail(f"{self._remaining} readings never came; was it stopped from elsewhere?")
+        elif self._recording:
+            self._finish()
+        return rows
+
     def _check_record(self) -> None:
         """`InstrumentError` when readings were lost or came late, which the error queue does not tell."""
         events = self._link.query_whole("STAT:QUES:EVEN?")
@@ -197,9 +214,6 @@ class _Voltmeter(Keysight34465A):
 
 class PacingVoltmeter(_Voltmeter):
     """Samples on its own timer; its VM COMP output paces the other instruments (`PacingRecorder`)."""
-
-    _overdue_s = math.inf
-    """When the last reading must long be there."""
 
     def longest_record(self, period_s: float) -> int:
         """Most samples of one record; `LimitError` also for a period that is no whole number of the timer's steps."""
@@ -229,21 +243,6 @@ class PacingVoltmeter(_Voltmeter):
         self._initiate(samples, "*TRG")
         return started_s
 
-    def fetch(self) -> FloatArray:
-        """The readings since the last call [V], shape (n, 1), n may be 0; NaN where overloaded.
-
-        `InstrumentError` when readings were lost because the memory overflowed, came late, or no longer come.
-        """
-        overdue = self._clock.now_s() > self._overdue_s
-        rows = self._drain()
-        if self._recording and self._remaining:
-            self._check_record()
-            if overdue:
-                self._fail(f"{self._remaining} readings never came; was it stopped from elsewhere?")
-        elif self._recording:
-            self._finish()
-        return rows
-
 
 class PacedVoltmeter(_Voltmeter):
     """Takes one reading per edge at its Ext Trig input (`StreamedRecorder`)."""
@@ -266,18 +265,6 @@ class PacedVoltmeter(_Voltmeter):
         if not 1 <= samples <= SAMPLES_MAXIMUM:
             raise LimitError(f"{self.name}: {samples} samples asked for; 1 to {SAMPLES_MAXIMUM} are possible")
         self._follow(samples, period_s)
-
-    def fetch(self) -> FloatArray:
-        """The readings since the last call [V], shape (n, 1), n may be 0; NaN where overloaded.
-
-        `InstrumentError` when readings were lost because the memory overflowed.
-        """
-        rows = self._drain()
-        if self._recording and self._remaining:
-            self._check_record()
-        elif self._recording:
-            self._finish()
-        return rows
 
     def _follow(self, samples: int, period_s: float) -> None:
         self._configure("ABOR", "*CLS", *self._measurement())

@@ -61,9 +61,8 @@ class Budget:
     """The budget of a vector of m outputs over n contributions.
 
     `sensitivities` (m, n) are d output / d input, `components` (m, n) their products with the standard
-    uncertainties (signed), `share` (m, n) each one's part of the variance. `covariance` (m, m) is that of the
-    outputs, `standard_uncertainty` (m,) the combined one, `effective_dof` (m,) after Welch-Satterthwaite,
-    `coverage_factor` and `expanded` (m,) for 95 %.
+    uncertainties (signed), `share` (m, n) each one's part of the variance. `standard_uncertainty` (m,) is the
+    combined one, `effective_dof` (m,) after Welch-Satterthwaite, `coverage_factor` and `expanded` (m,) for 95 %.
     """
 
     outputs: tuple[str, ...]
@@ -76,11 +75,6 @@ class Budget:
         """Signed uncertainty contributions c_i u_i, shape (m, n)."""
         u = np.array([each.standard_uncertainty for each in self.contributions])
         return np.asarray(self.sensitivities * u)
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance of the outputs, shape (m, m)."""
-        return np.asarray(self.components @ self.components.T)
 
     @property
     def standard_uncertainty(self) -> FloatArray:
@@ -118,23 +112,7 @@ class Budget:
 class MonteCarlo:
     """What propagating the distributions gave: `samples` of shape (draws, m)."""
 
-    outputs: tuple[str, ...]
     samples: FloatArray
-
-    @property
-    def mean(self) -> FloatArray:
-        """Mean of each output, shape (m,)."""
-        return np.asarray(self.samples.mean(axis=0))
-
-    @property
-    def standard_uncertainty(self) -> FloatArray:
-        """Standard deviation of each output, shape (m,)."""
-        return np.asarray(self.samples.std(axis=0, ddof=1))
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance of the outputs, shape (m, m)."""
-        return np.atleast_2d(np.cov(self.samples, rowvar=False))
 
     @property
     def interval(self) -> FloatArray:
@@ -147,12 +125,9 @@ class MonteCarlo:
 class Comparison:
     """Whether the first-order budget is validated by Monte Carlo (JCGM 101, clause 8), per output.
 
-    `difference` (m, 2) are the distances of the coverage intervals' lower and upper ends, `tolerance` (m,)
-    what the significant digits and the number of draws allow. `reason` names the outputs that fail.
+    `reason` names the outputs that fail.
     """
 
-    difference: FloatArray
-    tolerance: FloatArray
     validated: tuple[bool, ...]
     reason: str
 
@@ -191,7 +166,7 @@ def monte_carlo(
         _evaluate(measurement, {name: float(column[k]) for name, column in columns.items()}, outputs)
         for k in range(draws)
     ]
-    return MonteCarlo(tuple(outputs), np.array(samples).reshape(draws, len(outputs)))
+    return MonteCarlo(np.array(samples).reshape(draws, len(outputs)))
 
 
 def compare(first_order: Budget, check: MonteCarlo, *, significant_digits: int = 2) -> Comparison:
@@ -212,7 +187,7 @@ def compare(first_order: Budget, check: MonteCarlo, *, significant_digits: int =
         if failing
         else "the first order agrees with Monte Carlo"
     )
-    return Comparison(difference, tolerance, tuple(bool(good) for good in validated), reason)
+    return Comparison(tuple(bool(good) for good in validated), reason)
 
 
 def _end_uncertainty(check: MonteCarlo) -> FloatArray:

@@ -63,7 +63,7 @@ def _search(
     """
     estimate = float(frequency_hz)
     for _ in range(_MAX_STEPS):
-        basis = HarmonicBasis(t_s, estimate, harmonics, True, lines_hz=lines_hz)
+        basis = HarmonicBasis(t_s, estimate, harmonics, lines_hz=lines_hz)
         fit = basis.fit(x)
         gradient = _frequency_gradient(basis, fit)
         stiffness = float(gradient @ gradient)

@@ -20,8 +20,6 @@ from rigctl.core.errors import ProcedureError
 Verdict = Literal["converged", "ill-conditioned", "at-limit", "not-converged"]
 Function = Callable[[FloatArray], FloatArray]
 
-_RELATIVE_STEP = float(np.finfo(float).eps ** (1.0 / 3.0))
-_STEP_IN_SIGMA = 0.5
 # The step that is left would lower chi-squared by less: a ten-thousandth of a sigma, or rounding.
 _CHI2_LEFT, _CHI2_ROUNDING = 1e-8, 1e-13
 _NULL_SHARE = 1e-5
@@ -39,8 +37,8 @@ class Prior:
 class Parameter:
     """One parameter of a fit: where to start and what is known of it.
 
-    `step` is the finite-difference step in the parameter's own unit (by default half its sigma, the
-    others held, once that is known). A parameter with `fixed` keeps its start.
+    `step`, in the parameter's own unit, is for models that differentiate by finite differences; the fit does not
+    use it. A parameter with `fixed` keeps its start.
     """
 
     name: str
@@ -87,13 +85,6 @@ class FitResult:
         """Reduced chi-squared; NaN without degrees of freedom."""
         return self.chi2 / self.dof if self.dof > 0 else float("nan")
 
-    @property
-    def correlation(self) -> FloatArray:
-        """Correlation matrix; NaN rows for fixed and undetermined parameters."""
-        sigma = np.sqrt(np.diag(self.covariance))
-        sigma = np.where(sigma > 0.0, sigma, np.nan)
-        return np.asarray(self.covariance / np.outer(sigma, sigma))
-
     def value(self, name: str) -> float:
         """Value of a parameter; NaN when undetermined."""
         return float(self.values[self._index(name)])
@@ -114,21 +105,21 @@ def least_squares(
     residuals: Function,
     parameters: Sequence[Parameter],
     *,
-    jacobian: Function | None = None,
+    jacobian: Function,
     max_iterations: int = 50,
     rcond: float = 1e-8,
 ) -> FitResult:
     """Minimise the square sum of `residuals(p)` plus priors over the free parameters.
 
     `residuals` takes all parameters, fixed ones included, and gives (data,) whitened data - model;
-    `jacobian(p)` gives d residuals / d p, (data, parameters), dense however it was built (by default central
-    differences). `rcond` is the relative singular value of the column-scaled Jacobian below which a
-    direction counts as undetermined. Raises `ProcedureError` for non-finite residuals at the start, two
-    parameters of one name, or a start outside its limits; otherwise the verdict says how it went.
+    `jacobian(p)` gives d residuals / d p, (data, parameters), dense however it was built. `rcond` is the relative
+    singular value of the column-scaled Jacobian below which a direction counts as undetermined. Raises
+    `ProcedureError` for non-finite residuals at the start, two parameters of one name, or a start outside its
+    limits; otherwise the verdict says how it went.
     """
     problem = _Problem(residuals, tuple(parameters), jacobian, rcond)
     p = problem.start()
-    state = problem.linearise(p, problem.extended(p), None)
+    state = problem.linearise(p, problem.extended(p))
     damping, iterations, verdict = 0.0, 0, "not-converged"
     while iterations < max_iterations:
         if state.predicted_fall <= _CHI2_LEFT + _CHI2_ROUNDING * state.chi2:
@@ -142,7 +133,7 @@ def least_squares(
             descends = bool(r @ r < state.chi2)
         if descends:
             damping = 0.0 if damping < 1e-3 else damping / 10.0
-            state = problem.linearise(trial, r, state)
+            state = problem.linearise(trial, r)
         elif damping > 1e8:
             break
         else:
@@ -192,7 +183,7 @@ class _State:
 
 class _Problem:
     def __init__(
-        self, residuals: Function, parameters: tuple[Parameter, ...], jacobian: Function | None, rcond: float
+        self, residuals: Function, parameters: tuple[Parameter, ...], jacobian: Function, rcond: float
     ) -> None:
         self.parameters = parameters
         self.names = tuple(each.name for each in parameters)
@@ -228,8 +219,8 @@ class _Problem:
         data = np.asarray(self._residuals(p), dtype=np.float64).ravel()
         return np.concatenate([data, (self.prior_mean - p[self.with_prior]) / self.prior_sigma])
 
-    def linearise(self, p: FloatArray, r: FloatArray, before: _State | None) -> _State:
-        J = self._derivative(p, r, before)
+    def linearise(self, p: FloatArray, r: FloatArray) -> _State:
+        J = self._derivative(p, r)
         at_limit = self._pushed_to_limit(p, J.T @ r)
         active = np.flatnonzero(self.free & ~at_limit)
         columns = J[:, active]
@@ -265,39 +256,15 @@ class _Problem:
             iterations,
         )
 
-    def _derivative(self, p: FloatArray, r: FloatArray, before: _State | None) -> FloatArray:
+    def _derivative(self, p: FloatArray, r: FloatArray) -> FloatArray:
         data = r.size - len(self.with_prior)
         J = np.zeros((r.size, p.size))
-        if self._jacobian is not None:
-            J[:data] = self._jacobian(p)
-        else:
-            steps = self._steps(p, before)
-            for i in np.flatnonzero(self.free):
-                J[:data, i] = self._difference(p, int(i), steps[i], data)
+        J[:data] = self._jacobian(p)
         J[np.arange(data, r.size), self.with_prior] = -1.0 / self.prior_sigma
         if not np.isfinite(J).all():
             bad = self.names[int(np.flatnonzero(~np.isfinite(J).all(axis=0))[0])]
-            raise ProcedureError(f"the derivative with respect to {bad} is not finite: check its start and step")
+            raise ProcedureError(f"the derivative with respect to {bad} is not finite: check its start")
         return J
-
-    def _steps(self, p: FloatArray, before: _State | None) -> FloatArray:
-        steps = _RELATIVE_STEP * np.maximum(np.abs(p), 1.0)
-        if before is not None:
-            # Its sigma with the others held: the full one is boundless where columns are nearly parallel.
-            norms = np.linalg.norm(before.J, axis=0)
-            steps = np.where(norms > 0.0, _STEP_IN_SIGMA / np.where(norms > 0.0, norms, 1.0), steps)
-        for i, each in enumerate(self.parameters):
-            if each.step is not None:
-                steps[i] = each.step
-        return steps
-
-    def _difference(self, p: FloatArray, i: int, step: float, data: int) -> FloatArray:
-        """Central difference, one-sided at a limit."""
-        up, down = p.copy(), p.copy()
-        up[i] = min(p[i] + step, self.upper[i])
-        down[i] = max(p[i] - step, self.lower[i])
-        rise = self.extended(up)[:data] - self.extended(down)[:data]
-        return np.asarray(rise / (up[i] - down[i]))
 
     def _pushed_to_limit(self, p: FloatArray, gradient: FloatArray) -> BoolArray:
         low = (p <= self.lower) & (gradient > 0.0)

@@ -13,15 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rigctl.analysis.sine_fit import HarmonicBasis
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
-
-if TYPE_CHECKING:
-    from rigctl.analysis.sine_fit import HarmonicBasis
 
 # Accelerometer noise lies between white (0) and a random walk (-2); a local slope beyond needs evidence.
 _SLOPE_PRIOR, _SLOPE_PRIOR_SIGMA = -0.8, 2.0
@@ -30,39 +27,20 @@ _SAME_FREQUENCY = 1e-6
 # Cells of a compact spectrum: narrow beside a microseism bump, a fixed fraction of the frequency above.
 _CELL_HZ, _CELLS_PER_E_FOLD = 2.0**-8, 128
 _MAX_POOL_BINS = 8192
-# The mean sees the band below 1/T: flat noise is believed on the evidence of the first bins only.
-_LOW_BINS, _WHITE_ENOUGH = 20, -0.5
+_LOW_BINS = 20
+"""The first bins of a run, from which the noise below 1/T is extrapolated."""
 
 
 @dataclass(frozen=True)
 class NoiseLevel:
     """One-sided noise density at a frequency, as well known as a chi-squared of `dof` degrees of freedom.
 
-    `psd` is in unit^2/Hz; `slope` is d ln S / d ln f there, with its sigma. The in-phase and the quadrature
-    amplitude of a line fitted over T seconds have the variance psd / T each, so an amplitude divided by its
-    estimated sigma follows Student's t with `dof`.
+    `psd` is in unit^2/Hz. The in-phase and the quadrature amplitude of a line fitted over T seconds have the
+    variance psd / T each, so an amplitude divided by its estimated sigma follows Student's t with `dof`.
     """
 
-    frequency_hz: float
     psd: float
     dof: float
-    slope: float
-    slope_sigma: float
-
-
-@dataclass(frozen=True)
-class DcNoise:
-    """Variance of a run's mean as far as the run itself can tell.
-
-    A record ends at 1/T and most of the mean's noise lies below. `between_runs` is true when the lowest
-    bins do not show white noise: `variance` is then no more than a lower bound and the sigma of the DC
-    has to come from the scatter between runs. `reason` says which and why.
-    """
-
-    variance: float
-    dof: float
-    between_runs: bool
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -80,7 +58,7 @@ class Spectrum:
     def compact(self, duration_s: float = 0.0) -> Spectrum:
         """Merge bins within cells of 4 mHz, above 0.5 Hz of f / 128; single precision.
 
-        Those that `dc_noise` of a run of `duration_s` asks for stay single.
+        Those that `mean_variance` of a run of `duration_s` asks for stay single.
         """
         linear = self.frequency_hz / _CELL_HZ
         logarithmic = np.log(np.maximum(linear / _CELLS_PER_E_FOLD, 1e-300)) + 1.0
@@ -118,18 +96,16 @@ class Spectrum:
         near = distance <= distance[order[last]] * (1.0 + 1e-9)
         return _local_power_law(frequency_hz, self.frequency_hz[near], self.psd[near], self.weight[near])
 
-    def dc_noise(self, duration_s: float) -> DcNoise:
-        """Give the variance of the mean over `duration_s` from the lowest bins, and say if that is honest."""
+    def mean_variance(self, duration_s: float) -> float:
+        """The variance of the mean over `duration_s`, from the lowest bins; a lower bound where noise is not white.
+
+        A record ends at 1/T and most of the noise of its mean lies below. Raises `DataError` without bins there.
+        """
         low = self.frequency_hz * duration_s <= _LOW_BINS
         if not low.any():
             raise DataError(f"no spectral bins below {_LOW_BINS / duration_s:g} Hz: record longer")
         level = _local_power_law(1.0 / duration_s, self.frequency_hz[low], self.psd[low], self.weight[low])
-        variance = level.psd / (2.0 * duration_s)
-        slope = f"f^{level.slope:+.1f} +- {level.slope_sigma:.1f} near 1/T"
-        if level.slope - 2.0 * level.slope_sigma < _WHITE_ENOUGH:
-            reason = f"noise may go as {slope}: take the sigma of the DC from the scatter between runs"
-            return DcNoise(variance, level.dof, between_runs=True, reason=reason)
-        return DcNoise(variance, level.dof, between_runs=False, reason=f"noise is flat, {slope}")
+        return level.psd / (2.0 * duration_s)
 
 
 def spectrum(residuals: FloatArray, basis: HarmonicBasis) -> Spectrum:
@@ -196,7 +172,7 @@ def _local_power_law(at_hz: float, frequency_hz: FloatArray, psd: FloatArray, we
     """Fit S = exp(a) (f / at)^b by Fisher scoring of the Whittle likelihood with a prior on the slope b."""
     floor = np.finfo(float).tiny
     if not np.any(psd > floor):
-        return NoiseLevel(at_hz, 0.0, float(2.0 * weight.sum()), 0.0, _SLOPE_PRIOR_SIGMA)
+        return NoiseLevel(0.0, float(2.0 * weight.sum()))
     design = np.stack([np.ones_like(frequency_hz), np.log(frequency_hz / at_hz)])
     prior = np.diag([0.0, _SLOPE_PRIOR_SIGMA**-2])
     centre = np.array([0.0, _SLOPE_PRIOR])
@@ -221,10 +197,4 @@ def _local_power_law(at_hz: float, frequency_hz: FloatArray, psd: FloatArray, we
     # Second-order bias of the estimate (Cordeiro and McCullagh 1991) beyond that of a log chi-squared.
     leverage = np.einsum("ib,ij,jb->b", design, covariance, design)
     bias = 0.5 * (variance[0] - covariance[0] @ (design * weight) @ leverage)
-    return NoiseLevel(
-        frequency_hz=at_hz,
-        psd=float(np.exp(estimate[0] - bias)),
-        dof=2.0 / float(variance[0]),
-        slope=float(estimate[1]),
-        slope_sigma=float(np.sqrt(variance[1])),
-    )
+    return NoiseLevel(psd=float(np.exp(estimate[0] - bias)), dof=2.0 / float(variance[0]))

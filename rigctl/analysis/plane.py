@@ -34,10 +34,6 @@ class Axis:
     covariance: FloatArray
     dof: float = np.inf
 
-    def rotated(self, rotation: FloatArray) -> Axis:
-        """Give the same axis in another frame; `rotation` (3, 3) takes vectors there (`uoaf_from_coc`)."""
-        return Axis(rotation @ self.unit, rotation @ self.covariance @ rotation.T, self.dof)
-
 
 @dataclass(frozen=True)
 class AxisAngle:
@@ -53,8 +49,7 @@ class PlaneFit:
 
     `half_cone_rad` (n,) are the vectors' angles out of the plane, positive on the side of the normal.
     `sigma_hc_rad` is their standard deviation (eq. 16, n - 1), `theta_m_rad` their mean (eq. 19).
-    `normal_equations_axis` is the axis of eq. 12, None where it is not defined, for the reason in
-    `normal_equations_reason`.
+    `normal_equations_axis` is the axis of eq. 12, None where it is not defined: for a normal near the xy-plane.
     """
 
     axis: Axis
@@ -62,7 +57,6 @@ class PlaneFit:
     sigma_hc_rad: float
     theta_m_rad: float
     normal_equations_axis: FloatArray | None
-    normal_equations_reason: str
 
     @property
     def normal(self) -> FloatArray:
@@ -95,36 +89,32 @@ class PlaneFit:
         return self.theta_m_rad / ARCSEC
 
 
-def fit_plane(vectors: FloatArray, nominal_axis: FloatArray, weights: FloatArray | None = None) -> PlaneFit:
+def fit_plane(vectors: FloatArray, nominal_axis: FloatArray) -> PlaneFit:
     """Fit the plane through the origin to `vectors`, shape (n, 3), of any length and either sign.
 
-    Only directions count: vectors are normalised first. `nominal_axis` (3,) settles the normal's sign;
-    `weights` (n,) are relative inverse variances of the out-of-plane angles. The covariance is the scatter
-    s^2 = sum w theta^2 / (n - 2) times the inverse of the in-plane second moments. Raises `ProcedureError`
-    for fewer than three vectors, vectors that are not finite or zero, all (nearly) parallel, or a nominal
-    axis lying in the plane.
+    Only directions count: vectors are normalised first. `nominal_axis` (3,) settles the normal's sign. The
+    covariance is the scatter s^2 = sum theta^2 / (n - 2) times the inverse of the in-plane second moments. Raises
+    `ProcedureError` for fewer than three vectors, vectors that are not finite or zero, all (nearly) parallel, or a
+    nominal axis lying in the plane.
     """
     units = _unit_rows(vectors)
     n = units.shape[0]
-    weight = _checked_weights(weights, n)
-    _, singular, rows = svd(units * np.sqrt(weight)[:, None])
+    _, singular, rows = svd(units)
     if singular[1] < _MIN_SPREAD * singular[0]:
         raise ProcedureError("all motion vectors are parallel: a plane needs both pendulum and flag mountings")
     if singular[2] > 0.5 * singular[1]:
         raise ProcedureError("the motion vectors span no plane: check axis, configuration and frame of each")
     normal = rows[2] * _sign_towards(nominal_axis, rows[2])
     half_cone = np.arcsin(np.clip(units @ normal, -1.0, 1.0))
-    scatter = float(weight @ half_cone**2) / (n - 2)
+    scatter = float(half_cone @ half_cone) / (n - 2)
     covariance = scatter * (rows[:2].T / singular[:2] ** 2) @ rows[:2]
     theta_m = float(half_cone.mean())
-    cross_check, reason = _normal_equations(units, normal)
     return PlaneFit(
         Axis(normal, covariance, float(n - 2)),
         half_cone,
         float(np.sqrt(np.sum((half_cone - theta_m) ** 2) / (n - 1))),
         theta_m,
-        cross_check,
-        reason,
+        _normal_equations(units, normal),
     )
 
 
@@ -155,15 +145,6 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / lengths[:, None])
 
 
-def _checked_weights(weights: FloatArray | None, n: int) -> FloatArray:
-    if weights is None:
-        return np.ones(n)
-    weights = np.asarray(weights, dtype=np.float64)
-    if weights.shape != (n,) or not (np.isfinite(weights).all() and (weights > 0.0).all()):
-        raise ProcedureError(f"weights must be {n} positive numbers, one per vector")
-    return np.asarray(weights * (n / weights.sum()))
-
-
 def _sign_towards(nominal_axis: FloatArray, normal: FloatArray) -> float:
     nominal = np.asarray(nominal_axis, dtype=np.float64)
     along = float(nominal @ normal)
@@ -174,11 +155,11 @@ def _sign_towards(nominal_axis: FloatArray, normal: FloatArray) -> float:
     return 1.0 if along > 0.0 else -1.0
 
 
-def _normal_equations(units: FloatArray, normal: FloatArray) -> tuple[FloatArray | None, str]:
+def _normal_equations(units: FloatArray, normal: FloatArray) -> FloatArray | None:
     """Solve z = -a'x - b'y by the normal equations (eq. 12); the axis is (a', b', 1) normalised."""
     if abs(normal[2]) < _MIN_NORMAL_Z:
-        return None, f"eq. 12 is not defined: the normal is within {_MIN_NORMAL_Z:g} of the xy-plane"
+        return None
     horizontal, vertical = units[:, :2], units[:, 2]
     a, b = np.linalg.solve(horizontal.T @ horizontal, -horizontal.T @ vertical)
-    axis = np.array([a, b, 1.0]) / np.sqrt(a * a + b * b + 1.0)
-    return axis * (1.0 if axis @ normal > 0.0 else -1.0), ""
+    axis: FloatArray = np.array([a, b, 1.0]) / np.sqrt(a * a + b * b + 1.0)
+    return axis if axis @ normal > 0.0 else -axis

@@ -43,15 +43,11 @@ def referred_to(reference: complex, amplitude: ComplexLike, *, harmonic: int = 1
 class HarmonicFit:
     """What a sine fit found; the trailing axis is that of the samples' channels (absent for one channel).
 
-    `dc` is the value at `time_s`, the middle of the record, `drift_per_s` the slope (0 when not fitted),
-    `amplitudes` c_h of shape (harmonics, channels), `line_amplitudes` those of the extra lines, `residuals`
-    data minus model of shape (samples, channels).
+    `dc` is the value in the middle of the record, `amplitudes` are c_h of shape (harmonics, channels),
+    `line_amplitudes` those of the extra lines, `residuals` data minus model of shape (samples, channels).
     """
 
-    frequency_hz: float
-    time_s: float
     dc: FloatArray
-    drift_per_s: FloatArray
     amplitudes: ComplexArray
     line_amplitudes: ComplexArray
     residuals: FloatArray
@@ -65,7 +61,7 @@ class HarmonicFit:
 class HarmonicBasis:
     """Columns 1, t, cos and sin of the harmonics of a frequency, factorised once for many channels.
 
-    `t_s` of shape (samples,) need not hold whole periods nor be free of gaps. `drift` keeps the slow part of
+    `t_s` of shape (samples,) need not hold whole periods nor be free of gaps. The drift keeps the slow part of
     red noise out of the amplitudes' half that is odd about the middle of the record: f^-1.64 noise adds 60 %
     to its variance without, 20 % with. `lines_hz` are further lines to be fitted (the mains), which then
     neither leak into the harmonics nor count as noise. Raises `DataError` when the record is shorter than one
@@ -77,14 +73,12 @@ class HarmonicBasis:
         t_s: FloatArray,
         frequency_hz: float,
         harmonics: int = 3,
-        drift: bool = True,
         *,
         lines_hz: tuple[float, ...] = (),
     ) -> None:
         self.t_s = np.asarray(t_s, dtype=np.float64)
         self.frequency_hz = float(frequency_hz)
         self.harmonics = harmonics
-        self.drift = drift
         self.lines_hz = tuple(float(line) for line in lines_hz)
         self.samples = self.t_s.size
         self.sample_period_s, self.duration_s = time_base(self.t_s)
@@ -103,36 +97,13 @@ class HarmonicBasis:
             raise DataError("samples that are not finite: drop them, with their times, before the fit")
         projection = self.orthonormal.T @ samples
         coefficients = self._inverse @ projection
-        first = 2 if self.drift else 1
-        complex_amplitudes = coefficients[first::2] - 1j * coefficients[first + 1 :: 2]
+        complex_amplitudes = coefficients[2::2] - 1j * coefficients[3::2]
         return HarmonicFit(
-            self.frequency_hz,
-            self.time_s,
             np.asarray(coefficients[0]),
-            np.asarray(coefficients[1] * 2.0 / self.duration_s if self.drift else 0.0 * coefficients[0]),
             complex_amplitudes[: self.harmonics],
             complex_amplitudes[self.harmonics :],
             samples - self.orthonormal @ projection,
         )
-
-    def amplitude_covariance(self, psd: FloatArray, reference: complex | None = None) -> FloatArray:
-        """Give the covariance of (Re c_1, Im c_1, Re c_2, ...) for one-sided noise densities there.
-
-        `psd` of shape (harmonics,), unit^2/Hz, is taken as flat over a line's width 1/T. A sample then has
-        the variance S / (2 dt), and the columns' own geometry does the rest; over whole periods this is
-        S / T for each part. With `reference` the parts are in phase and quadrature (see `referred_to`).
-        Shape (2 harmonics, 2 harmonics), unit^2.
-        """
-        first = 2 if self.drift else 1
-        rows = self._inverse[first : first + 2 * self.harmonics].copy()
-        rows[1::2] *= -1.0
-        rows *= np.repeat(np.sqrt(np.asarray(psd) / (2.0 * self.sample_period_s)), 2)[:, None]
-        if reference is not None:
-            parts = rows[0::2] + 1j * rows[1::2]
-            for h in range(1, self.harmonics + 1):
-                parts[h - 1] = referred_to(reference, parts[h - 1], harmonic=h)
-            rows[0::2], rows[1::2] = parts.real, parts.imag
-        return rows @ rows.T
 
     @cached_property
     def _grid_steps(self) -> FloatArray:
@@ -198,22 +169,19 @@ class HarmonicBasis:
     def kept_fraction(self) -> FloatArray:
         """Fraction of each spectral bin that the fit leaves in the residuals, shape (bins,)."""
         rows = self.orthonormal.T
-        if len(rows) % 2:
-            rows = np.vstack([rows, np.zeros(self.samples)])
         # Two columns in one transform: |A|^2 + |B|^2 at f is half the power of A + iB at f and at -f.
         taken = self.power(rows[0::2] + 1j * rows[1::2]).sum(axis=0) / self.samples
         return np.asarray(np.clip(1.0 - taken, 0.0, 1.0))
 
     def harmonic_sum(self, amplitudes: ComplexArray) -> FloatArray:
         """Re sum_h c_h exp(i h w t), shape (samples,), for `amplitudes` c of shape (harmonics,)."""
-        first = 2 if self.drift else 1
         parts = np.stack([amplitudes.real, -amplitudes.imag], axis=1).ravel()
-        return np.asarray(self._columns[:, first : first + parts.size] @ parts)
+        return np.asarray(self._columns[:, 2 : 2 + parts.size] @ parts)
 
     @cached_property
     def variance_factors(self) -> FloatArray:
         """By how much each harmonic's variance, the mean of its two parts, exceeds S / T; shape (harmonics,)."""
-        rows = (self._inverse**2).sum(axis=1)[2 if self.drift else 1 :][: 2 * self.harmonics]
+        rows = (self._inverse**2).sum(axis=1)[2 : 2 + 2 * self.harmonics]
         return np.asarray(rows.reshape(-1, 2).mean(axis=1) * self.duration_s / (2.0 * self.sample_period_s))
 
     def _check(self) -> None:
@@ -234,24 +202,22 @@ class HarmonicBasis:
 
     def _design(self) -> FloatArray:
         """The columns, each contiguous in memory."""
-        first = 2 if self.drift else 1
-        rows = np.empty((first + 2 * (self.harmonics + len(self.lines_hz)), self.samples))
+        rows = np.empty((2 + 2 * (self.harmonics + len(self.lines_hz)), self.samples))
         rows[0] = 1.0
-        if self.drift:
-            rows[1] = (self.t_s - self.time_s) * (2.0 / self.duration_s)
+        rows[1] = (self.t_s - self.time_s) * (2.0 / self.duration_s)
         angle = 2.0 * np.pi * self.frequency_hz * self.t_s
         turn = np.empty(self.samples, dtype=np.complex128)
         np.cos(angle, out=turn.real)
         np.sin(angle, out=turn.imag)
         phasor = turn
         for h in range(self.harmonics):
-            rows[first + 2 * h], rows[first + 2 * h + 1] = phasor.real, phasor.imag
+            rows[2 + 2 * h], rows[3 + 2 * h] = phasor.real, phasor.imag
             if h + 1 < self.harmonics:
                 phasor = phasor * turn
-        for i, line_hz in enumerate(self.lines_hz, start=self.harmonics):
+        for i, line_hz in enumerate(self.lines_hz, start=1 + self.harmonics):
             angle = 2.0 * np.pi * line_hz * self.t_s
-            np.cos(angle, out=rows[first + 2 * i])
-            np.sin(angle, out=rows[first + 2 * i + 1])
+            np.cos(angle, out=rows[2 * i])
+            np.sin(angle, out=rows[2 * i + 1])
         return rows.T
 
 

@@ -9,7 +9,7 @@ from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 
-from rigctl.analysis.lines import FoundLine
+from rigctl.analysis.line_scan import FoundLine
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import Effect, catalogue, unknown_effect

@@ -5,7 +5,8 @@ import pytest
 from scipy import stats
 
 from rigctl.analysis.kept import Packed
-from rigctl.analysis.lines import LineScan, find_lines, scanned
+from rigctl.analysis.line_scan import LineScan, scanned
+from rigctl.analysis.lines import find_lines
 from rigctl.analysis.noise import spectrum
 from rigctl.analysis.sine_fit import HarmonicBasis
 

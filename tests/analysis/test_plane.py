@@ -43,9 +43,8 @@ class TestNormal:
         turn = Rotation.from_quat(quaternion).as_matrix()
         vectors = two_clusters(np.random.default_rng(seed))
         fit, turned = fit_plane(vectors, [0, 0, 1]), fit_plane(vectors @ turn.T, turn @ [0, 0, 1])
-        expected = fit.axis.rotated(turn)
-        np.testing.assert_allclose(turned.normal, expected.unit, atol=1e-12)
-        np.testing.assert_allclose(turned.covariance, expected.covariance, atol=1e-12 * SCATTER_RAD)
+        np.testing.assert_allclose(turned.normal, turn @ fit.normal, atol=1e-12)
+        np.testing.assert_allclose(turned.covariance, turn @ fit.covariance @ turn.T, atol=1e-12 * SCATTER_RAD)
         np.testing.assert_allclose(turned.half_cone_rad, fit.half_cone_rad, atol=1e-12)
         assert turned.sigma_hc_rad == pytest.approx(fit.sigma_hc_rad, rel=1e-7)
 
@@ -67,13 +66,6 @@ class TestNormal:
         up, down = fit_plane(vectors, [0, 0, 1]), fit_plane(vectors, [0, 0, -5])
         np.testing.assert_allclose(up.normal, -down.normal)
         np.testing.assert_allclose(up.half_cone_rad, -down.half_cone_rad)
-
-    def test_weights_count_as_repetitions_and_only_relatively(self):
-        vectors = two_clusters(np.random.default_rng(3), each=4)
-        times = np.array([1, 2, 3, 1, 1, 4, 1, 2])
-        weighted = fit_plane(vectors, [0, 0, 1], times * 7.0)
-        repeated = fit_plane(np.repeat(vectors, times, axis=0), [0, 0, 1])
-        np.testing.assert_allclose(weighted.normal, repeated.normal, atol=1e-13)
 
 
 class TestScatter:
@@ -116,24 +108,10 @@ class TestScatter:
         assert stats.kstest(across, stats.t(18).cdf).pvalue > 0.01
         assert stats.kstest(np.array(squares) / 2.0, stats.f(2, 18).cdf).pvalue > 0.01
 
-    def test_weighted_errors_follow_student_t(self):
-        truth = frame((0.0128, 0.0015, 0.9999))
-        rng = np.random.default_rng(7)
-        sigma = np.tile([0.3, 1.0, 3.0, 1.0, 2.0], 4)
-        pulls = []
-        for _ in range(800):
-            flat = two_clusters(rng, scatter_rad=0.0)
-            vectors = flat + (SCATTER_RAD * sigma * rng.normal(size=20))[:, None] * truth[:, 2]
-            fit = fit_plane(vectors, [0, 0, 1], 1.0 / sigma**2)
-            error = fit.normal - truth[:, 2]
-            pulls.append(error @ truth[:, 0] / np.sqrt(truth[:, 0] @ fit.covariance @ truth[:, 0]))
-        assert stats.kstest(pulls, stats.t(18).cdf).pvalue > 0.01
-
 
 class TestNormalEquations:
     def test_agree_where_they_are_defined(self):
         fit = fit_plane(two_clusters(np.random.default_rng(8)), [0, 0, 1])
-        assert fit.normal_equations_reason == ""
         assert np.linalg.norm(fit.normal_equations_axis - fit.normal) < 0.01 * ARCSEC
 
     def test_keep_the_sign_of_the_normal(self):
@@ -141,10 +119,9 @@ class TestNormalEquations:
         assert fit.normal_equations_axis @ fit.normal == pytest.approx(1.0)
 
     @pytest.mark.parametrize("normal", [(1.0, 1.5e-3, 1.3e-2), (-6.8e-3, 1.0, -2e-3)])
-    def test_are_left_out_with_a_reason_for_a_horizontal_axis(self, normal):
+    def test_are_left_out_for_a_horizontal_axis(self, normal):
         fit = fit_plane(two_clusters(np.random.default_rng(9), normal), normal)
         assert fit.normal_equations_axis is None
-        assert "xy-plane" in fit.normal_equations_reason
         assert angle_between(fit.axis, Axis(frame(normal)[:, 2], np.zeros((3, 3)))).rad < 30 * ARCSEC
 
 
@@ -165,12 +142,6 @@ class TestRefusals:
     def test_degenerate_input_is_named(self, vectors, nominal, words):
         with pytest.raises(ProcedureError, match=words):
             fit_plane(np.array(vectors, dtype=float), np.array(nominal, dtype=float))
-
-    @pytest.mark.parametrize("weights", [[1, 1], [1, 1, 0], [1, 1, np.nan]])
-    def test_weights_must_be_positive(self, weights):
-        vectors = np.array([[1.0, 0, 0], [0, 1, 0], [1, 1, 0]])
-        with pytest.raises(ProcedureError, match="3 positive numbers"):
-            fit_plane(vectors, np.array([0, 0, 1.0]), np.array(weights, dtype=float))
 
 
 class TestAngleBetween:
@@ -194,7 +165,8 @@ class TestAngleBetween:
         turn = Rotation.from_quat(quaternion).as_matrix()
         a = fit_plane(two_clusters(rng, (1, 0.01, 0.02)), [1, 0, 0]).axis
         b = fit_plane(two_clusters(rng, (0.01, 1, 0.02)), [0, 1, 0]).axis
-        here, there = angle_between(a, b), angle_between(b.rotated(turn), a.rotated(turn))
+        turned = [Axis(turn @ each.unit, turn @ each.covariance @ turn.T, each.dof) for each in (b, a)]
+        here, there = angle_between(a, b), angle_between(*turned)
         assert there.rad == pytest.approx(here.rad, abs=1e-13)
         assert there.sigma_rad == pytest.approx(here.sigma_rad, rel=1e-8)
 

@@ -25,14 +25,13 @@ class TestHarmonicBasis:
         st.floats(-10.0, 10.0),
     )
     def test_gives_back_what_the_sign_convention_says(self, amplitudes, dc, drift):
-        basis = HarmonicBasis(T_S, NU, 3, drift=True)
+        basis = HarmonicBasis(T_S, NU, 3)
         signal = dc + drift * (T_S - basis.time_s)
         for h, c in enumerate(amplitudes, start=1):
             signal = signal + (c * np.exp(2j * np.pi * h * NU * T_S)).real
         fit = basis.fit(signal)
         assert fit.amplitudes == pytest.approx(np.array(amplitudes), abs=1e-8)
         assert float(fit.dc) == pytest.approx(dc, abs=1e-8)
-        assert float(fit.drift_per_s) == pytest.approx(drift, abs=1e-9)
         assert np.abs(fit.residuals).max() < 1e-8
 
     def test_fits_channels_as_if_each_were_alone(self):
@@ -60,26 +59,6 @@ class TestHarmonicBasis:
         assert abs(fit.amplitudes[0]) == pytest.approx(5.0, abs=1e-9)
         assert abs(fit.line_amplitudes[0]) == pytest.approx(2.0, abs=1e-9)
 
-    def test_covariance_over_whole_periods_is_the_density_over_the_length(self):
-        basis = HarmonicBasis(np.arange(2000) * 0.01, NU, drift=False)
-        expected = np.repeat([2.0, 3.0, 5.0], 2) / 20.0
-        np.testing.assert_allclose(
-            basis.amplitude_covariance(np.array([2.0, 3.0, 5.0])), np.diag(expected), atol=1e-12
-        )
-
-    @pytest.mark.parametrize("reference", [None, 3.0 * np.exp(0.7j)])
-    def test_covariance_is_that_of_the_estimator_for_white_noise(self, reference):
-        t_s = np.arange(260) * 0.02
-        basis = HarmonicBasis(t_s, NU, 2, drift=True)
-        linear = basis.fit(np.eye(t_s.size)).amplitudes
-        if reference is not None:
-            linear = basis.fit(np.eye(t_s.size)).amplitudes_referred_to(reference)
-        parts = np.stack([linear.real, linear.imag], axis=1).reshape(4, -1)
-        sample_variance = 0.3 / (2 * 0.02)
-        covariance = basis.amplitude_covariance(np.array([0.3, 0.3]), reference)
-        np.testing.assert_allclose(covariance, sample_variance * parts @ parts.T, atol=1e-12)
-        assert abs(covariance[0, 2]) > 1e-3 * covariance[0, 0]
-
     @pytest.mark.parametrize(
         ("t_s", "nu", "harmonics", "words"),
         [
@@ -93,7 +72,7 @@ class TestHarmonicBasis:
     )
     def test_refuses_records_that_cannot_hold_the_fit(self, t_s, nu, harmonics, words):
         with pytest.raises(DataError, match=words):
-            HarmonicBasis(t_s, nu, harmonics, drift=True)
+            HarmonicBasis(t_s, nu, harmonics)
 
     def test_refuses_lines_that_run_into_each_other(self):
         with pytest.raises(DataError, match="cannot tell"):

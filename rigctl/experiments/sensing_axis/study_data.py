@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from rigctl.analysis.kept import Reduction
-from rigctl.analysis.lines import LineScan
+from rigctl.analysis.line_scan import LineScan
 from rigctl.campaign.recording import RunSource
 from rigctl.experiments.sensing_axis.imagined import imagined
 from rigctl.experiments.sensing_axis.model.chain import Origins

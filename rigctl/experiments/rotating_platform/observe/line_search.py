@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy import special, stats
 
-from rigctl.analysis.lines import FoundLine, LineScan
+from rigctl.analysis.line_scan import FoundLine, LineScan
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.line_spectra import Spectra
 

@@ -12,7 +12,7 @@ from scipy import special, stats
 from scipy.ndimage import uniform_filter1d
 
 from rigctl.analysis.kept import Kept, Packed
-from rigctl.analysis.lines import MAX_BINS, LineScan, ScannedRun
+from rigctl.analysis.line_scan import MAX_BINS, LineScan, ScannedRun
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains

@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from rigctl.analysis.kept import Kept, Packed, Progress, Recipe, Reduction, each_reduced
-from rigctl.analysis.lines import FoundLine
+from rigctl.analysis.line_scan import FoundLine
 from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError

@@ -144,6 +144,7 @@ class PooledNoise:
         self._pools: dict[tuple[Any, ...], NoisePool] = {}
         self._spectra: dict[tuple[Any, ...], Spectrum] = {}
         self._levels: dict[tuple[Any, ...], tuple[float, float]] = {}
+        self._mean_variances: dict[tuple[Any, ...], float] = {}
 
     def add(self, run: ReducedRun) -> None:
         """Take in what a run says of the noise."""
@@ -193,11 +194,10 @@ class PooledNoise:
         return self._levels[key]
 
     def _mean(self, run: ReducedRun, name: str) -> float:
-        key = (*pool_of(run), name, "mean", round(run.duration_s, 3))
-        if key not in self._levels:
-            dc = self._spectrum(run, name).dc_noise(run.duration_s)
-            self._levels[key] = dc.variance, dc.dof
-        return self._levels[key][0]
+        key = (*pool_of(run), name, round(run.duration_s, 3))
+        if key not in self._mean_variances:
+            self._mean_variances[key] = self._spectrum(run, name).mean_variance(run.duration_s)
+        return self._mean_variances[key]
 
     def _spectrum(self, run: ReducedRun, name: str) -> Spectrum:
         key = (*pool_of(run), name)

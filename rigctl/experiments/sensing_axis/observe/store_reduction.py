@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from rigctl.analysis.kept import Kept, LeftOut, Packed, Progress, Recipe, Reduction, each_reduced
-from rigctl.analysis.lines import LineScan, ScannedRun, scanned
+from rigctl.analysis.line_scan import LineScan, ScannedRun, scanned
 from rigctl.analysis.noise import Spectrum
 from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.core.errors import DataError
@@ -62,7 +62,7 @@ def reduction(
 
 
 def line_scan(source: RunSource, lines_hz: Sequence[float] = (), progress: Progress | None = None) -> LineScan:
-    """The scan for steady lines in the accelerometer's samples of the valid runs; see `rigctl.analysis.lines`.
+    """The scan for steady lines in the accelerometer's samples of the valid runs; see `rigctl.analysis.line_scan`.
 
     A store keeps it: runs marked since are taken out or put in by their samples alone.
     """
