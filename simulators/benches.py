@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.entry_points import Registry
@@ -78,6 +78,12 @@ class BareBench:
     def displacement_mm(self, head: str) -> Signal:
         """There are none."""
         raise ValueError(f"no laser head '{head}' looks here")
+
+
+class WorldTable(BaseModel):
+    """Settings of a world: a table of a rig file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 @dataclass(frozen=True)

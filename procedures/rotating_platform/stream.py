@@ -42,11 +42,6 @@ GAP_ROWS = 100_000
 class PacingMeter(Voltmeter, PacingRecorder, Protocol):
     """The meter whose sample timer all follow; it can begin at a given time."""
 
-    @property
-    def first_sample_after_s(self) -> float:
-        """From the start to the first sample."""
-        ...
-
     def start(self, samples: int, period_s: float, at_s: float | None = None) -> float:
         """As `PacingRecorder.start`, not before `at_s`."""
         ...

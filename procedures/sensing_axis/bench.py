@@ -9,14 +9,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from procedures.pace import Pace
+from procedures.paced_record import record
 from procedures.sensing_axis.run_checks import CapturingStage, Recorders, require_standing, require_steady
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.session.recovery import Apparatus, require_homed
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.event_kinds import TEMPERATURE_MISSED
 from rigctl.campaign.store.run_writer import RunWriter
-from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.errors import ImplausibleSample, LimitError
 from rigctl.core.interfaces import (
@@ -47,11 +46,6 @@ ANGLE_RESOLUTION_DEG = 1e-4
 
 class Readout(Voltmeter, PacingRecorder, Protocol):
     """The accelerometer's voltmeter, which also paces the others."""
-
-    @property
-    def first_sample_after_s(self) -> float:
-        """From the start to the first sample."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -230,7 +224,7 @@ class Bench:
         recorders: list[PacedRecorder] = [self.linear]
         if lasers:
             recorders += self.lasers
-        start_s, columns = self._acquire(session, writer, point, recorders)
+        start_s, columns = record(session, writer, self.readout, recorders, point.samples, 1.0 / point.sample_rate_hz)
         temperature.append(self._temperature_c())
         require_standing(self.rotation.name, point.theta_deg, [angle.value, self.rotation.angle().value])
         require_steady(temperature)
@@ -262,35 +256,6 @@ class Bench:
             name: self.package.face(point.axis, point.configuration, head.position)
             for name, head in self.heads.items()
         }
-
-    def _acquire(
-        self, session: Session, writer: RunWriter, point: SetPoint, recorders: list[PacedRecorder]
-    ) -> tuple[float, dict[str, FloatArray]]:
-        samples, period_s = point.samples, 1.0 / point.sample_rate_hz
-        for recorder in recorders:
-            recorder.arm(samples, period_s)
-        start_s = self.readout.start(samples, period_s)
-        pace = Pace.of_record(self.clock, start_s, self.readout.first_sample_after_s, period_s, samples)
-        name = self.readout.channels()[0].name
-        parts: list[FloatArray] = []
-        received = 0
-        while received < samples:
-            session.wait_s(min(1.0, (samples - received) * period_s) + period_s)
-            asked_s = self.clock.now_s()
-            part = self.readout.fetch()[:, 0]
-            pace.require(self.readout.name, received + len(part), asked_s, self.clock.now_s())
-            times_s: FloatArray = period_s * np.arange(received, received + len(part), dtype=np.float64)
-            if len(part):
-                writer.stream({"t_s": times_s, name: part})
-            received += len(part)
-            parts.append(part)
-        columns = {name: np.concatenate(parts)}
-        for recorder in recorders:
-            values = recorder.collect()
-            columns.update({channel.name: values[:, i] for i, channel in enumerate(recorder.channels())})
-        late = {column: values for column, values in columns.items() if column != name}
-        writer.stream(late)
-        return start_s, columns
 
     def _settling_s(self, point: SetPoint) -> float:
         """Time until the free oscillation has died away that stopping, turning and starting have excited."""

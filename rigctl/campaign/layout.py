@@ -32,16 +32,15 @@ class Layout:
 
     `samples` are the columns every run file has; `samples_of` those of one run with its conditions.
     `flaw_of_run` says why a row of runs.csv contradicts itself, None when it does not. `period_of` is the
-    time [s] a run must at least last.
-    `units_of` compares what was asked for with what the samples show. `handles_missing`: the analysis masks gaps
-    and missing samples itself. `patterns`: custom patterns are in patterns.csv.
+    time [s] a run must at least last. `units_of` compares what was asked for with what the samples show.
+    `handles_missing`: the analysis masks gaps and missing samples itself. `patterns`: custom ones in patterns.csv.
     """
 
     fields: Mapping[str, Field]
-    samples_of: Callable[[Mapping[str, Any]], tuple[str, ...]]
-    flaw_of_run: Callable[[Mapping[str, Any]], str | None]
-    period_of: Callable[[Mapping[str, Any]], float]
-    units_of: Callable[[Mapping[str, Any], Columns, Mapping[str, float]], UnitFindings]
+    samples_of: Callable[[Mapping[str, Any]], tuple[str, ...]] = lambda _: ("t_s",)
+    flaw_of_run: Callable[[Mapping[str, Any]], str | None] = lambda _: None
+    period_of: Callable[[Mapping[str, Any]], float] = lambda _: 0.0
+    units_of: Callable[[Mapping[str, Any], Columns, Mapping[str, float]], UnitFindings] = lambda *_: UnitFindings()
     constants: tuple[str, ...] = ()
     handles_missing: bool = False
     patterns: bool = False

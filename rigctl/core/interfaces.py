@@ -208,6 +208,11 @@ class PacingRecorder(Protocol):
         """The columns `fetch` delivers, in order."""
         ...
 
+    @property
+    def first_sample_after_s(self) -> float:
+        """From the start to the first sample."""
+        ...
+
     def longest_record(self, period_s: float) -> int:
         """Most samples of one record at this period; `LimitError` when it is not that fast. Sends nothing."""
         ...

@@ -134,8 +134,15 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
         ladder=ladder_plate(rungs),
         ranking=ranking_plate(diagnosis) if diagnosis["ranking"] else None,
         residuals=list(residual_plates(comparisons)),
-        drawn=drawing_of(store.header.experiment, store.path).draw(bench, lines, last.lines),
+        drawn=_drawn(bench, lines, last.lines),
     )
+
+
+def _drawn(bench: Workbench, lines_hz: Sequence[float], missing: Sequence[Any]) -> Drawn:
+    try:
+        return drawing_of(bench.store.header.experiment, bench.store.path).draw(bench, lines_hz, missing)
+    except UNFIT as error:
+        return Drawn(left_out={"result": str(error)})
 
 
 def _side_by_side(bench: Workbench, tell: Tell) -> Iterator[versions.ModelVersion]:

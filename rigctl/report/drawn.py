@@ -35,7 +35,10 @@ class Drawing(Protocol):
         ...
 
     def draw(self, workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
-        """What a report shows; `lines_hz` are lines the model has, `found` those it has not (study.Line)."""
+        """What a report shows; `lines_hz` are lines the model has, `found` those it has not (study.Line).
+
+        Without a result: `DataError`, `ProcedureError`.
+        """
         ...
 
 

@@ -9,18 +9,15 @@ from __future__ import annotations
 import math
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from simulators.benches import WorldTable
 from simulators.worlds import effect_sizes
 from simulators.worlds.effect_sizes import Scope
 from simulators.worlds.rotations import Configuration, CubeAxis
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class SensorConfiguration(_Settings):
+class SensorConfiguration(WorldTable):
     """The sensor's second-order response in one configuration; `ideal` leaves only its gain."""
 
     frequency_hz: float = Field(ge=1e-3, le=1e6)
@@ -29,7 +26,7 @@ class SensorConfiguration(_Settings):
     ideal: bool = False
 
 
-class SensorSettings(_Settings):
+class SensorSettings(WorldTable):
     """One sensor of the package; `true_axis` is its sensing axis in the cube's frame (made a unit vector)."""
 
     cube_axis: CubeAxis
@@ -52,7 +49,7 @@ class SensorSettings(_Settings):
         return self.pendulum if configuration == "pendulum" else self.flag
 
 
-class LaserSettings(_Settings):
+class LaserSettings(WorldTable):
     """One triangulation head: where it stands in the lab, how its beam is tilted, how well it reads."""
 
     position: Literal["+x", "+y", "+z"]
@@ -60,7 +57,7 @@ class LaserSettings(_Settings):
     noise_um: float = Field(default=0.05, ge=0.0)
 
 
-class GroundNoiseSettings(_Settings):
+class GroundNoiseSettings(WorldTable):
     """Ground acceleration, each component: white, and a microseism bump of its own height and full width."""
 
     asd_m_s2_rthz: float = Field(default=1e-6, ge=0.0)
@@ -69,7 +66,7 @@ class GroundNoiseSettings(_Settings):
     bump_width_hz: float = Field(default=0.03, gt=0.0)
 
 
-class TemperatureSettings(_Settings):
+class TemperatureSettings(WorldTable):
     """mean + daily_k sin(2 pi t / day) + cycle_k sin(2 pi t / cycle_s) + drift_k_per_day t, t the rig time.
 
     In `room_s` it follows the operator.
@@ -83,14 +80,14 @@ class TemperatureSettings(_Settings):
     room_s: float = Field(default=3600.0, ge=0.0)
 
 
-class AngleSettings(_Settings):
+class AngleSettings(WorldTable):
     """The rotation stage's encoder: its step, and how far a position may be off, in steps."""
 
     resolution_deg: float = Field(default=0.0001, gt=0.0)
     error_steps: float = Field(default=0.0, ge=0.0)
 
 
-class BenchSettings(_Settings):
+class BenchSettings(WorldTable):
     """The `[world]` table of a sensing-axis rig.
 
     `effects` maps an effect's id to its parameters' sizes in SI units, each for all (`kT`) or for one

@@ -8,19 +8,16 @@ from __future__ import annotations
 
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from simulators.benches import WorldTable
 from simulators.worlds import effect_sizes
 from simulators.worlds.bench_settings import TemperatureSettings
 from simulators.worlds.effect_sizes import Scope
 from simulators.worlds.platform_effects import CHANNELS, EFFECTS, NEVER_ZERO
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class ChainSettings(_Settings):
+class ChainSettings(WorldTable):
     """A Q-Flex, its amplifier and filter: true scale factor and electrical bias at the output; its axis' elevation.
 
     `amplifier` is the amplifier's gain, left out when the sensor is turned over to feel all of g.
@@ -32,7 +29,7 @@ class ChainSettings(_Settings):
     wobble_rad: float = 0.0
 
 
-class ServoSettings(_Settings):
+class ServoSettings(WorldTable):
     """The servo accelerometer that holds the pendulum: it follows (command - bias) / scale, off by g misalignment."""
 
     scale_v_per_m_s2: float = Field(gt=0.0)
@@ -40,7 +37,7 @@ class ServoSettings(_Settings):
     misalignment_rad: float = 0.0
 
 
-class ChainNoiseSettings(_Settings):
+class ChainNoiseSettings(WorldTable):
     """Two-sided density at the output of a chain: white + red / f^exponent.
 
     `folding` is how often the band above the Nyquist frequency is folded down: 1 behind a good anti-alias filter.
@@ -59,7 +56,7 @@ class ChainNoiseSettings(_Settings):
         return self
 
 
-class PendulumNoiseSettings(_Settings):
+class PendulumNoiseSettings(WorldTable):
     """One-sided amplitude density of the pendulum's acceleration, rising as f^2 above the corner to a cap."""
 
     asd_m_s2_rthz: float = Field(default=3e-8, ge=0.0)
@@ -67,7 +64,7 @@ class PendulumNoiseSettings(_Settings):
     cap: float = Field(default=100.0, ge=1.0)
 
 
-class AdcSettings(_Settings):
+class AdcSettings(WorldTable):
     """The converter at the end of a chain: 2^bits steps over its range, beyond which it saturates."""
 
     range_v: float = Field(default=10.0, gt=0.0)
@@ -79,7 +76,7 @@ class AdcSettings(_Settings):
         return 2.0 * self.range_v / 2.0**self.bits
 
 
-class PlatformSettings(_Settings):
+class PlatformSettings(WorldTable):
     """The `[world]` table of a rotating-platform rig.
 
     Chain A is the z channel, chain B the y channel. `effects` maps an effect's id to its parameters' sizes in SI

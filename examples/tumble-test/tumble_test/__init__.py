@@ -9,7 +9,7 @@ EXPERIMENT = Experiment(
     analysis="tumble_test.study",
     report="tumble_test.report",
     tables={"procedure": "tumble_test.procedure:Procedure"},
-    columns="tumble_test.columns:COLUMNS",
+    columns="tumble_test.observables:COLUMNS",
     # The head's angle error, the rise of its turning axis, what a sensor indicates (E / K1), what it puts out.
     points=("tumble_angle_rad", "tumble_elevation_rad", "tumble_indicated_m_s2", "tumble_output_v"),
     scopes=("recording", "channel"),

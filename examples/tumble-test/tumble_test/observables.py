@@ -1,4 +1,4 @@
-"""A run as one number per sensor: the mean of its samples, and what they tell of its uncertainty."""
+"""The columns of runs.csv; a run as one number per sensor: the mean of its samples, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -8,10 +8,24 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.campaign import layout
+from rigctl.campaign.layout import Field, Layout
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from tumble_test.positions import AXES
+from tumble_test.positions import AXES, OUTS
+
+COLUMNS = Layout(
+    fields={
+        "mounting": Field(layout.whole_number, required=True),
+        "out": Field(layout.one_of(*OUTS), required=True),
+        "clocking_deg": Field(layout.angle_deg, required=True),
+        "angle_deg": Field(layout.angle_deg, required=True),
+        "approach": Field(layout.sign),
+        "sweep": Field(layout.whole_number),
+        **layout.COMMON_FIELDS,
+    },
+)
 
 STRETCHES = 8
 """A record's mean scatters at least as the means of its stretches say."""

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from procedures import campaigns
 from procedures.campaigns import Instruments
-from procedures.pace import Pace
+from procedures.paced_record import record
 from rigctl.campaign.origin import campaign_of
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
 from rigctl.campaign.session.recovery import Apparatus
@@ -21,7 +21,6 @@ from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.parts import Part
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
-from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, ImplausibleSample, LimitError, ProcedureError
 from rigctl.core.file_tables import Table
 from rigctl.effects.plugins import Plugin
@@ -144,13 +143,11 @@ class Test(campaigns.Work):
 
     def check(self) -> None:
         """`LimitError` when head or meters cannot do it, before anything moves."""
-        asked, limits = self.plan.procedure, self.rotation.limits
+        asked = self.plan.procedure
         for each in self.plan.positions:
-            asked_deg = each["angle_asked_deg"]
-            for angle_deg in (asked_deg, asked_deg - each["approach"] * asked.overshoot_deg):
-                if not limits.angle_min_deg <= angle_deg <= limits.angle_max_deg:
-                    reach = f"{limits.angle_min_deg:g} .. {limits.angle_max_deg:g} deg"
-                    raise LimitError(f"{self.rotation.name}: {angle_deg:g} deg is on the way, and outside {reach}")
+            overshot_deg = each["angle_asked_deg"] - each["approach"] * asked.overshoot_deg
+            for angle_deg in (each["angle_asked_deg"], overshot_deg):
+                self.rotation.limits.require_angle(self.rotation.name, angle_deg)
         for meter in (self.readout, *self.followers):
             if (most := meter.longest_record(1.0 / asked.sample_rate_hz)) < self._samples:
                 raise LimitError(f"{meter.name}: {self._samples} samples asked for; at most {most} are possible")
@@ -212,31 +209,16 @@ class Test(campaigns.Work):
         self.rotation.move_to(asked_deg)
         session.wait_s(self.plan.procedure.settle_s)
         angle_deg, warm_c = self.rotation.angle().value, self._temperatures_c()
-        start_s, columns = self._record(session)
+        period_s = 1.0 / self.plan.procedure.sample_rate_hz
+        start_s, columns = record(session, writer, self.readout, self.followers, self._samples, period_s)
         warm_c += self._temperatures_c()
         for each in (angle_deg, self.rotation.angle().value):
             if not abs(each - asked_deg) <= ANGLE_TOLERANCE_DEG:
                 said = f"{self.rotation.name}: {each:g} deg where {asked_deg:g} deg was asked for"
                 raise ImplausibleSample(said, channel="angle_deg", instrument=self.rotation.name)
-        writer.append(columns)
         found = {"angle_deg": angle_deg, "start_s": start_s, "temperature_c": float(np.mean(warm_c or np.nan))}
         overloaded = [name for name, column in columns.items() if not np.isfinite(column).all()]
         return {**found, "valid": False, "reason": f"overload in {', '.join(overloaded)}"} if overloaded else found
-
-    def _record(self, session: Session) -> tuple[float, dict[str, FloatArray]]:
-        samples, period_s = self._samples, 1.0 / self.plan.procedure.sample_rate_hz
-        for meter in self.followers:
-            meter.arm(samples, period_s)
-        start_s = self.readout.start(samples, period_s)
-        pace = Pace.of_record(session.clock, start_s, self.readout.first_sample_after_s, period_s, samples)
-        rows = np.empty((0, 1))
-        while len(rows) < samples:
-            session.wait_s((samples - len(rows) + 1) * period_s)
-            asked_s = session.clock.now_s()
-            rows = np.concatenate([rows, self.readout.fetch()])
-            pace.require(self.readout.name, len(rows), asked_s, session.clock.now_s())
-        columns = {"t_s": period_s * np.arange(samples), self.readout.channels()[0].name: rows[:, 0]}
-        return start_s, columns | {meter.channels()[0].name: meter.collect()[:, 0] for meter in self.followers}
 
     def _temperatures_c(self) -> list[float]:
         return [float(each.temperature().value) for each in self.thermometers]

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import DataError, ProcedureError
 from rigctl.report.drawn import Drawn
 from rigctl.report.figures.data import Plate
 from rigctl.report.quantities import quantity
@@ -43,10 +42,7 @@ def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
     """The coefficients, and what is curved in the outputs."""
     del lines_hz, found
-    try:
-        told = result(workbench)
-    except (ProcedureError, DataError) as error:
-        return Drawn(left_out={"result of the tumble test": str(error)})
+    told = result(workbench)
     model = own_model(workbench.study.model(workbench.current.terms), TumbleModel)
     values = [told["parameters"].get(each.name, {"value": each.start})["value"] for each in model.parameters]
     return Drawn(told, tables(told), [nonlinearity_plate(model, np.array(values))])

@@ -15,11 +15,10 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import columns_of
-from rigctl.workbench.findings import ModelFit
+from rigctl.workbench.fit_result import analyse as analyse
+from rigctl.workbench.fit_result import result as result
 from rigctl.workbench.study import Candidate, Model, Proposal, Term
 from rigctl.workbench.study_base import CatalogueStudy, own_model, parameters_as_json
-from rigctl.workbench.verdict.fit import fit
-from rigctl.workbench.workbench import Workbench
 from tumble_test.model import OF_A_SENSOR, Bench, Placed, Recorded, TumbleModel, placed, recorded
 from tumble_test.observables import Reduced, reduction
 from tumble_test.positions import OUTS
@@ -137,13 +136,3 @@ def reduced(source: RunSource, progress: Progress) -> Mapping[str, str]:
 
 
 study = TumbleStudy
-
-
-def analyse(workbench: Workbench) -> ModelFit:
-    """A store's positions fitted with its current model; `DataError`, `ProcedureError`."""
-    return fit(workbench.study, workbench.current.terms)
-
-
-def result(workbench: Workbench) -> dict[str, Any]:
-    """The fit, with the version of its model; its `result` are the coefficients in the units of data sheets."""
-    return {"version": workbench.current.version, **analyse(workbench).as_json()}

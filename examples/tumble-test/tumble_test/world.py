@@ -12,11 +12,11 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.signal import bilinear, lfilter
 
 from rigctl.core.arrays import FloatArray
-from simulators.benches import BareBench, WorldDeclaration, no_such_action
+from simulators.benches import BareBench, WorldDeclaration, WorldTable, no_such_action
 from simulators.clock import SimulationClock
 from simulators.motion import MotionAxis
 from simulators.wiring import Signal, TriggerLine
@@ -35,11 +35,7 @@ SLOW_HZ, SLOW_WAVES = (1e-5, 0.05), 120
 """The noise that goes on from run to run: between which frequencies, and as how many waves."""
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class SensorSettings(_Settings):
+class SensorSettings(WorldTable):
     """One sensor, along the case's axis of its name, in the units of data sheets: g is 9.80665 m/s2.
 
     `bends_ug` are ug per g, g2, g3 or g4. `turned_urad` is the rotation vector from the case's axes to the sensor's.
@@ -61,7 +57,7 @@ class SensorSettings(_Settings):
     loop_q: float = Field(default=0.7, gt=0.1, lt=10.0)
 
 
-class HeadSettings(_Settings):
+class HeadSettings(WorldTable):
     """The dividing head: cosine and sine of its angle's errors and of its axis' rise; the scatter of its stops."""
 
     first_urad: tuple[float, float] = (0.0, 0.0)
@@ -72,7 +68,7 @@ class HeadSettings(_Settings):
     wobble_urad: tuple[float, float] = (0.0, 0.0)
 
 
-class TumbleSettings(_Settings):
+class TumbleSettings(WorldTable):
     """The `[world]` table of a tumble rig; `seat_urad` is how well a case is seated, about each axis."""
 
     kind: Literal["tumble-test"]

@@ -85,7 +85,6 @@ COLUMNS = Layout(
         **COMMON_FIELDS,
     },
     samples_of=lambda _: ("t_s", "stage_x_mm", "accel_v"),
-    flaw_of_run=lambda _: None,
     units_of=_units,
     period_of=_drive_period,
 )

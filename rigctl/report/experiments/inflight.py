@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rigctl.core.errors import DataError, ProcedureError
 from rigctl.experiments.inflight.analysis import result
 from rigctl.report.drawn import Drawn
 from rigctl.report.quantities import number, quantity
@@ -26,10 +25,7 @@ def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) 
     from rigctl.report.figures.inflight.figures import plates_of
 
     del lines_hz, found
-    try:
-        numbers = result(workbench)
-    except (ProcedureError, DataError) as error:
-        return Drawn(left_out={"result of the calibration": str(error)})
+    numbers = result(workbench)
     return Drawn(numbers, result_tables(numbers), plates_of(numbers))
 
 

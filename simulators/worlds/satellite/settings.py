@@ -9,18 +9,15 @@ from __future__ import annotations
 import math
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from simulators.benches import WorldTable
 from simulators.worlds import effect_sizes
 from simulators.worlds.effect_sizes import Scope
 from simulators.worlds.satellite.effect_ids import EFFECTS, MASSES, NEVER_ZERO
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Bounds(_Settings):
+class Bounds(WorldTable):
     """Half-widths of what a draw is drawn from; `_c` and `_d` are half sum and half difference of the masses."""
 
     off_centring_m: float = Field(default=20e-6, ge=0.0)
@@ -41,7 +38,7 @@ class Bounds(_Settings):
     """Entries of the matrix from what is asked of the thrusters to what they do, times the lever arms."""
 
 
-class Noise(_Settings):
+class Noise(WorldTable):
     """One-sided amplitude densities."""
 
     sensor_x_m_s2_rthz: float = Field(default=1.2e-12, ge=0.0)
@@ -54,7 +51,7 @@ class Noise(_Settings):
     torque_rad_s2_rthz: float = Field(default=4e-8, ge=0.0)
 
 
-class Loops(_Settings):
+class Loops(WorldTable):
     """Drag-free and attitude control."""
 
     drag_free_rad_s: float = Field(default=2.0 * math.pi * 0.05, gt=0.0)
@@ -67,7 +64,7 @@ class Loops(_Settings):
     hybrid_rad_s: float = Field(default=2.0 * math.pi * 0.005, gt=0.0)
 
 
-class Drag(_Settings):
+class Drag(WorldTable):
     """What acts from outside: levels, and amplitudes at the orbit's frequency and twice that."""
 
     force_m_s2: tuple[float, float, float] = (2e-8, -1e-8, 3e-8)
@@ -82,7 +79,7 @@ class Drag(_Settings):
     """On sin 2M, cos 2M, sin 2M."""
 
 
-class Temperature(_Settings):
+class Temperature(WorldTable):
     """How the sensors' temperature goes with the orbit: amplitudes at its frequency and twice that."""
 
     orbit_k: float = 1e-4
@@ -91,14 +88,14 @@ class Temperature(_Settings):
     twice_phase_rad: float = 0.0
 
 
-class Missing(_Settings):
+class Missing(WorldTable):
     """Telemetry that never arrives: a fraction of the samples, in bursts of a length up to `burst_s`."""
 
     fraction: float = Field(default=0.0, ge=0.0, le=0.9)
     burst_s: float = Field(default=20.0, gt=0.0)
 
 
-class SatelliteSettings(_Settings):
+class SatelliteSettings(WorldTable):
     """The `[world]` table of a satellite's rig.
 
     `draw` numbers the instrument in the ensemble that `seed` makes. `effects` maps an effect's id to its parameters'
