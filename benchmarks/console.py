@@ -134,7 +134,7 @@ async def live(directory: Path) -> None:
             await pilot.pause(2.0)
             watch.begin()
             for target in range(LIVE_MOVES):
-                app._holding.bench.move("rotation", 20.0 * (-1.0) ** target)
+                app._holding.bench.stations["rotation"].move(20.0 * (-1.0) ** target)
                 await asyncio.sleep(LIVE_S / LIVE_MOVES)
             print(f"live rig, {size[0]} x {size[1]}: {watch.told()}", flush=True)
         ticking.cancel()

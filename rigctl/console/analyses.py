@@ -8,14 +8,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rigctl.console.messages import Severity
 from rigctl.console.plan_text import plan_told
+from rigctl.console.screens.panes import Panes
+from rigctl.console.store_view import StoreView
 from rigctl.core.errors import RigError
 
 if TYPE_CHECKING:
     from rigctl.console.analyst import Analyst
-    from rigctl.console.feed import StoreView
-    from rigctl.console.messages import Severity
-    from rigctl.console.screens.panes import Panes
 
 LIVE_S = 1.0
 """Least time between two null searches that are worked out while a campaign runs."""

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from textual import work
 from textual.binding import Binding, BindingType
@@ -22,9 +22,6 @@ from rigctl.console.widgets.bars import SCREENS
 from rigctl.console.widgets.dialogs import ConfirmDialog, OpenDialog
 from rigctl.core.errors import RigError
 from rigctl.core.making_safe import TERMINAL_LOST, Rest, ended_by_signals
-
-if TYPE_CHECKING:
-    from rigctl.console.bench import LiveBench
 
 DRAW_S = 0.1
 FIRST_S = 0.25
@@ -185,7 +182,7 @@ class Console(Shell):
     def on_campaign_ended(self, message: say.CampaignEnded) -> None:
         """A process of ours has ended."""
         if message.status not in {0, 130}:
-            self._note(message.said or f"the campaign's process ended with status {message.status}", "error")
+            self._note(message.last_line or f"the campaign's process ended with status {message.status}", "error")
         if self._holding.bench is None:
             self._holding.take()
 
@@ -261,27 +258,14 @@ class Console(Shell):
         )
         self.push_screen(ConfirmDialog("Quit the console?", told), go)
 
-    def on_move_asked(self, message: say.MoveAsked) -> None:
-        """Move a stage of the rig that is held."""
-        self._drive(
-            f"move {message.name} to {message.value:g}", lambda bench: bench.move(message.name, message.value)
-        )
-
-    def on_jog_asked(self, message: say.JogAsked) -> None:
-        """Move a stage of the rig that is held by a step."""
-        self._drive(f"move {message.name} by {message.step:g}", lambda bench: bench.jog(message.name, message.step))
-
-    def on_home_asked(self, message: say.HomeAsked) -> None:
-        """Home a stage of the rig that is held."""
-        self._drive(f"home {message.name}", lambda bench: bench.home(message.name))
-
-    def _drive(self, action: str, go: Callable[[LiveBench], None]) -> None:
+    def on_motion_asked(self, message: say.MotionAsked) -> None:
+        """Move, jog or home a stage of the rig that is held."""
         bench = self._holding.bench
         if bench is None:
             self._note("no rig is held here; the campaign moves it", "warning")
             return
-        self._act(action)
-        go(bench)
+        self._act(" ".join([message.motion, message.stage, *(f"{value:g}" for value in message.values)]))
+        getattr(bench.stations[message.stage], message.motion)(*message.values)
 
     def on_reconnect_asked(self) -> None:
         """Try again."""

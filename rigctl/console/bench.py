@@ -32,36 +32,24 @@ class LiveBench:
         self._held = held
         self._post = post
         self._closing = threading.Event()
-        self._stations = {
+        self.stations = {
             name: Station(name, table, rig.instruments[name], self._closing, post)
             for name, table in rig.file.instruments.items()
         }
-        for station in self._stations.values():
+        for station in self.stations.values():
             station.thread.start()
 
     def views(self) -> tuple[InstrumentView, ...]:
         """All instruments now; asks none of them."""
-        return tuple(station.view() for station in self._stations.values())
+        return tuple(station.view() for station in self.stations.values())
 
     def strips(self) -> dict[str, Strip]:
         """What the strip charts show, by quantity."""
-        return {name: strip for station in self._stations.values() for name, strip in station.strips().items()}
-
-    def move(self, name: str, value: float) -> None:
-        """`rigctl move`: home the stage if needed and move it, on a thread of its own."""
-        self._stations[name].move(value)
-
-    def jog(self, name: str, step: float) -> None:
-        """Move the stage by a step, on a thread of its own."""
-        self._stations[name].jog(step)
-
-    def home(self, name: str) -> None:
-        """`rigctl home`, on a thread of its own."""
-        self._stations[name].home()
+        return {name: strip for station in self.stations.values() for name, strip in station.strips().items()}
 
     def reconnect(self) -> None:
         """Try again now what does not answer."""
-        for station in self._stations.values():
+        for station in self.stations.values():
             station.wake()
 
     def stop(self) -> None:
@@ -70,7 +58,7 @@ class LiveBench:
 
     def bring_to_rest(self) -> tuple[Rest, ...]:
         """Stop every instrument, and once more where a motion was begun behind the stop."""
-        stations = list(self._stations.values())
+        stations = list(self.stations.values())
         for station in stations:
             station.stops += 1
         first = bring_to_rest(station.instrument for station in stations)
@@ -83,9 +71,9 @@ class LiveBench:
         self._closing.set()
         self.reconnect()
         rests = self.bring_to_rest()
-        for station in self._stations.values():
+        for station in self.stations.values():
             station.thread.join(THREADS_END_S)
-        let_go([station.instrument for station in self._stations.values()])
+        let_go([station.instrument for station in self.stations.values()])
         self._held.close()
         return rests
 

@@ -9,12 +9,10 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from textual.message import Message
 
 from rigctl.console.messages import CampaignEnded, Launch
-
-if TYPE_CHECKING:
-    from textual.message import Message
 
 
 class Campaigns:
@@ -60,12 +58,12 @@ class Campaigns:
         os.close(read)
         os.close(write)
         self._running[store] = process
-        threading.Thread(target=self._wait, args=(store, process, log), daemon=True).start()
+        threading.Thread(target=self._wait, args=(process, log), daemon=True).start()
 
-    def _wait(self, store: Path, process: subprocess.Popen[bytes], log: Path) -> None:
+    def _wait(self, process: subprocess.Popen[bytes], log: Path) -> None:
         status = process.wait()
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.exists() else []
-        self._post(CampaignEnded(store, status, lines[-1] if lines else ""))
+        self._post(CampaignEnded(status, lines[-1] if lines else ""))
 
 
 def log_of(store: Path) -> Path:

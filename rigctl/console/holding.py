@@ -7,15 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from textual.message import Message
+
 from rigctl.console.analyses import in_one_line
 from rigctl.console.messages import BenchTaken, Noted
+from rigctl.console.store_view import StoreView
+from rigctl.core.making_safe import Rest
 
 if TYPE_CHECKING:
-    from textual.message import Message
-
     from rigctl.console.bench import LiveBench
-    from rigctl.console.feed import StoreView
-    from rigctl.core.making_safe import Rest
 
 
 class Holding:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from rigctl.campaign.store.entries import Event
+from rigctl.campaign.store.entries import Event
 
 ALARMS = {
     "aborted",

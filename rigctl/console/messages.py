@@ -1,47 +1,29 @@
-"""What widgets tell the application: the operator's wishes, and what threads have found."""
+"""What widgets and threads tell the application: the operator's requests, and what threads have found."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from textual.message import Message
 
-if TYPE_CHECKING:
-    from rigctl.console.feed import StoreView
-    from rigctl.console.log_lines import LogLine, Search
-    from rigctl.core.making_safe import Rest
+from rigctl.console.log_lines import LogLine, Search
+from rigctl.console.store_view import StoreView
+from rigctl.core.making_safe import Rest
 
 Severity = Literal["information", "warning", "error"]
 Request = Literal["pause", "resume", "abort"]
 
 
-class MoveAsked(Message):
-    """Move a stage to `value`, in the unit of its panel."""
+@dataclass
+class MotionAsked(Message):
+    """Move a stage: `move` to a position, `jog` by a step, in the unit of its panel, or `home` it."""
 
-    def __init__(self, name: str, value: float) -> None:
-        super().__init__()
-        self.name = name
-        self.value = value
-
-
-class JogAsked(Message):
-    """Move a stage by `step` from where it is, in the unit of its panel."""
-
-    def __init__(self, name: str, step: float) -> None:
-        super().__init__()
-        self.name = name
-        self.step = step
-
-
-class HomeAsked(Message):
-    """Home a stage."""
-
-    def __init__(self, name: str) -> None:
-        super().__init__()
-        self.name = name
+    stage: str
+    motion: Literal["move", "jog", "home"]
+    values: tuple[float, ...] = ()
 
 
 class ReconnectAsked(Message):
@@ -59,106 +41,86 @@ class Launch:
     seed: int | None = None
 
 
+@dataclass
 class StartAsked(Message):
     """Start a campaign in a process of its own."""
 
-    def __init__(self, launch: Launch) -> None:
-        super().__init__()
-        self.launch = launch
+    launch: Launch
 
 
+@dataclass
 class DryRunAsked(Message):
     """Tell what a campaign would do."""
 
-    def __init__(self, campaign: Path) -> None:
-        super().__init__()
-        self.campaign = campaign
+    campaign: Path
 
 
+@dataclass
 class RequestAsked(Message):
     """Pause, resume or abort the campaign that is watched."""
 
-    def __init__(self, kind: Request) -> None:
-        super().__init__()
-        self.kind: Request = kind
+    kind: Request
 
 
-class OpenAsked(Message):
-    """Open a rig file, a campaign file or a store."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.path = path
-
-
+@dataclass
 class AnalysisAsked(Message):
-    """Have something worked out from the store that is open: a name of `rigctl.console.analysis`."""
+    """Have something computed from the store that is open: a function of `rigctl.console.analysis`."""
 
-    def __init__(self, what: str, *arguments: Any) -> None:
-        super().__init__()
-        self.what = what
-        self.arguments = arguments
+    what: str
+    arguments: tuple[Any, ...] = ()
 
 
+@dataclass
 class SearchAsked(Message):
     """Search the events of the store that are not kept on the screen."""
 
-    def __init__(self, search: Search) -> None:
-        super().__init__()
-        self.search = search
+    search: Search
 
 
+@dataclass
 class EarlierFound(Message):
     """What a search has found there."""
 
-    def __init__(self, search: Search, lines: Sequence[LogLine]) -> None:
-        super().__init__()
-        self.search = search
-        self.lines = lines
+    search: Search
+    lines: Sequence[LogLine]
 
 
+@dataclass
 class Noted(Message):
     """Something to tell the operator; errors are alarms."""
 
-    def __init__(self, text: str, severity: Severity = "information") -> None:
-        super().__init__()
-        self.text = text
-        self.severity: Severity = severity
+    text: str
+    severity: Severity = "information"
 
 
 class BenchTaken(Message):
     """The rig that was to be opened is open, or was refused."""
 
 
+@dataclass
 class StoreSeen(Message):
     """The store as it is now."""
 
-    def __init__(self, view: StoreView) -> None:
-        super().__init__()
-        self.view = view
+    view: StoreView
 
 
+@dataclass
 class CampaignEnded(Message):
-    """A campaign this console started has ended, with what it last said on stderr."""
+    """A campaign this console started has ended, with the last line of its log."""
 
-    def __init__(self, store: Path, status: int, said: str) -> None:
-        super().__init__()
-        self.store = store
-        self.status = status
-        self.said = said
+    status: int
+    last_line: str
 
 
+@dataclass
 class Stopped(Message):
     """What came of a STOP, instrument by instrument."""
 
-    def __init__(self, rests: tuple[Rest, ...]) -> None:
-        super().__init__()
-        self.rests = rests
+    rests: tuple[Rest, ...]
 
 
+@dataclass
 class Signalled(Message):
     """A signal ends this console; everything it holds has been stopped."""
 
-    def __init__(self, reason: str) -> None:
-        super().__init__()
-        self.reason = reason
+    reason: str

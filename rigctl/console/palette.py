@@ -2,15 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
-from typing import TYPE_CHECKING, cast
-
-from textual.command import DiscoveryHit, Hit, Hits, Provider
-
-if TYPE_CHECKING:
-    from rigctl.console.app import Console
-
 COMMANDS: dict[str, tuple[str, str]] = {
     "STOP": ("stop", "Bring every instrument to rest, abort the campaign (F8)"),
     "Open…": ("open", "A rig file, a campaign file or a store (o)"),
@@ -46,27 +37,4 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "Help": ("help", "Keys (F1)"),
     "Quit": ("leave", "The campaign goes on (q)"),
 }
-
-
-class Commands(Provider):
-    """Offers them."""
-
-    async def discover(self) -> Hits:
-        """All of them."""
-        for name, action, told in _all():
-            yield DiscoveryHit(name, partial(self._run, action), help=told)
-
-    async def search(self, query: str) -> Hits:
-        """Those that match."""
-        matcher = self.matcher(query)
-        for name, action, told in _all():
-            if (score := matcher.match(name)) > 0:
-                yield Hit(score, matcher.highlight(name), partial(self._run, action), help=told)
-
-    async def _run(self, action: str) -> None:
-        await cast("Console", self.app).run_action(action)
-
-
-def _all() -> Iterator[tuple[str, str, str]]:
-    for name, (action, told) in COMMANDS.items():
-        yield name, action, told
+"""Action and explanation of each command."""

@@ -15,6 +15,7 @@ from rigctl.core.interfaces import (
     Thermometer,
     Voltmeter,
 )
+from rigctl.core.numbers import decimal
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,13 @@ class Limits:
         if self.low <= value <= self.high:
             return ""
         return f"{value:g} {self.unit} is outside {self.low:g} .. {self.high:g} {self.unit}"
+
+    def refusal_of(self, text: str) -> str:
+        """The same of a position as it was typed."""
+        try:
+            return self.refusal(decimal(text.strip()))
+        except ValueError:
+            return f"'{text}' is not a number; write {self.unit}, such as {self.high / 2:g}"
 
     def __str__(self) -> str:
         return f"{self.low:g} .. {self.high:g} {self.unit}, up to {self.speed:g} {self.unit}/s"

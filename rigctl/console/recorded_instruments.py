@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-from rigctl.console.feed import StoreView
 from rigctl.console.readings import InstrumentView, Value
+from rigctl.console.store_view import StoreView
 
 
 @lru_cache(maxsize=4)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Sequence
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
-from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from textual import work
-from textual.app import App, ComposeResult, SystemCommand
+from textual.app import App, ComposeResult
+from textual.command import CommandPalette
 from textual.events import Resize
 from textual.screen import Screen
 from textual.widget import Widget
@@ -17,17 +18,17 @@ from textual.widgets import ContentSwitcher, Footer, Static
 from rigctl.console import messages as say
 from rigctl.console import state
 from rigctl.console.analyses import Analyses
-from rigctl.console.feed import StoreView
 from rigctl.console.help import TEXT
 from rigctl.console.holding import Holding
 from rigctl.console.log_lines import Search
-from rigctl.console.palette import Commands
+from rigctl.console.palette import COMMANDS
 from rigctl.console.screens.campaign import CampaignPane
 from rigctl.console.screens.log import LogPane
 from rigctl.console.screens.panes import Panes
 from rigctl.console.screens.results import ResultsPane
 from rigctl.console.screens.rig import RigPane
 from rigctl.console.screens.workbench import WorkbenchPane
+from rigctl.console.store_view import StoreView
 from rigctl.console.themes import DARK, LIGHT
 from rigctl.console.widgets.bars import Banner, Standing, TabBar, TopBar
 from rigctl.console.widgets.dialogs import HelpDialog, QuestionDialog
@@ -55,7 +56,6 @@ class Shell(App[None]):
 
     TITLE = "rigctl"
     CSS_PATH = "console.tcss"
-    COMMANDS: ClassVar[set[Any]] = {Commands}
 
     def __init__(self, plugins: Sequence[Path], directory: Path | None) -> None:
         super().__init__()
@@ -96,7 +96,7 @@ class Shell(App[None]):
             return
         self._base.query_one(ContentSwitcher).current = name
         self._base.query_one(TabBar).current = name
-        self.kept.screen = name  # type: ignore[assignment]
+        self.kept.screen = name
         self._shown_view = None
         self._focus_pane()
 
@@ -139,11 +139,12 @@ class Shell(App[None]):
         )
         self._base.query_one("#too-small", Static).update(told)
 
-    def get_system_commands(self, screen: Screen[Any]) -> Any:
-        """Ours are complete."""
-        del screen
-        empty: list[SystemCommand] = []
-        return iter(empty)
+    def action_command_palette(self) -> None:
+        """Everything by name."""
+        if not isinstance(self.screen, CommandPalette):
+            self.search_commands(
+                [(name, partial(self.run_action, action), told) for name, (action, told) in COMMANDS.items()]
+            )
 
     def action_ring(self) -> None:
         """Ring, unless the bell is off."""

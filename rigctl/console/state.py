@@ -1,23 +1,25 @@
-"""What the console keeps across restarts: the place it was left at, and every action of the operator."""
+"""What the console keeps across restarts: what was open and shown, and every action of the operator."""
 
 from __future__ import annotations
 
 import json
 import tempfile
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
 
 import platformdirs
-from pydantic import BaseModel, ValidationError
+
+from rigctl.console.widgets.bars import SCREENS
 
 ACTIONS = "actions.jsonl"
 
 
-class ConsoleState(BaseModel):
-    """Settings and the last place; what a newer or damaged file holds is forgotten."""
+@dataclass
+class ConsoleState:
+    """Settings, and what was open."""
 
-    screen: Literal["rig", "campaign", "results", "workbench", "log"] = "rig"
+    screen: str = "rig"
     theme: str = "rigctl-dark"
     bell: bool = True
     rig: str = ""
@@ -35,11 +37,16 @@ def state_directory() -> Path:
 
 
 def load(directory: Path) -> ConsoleState:
-    """The state as it was left; the defaults where there is none that can be read."""
+    """The state as it was left; defaults for what cannot be read of it."""
     try:
-        return ConsoleState.model_validate_json((directory / "console.json").read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValidationError):
+        kept = dict(json.loads((directory / "console.json").read_text(encoding="utf-8")))
+    except (OSError, TypeError, ValueError):
         return ConsoleState()
+    usable = {
+        each.name: kept[each.name] for each in fields(ConsoleState) if type(kept.get(each.name)) is type(each.default)
+    }
+    state = ConsoleState(**usable)
+    return state if state.screen in SCREENS else ConsoleState()
 
 
 def save(directory: Path, state: ConsoleState) -> None:
@@ -47,7 +54,7 @@ def save(directory: Path, state: ConsoleState) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile("w", dir=directory, delete=False, encoding="utf-8") as file:
-            file.write(state.model_dump_json(indent=1))
+            json.dump(asdict(state), file, indent=1)
         Path(file.name).replace(directory / "console.json")
     except OSError:
         return

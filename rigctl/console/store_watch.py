@@ -17,9 +17,9 @@ from rigctl.campaign.session.requests import is_running
 from rigctl.campaign.status import status_in
 from rigctl.campaign.store.entries import Event
 from rigctl.campaign.store.store import Store
-from rigctl.console.feed import LOOK_S, StoreView
 from rigctl.console.log_lines import LogLine, Search, lines_of
 from rigctl.console.messages import StoreSeen
+from rigctl.console.store_view import StoreView
 from rigctl.core.arrays import FloatArray
 
 EVENTS = 2000
@@ -29,8 +29,8 @@ SAMPLES = 20_000
 """So many of a run's last samples are shown: a run of hours at 200 Hz is not read again four times a second."""
 
 
-def follow(path: Path, ended: threading.Event, post: Callable[[Message], object]) -> None:
-    """Post a `StoreSeen` whenever the store has changed, until `ended` is set."""
+def follow(path: Path, ended: threading.Event, post: Callable[[Message], object], look_s: float) -> None:
+    """Post a `StoreSeen` when the store has changed, looking every `look_s`, until `ended` is set."""
     with Store.open(path, readonly=True) as store:
         seen: object = None
         watched = _Watched(store)
@@ -39,7 +39,7 @@ def follow(path: Path, ended: threading.Event, post: Callable[[Message], object]
             if now != seen:
                 seen = now
                 post(StoreSeen(watched.look()))
-            ended.wait(LOOK_S)
+            ended.wait(look_s)
 
 
 def earlier(store: Path, search: Search, before: int) -> list[LogLine]:
@@ -85,8 +85,6 @@ class _Watched:
         self._read_samples(alive)
         return StoreView(
             path=store.path,
-            title=store.header.title,
-            experiment=store.header.experiment,
             status=status_in(store),
             alive=alive,
             runs=tuple(self._runs),

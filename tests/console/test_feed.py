@@ -14,6 +14,7 @@ from rigctl.campaign.store.store import Store
 from rigctl.console import feed, store_watch
 from rigctl.console.log_lines import Search
 from rigctl.console.messages import StoreSeen
+from rigctl.console.store_view import StoreView
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 
 @pytest.fixture
-def looks(store: Store) -> Iterator[Callable[[], feed.StoreView]]:
+def looks(store: Store) -> Iterator[Callable[[], StoreView]]:
     with Store.open(store.path, readonly=True) as opened:
         yield store_watch._Watched(opened).look
 

@@ -169,7 +169,7 @@ def test_a_jog_starts_where_the_stage_is_and_not_where_the_screen_last_saw_it(
         await seat.sees("● ready")
         await seat.until(lambda: at(seat, 0.0))
         monkeypatch.setattr("rigctl.console.station.POLL_S", 3600.0)
-        stage = seat.app._holding.bench._stations["rotation"]
+        stage = seat.app._holding.bench.stations["rotation"]
         await seat.press("m", *"170", "enter")
         await seat.until(lambda: stage.state == "ready" and abs(stage.instrument.angle().value - 170.0) < 1e-3)
         await seat.press("right_square_bracket")

@@ -14,8 +14,8 @@ import pytest
 
 from rigctl.campaign.session.questions import Question
 from rigctl.console import messages as say
-from rigctl.console.feed import StoreView
 from rigctl.console.start import watch_terminal
+from rigctl.console.store_view import StoreView
 from rigctl.core.making_safe import TERMINAL_LOST, Rest, ended_by_signals
 
 WITHIN_S = 0.1
@@ -33,7 +33,7 @@ class Watch:
         assert bench is not None
         self.stopped_s: dict[str, float] = {}
         for name in names:
-            instrument = bench._stations[name].instrument
+            instrument = bench.stations[name].instrument
             stop = instrument.stop
 
             def noting(name: str = name, stop: Callable[[], None] = stop) -> None:
@@ -138,7 +138,7 @@ def test_what_threads_say_while_the_console_closes_is_not_shown(desk: Any, at_co
     before = list(app._panes.log._lines)
     app.on_stopped(say.Stopped((Rest("stage", True, 0.05),)))
     app.on_noted(say.Noted("the thermometer does not answer", "error"))
-    app.on_campaign_ended(say.CampaignEnded(desk.directory / "s.rig.sqlite", 1, "it failed"))
+    app.on_campaign_ended(say.CampaignEnded(1, "it failed"))
     assert list(app._panes.log._lines) == before
     assert app._alarms == 0
     assert app._holding.bench is None
@@ -184,4 +184,4 @@ def test_a_question_is_new_in_another_store_whatever_its_number(desk: Any, at_co
 
 def seen(path: Path, question: Question) -> StoreView:
     status = {"state": "running", "step": "", "runs_done": 0, "runs_planned": 6, "runs_invalid": 0, "eta_s": None}
-    return StoreView(path, "", "sensing-axis", status, True, (), (), {}, question)
+    return StoreView(path, status, True, (), (), {}, question)

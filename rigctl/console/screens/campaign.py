@@ -16,10 +16,10 @@ from textual.widgets import Input, Static, TabbedContent, TabPane
 from rigctl.console.messages import DryRunAsked, Launch, Noted, RequestAsked, StartAsked
 from rigctl.console.screens.campaign_file import FileTab
 from rigctl.console.screens.campaign_progress import ProgressTab
+from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.dialogs import ConfirmDialog, StartDialog, TextDialog
 
 if TYPE_CHECKING:
-    from rigctl.console.feed import StoreView
     from rigctl.console.form import CampaignForm
 
 

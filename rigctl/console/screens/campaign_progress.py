@@ -5,21 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.widgets import ProgressBar, Static, TabPane, Tree
+from textual.widgets.tree import TreeNode
 
+from rigctl.campaign.recording import RunRecord
+from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.plot import MARKS, Line, Picture, Plot
-
-if TYPE_CHECKING:
-    from textual.widgets.tree import TreeNode
-
-    from rigctl.campaign.recording import RunRecord
-    from rigctl.console.feed import StoreView
 
 STEPS_S = 1.0
 """The tree of steps is drawn anew at most so often."""

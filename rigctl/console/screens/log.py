@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from rich.text import Text
 from textual.app import ComposeResult
@@ -15,9 +15,7 @@ from textual.widgets import Input, RichLog, Static
 
 from rigctl.console.log_lines import LogLine, Search, lines_of
 from rigctl.console.messages import SearchAsked
-
-if TYPE_CHECKING:
-    from rigctl.console.feed import StoreView
+from rigctl.console.store_view import StoreView
 
 KEPT = 2000
 SHOWN = 300

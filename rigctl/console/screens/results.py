@@ -92,7 +92,7 @@ class ResultsPane(Vertical):
 
         def go(path: Path | None) -> None:
             if path is not None:
-                self.post_message(AnalysisAsked("compare_with", path))
+                self.post_message(AnalysisAsked("compare_with", (path,)))
 
         stores = sorted(Path().glob("*.rig.sqlite"))
         self.app.push_screen(OpenDialog("Compare with which store?", stores), go)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from rich.text import Text
 from textual.app import ComposeResult
@@ -13,15 +13,13 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.widgets import DataTable, Static
 
-from rigctl.console.messages import HomeAsked, JogAsked, MoveAsked, Noted, ReconnectAsked
+from rigctl.console.messages import MotionAsked, Noted, ReconnectAsked
 from rigctl.console.readings import InstrumentView, Limits, Strip
 from rigctl.console.recorded_instruments import recorded_instruments
 from rigctl.console.screens.rig_charts import Charts
-from rigctl.console.widgets.dialogs import MoveDialog, TextDialog
+from rigctl.console.store_view import StoreView
+from rigctl.console.widgets.dialogs import TextDialog
 from rigctl.core.numbers import decimal
-
-if TYPE_CHECKING:
-    from rigctl.console.feed import StoreView
 
 COLUMNS = ("instrument", "state", "value", "age", "identity")
 MARKS = {"ready": "●", "moving": "▶", "homing": "▶", "stopped": "■", "lost": "✗", "silent": "?", "connecting": "…"}
@@ -137,21 +135,22 @@ class RigPane(Vertical):
             return
         view, limits = chosen
 
-        def go(value: float | None) -> None:
-            if value is not None:
-                self.post_message(MoveAsked(view.name, value))
+        def go(text: str | None) -> None:
+            if text is not None:
+                self.post_message(MotionAsked(view.name, "move", (decimal(text.strip()),)))
 
-        self.app.push_screen(MoveDialog(view.name, limits, _values_told(view)), go)
+        about = f"now {_values_told(view)}; limits {limits}"
+        self.app.push_screen(TextDialog(f"Move {view.name}", about, "", limits.refusal_of), go)
 
     def action_home(self) -> None:
         """Home the stage that is chosen."""
         if (chosen := self._stage()) is not None:
-            self.post_message(HomeAsked(chosen[0].name))
+            self.post_message(MotionAsked(chosen[0].name, "home"))
 
     def action_jog(self, direction: int) -> None:
         """One step from where the stage is; refused where it would leave the limits."""
         if (chosen := self._stage()) is not None:
-            self.post_message(JogAsked(chosen[0].name, direction * self.jog_step))
+            self.post_message(MotionAsked(chosen[0].name, "jog", (direction * self.jog_step,)))
 
     def action_step(self) -> None:
         """Another size of the jog's steps."""

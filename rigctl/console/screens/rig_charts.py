@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.text import Text
@@ -14,14 +13,12 @@ from textual.containers import Grid
 from textual.widgets import Static
 
 from rigctl.analysis.density import amplitude_density, median_density
+from rigctl.campaign.recording import ChannelInfo
 from rigctl.console.readings import Strip
 from rigctl.console.recorded_instruments import gain_of, toml_of
+from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.plot import Line, Picture, Plot
 from rigctl.core.arrays import FloatArray
-
-if TYPE_CHECKING:
-    from rigctl.campaign.recording import ChannelInfo
-    from rigctl.console.feed import StoreView
 
 CHARTS = ("accelerometer", "lasers", "stage", "angle")
 OF_KIND = {"accelerometer": "accelerometer", "displacement": "lasers", "position": "stage", "angle": "angle"}

@@ -228,18 +228,18 @@ class WorkbenchPane(Vertical):
         """Pick what the residuals are shown against."""
         options = [(name, "") for name in self._covariates]
         if not options:
-            self.post_message(AnalysisAsked("residuals", self.covariate))
+            self.post_message(AnalysisAsked("residuals", (self.covariate,)))
             self._go("tab-residuals")
             return
 
         def go(name: str | None) -> None:
             if name is not None:
                 self.covariate = name
-                self.post_message(AnalysisAsked("residuals", name))
+                self.post_message(AnalysisAsked("residuals", (name,)))
                 self._go("tab-residuals")
 
         self.app.push_screen(PickDialog("Residuals against what?", options), go)
 
     def _send(self, what: str, name: str | None) -> None:
         if name is not None:
-            self.post_message(AnalysisAsked(what, [name]))
+            self.post_message(AnalysisAsked(what, ([name],)))

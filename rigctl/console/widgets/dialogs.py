@@ -16,8 +16,6 @@ from textual.widgets import Checkbox, Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from rigctl.console.messages import Launch
-from rigctl.console.readings import Limits
-from rigctl.core.numbers import decimal
 
 MISSED_BY_S = 10.0
 """An operator's prompt rings again after so long."""
@@ -59,57 +57,19 @@ class Tick(Checkbox, inherit_bindings=False):
         return "x" if self.value else " "
 
 
-class MoveDialog(Dialog[float]):
-    """Where a stage is to go; what is outside its limits is refused here."""
-
-    HINT = "Enter moves   Esc leaves  F8 STOP"
-
-    def __init__(self, name: str, limits: Limits, now: str) -> None:
-        super().__init__()
-        self.title = f"Move {name}"
-        self._limits = limits
-        self._now = now
-
-    def contents(self) -> ComposeResult:
-        """Limits, entry, refusal."""
-        yield Static(Text(f"now {self._now}; limits {self._limits}"))
-        yield Input(placeholder=f"position / {self._limits.unit}", compact=True, id="value")
-        yield Static("", classes="refusal")
-
-    def on_input_changed(self, event: Input.Changed) -> None:
-        """Say at once what cannot be done."""
-        self.query_one(".refusal", Static).update(Text(self._refusal(event.value)))
-
-    def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Go, unless it is refused."""
-        if event.value.strip() and not self._refusal(event.value):
-            self.dismiss(decimal(event.value.strip()))
-
-    def _refusal(self, text: str) -> str:
-        if not text.strip():
-            return ""
-        try:
-            value = decimal(text.strip())
-        except ValueError:
-            return f"✗ '{text}' is not a number; write {self._limits.unit}, such as {self._limits.high / 2:g}"
-        refusal = self._limits.refusal(value)
-        return f"✗ {refusal}" if refusal else ""
-
-
 class OpenDialog(Dialog[Path]):
     """Which file to open: what is near, and anything else by its path."""
 
     HINT = "Enter opens  Tab between entry and list  Esc leaves  F8 STOP"
 
-    def __init__(self, title: str, candidates: Sequence[Path], suggested: str = "") -> None:
+    def __init__(self, title: str, candidates: Sequence[Path]) -> None:
         super().__init__()
         self.title = title
         self._candidates = [str(path) for path in candidates]
-        self._suggested = suggested
 
     def contents(self) -> ComposeResult:
         """Entry, fault, list."""
-        yield Input(self._suggested, placeholder="path of a file", compact=True, id="path")
+        yield Input(placeholder="path of a file", compact=True, id="path")
         yield Static("", classes="refusal")
         yield OptionList(*self._candidates, compact=True)
 

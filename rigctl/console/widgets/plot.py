@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.segment import Segment
@@ -15,9 +14,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from rigctl.console.widgets.braille import BLANK, dotted, joined, scaled, thinned
-
-if TYPE_CHECKING:
-    from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import FloatArray
 
 MARKS = ("o", "x", "+", "#", "*", "@")
 ON_DARK = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")

@@ -1,0 +1,40 @@
+"""A store as the screens show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rigctl.campaign.recording import ChannelInfo, RunRecord
+from rigctl.campaign.store.entries import Event
+from rigctl.core.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from rigctl.campaign.session.questions import Question  # with SQLite, which the first paint does not wait for
+
+
+@dataclass(frozen=True)
+class StoreView:
+    """A store at one moment; `events` are the newest ones, `samples` those of the run under way, else of the last."""
+
+    path: Path
+    status: Mapping[str, Any]
+    alive: bool
+    runs: tuple[RunRecord, ...]
+    events: tuple[Event, ...]
+    identities: Mapping[str, Mapping[str, Any]]
+    question: Question | None
+    run_id: str = ""
+    samples: Mapping[str, FloatArray] = field(default_factory=dict)
+    sampled_s: float = 0.0
+    """When the samples were read, on this computer's monotonic clock."""
+    campaign_toml: str = ""
+    rig_toml: str = ""
+    channels: Mapping[str, ChannelInfo] = field(default_factory=dict)
+
+    @property
+    def state(self) -> str:
+        """running, paused, done, aborted or interrupted."""
+        return str(self.status.get("state", "?"))
