@@ -18,9 +18,10 @@ from procedures.campaigns import Instruments, Plan, Work
 from procedures.inflight.bench import Flight, flight_of
 from procedures.inflight.calibration import calibrate, check
 from procedures.inflight.tables import MonteCarlo
+from rigctl.analysis.kept import Kept, Packed, Recipe
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.parts import Part
-from rigctl.core.errors import ConfigError, LinkError
+from rigctl.core.errors import ConfigError, DataError, LinkError
 from rigctl.core.satellites import SatelliteEnsemble
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.inflight.observe.sessions import session_of
@@ -28,8 +29,6 @@ from rigctl.experiments.inflight.result.draws import (
     CHUNK,
     ExpectedNoise,
     Flown,
-    ReducedUnit,
-    draw_of,
     estimated,
     reduced,
 )
@@ -37,7 +36,7 @@ from rigctl.experiments.inflight.result.monte_carlo import DRAW
 from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.toml_files import validated
 
-RECIPE = "inflight draws 2"
+RECIPE = Recipe("inflight draws", 3)
 LOOKED_S = 0.2
 """How often somebody who waits for a unit looks whether the operator wants something."""
 
@@ -45,7 +44,7 @@ LOOKED_S = 0.2
 class Promise(Protocol):
     """A unit that is being worked on."""
 
-    def result(self, timeout: float | None = None) -> bytes:
+    def result(self, timeout: float | None = None) -> Packed:
         """What came of it; `TimeoutError` when it takes longer."""
         ...
 
@@ -83,8 +82,8 @@ def _never() -> bool:
     return False
 
 
-def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> bytes:
-    """Simulate a unit and reduce it: `ReducedUnit` reads it back. `NotWanted` as soon as it is `unwanted`."""
+def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> Packed:
+    """Simulate a unit and reduce it. `NotWanted` as soon as it is `unwanted`."""
     asked = unit.study.session(unit.name, unit.orbit_period_s)
     telemetry = unit.ensemble.telemetry(unit.draws, unit.run, asked, CHUNK)
     return reduced(unit.flown, telemetry, unit.ensemble.columns, unit.draws, unwanted)
@@ -164,32 +163,37 @@ class MonteCarloWork(Work):
         }
 
     def _simulate(self, session: Session, submit: Submit, run: int, name: str) -> None:
-        units, there = self._units(run, name), session.store.reduced_names(RECIPE)
+        units, kept = self._units(run, name), Kept(session.store, RECIPE)
+        there = session.store.reduced_names(str(RECIPE))
         promised = {key: submit(unit) for key, unit in units.items() if key not in there}
         for key, unit in units.items():
             if key in promised:
-                session.store.keep_reductions(RECIPE, {key: _awaited(session, promised[key])})
+                kept.put(key, _awaited(session, promised[key]))
             session.counted(len(unit.draws), replayed=key in there)
 
     def _estimate(self, session: Session) -> None:
         scored = {int(document.data["draw"]) for document in session.store.documents(DRAW)}
         by_session = {name: self._units(run, name) for run, name in enumerate(self.study.sessions, 1)}
         sessions: dict[str, Flown] = {name: next(iter(units.values())).flown for name, units in by_session.items()}
-        for place, unit in enumerate(next(iter(by_session.values())).values()):
-            if scored.issuperset(unit.draws):
-                continue
-            kept: dict[str, ReducedUnit] = {}
-            for name, units in by_session.items():
-                data = session.store.reduction(RECIPE, list(units)[place])
-                assert data is not None
-                kept[name] = ReducedUnit.from_bytes(data)
-            for draw in sorted(set(unit.draws) - scored):
+        kept = Kept(session.store, RECIPE)
+        for keys in zip(*by_session.values(), strict=True):
+            unscored = sorted(set(next(iter(by_session.values()))[keys[0]].draws) - scored)
+            units = {name: _there(kept, key) for name, key in zip(sessions, keys, strict=True)} if unscored else {}
+            for draw in unscored:
                 session.checkpoint()
-                found = estimated(draw, sessions, kept)
-                session.store.add_document(DRAW, draw_of(draw, found, self.ensemble.truths(draw)).as_json())
+                scores = estimated(draw, sessions, units, self.ensemble.truths(draw))
+                session.store.add_document(DRAW, scores.as_json())
 
 
-def _awaited(session: Session, promise: Promise) -> bytes:
+def _there(kept: Kept, key: str) -> Packed:
+    """A reduced unit; `DataError` when it cannot be read."""
+    unit = kept.get(key, lambda packed: packed)
+    if unit is None:
+        raise DataError(f"the reduced sessions {key} of the study cannot be read; run the study again in a new store")
+    return unit
+
+
+def _awaited(session: Session, promise: Promise) -> Packed:
     while True:
         session.checkpoint()
         try:

@@ -131,7 +131,7 @@ def test_killed_at_any_unit_a_study_goes_on_to_the_same_scores(alone: Path, tmp_
 
         def keep_five(store: Store, *arguments: Any) -> None:
             keep(store, *arguments)
-            if len(store.reduced_names(monte_carlo.RECIPE)) == 5:
+            if len(store.reduced_names(str(monte_carlo.RECIPE))) == 5:
                 os.kill(os.getpid(), signal.SIGKILL)
 
         try:
@@ -142,7 +142,7 @@ def test_killed_at_any_unit_a_study_goes_on_to_the_same_scores(alone: Path, tmp_
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     assert status_of(path)["state"] == "interrupted"
     with Store.open(path) as store:
-        before = store.reduced_names(monte_carlo.RECIPE)
+        before = store.reduced_names(str(monte_carlo.RECIPE))
     assert len(before) == 5
     runner.resume(path, runner.Options(unattended=True))
     assert json.dumps(scored(path)) == json.dumps(scored(alone))

@@ -7,18 +7,41 @@ are those plausible for the instrument of Hardy et al. (arXiv 1707.07630).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
-from rigctl.effects.catalogue import effect
+from rigctl.effects.catalogue import Effect, effect
 from rigctl.experiments.inflight.model.gradient import attitude_error, flattening, precession
 
 if TYPE_CHECKING:
     from rigctl.experiments.inflight.model.flight import FlightRun
 
 LIGHT_M_S, EARTH_ORBIT_M_S = 299792458.0, 29780.0
+
+
+def _without_lines(
+    name: str,
+    summary: str,
+    *,
+    on: str,
+    sizes: Mapping[str, tuple[str, float]],
+    source: str,
+) -> Effect:
+    """An effect that changes no line: searched for in the samples, measured as noise, or common to both masses.
+
+    `sizes` has each parameter's unit and typical size.
+    """
+
+    def unchanged(run: FlightRun, **parameters: FloatArray) -> FloatArray:
+        del parameters
+        return np.zeros_like(run.signal)
+
+    unchanged.__doc__ = summary
+    units, typical = ({name: each[place] for name, each in sizes.items()} for place in (0, 1))
+    return effect(name, on=on, parameters=units, typical=typical, source=source, scanned=True)(unchanged)
 
 
 @effect(
@@ -170,60 +193,37 @@ def magnetic(
     return run.along_x(force, -force)
 
 
-@effect(
+spring_noise = _without_lines(
     "spring-noise",
+    "Thermal noise of a spring with loss: noise that grows to low frequencies; it is measured in each run.",
     on="mass_force_m_s2",
-    parameters={"kappa_over_q": "N/m"},
-    typical={"kappa_over_q": 1e-5},
+    sizes={"kappa_over_q": ("N/m", 1e-5)},
     source="4 kB T kappa/(m^2 Q w): 2e-11 m/s2/rtHz at 0.34 mHz for 1e-3 N/m, Q 100, 0.4 kg",
-    scanned=True,
 )
-def spring_noise(run: FlightRun, kappa_over_q: FloatArray) -> FloatArray:
-    """Thermal noise of a spring with loss: noise that grows to low frequencies; it is measured in each run."""
-    del kappa_over_q
-    return np.zeros_like(run.signal)
 
-
-@effect(
+thrust_quantisation = _without_lines(
     "thrust-quantisation",
+    "Thrust comes in steps: it moves both masses alike, and shows in the common channel only.",
     on="mass_force_m_s2",
-    parameters={"step": "m/s2"},
-    typical={"step": 1e-10},
+    sizes={"step": ("m/s2", 1e-10)},
     source="smallest step of the thrusters, 0.1 uN",
-    scanned=True,
 )
-def thrust_quantisation(run: FlightRun, step: FloatArray) -> FloatArray:
-    """Thrust comes in steps: it moves both masses alike, and shows in the common channel only."""
-    del step
-    return np.zeros_like(run.signal)
 
-
-@effect(
+mass_drift = _without_lines(
     "mass-drift",
+    "The satellite's centre of mass drifts: it moves both masses alike, and shows in the common channel only.",
     on="mass_force_m_s2",
-    parameters={"rate": "m/s"},
-    typical={"rate": 4e-11},
+    sizes={"rate": ("m/s", 4e-11)},
     source="gas that is used up, 0.1 mm a month",
-    scanned=True,
 )
-def mass_drift(run: FlightRun, rate: FloatArray) -> FloatArray:
-    """The satellite's centre of mass wanders: it moves both masses alike, and shows in the common channel only."""
-    del rate
-    return np.zeros_like(run.signal)
 
-
-@effect(
+moved_mass_reaction = _without_lines(
     "moved-mass-reaction",
+    "The satellite recoils from a moved mass: it moves both masses alike, and shows in the common channel only.",
     on="mass_force_m_s2",
-    parameters={"mass_ratio": "1"},
-    typical={"mass_ratio": 6e-3},
+    sizes={"mass_ratio": ("1", 6e-3)},
     source="1.7 kg of 300 kg",
-    scanned=True,
 )
-def moved_mass_reaction(run: FlightRun, mass_ratio: FloatArray) -> FloatArray:
-    """The satellite recoils from a moved mass: it moves both masses alike, and shows in the common channel only."""
-    del mass_ratio
-    return np.zeros_like(run.signal)
 
 
 @effect(
@@ -307,43 +307,26 @@ def bias_drift(run: FlightRun, rate_d: FloatArray, curvature_d: FloatArray) -> F
     return run.along_x(drift, -drift)
 
 
-@effect(
+glitches = _without_lines(
     "glitches",
+    "Short pulses in both sensors: they are found in the samples, and what they cover is left out.",
     on="measured_m_s2",
-    parameters={"amplitude": "m/s2"},
-    typical={"amplitude": 1e-9},
+    sizes={"amplitude": ("m/s2", 1e-9)},
     source="crackling of the satellite's walls, e^(-t/3 s) - e^(-t/1 s), 1e-10 to 1e-8 m/s2, 1 to 30 an orbit",
-    scanned=True,
 )
-def glitches(run: FlightRun, amplitude: FloatArray) -> FloatArray:
-    """Short pulses in both sensors: they are found in the samples, and what they cover is left out."""
-    del amplitude
-    return np.zeros_like(run.signal)
 
-
-@effect(
+noise_level = _without_lines(
     "noise-level",
+    "The noise is louder at times: it is measured in each run, and found by comparing stretches.",
     on="measured_m_s2",
-    parameters={"change": "1"},
-    typical={"change": 0.5},
+    sizes={"change": ("1", 0.5)},
     source="a factor of 2",
-    scanned=True,
 )
-def noise_level(run: FlightRun, change: FloatArray) -> FloatArray:
-    """The noise is louder at times: it is measured in each run, and found by comparing stretches."""
-    del change
-    return np.zeros_like(run.signal)
 
-
-@effect(
+steady_line = _without_lines(
     "steady-line",
+    "A line between those of orbit and stimulus, whatever its source: it is found in the samples.",
     on="measured_m_s2",
-    parameters={"amplitude": "m/s2", "frequency": "Hz"},
-    typical={"amplitude": 1e-13, "frequency": 1e-2},
+    sizes={"amplitude": ("m/s2", 1e-13), "frequency": ("Hz", 1e-2)},
     source="clanks of tanks and wheels, thermal cycles of heaters",
-    scanned=True,
 )
-def steady_line(run: FlightRun, amplitude: FloatArray, frequency: FloatArray) -> FloatArray:
-    """A line between those of orbit and stimulus, from whatever source: found in the samples, it moves no other."""
-    del amplitude, frequency
-    return np.zeros_like(run.signal)

@@ -12,7 +12,7 @@ from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
-from rigctl.experiments.inflight.sample_findings import level_found, line_found, pulses_found
+from rigctl.experiments.inflight.sample_findings import changing_level_in, pulses_in, strongest_line_in
 from rigctl.experiments.inflight.study_data import FlightData
 from rigctl.experiments.inflight.study_model import InflightModel, shown_name
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
@@ -99,9 +99,9 @@ class InflightStudy(CatalogueStudy[FlightData]):
         present = {term.effect for term in model.terms}
         scans = own_model(model, InflightModel).data.scans
         lines = [
-            None if PULSES in present else pulses_found(scans),
-            None if LEVEL in present else level_found(scans),
-            line_found(scans, line_frequencies_hz(model.terms)),
+            None if PULSES in present else pulses_in(scans),
+            None if LEVEL in present else changing_level_in(scans),
+            strongest_line_in(scans, line_frequencies_hz(model.terms)),
         ]
         return [each for each in lines if each is not None and each.p_value < SHOWN_P]
 

@@ -8,7 +8,7 @@ import pytest
 from procedures.inflight.monte_carlo import Unit, reduce_unit
 from procedures.inflight.tables import MonteCarlo
 from rigctl.experiments.inflight.model.parameters import NAMES
-from rigctl.experiments.inflight.result.draws import ReducedUnit, estimated
+from rigctl.experiments.inflight.result.draws import estimated
 from simulators.worlds.satellite.ensemble import Ensemble
 from simulators.worlds.satellite.instrument import drawn
 from simulators.worlds.satellite.settings import Bounds, SatelliteSettings
@@ -30,12 +30,13 @@ def test_without_noise_every_parameter_is_the_exact_one(seed: int) -> None:
     ensemble, study = Ensemble(nature), MonteCarlo(name="monte-carlo")
     units = {name: Unit(ensemble, study, ORBIT_S, name, run, DRAWS) for run, name in enumerate(study.sessions, 1)}
     flown = {name: unit.flown for name, unit in units.items()}
-    reduced = {name: ReducedUnit.from_bytes(reduce_unit(unit)) for name, unit in units.items()}
+    reduced = {name: reduce_unit(unit) for name, unit in units.items()}
     missed: dict[str, list[list[float]]] = {"paper": [], "joint": []}
     for draw in DRAWS:
-        found, truth = estimated(draw, flown, reduced), ensemble.truths(draw)["exact_truth"]
+        scores = estimated(draw, flown, reduced, ensemble.truths(draw))
+        truth = scores.truths["exact_truth"]
         for estimate, rows in missed.items():
-            rows.append([found[estimate][0][name] - truth[name] for name in NAMES])
+            rows.append([scores.estimates[estimate][name] - truth[name] for name in NAMES])
     for estimate, rows in missed.items():
         worst = np.abs(rows).max(axis=0)
         assert np.all(worst < TOLERANCE), (estimate, dict(zip(NAMES, worst, strict=True)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.analysis.least_squares import Parameter, Prior
+from rigctl.analysis.least_squares import FitResult, Parameter, Prior, least_squares
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.inflight.model.equation import AnyArray, coefficients, gain_ratio, own_channel, own_force
 from rigctl.experiments.inflight.model.parameters import NAMES, NUISANCE_UNITS, NUISANCES, SHARED, UNITS
@@ -22,7 +22,7 @@ GAIN = (1.0, 1e-2)
 """What is known beforehand of a sensor's gain, and so of its inverse, in which the model is linear whatever acts."""
 
 _GAIN_RATIO = 1e-4
-"""Of a_d22 and a_d33, once seen: they are wanted to a hundredth of their bounds."""
+"""Uncertainty of a_d22 and a_d33 where they are measured: they are needed to a hundredth of their bounds."""
 
 _LOOSE = (1e-3, 1e-3, 1e-3, 0.1, 0.1, 0.3, 0.1, 0.1, 1e6, 1e6)
 """Priors of the parameters themselves, hundreds of times their bounds: without its session one is not determined."""
@@ -45,13 +45,21 @@ class Stretch:
     @property
     def compared(self) -> list[int]:
         """Places of the lines at which the differential channel is compared: not where masses are moved."""
-        own = self.session.moves_masses
-        return [place for place, line in enumerate(self.lines) if not (own and line == STIMULUS)]
+        return [k for k, line in enumerate(self.lines) if not (self.session.moves_masses and line == STIMULUS)]
 
     @property
     def has_own(self) -> bool:
         """Whether it has a moved mass's own channel."""
         return self.session.moves_masses and STIMULUS in self.lines
+
+    def parts(self, differential: AnyArray, own: AnyArray | None = None) -> FloatArray:
+        """Data of the differential channel at the compared lines and, with the stimulus as phase reference, of the
+        own channel: cosine and sine parts in turn along the first axis; shape (data, ...)."""
+        if own is not None:
+            differential = np.concatenate([differential, own * np.exp(-1j * self.session.phase_rad)])
+        made = np.empty((2 * len(differential), *differential.shape[1:]))
+        made[0::2], made[1::2] = differential.real, -differential.imag
+        return made
 
 
 class Baseline:
@@ -71,107 +79,98 @@ class Baseline:
             *(Parameter(f"inverse_gain[{run_id}]", GAIN[0], prior=Prior(*GAIN)) for run_id in gains),
         )
         self.units = (*UNITS, *NUISANCE_UNITS, *("1" for _ in gains))
-        self._tables = [
-            straightened(each.session, each.lines, each.amplitudes).table[each.compared] for each in self.stretches
-        ]
+        self._tables = [straightened(each.session, each.lines, each.amplitudes).table for each in self.stretches]
 
     def _priors(self) -> dict[str, Prior]:
         """Of the nuisances; the gains across the sensitive axis are measured where control shakes the satellite."""
-        found = {name: Prior(*prior) for name, prior in _PRIORS.items()}
+        priors = {name: Prior(*prior) for name, prior in _PRIORS.items()}
         for name, session, series in (("ad22", "ad12", "y"), ("ad33", "ad13", "z")):
-            seen = [
-                gain_ratio(table.of(f"own {series}")[place], table.of(series)[place])
-                for table, place in (
-                    (each.amplitudes, each.lines.index(STIMULUS))
-                    for each in self.stretches
-                    if each.session.name == session and STIMULUS in each.lines
-                )
+            measured = [
+                gain_ratio(each.amplitudes.of(f"own {series}")[place], each.amplitudes.of(series)[place])
+                for each in self.stretches
+                if each.session.name == session and STIMULUS in each.lines
+                for place in (each.lines.index(STIMULUS),)
             ]
-            if seen:
-                found[name] = Prior(float(np.mean(seen)), _GAIN_RATIO)
-        return found
+            if measured:
+                priors[name] = Prior(float(np.mean(measured)), _GAIN_RATIO)
+        return priors
 
     def observed(self) -> FloatArray:
         """What was measured, shape (data,)."""
-        found = []
-        for each, table in zip(self.stretches, self._tables, strict=True):
-            found.append(_parts(table[:, INDEX["m1"]] - table[:, INDEX["m2"]]))
-            if each.has_own:
-                found.append(_parts(_unturned(each, self._own(each) @ own_channel(each.session))))
-        return np.concatenate(found)
+        return np.concatenate(
+            [
+                each.parts(
+                    table[each.compared, INDEX["m1"]] - table[each.compared, INDEX["m2"]],
+                    _own(each, table) @ own_channel(each.session) if each.has_own else None,
+                )
+                for each, table in zip(self.stretches, self._tables, strict=True)
+            ]
+        )
 
     def sigma(self) -> FloatArray:
         """Standard uncertainties, shape (data,)."""
-        found = []
-        for each in self.stretches:
-            found.append(np.repeat(each.sigma[each.compared], 2))
-            if each.has_own:
-                found.append(np.array(each.own_sigma))
-        return np.concatenate(found)
+        own = [each.own_sigma if each.has_own else () for each in self.stretches]
+        compared = [np.repeat(each.sigma[each.compared], 2) for each in self.stretches]
+        return np.concatenate([part for both in zip(compared, own, strict=True) for part in both])
 
     def residual(self, values: FloatArray, changes: Sequence[ComplexArray] | None = None) -> FloatArray:
         """Left side less right side, and own channel less its prediction; (data,).
 
         `changes`, amplitudes (lines, series) per stretch, are taken out of the measured ones first: what effects do.
         """
-        found = []
-        shared = values[:SHARED, None]
-        for place, (each, table) in enumerate(zip(self.stretches, self._tables, strict=True)):
-            c = coefficients(each.session, each.amplitudes, shared)[:, 0]
-            at = table if changes is None else table - changes[place][each.compared]
-            found.append(_parts(at @ c))
-            if each.has_own:
-                own = self._own(each) if changes is None else self._own(each) - changes[place][self._stimulus(each)]
-                inverse = values[self._gain_of[each.run_id]]
-                left = inverse * (own @ own_channel(each.session)) - own @ own_force(each.session)
-                found.append(_parts(_unturned(each, left)))
-        return np.concatenate(found)
+        return self.shift(values, self._unchanged(changes))
+
+    def shift(self, values: FloatArray, changes: Sequence[ComplexArray]) -> FloatArray:
+        """What changes of the measured amplitudes, (lines, series) per stretch, do to `residual`; shape (data,)."""
+        return np.concatenate(
+            [self._sides(each, table, values) for each, table in zip(self.stretches, changes, strict=True)]
+        )
+
+    def _sides(self, each: Stretch, table: ComplexArray, values: FloatArray) -> FloatArray:
+        c = coefficients(each.session, each.amplitudes, values[:SHARED, None])[:, 0]
+        if not each.has_own:
+            return each.parts(table[each.compared] @ c)
+        own, inverse = _own(each, table), values[self._gain_of[each.run_id]]
+        force = own @ own_force(each.session)
+        return each.parts(table[each.compared] @ c, inverse * (own @ own_channel(each.session)) - force)
 
     def jacobian(self, values: FloatArray, changes: Sequence[ComplexArray] | None = None) -> FloatArray:
         """d residual / d values, shape (data, parameters)."""
         stepped = values[:SHARED, None] + 1j * _STEP * np.eye(SHARED)
         blocks = []
-        for place, (each, table) in enumerate(zip(self.stretches, self._tables, strict=True)):
+        for each, table in zip(self.stretches, self._unchanged(changes), strict=True):
             c = np.imag(coefficients(each.session, each.amplitudes, stepped)) / _STEP
-            at = table if changes is None else table - changes[place][each.compared]
-            block = np.zeros((2 * len(at), len(values)))
-            block[:, :SHARED] = _parts(at @ c)
-            blocks.append(block)
+            shared = each.parts(table[each.compared] @ c)
+            block = np.zeros((len(shared) + 2 * each.has_own, len(values)))
+            block[: len(shared), :SHARED] = shared
             if each.has_own:
-                own = self._own(each) if changes is None else self._own(each) - changes[place][self._stimulus(each)]
-                block = np.zeros((2, len(values)))
-                block[:, self._gain_of[each.run_id]] = _parts(_unturned(each, own @ own_channel(each.session)))
-                blocks.append(block)
+                gain = self._gain_of[each.run_id]
+                block[:, gain] = each.parts(
+                    0.0 * table[each.compared, 0], _own(each, table) @ own_channel(each.session)
+                )
+            blocks.append(block)
         return np.vstack(blocks)
 
-    def shift(self, values: FloatArray, changes: Sequence[ComplexArray]) -> FloatArray:
-        """What changes of the measured amplitudes do to `residual`, shape (data,)."""
-        found = []
-        for each, change in zip(self.stretches, changes, strict=True):
-            c = coefficients(each.session, each.amplitudes, values[:SHARED, None])[:, 0]
-            found.append(_parts(change[each.compared] @ c))
-            if each.has_own:
-                own = change[self._stimulus(each)]
-                inverse = values[self._gain_of[each.run_id]]
-                left = inverse * (own @ own_channel(each.session)) - own @ own_force(each.session)
-                found.append(_parts(_unturned(each, left)))
-        return np.concatenate(found)
-
-    @staticmethod
-    def _stimulus(each: Stretch) -> list[int]:
-        return [each.lines.index(STIMULUS)]
-
-    def _own(self, each: Stretch) -> ComplexArray:
-        return np.asarray(each.amplitudes.table[self._stimulus(each)])
+    def _unchanged(self, changes: Sequence[ComplexArray] | None) -> list[ComplexArray]:
+        """The measured amplitudes without what effects did to them."""
+        if changes is None:
+            return self._tables
+        return [table - change for table, change in zip(self._tables, changes, strict=True)]
 
 
-def _unturned(each: Stretch, amplitude: AnyArray) -> AnyArray:
-    """With the stimulus as reference: real in phase with it."""
-    return np.asarray(amplitude * np.exp(-1j * each.session.phase_rad))
+def _own(each: Stretch, table: ComplexArray) -> ComplexArray:
+    """The row of the stimulus, (1, series)."""
+    return np.asarray(table[[each.lines.index(STIMULUS)]])
 
 
-def _parts(amplitudes: AnyArray) -> FloatArray:
-    """c and s of amplitudes c - i s in turn along the first axis; shape (2 lines, ...)."""
-    made = np.empty((2 * len(amplitudes), *amplitudes.shape[1:]))
-    made[0::2], made[1::2] = amplitudes.real, -amplitudes.imag
-    return made
+def joint_estimate(stretches: Sequence[Stretch]) -> FitResult:
+    """The baseline fitted to all lines of all sessions at once, weighted by their noise; the first parameters are
+    `parameters.NAMES`. `ProcedureError` when residuals are not finite."""
+    baseline = Baseline(stretches)
+    sigma = baseline.sigma()
+    return least_squares(
+        lambda p: baseline.residual(p) / sigma,
+        baseline.parameters,
+        jacobian=lambda p: baseline.jacobian(p) / sigma[:, None],
+        rcond=1e-12,
+    )

@@ -73,21 +73,48 @@ class FlightRun:
 
 def flight_run(run: ReducedRun, point: str) -> FlightRun:
     """A reduced run for effects at a point."""
-    grid, session = run.coarse, run.session
-    c = grid.columns
+    grid = run.coarse
+    conditions = {
+        name: np.full(len(grid.t_s), float(value))
+        for name, value in run.conditions.items()
+        if isinstance(value, int | float)
+    }
+    return _flight(run.session, grid.t_s, grid.columns, {**conditions, **grid.columns}, point, both_moved=False)
+
+
+def trial_run(point: str) -> FlightRun:
+    """A run of moved masses, every column filled, to try effects out on."""
+    rng = np.random.default_rng(1)
+    session = Session("k2c_1", 5950.0, 4.0, 9e-3, 9e-6)
+    t_s = np.linspace(0.0, 50.0 * _MADE_UP, _MADE_UP)
+    angle = 2.0 * np.pi * session.orbital_hz * t_s
+    u = dict(zip("xyz", (np.cos(angle), np.zeros_like(angle), np.sin(angle)), strict=True))
+    sizes = {"m1_": 1e-8, "m2_": 1e-8, "att_": 1e-5, "dw_": 1e-8}
+    columns = {
+        **{f"t_{i}{j}": 1.1e-6 * (3.0 * u[i] * u[j] - (i == j)) for i, j in ("xx", "xy", "xz", "yy", "yz", "zz")},
+        **{f"{name}{axis}": size * rng.standard_normal(_MADE_UP) for name, size in sizes.items() for axis in "xyz"},
+        **{f"temperature_{mass}_k": 1e-3 * rng.standard_normal(_MADE_UP) for mass in (1, 2)},
+    }
+    return _flight(session, t_s, columns, AnyColumns((_MADE_UP,)), point, both_moved=True)
+
+
+def _flight(
+    session: Session,
+    t_s: FloatArray,
+    c: Mapping[str, FloatArray],
+    columns: Mapping[str, FloatArray],
+    point: str,
+    *,
+    both_moved: bool,
+) -> FlightRun:
+    """A session with samples `c`; an effect may ask for any of `columns`."""
     measured = np.array([[c[f"m{mass}_{axis}"] for axis in "xyz"] for mass in (1, 2)])
     gradient = np.array([[c[f"t_{''.join(sorted(i + j))}"] for j in "xyz"] for i in "xyz"])
-    moved, speed = _moved(session, grid.t_s)
-    signal = {
-        MEASURED_POINT: measured,
-        FORCE_POINT: measured,
-        GRADIENT_POINT: gradient,
-        PLACE_POINT: moved[1] - moved[0],
-    }[point]
-    missing = np.full(len(grid.t_s), np.nan)
+    moved, speed = (each + 0.5 * both_moved * each[::-1] for each in _moved(session, t_s))
+    missing = np.full(len(t_s), np.nan)
     return FlightRun(
         session=session.name,
-        t=grid.t_s,
+        t=t_s,
         orbital=2.0 * np.pi * session.orbital_hz,
         stimulus=2.0 * np.pi * session.frequency_hz,
         amplitude=session.amplitude,
@@ -98,35 +125,7 @@ def flight_run(run: ReducedRun, point: str) -> FlightRun:
         moved=moved,
         moved_speed=speed,
         temperature=np.array([c.get(f"temperature_{mass}_k", missing) for mass in (1, 2)]),
-        columns={**_conditions(run), **c},
-        signal=signal,
-    )
-
-
-def trial_run(point: str) -> FlightRun:
-    """A run of a moved mass, every column filled, to try effects out on."""
-    rng = np.random.default_rng(1)
-    session = Session("k2c_1", 5950.0, 4.0, 9e-3, 9e-6)
-    t_s = np.linspace(0.0, 50.0 * _MADE_UP, _MADE_UP)
-    angle = 2.0 * np.pi * session.orbital_hz * t_s
-    u = np.array([np.cos(angle), np.zeros_like(angle), np.sin(angle)])
-    gradient = 1.1e-6 * (3.0 * u[:, None] * u[None] - np.eye(3)[:, :, None])
-    measured = 1e-8 * rng.standard_normal((2, 3, _MADE_UP))
-    moved, speed = _moved(session, t_s)
-    return FlightRun(
-        session=session.name,
-        t=t_s,
-        orbital=2.0 * np.pi * session.orbital_hz,
-        stimulus=2.0 * np.pi * session.frequency_hz,
-        amplitude=session.amplitude,
-        measured=measured,
-        gradient=gradient,
-        attitude=1e-5 * rng.standard_normal((3, _MADE_UP)),
-        angular_acceleration=1e-8 * rng.standard_normal((3, _MADE_UP)),
-        moved=moved + 0.5 * moved[::-1],
-        moved_speed=speed + 0.5 * speed[::-1],
-        temperature=1e-3 * rng.standard_normal((2, _MADE_UP)),
-        columns=AnyColumns((_MADE_UP,)),
+        columns=columns,
         signal={
             MEASURED_POINT: measured,
             FORCE_POINT: measured,
@@ -134,14 +133,6 @@ def trial_run(point: str) -> FlightRun:
             PLACE_POINT: moved[1] - moved[0],
         }[point],
     )
-
-
-def _conditions(run: ReducedRun) -> dict[str, FloatArray]:
-    """Numbers of runs.csv as columns."""
-    count = len(run.coarse.t_s)
-    return {
-        name: np.full(count, float(value)) for name, value in run.conditions.items() if isinstance(value, int | float)
-    }
 
 
 def _moved(session: Session, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigctl.core.arrays import ComplexArray, FloatArray
-from rigctl.experiments.inflight.model.baseline import Stretch
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.inflight.model.baseline import Stretch, joint_estimate
 from rigctl.experiments.inflight.model.equation import own_channel, own_force
-from rigctl.experiments.inflight.model.joint import joint_estimate
 from rigctl.experiments.inflight.model.noise import RunNoise, run_noises
 from rigctl.experiments.inflight.model.paper import FittedRun
 from rigctl.experiments.inflight.observe.reduction import ReducedRun, ReducedStretch
-from rigctl.experiments.inflight.observe.sessions import STIMULUS, Session
+from rigctl.experiments.inflight.observe.series import Amplitudes
+from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
 
 _ROUNDS = 3
 _FIRST = 4e-24
@@ -59,26 +59,27 @@ def observed(runs: Sequence[ReducedRun]) -> Observed:
     noises: list[RunNoise] = [RunNoise(np.array([0.0, 0.0, _FIRST, 0.0, 0.0]), 1.0, _FIRST, 8.0) for _ in runs]
     values = np.zeros(0)
     for _ in range(_ROUNDS):
-        values = joint_estimate(Observed(tuple(runs), tuple(noises), values).stretches()).fit.values
+        values = joint_estimate(Observed(tuple(runs), tuple(noises), values).stretches()).values
         noises = run_noises(runs, values)
     return Observed(tuple(runs), tuple(noises), values)
 
 
-def own_sigma(session: Session, amplitudes: ComplexArray, noise: float) -> tuple[float, float]:
-    """Of a moved mass's own channel, in phase and in quadrature, m/s2: `noise`, and what its gain is not known to.
-
-    `amplitudes` are those of all series at the stimulus, shape (series,).
-    """
-    amplitude = max(abs(complex(amplitudes @ each)) for each in (own_channel(session), own_force(session)))
-    return math.hypot(noise, _LEAST_OWN[0] * amplitude), math.hypot(noise, _LEAST_OWN[1] * amplitude)
+def stretch_of(
+    run_id: str, session: Session, lines: tuple[Line, ...], amplitudes: Amplitudes, sigma: FloatArray, own: FloatArray
+) -> Stretch:
+    """A reduced stretch with its noise, (lines,): `sigma` of the differential channel, `own` of the moved mass's own
+    [m/s2], whose gain is known no better than `_LEAST_OWN`."""
+    stretch = Stretch(run_id, session, lines, amplitudes, sigma)
+    if not stretch.has_own:
+        return stretch
+    place = lines.index(STIMULUS)
+    row = amplitudes.table[place]
+    amplitude = max(abs(complex(row @ each)) for each in (own_channel(session), own_force(session)))
+    in_phase, quadrature = (math.hypot(float(own[place]), least * amplitude) for least in _LEAST_OWN)
+    return replace(stretch, own_sigma=(in_phase, quadrature))
 
 
 def _stretch(run: ReducedRun, half: ReducedStretch, noise: RunNoise) -> Stretch:
     frequencies = np.array([run.session.frequency_of(line) for line in half.lines])
     sigma = np.sqrt(noise.density(frequencies)) * half.spread
-    own = (float("nan"), float("nan"))
-    if run.session.moves_masses and STIMULUS in half.lines:
-        place = half.lines.index(STIMULUS)
-        plain = float(np.sqrt(noise.own) * half.spread[place])
-        own = own_sigma(run.session, half.amplitudes.table[place], plain)
-    return Stretch(run.run_id, run.session, half.lines, half.amplitudes, sigma, own)
+    return stretch_of(run.run_id, run.session, half.lines, half.amplitudes, sigma, np.sqrt(noise.own) * half.spread)

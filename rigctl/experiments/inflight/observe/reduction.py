@@ -13,7 +13,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.between_lines import BetweenLines, between_lines
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of, thinned
-from rigctl.experiments.inflight.observe.series import Amplitudes, Sums
+from rigctl.experiments.inflight.observe.series import Amplitudes, stretch_amplitudes
 from rigctl.experiments.inflight.observe.sessions import (
     FEWEST_ORBITS,
     STIMULUS,
@@ -22,10 +22,9 @@ from rigctl.experiments.inflight.observe.sessions import (
     resolution_remark,
     session_of,
 )
-from rigctl.experiments.inflight.observe.weights import level_weights, weights
+from rigctl.experiments.inflight.observe.weights import level_weights, spread, weights
 
 HALVES = 2
-_CHUNK = 1 << 15
 _REMARKED = 1e-4
 
 
@@ -102,15 +101,9 @@ def _stretch(session: Session, grid: Grid, lines: Sequence[Line]) -> ReducedStre
         rows, level = _rows(float(grid.t_s[0]), grid.step_s, len(grid.t_s), frequencies, known)
     else:
         rows, level = weights(grid.t_s, frequencies, grid.present), level_weights(grid.t_s, known, grid.present)
-    sums = Sums(session, rows, level)
-    for start in range(0, len(grid.t_s), _CHUNK):
-        part = grid.part(slice(start, start + _CHUNK))
-        sums.add(part.t_s, part.columns)
-    square = np.sum(rows**2, axis=1)
-    spread = np.sqrt(0.5 * (square[0::2] + square[1::2]) / (2.0 * grid.step_s))
-    return ReducedStretch(
-        float(grid.t_s[0]), float(grid.t_s[0]) + grid.duration_s, tuple(lines), sums.amplitudes(), spread
-    )
+    amplitudes = stretch_amplitudes(session, grid.t_s, grid.columns, rows, level)
+    start_s, each = float(grid.t_s[0]), spread(np.sum(rows**2, axis=1), grid.step_s)
+    return ReducedStretch(start_s, start_s + grid.duration_s, tuple(lines), amplitudes, each)
 
 
 @lru_cache(maxsize=3)

@@ -34,7 +34,7 @@ SERIES = (
 what acts on mass 1 less what acts on mass 2: no channel tells it, effects do."""
 
 INDEX = {name: place for place, name in enumerate(SERIES)}
-_FROM_SAMPLES = SERIES[: INDEX["force x"]]
+_CHUNK = 1 << 15
 
 
 @dataclass(frozen=True)
@@ -112,27 +112,21 @@ def straightened(session: Session, lines: Sequence[Line], found: Amplitudes) -> 
     return replace(found, table=table)
 
 
-class Sums:
-    """Amplitudes of one stretch, from samples as they come.
+def stretch_amplitudes(
+    session: Session, t_s: FloatArray, columns: Mapping[str, FloatArray], rows: FloatArray, level: FloatArray
+) -> Amplitudes:
+    """Amplitudes of one stretch, summed chunk by chunk: all its series at once are hundreds of megabytes.
 
     `rows` (2 lines, samples) are those of `weights.weights`, `level` (samples,) those of `weights.level_weights`.
+    Missing samples may be any finite number.
     """
-
-    def __init__(self, session: Session, rows: FloatArray, level: FloatArray) -> None:
-        self._session, self._rows = session, np.vstack([rows, level])
-        self._at = 0
-        self._parts = np.zeros((len(self._rows), len(SERIES)))
-
-    def add(self, t_s: FloatArray, columns: Mapping[str, FloatArray]) -> None:
-        """The next samples, missing ones as any finite number."""
-        here = slice(self._at, self._at + len(t_s))
-        self._parts += self._rows[:, here] @ raw_series(self._session, t_s, columns)
-        self._at = here.stop
-
-    def amplitudes(self) -> Amplitudes:
-        """Of all samples there were."""
-        table = np.asarray(self._parts[0:-1:2] - 1j * self._parts[1:-1:2])
-        return central(table, self._parts[-1])
+    weighting = np.vstack([rows, level])
+    parts = np.zeros((len(weighting), len(SERIES)))
+    for start in range(0, len(t_s), _CHUNK):
+        here = slice(start, start + _CHUNK)
+        series = raw_series(session, t_s[here], {name: column[here] for name, column in columns.items()})
+        parts += weighting[:, here] @ series
+    return central(np.asarray(parts[0:-1:2] - 1j * parts[1:-1:2]), parts[-1])
 
 
 def central(table: ComplexArray, means: FloatArray) -> Amplitudes:

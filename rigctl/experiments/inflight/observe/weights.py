@@ -86,6 +86,12 @@ def amplitudes(rows: FloatArray, series: FloatArray) -> ComplexArray:
     return np.asarray(parts[0::2] - 1j * parts[1::2])
 
 
+def spread(squares: FloatArray, step_s: float) -> FloatArray:
+    """Standard uncertainty of one component of each line in noise of unit density (one-sided, per Hz), (lines,);
+    `squares` (2 lines,) are the sums of each row's squared weights."""
+    return np.asarray(np.sqrt(0.5 * (squares[0::2] + squares[1::2]) / (2.0 * step_s)))
+
+
 def response(row: FloatArray, step_s: float, density: Callable[[FloatArray], FloatArray]) -> float:
     """Standard deviation of w s for one row of `weights`, in noise of a one-sided density of frequency [Hz].
 

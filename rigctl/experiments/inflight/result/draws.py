@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import io
 import math
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from rigctl.analysis.kept import Packed
 from rigctl.core.arrays import FloatArray
-from rigctl.experiments.inflight.model.baseline import Stretch
-from rigctl.experiments.inflight.model.joint import joint_estimate
-from rigctl.experiments.inflight.model.observed import own_sigma
+from rigctl.experiments.inflight.model.baseline import joint_estimate
+from rigctl.experiments.inflight.model.observed import stretch_of
 from rigctl.experiments.inflight.model.paper import FittedRun, paper_estimate
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.series import INDEX, SERIES, Amplitudes, central, raw_series
-from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
-from rigctl.experiments.inflight.observe.weights import response, weights
+from rigctl.experiments.inflight.observe.sessions import Line, Session
+from rigctl.experiments.inflight.observe.weights import response, spread, weights
 from rigctl.experiments.inflight.result.monte_carlo import Draw
 from rigctl.workbench.threads import one_thread
 
@@ -71,19 +69,13 @@ class Flown:
 @dataclass(frozen=True, eq=False)
 class _Rows:
     """Weights of all samples, (2 lines, samples) each in single precision: of the published estimate's lines, and of
-    those observed."""
+    those observed. `sigma` (lines, 2) is that of cosine and sine of the published lines in the noise the study
+    expects, `spread` (lines,) that of one component of each observed line in noise of unit density."""
 
-    sample_period_s: float
     published: FloatArray
     observed: FloatArray
     sigma: FloatArray
-    """Of cosine and sine of the published lines in the noise the study expects, (lines, 2)."""
-
-    @property
-    def spread(self) -> FloatArray:
-        """Standard uncertainty of one component of each observed line in noise of unit density, (lines,)."""
-        square = np.array([np.dot(row, row) for row in self.observed])
-        return np.asarray(np.sqrt(0.5 * (square[0::2] + square[1::2]) / (2.0 * self.sample_period_s)))
+    spread: FloatArray
 
 
 class NotWanted(Exception):
@@ -97,10 +89,11 @@ def reduced(
     columns: Sequence[str],
     draws: tuple[int, ...],
     unwanted: Callable[[], bool],
-) -> bytes:
+) -> Packed:
     """Some draws of a session, reduced as their telemetry comes, (samples, columns, draws) at a time.
 
-    `ReducedUnit` reads it back. `NotWanted` as soon as it is `unwanted`.
+    Arrays: `parts` (series, 2 lines, draws) of the published and then the observed lines, `means` (series, draws),
+    `draws`, and `sigma` and `spread` as `_Rows` has them. `NotWanted` as soon as it is `unwanted`.
     """
     prepared, session = rows_of(flown), flown.session
     groups = (prepared.published, prepared.observed)
@@ -123,16 +116,16 @@ def reduced(
     for part, rows in zip(parts, groups, strict=True):
         # In single precision the weights of a line let a billionth of a level through; it is not wanted.
         part -= rows.sum(axis=1, dtype=np.float64)[:, np.newaxis] * means[:, np.newaxis]
-    made = io.BytesIO()
-    np.savez(
-        made,
-        parts=np.concatenate(parts, axis=1),
-        means=means,
-        draws=np.array(draws),
-        sigma=prepared.sigma,
-        spread=prepared.spread,
+    return Packed(
+        {},
+        {
+            "parts": np.concatenate(parts, axis=1),
+            "means": means,
+            "draws": np.array(draws),
+            "sigma": prepared.sigma,
+            "spread": prepared.spread,
+        },
     )
-    return made.getvalue()
 
 
 def rows_of(flown: Flown) -> _Rows:
@@ -156,73 +149,38 @@ def _rows(flown: Flown) -> _Rows:
         for lines in (flown.published, flown.observed)
     )
     sigma = np.array([response(row, step_s, flown.density) for row in published])
-    return _Rows(step_s, published, observed, sigma.reshape(-1, 2))
-
-
-@dataclass(frozen=True, eq=False)
-class ReducedUnit:
-    """A reduced unit, read back: `parts` (series, 2 lines, draws), `means` (series, draws); `sigma` (lines, 2) of the
-    published lines' parts, `spread` (lines,) of the observed ones."""
-
-    parts: FloatArray
-    means: FloatArray
-    draws: tuple[int, ...]
-    sigma: FloatArray
-    spread: FloatArray
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> ReducedUnit:
-        """What `reduced` has made."""
-        with np.load(io.BytesIO(data), allow_pickle=False) as kept:
-            return cls(kept["parts"], kept["means"], tuple(kept["draws"].tolist()), kept["sigma"], kept["spread"])
-
-    def amplitudes(self, draw: int) -> Amplitudes:
-        """Of one draw, at all lines."""
-        place = self.draws.index(draw)
-        parts = self.parts[:, :, place].T
-        return central(np.asarray(parts[0::2] - 1j * parts[1::2]), self.means[:, place])
+    squares = np.array([np.dot(row, row) for row in observed])
+    return _Rows(published, observed, sigma.reshape(-1, 2), spread(squares, step_s))
 
 
 def estimated(
-    draw: int, flown: Mapping[str, Flown], units: Mapping[str, ReducedUnit]
-) -> dict[str, tuple[dict[str, float], dict[str, float]]]:
-    """Values and sigmas by parameter of both estimates, "paper" and "joint", from a draw's reduced sessions."""
+    draw: int, flown: Mapping[str, Flown], units: Mapping[str, Packed], truths: Mapping[str, Mapping[str, float]]
+) -> Draw:
+    """Both estimates of a draw and their sigmas, from its sessions as `reduced` left them, beside its truths."""
     fitted, stretches = {}, []
     for name, unit in units.items():
         session, observed = flown[name].session, flown[name].observed
-        everything = unit.amplitudes(draw)
+        everything = _amplitudes(unit, draw)
         count = len(flown[name].published)
         at_hz = np.array([session.frequency_of(line) for line in observed])
-        sigma = np.sqrt(flown[name].density(at_hz)) * unit.spread
-        fitted[name] = FittedRun(session, _at(everything, slice(0, count)), unit.sigma)
-        stretches.append(_stretch(name, session, observed, _at(everything, slice(count, None)), sigma))
+        sigma = np.sqrt(flown[name].density(at_hz)) * unit.arrays["spread"]
+        published, rest = (replace(everything, table=part) for part in np.split(everything.table, [count]))
+        fitted[name] = FittedRun(session, published, unit.arrays["sigma"])
+        stretches.append(stretch_of(name, session, observed, rest, sigma, sigma))
     paper, joint = paper_estimate(fitted), joint_estimate(stretches)
-    return {
-        "paper": (_named(paper.values), _named(paper.sigmas)),
-        "joint": (_named(joint.values), _named(joint.sigmas)),
-    }
-
-
-def draw_of(number: int, estimates: Mapping[str, Any], truths: Mapping[str, Mapping[str, float]]) -> Draw:
-    """A draw of the study with its score."""
     return Draw(
-        number,
-        {name: values for name, (values, _) in estimates.items()},
-        {name: sigmas for name, (_, sigmas) in estimates.items()},
+        draw,
+        {"paper": _named(paper.values), "joint": {name: joint.value(name) for name in NAMES}},
+        {"paper": _named(paper.sigmas), "joint": {name: joint.sigma(name) for name in NAMES}},
         truths,
     )
 
 
-def _stretch(name: str, session: Session, lines: tuple[Line, ...], found: Amplitudes, sigma: FloatArray) -> Stretch:
-    own = (math.nan, math.nan)
-    if session.moves_masses and STIMULUS in lines:
-        place = lines.index(STIMULUS)
-        own = own_sigma(session, found.table[place], float(sigma[place]))
-    return Stretch(name, session, lines, found, sigma, own)
-
-
-def _at(found: Amplitudes, lines: slice) -> Amplitudes:
-    return replace(found, table=found.table[lines])
+def _amplitudes(unit: Packed, draw: int) -> Amplitudes:
+    """Of one draw, at all lines."""
+    place = unit.arrays["draws"].tolist().index(draw)
+    parts = unit.arrays["parts"][:, :, place].T
+    return central(np.asarray(parts[0::2] - 1j * parts[1::2]), unit.arrays["means"][:, place])
 
 
 def _named(values: FloatArray) -> dict[str, float]:

@@ -33,12 +33,7 @@ class Draw:
 
     def as_json(self) -> dict[str, Any]:
         """As a store keeps it."""
-        return {
-            "draw": self.number,
-            "estimates": {name: dict(values) for name, values in self.estimates.items()},
-            "sigmas": {name: dict(values) for name, values in self.sigmas.items()},
-            "truths": {name: dict(values) for name, values in self.truths.items()},
-        }
+        return {"draw": self.number, **{name: getattr(self, name) for name in ("estimates", "sigmas", "truths")}}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Draw:

@@ -78,12 +78,7 @@ def draw_estimates(rows: Sequence[EstimateRow]) -> Figure:
         label="published",
     )
     panel.axvline(0.0, color=INK, linewidth=0.6)
-    panel.set_yticks(places, [row.parameter for row in rows])
-    panel.invert_yaxis()
-    panel.set_xlabel("difference / sigma of the published estimate")
-    panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    return figure
+    return _labelled(figure, [row.parameter for row in rows], "difference / sigma of the published estimate")
 
 
 @dataclass(frozen=True)
@@ -126,21 +121,16 @@ def draw_errors(rows: Sequence[ErrorRow]) -> Figure:
     """Three lines per parameter, on a logarithmic axis."""
     figure = new_figure(0.9 + 0.3 * len(rows))
     panel = figure.subplots()
-    for number, (label, name) in enumerate((("printed", "printed"), ("published", "published"), ("joint", "joint"))):
+    for number, name in enumerate(("printed", "published", "joint")):
         look = series_style(number)
         for place, row in enumerate(rows):
             mean, worst = (getattr(row, f"{name}_{which}") / row.objective for which in ("mean", "worst"))
             at = place + 0.24 * (number - 1)
             panel.plot([mean, worst], [at, at], color=look.color, linestyle="-")
-            panel.plot(mean, at, look.marker, color=look.color, label=label if place == 0 else None)
+            panel.plot(mean, at, look.marker, color=look.color, label=name if place == 0 else None)
     panel.axvline(1.0, color=INK, linewidth=0.6)
     panel.set_xscale("log")
-    panel.set_yticks(range(len(rows)), [row.parameter for row in rows])
-    panel.invert_yaxis()
-    panel.set_xlabel("error / objective")
-    panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    return figure
+    return _labelled(figure, [row.parameter for row in rows], "error / objective")
 
 
 @dataclass(frozen=True)
@@ -177,9 +167,16 @@ def draw_contributions(rows: Sequence[ContributionRow]) -> Figure:
         values = [getattr(row, f"{name}_m_s2") for row in rows]
         panel.plot(values, range(len(rows)), look.marker, color=look.color, label=name)
     panel.set_xscale("log")
-    panel.set_yticks(range(len(rows)), [row.term for row in rows])
+    return _labelled(figure, [row.term for row in rows], "contribution / (m/s²)")
+
+
+def _labelled(figure: Figure, names: Sequence[str], x_label: str) -> Figure:
+    """With a name at each row of its panel, the first on top, and a legend below."""
+    (panel,) = figure.axes
+    panel.set_yticks(range(len(names)), names)
     panel.invert_yaxis()
-    panel.set_xlabel("contribution / (m/s²)")
+    panel.set_xlabel(x_label)
     panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    handles, labels = panel.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     return figure
