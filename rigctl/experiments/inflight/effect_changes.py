@@ -48,7 +48,8 @@ class EffectChanges:
         derivatives = []
         for place, name in enumerate(effect.parameters):
             step = STEP * abs(effect.typical[name])
-            up, down = (self._evaluated(effect, values + sign * step * _unit(place, values)) for sign in (1.0, -1.0))
+            one = step * np.eye(len(values))[place]
+            up, down = (self._evaluated(effect, values + each) for each in (one, -one))
             derivatives.append([(a - b) / (2.0 * step) for a, b in zip(up, down, strict=True)])
         return derivatives
 
@@ -66,8 +67,8 @@ class EffectChanges:
         if effect.id not in self._units:
             typical = np.array([effect.typical[name] for name in effect.parameters])
             units = [
-                [each / size for each in self._evaluated(effect, size * _unit(place, typical))]
-                for place, size in enumerate(typical)
+                [each / size for each in self._evaluated(effect, one)]
+                for size, one in zip(typical, np.diag(typical), strict=True)
             ]
             whole = self._evaluated(effect, 2.0 * typical)
             summed = [
@@ -88,9 +89,3 @@ class EffectChanges:
             halves = [half for reducer in self._reducers for half in reducer.changes(effect, parameters)]
             self._evaluations[key] = halves
         return self._evaluations[key]
-
-
-def _unit(place: int, like: FloatArray) -> FloatArray:
-    made = np.zeros(len(like))
-    made[place] = 1.0
-    return made

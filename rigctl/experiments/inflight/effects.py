@@ -40,7 +40,8 @@ def _without_lines(
         return np.zeros_like(run.signal)
 
     unchanged.__doc__ = summary
-    units, typical = ({name: each[place] for name, each in sizes.items()} for place in (0, 1))
+    units = {name: unit for name, (unit, _) in sizes.items()}
+    typical = {name: size for name, (_, size) in sizes.items()}
     return effect(name, on=on, parameters=units, typical=typical, source=source, scanned=True)(unchanged)
 
 

@@ -25,9 +25,10 @@ INSEPARABLE: Mapping[str, tuple[str, ...]] = {
 """Effects that no session can tell from these parameters, whatever its data: by geometry."""
 
 COMMON: Mapping[str, str] = {
-    "thrust-quantisation": "it moves both masses alike, and only their difference is compared",
-    "mass-drift": "it moves both masses alike, and only their difference is compared",
-    "moved-mass-reaction": "it moves both masses alike, and only their difference is compared",
+    **dict.fromkeys(
+        ("thrust-quantisation", "mass-drift", "moved-mass-reaction"),
+        "it moves both masses alike, and only their difference is compared",
+    ),
     "spring-noise": "it raises the noise, which is measured in each run and not predicted",
 }
 """Effects without a part in the differential channel's lines."""

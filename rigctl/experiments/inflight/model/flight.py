@@ -151,13 +151,16 @@ class Reducer:
 
     def __init__(self, run: ReducedRun) -> None:
         self._run = run
+        self._flights: dict[str, FlightRun] = {}
 
     def changes(self, effect: Effect, parameters: Mapping[str, float]) -> list[ComplexArray]:
         """What an effect does to the amplitudes of all series, (lines, series) per half.
 
         `DataError` when it is no number somewhere.
         """
-        flight = self._flight(effect.on)
+        if effect.on not in self._flights:
+            self._flights[effect.on] = flight_run(self._run, effect.on)
+        flight = self._flights[effect.on]
         added = np.asarray(effect(flight, **parameters), dtype=np.float64)
         try:
             added = np.broadcast_to(added, flight.signal.shape)
@@ -169,38 +172,26 @@ class Reducer:
         present = self._run.coarse.present
         if not np.isfinite(added[..., present]).all():
             raise DataError(f"effect '{effect.id}' is no number in run {self._run.run_id}")
-        made = _IN_SERIES[effect.on](flight, np.where(present, added, 0.0))
-        return self._reduced(made)
-
-    def _flight(self, point: str) -> FlightRun:
-        if point not in self._flights:
-            self._flights[point] = flight_run(self._run, point)
-        return self._flights[point]
-
-    @cached_property
-    def _flights(self) -> dict[str, FlightRun]:
-        return {}
+        series = _IN_SERIES[effect.on](flight, np.where(present, added, 0.0))
+        changes = []
+        for where, rows in self._rows:
+            table = np.zeros((len(rows) // 2, len(SERIES)), dtype=np.complex128)
+            for name, values in series.items():
+                table[:, INDEX[name]] = amplitudes(rows, values[where])
+            changes.append(table)
+        return changes
 
     @cached_property
     def _rows(self) -> list[tuple[slice, FloatArray]]:
         """Samples and weights of each half of the thinned run."""
-        run, found = self._run, []
+        run, stretches = self._run, []
         for half in run.halves:
             inside = (run.coarse.t_s >= half.start_s) & (run.coarse.t_s < half.stop_s)
             where = slice(int(np.argmax(inside)), int(len(inside) - np.argmax(inside[::-1])))
             part = run.coarse.part(where)
             frequencies = [run.session.frequency_of(line) for line in half.lines]
-            found.append((where, weights(part.t_s, frequencies, part.present)))
-        return found
-
-    def _reduced(self, series: Mapping[str, FloatArray]) -> list[ComplexArray]:
-        found = []
-        for where, rows in self._rows:
-            table = np.zeros((len(rows) // 2, len(SERIES)), dtype=np.complex128)
-            for name, values in series.items():
-                table[:, INDEX[name]] = amplitudes(rows, values[where])
-            found.append(table)
-        return found
+            stretches.append((where, weights(part.t_s, frequencies, part.present)))
+        return stretches
 
 
 def _in_measured(_: FlightRun, added: FloatArray) -> dict[str, FloatArray]:

@@ -43,16 +43,11 @@ class FittedRun:
 
 @dataclass(frozen=True)
 class PaperEstimate:
-    """`values` and `covariance` of the parameters `NAMES`, NaN for one whose session is missing."""
+    """`values` and standard uncertainties of the parameters `NAMES`, NaN for one whose session is missing."""
 
     values: FloatArray
-    covariance: FloatArray
+    sigmas: FloatArray
     sweeps: int
-
-    @property
-    def sigmas(self) -> FloatArray:
-        """Standard uncertainties."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
 def paper_estimate(runs: Mapping[str, FittedRun]) -> PaperEstimate:
@@ -174,6 +169,5 @@ def _named(a: FloatArray, covariance: FloatArray, there: set[int], sweeps: int) 
         turn[number, _AT[name]] = 1.0
     turn[-1, [_AT["k2c_1"], _AT["k2c_2"]]] = 0.5
     missing = np.array([any(place not in there for place in np.flatnonzero(row)) for row in turn])
-    spread = turn @ covariance @ turn.T
-    spread[missing] = spread[:, missing] = np.nan
-    return PaperEstimate(np.where(missing, np.nan, turn @ a), spread, sweeps)
+    sigmas = np.sqrt(np.diag(turn @ covariance @ turn.T))
+    return PaperEstimate(np.where(missing, np.nan, turn @ a), np.where(missing, np.nan, sigmas), sweeps)

@@ -1,8 +1,8 @@
-"""What a calibration finds: ten numbers with fixed names, and how the quadratic ones hang together."""
+"""What a calibration finds: ten numbers with fixed names, and how the quadratic ones depend on each other."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 NAMES = (
     "ac11_dx_m",
@@ -26,14 +26,8 @@ SHARED = len(NAMES) + len(NUISANCES)
 """How many parameters all runs share: those of `NAMES`, then those of `NUISANCES`."""
 
 
-class Quadratic(NamedTuple):
-    """Quadratic factors of the two masses, in the linearised output's own scale (s2/m)."""
-
-    k_1: float
-    k_2: float
-
-
-def of_masses(k2d: float, k2c: float, ad11: float) -> Quadratic:
-    """k_1 and k_2 from k_d = (1 - a^2)/2 ((1 + a) k_1 - (1 - a) k_2) and k_c = (k_1 + k_2)/2, a = a'_d11."""
+def of_masses(k2d: Any, k2c: Any, ad11: Any) -> tuple[Any, Any]:
+    """Quadratic factors k_1, k_2 of the masses in the linearised output's scale [s2/m], for numbers or arrays, from
+    k_d = (1 - a^2)/2 ((1 + a) k_1 - (1 - a) k_2) and k_c = (k_1 + k_2)/2, a = a'_d11."""
     difference = k2d / (1.0 - ad11**2) - ad11 * k2c
-    return Quadratic(k2c + difference, k2c - difference)
+    return k2c + difference, k2c - difference

@@ -26,19 +26,14 @@ class BetweenLines:
         return np.asarray(np.abs(self.bins @ c) ** 2)
 
 
-def central_series(session: Session, grid: Grid) -> FloatArray:
-    """All series of thinned columns about their means, zero where samples miss; shape (samples, series)."""
-    columns = {
-        name: np.where(grid.present, column - column[grid.present].mean(), 0.0) if name.startswith("m") else column
-        for name, column in grid.columns.items()
-    }
-    return raw_series(session, grid.t_s, columns)
-
-
 def between_lines(session: Session, grid: Grid) -> BetweenLines:
     """The spectrum of thinned columns under a Hann window, lines and slow drift fitted out, their bins left out."""
     lines_hz = _lines_to_leave_out(session, grid.duration_s)
-    left = _without_lines(grid, central_series(session, grid), lines_hz)
+    central = {
+        name: np.where(grid.present, column - column[grid.present].mean(), 0.0) if name.startswith("m") else column
+        for name, column in grid.columns.items()
+    }
+    left = _without_lines(grid, raw_series(session, grid.t_s, central), lines_hz)
     window = np.hanning(len(left)) * grid.present
     f_hz = np.fft.rfftfreq(len(left), grid.step_s)
     highest_hz = min(max(1.6 * lines_hz[-1], 30.0 * session.orbital_hz), 0.25 / grid.step_s)

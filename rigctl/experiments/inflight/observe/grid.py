@@ -58,28 +58,20 @@ def grid_of(run_id: str, samples: Mapping[str, FloatArray]) -> Grid:
     t_s = samples["t_s"]
     if len(t_s) < 2:
         raise DataError(f"run {run_id}: {len(t_s)} samples are too few")
-    step_s = _step(t_s)
+    # The median step, made exact by the ends.
+    step_s = float((t_s[-1] - t_s[0]) / round((t_s[-1] - t_s[0]) / float(np.median(np.diff(t_s)))))
     place = np.rint((t_s - t_s[0]) / step_s).astype(np.intp)
     if np.max(np.abs(t_s - t_s[0] - place * step_s)) > _SHIFT * step_s:
         raise DataError(f"run {run_id}: t_s is on no grid of {step_s:g} s; record evenly, gaps may stay")
     present = np.zeros(int(place[-1]) + 1, dtype=bool)
     present[place] = np.all([np.isfinite(samples[name]) for name in NEEDED], axis=0)
     whole = len(present) == len(t_s) and bool(present.all())
-    columns = {name: column if whole else _placed(column, place, present) for name, column in samples.items()}
-    del columns["t_s"]
+    columns = {name: column for name, column in samples.items() if name != "t_s"}
+    if not whole:
+        for name, column in columns.items():
+            columns[name] = np.zeros(len(present))
+            columns[name][place] = np.where(present[place], column, 0.0)
     return Grid(t_s[0] + np.arange(len(present)) * step_s, columns, present)
-
-
-def _step(t_s: FloatArray) -> float:
-    """The median step, made exact by what lies between the ends."""
-    median = float(np.median(np.diff(t_s)))
-    return float((t_s[-1] - t_s[0]) / round((t_s[-1] - t_s[0]) / median))
-
-
-def _placed(column: FloatArray, place: FloatArray, present: BoolArray) -> FloatArray:
-    made = np.zeros(len(present))
-    made[place] = column
-    return np.where(present, made, 0.0)
 
 
 def thinned(grid: Grid) -> Grid:

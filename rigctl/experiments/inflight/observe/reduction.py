@@ -19,13 +19,12 @@ from rigctl.experiments.inflight.observe.sessions import (
     STIMULUS,
     Line,
     Session,
-    resolution_remark,
     session_of,
 )
 from rigctl.experiments.inflight.observe.weights import level_weights, spread, weights
 
 HALVES = 2
-_REMARKED = 1e-4
+_REMARKED, _WHOLE = 1e-4, 1e-6
 
 
 @dataclass(frozen=True)
@@ -116,16 +115,20 @@ def _rows(
 
 
 def _remarks(session: Session, grid: Grid, conditions: Mapping[str, Any]) -> tuple[str, ...]:
-    found = []
+    remarks = []
     missing = 1.0 - float(np.mean(grid.present))
     if missing > 0.0:
-        found.append(f"{100.0 * missing:.2g} % of its samples are missing: lines are fitted on those there are")
-    if session.frequency_hz > 0.0 and (remark := resolution_remark(session, grid.duration_s)):
-        found.append(remark)
+        remarks.append(f"{100.0 * missing:.2g} % of its samples are missing: lines are fitted on those there are")
+    cycles = session.frequency_hz * grid.duration_s
+    if abs(cycles - round(cycles)) > max(_WHOLE * cycles, 1e-3):
+        remarks.append(
+            f"the stimulus has {cycles:.3f} periods in the run, no whole number: lines are fitted jointly, "
+            "and what is not fitted leaks into them"
+        )
     declared = conditions.get("orbits")
     orbits = grid.duration_s / session.orbit_period_s
     if isinstance(declared, int | float) and declared > 0.0 and abs(orbits / declared - 1.0) > _REMARKED:
-        found.append(f"it has {orbits:.5g} orbits, not the {declared:g} it is said to have")
+        remarks.append(f"it has {orbits:.5g} orbits, not the {declared:g} it is said to have")
     if STIMULUS not in session.reduced_lines(grid.duration_s / HALVES) and session.moves_masses:
-        found.append("its stimulus is too close to a line of the orbit to be told apart")
-    return tuple(found)
+        remarks.append("its stimulus is too close to a line of the orbit to be told apart")
+    return tuple(remarks)

@@ -28,8 +28,6 @@ QUADRATIC = ("k2c_1", "k2c_2")
 FEWEST_ORBITS = 3.0
 """A stretch must have so many for the lines beside its stimulus to be told apart."""
 
-_WHOLE = 1e-6
-
 
 @dataclass(frozen=True)
 class Line:
@@ -51,7 +49,6 @@ class Line:
 
 ORBITAL = tuple(Line(0, k) for k in (1, 2, 3, 4))
 STIMULUS = Line(1, 0)
-TWICE_ORBITAL = Line(0, 2)
 
 
 @dataclass(frozen=True)
@@ -91,7 +88,7 @@ class Session:
     def fitted_lines(self) -> tuple[Line, ...]:
         """Those that the published estimate fits: the parameter's own, then the stimulus as a nuisance."""
         if self.name in GRADIENT:
-            return (TWICE_ORBITAL,)
+            return (ORBITAL[1],)
         if self.name in MASS_MOTION:
             return (Line(1, -2), Line(1, 2), STIMULUS)
         if self.name == "k2d" or self.name in QUADRATIC:
@@ -155,14 +152,3 @@ def session_of(run_id: str, conditions: Mapping[str, Any], orbit_period_s: float
     phase_rad = float(conditions.get("phase_rad", 0.0) or 0.0)
     phase_rad = 0.0 if math.isnan(phase_rad) else phase_rad
     return Session(name, orbit_period_s, sample_period_s, frequency_hz, amplitude, phase_rad)
-
-
-def resolution_remark(session: Session, duration_s: float) -> str | None:
-    """What is to be said when the stimulus has no whole number of periods in the run; None when it has."""
-    cycles = session.frequency_hz * duration_s
-    if abs(cycles - round(cycles)) <= max(_WHOLE * cycles, 1e-3):
-        return None
-    return (
-        f"the stimulus has {cycles:.3f} periods in the run, no whole number: lines are fitted jointly, "
-        "and what is not fitted leaks into them"
-    )
