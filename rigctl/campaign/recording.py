@@ -46,13 +46,19 @@ class LaserInfo:
 
 @dataclass(frozen=True)
 class TableSpec:
-    """What a `table` recording asks: `response` as the expression `baseline` over columns and parameters."""
+    """What a `table` recording asks: `response` as the expression `baseline` over columns and parameters.
+
+    `sigma` names the column of standard uncertainties, in the response's unit; `batch` columns whose readings share
+    an unknown offset where they share a value, nested in this order.
+    """
 
     response: str
     baseline: str
     start: Mapping[str, float] = field(default_factory=dict)
     order: str | None = None
     block: str | None = None
+    sigma: str | None = None
+    batch: Sequence[str] = ()
 
 
 @dataclass(frozen=True)

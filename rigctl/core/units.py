@@ -85,12 +85,12 @@ def same_unit(one: str, other: str) -> bool:
     return _canonical(one) == _canonical(other)
 
 
-def power(unit: str, exponent: int) -> str:
-    """A unit to a power: s, s2, (m/s)3, 1/s."""
+def power(unit: str, exponent: float) -> str:
+    """A unit to a power: s, s2, (m/s)3, 1/s, s0.5."""
     if not unit or exponent == 1:
         return unit
     plain = unit if unit.isalpha() else f"({unit})"
-    return f"1/{plain}" if exponent == -1 else f"{plain}{exponent}"
+    return f"1/{plain}" if exponent == -1 else f"{plain}{exponent:g}"
 
 
 def ratio(above: str, below: str) -> str:

@@ -21,6 +21,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
 from rigctl.core.numbers import decimal_or_missing, is_missing
 from rigctl.core.plausible import doubt_of_constant
+from rigctl.core.time_stamps import seconds_of_stamps
 
 RunWithSamples = tuple[RunRecord, Mapping[str, FloatArray]]
 
@@ -113,6 +114,8 @@ class BundleReader:
             ("response", spec.response, True),
             ("order", spec.order, True),
             ("block", spec.block, False),
+            ("sigma", spec.sigma, True),
+            *(("batch", name, False) for name in spec.batch),
         ):
             if name is None:
                 continue
@@ -120,7 +123,7 @@ class BundleReader:
                 raise table.place.error(
                     f"column {name} is missing, which [table] {key} names; {_rename(name, table.header)}", 1
                 )
-            if numeric and name not in samples:
+            if numeric and name not in samples and seconds_of_stamps(table.column(name)) is None:
                 line, text = next(
                     (n, t) for n, t in zip(table.lines, table.column(name), strict=True) if not _is_number(t)
                 )

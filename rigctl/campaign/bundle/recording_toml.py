@@ -147,8 +147,21 @@ def _table_spec(document: TomlDocument) -> dict[str, Any]:
         if name not in values:
             raise document.error(("table",), f"has no {name}; add it")
     start = _section(document, ("table", "start"))
-    texts = {k: _text(document, ("table", k), v) for k, v in values.items() if k != "start"}
-    return {**texts, "start": {k: _number(document, ("table", "start", k), v) for k, v in start.items()}}
+    texts = {k: _text(document, ("table", k), v) for k, v in values.items() if k not in {"start", "batch"}}
+    return {
+        **texts,
+        **_batch(document, values),
+        "start": {k: _number(document, ("table", "start", k), v) for k, v in start.items()},
+    }
+
+
+def _batch(document: TomlDocument, values: Mapping[str, Any]) -> dict[str, list[str]]:
+    if "batch" not in values:
+        return {}
+    columns = values["batch"]
+    if not isinstance(columns, list) or not all(isinstance(name, str) for name in columns):
+        raise document.error(("table", "batch"), f'is {columns!r}; write a list of columns, such as ["lot"]')
+    return {"batch": columns}
 
 
 def _section(document: TomlDocument, keys: tuple[str, ...]) -> Mapping[str, Any]:

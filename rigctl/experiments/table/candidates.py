@@ -7,8 +7,10 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.table.model.form import Form
+from rigctl.experiments.table.model.forms import Turning
 from rigctl.experiments.table.model.pieces import PluginPiece
 from rigctl.experiments.table.model.start import span_of
+from rigctl.experiments.table.model.words import Group
 from rigctl.workbench.study import Candidate, NotTestable, Term
 
 _SPANNED = 1e-7
@@ -30,6 +32,32 @@ def candidate_of(form: Form, term: Term, response_unit: str, spanned: FloatArray
         derivative,
         _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
     )
+
+
+def group_candidate(group: Group, slopes: FloatArray, residual: FloatArray) -> Candidate:
+    """A parameter by words beside a model with these derivatives by the baseline's parameters, (n, m)."""
+    derivative = group.derivative(slopes)
+    return Candidate(
+        Term(group.id),
+        tuple(f"{group.id}{name}" for name in group.names()),
+        group.units(""),
+        derivative,
+        _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
+    )
+
+
+def has_another_name(form: Form, spanned: FloatArray) -> str:
+    """Why a form is another one beside a model that spans `spanned`; "" when it is itself."""
+    if not isinstance(form, Turning):
+        return ""
+    column = form.column.name
+    slope, curvature = form.basis(form.choices()[0]).T
+    level = np.ones(slope.size)
+    if _is_spanned((slope - slope.mean())[:, None], spanned):
+        return f"the model has a slope in {column} already, beside which it is power2[{column}]"
+    line = span_of(np.stack([level, slope], axis=1))
+    bend = curvature - line @ (line.T @ curvature)
+    return f"the model has a curvature in {column} already" if _is_spanned(bend[:, None], spanned) else ""
 
 
 def plugin_candidate(piece: PluginPiece, signal: FloatArray) -> Candidate | NotTestable:

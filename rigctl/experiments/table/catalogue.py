@@ -2,32 +2,61 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
 
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
 from rigctl.effects.catalogue import unknown_effect
-from rigctl.experiments.table.model.form import Form
-from rigctl.experiments.table.model.forms import Drift, Interaction, Level, Power
+from rigctl.experiments.table.model.form import TableEffect
+from rigctl.experiments.table.model.forms import Drift, Interaction, Power, Turning
+from rigctl.experiments.table.model.functions import KINDS, Function
 from rigctl.experiments.table.model.scanned import Exponential, Periodic, Scanned, Step
-from rigctl.experiments.table.observe.readings import Readings
+from rigctl.experiments.table.model.words import Group, Level, Slope
+from rigctl.experiments.table.observe.readings import Column, Readings
+
+_PARALLEL = 1e-12
 
 
-def generic(readings: Readings) -> dict[str, Form]:
-    """Every form by its id, simple ones first, whether or not it can be tested."""
-    columns = list(readings.columns.values())
-    forms: list[Form] = [Drift(readings.order)]
-    forms += [Power(column, exponent) for exponent in (1, 2, 3, -1) for column in columns]
-    forms += [Interaction(one, other) for one, other in combinations(columns, 2)]
-    forms += [Level(category) for category in readings.categories.values()]
-    forms += [kind(column) for kind in (Step, Exponential, Periodic) for column in columns]
-    return {form.id: form for form in forms}
+def generic(readings: Readings, slopes: FloatArray) -> dict[str, TableEffect]:
+    """Every effect by its id, simple ones first, whether or not it can be tested.
+
+    `slopes` (n, m) are the derivatives of the baseline where it is fitted alone.
+    """
+    columns, words = list(readings.columns.values()), list(readings.categories.values())
+    effects: list[TableEffect] = [Drift(readings.order)]
+    effects += [Power(column, exponent) for exponent in (1, 2, 3) for column in columns]
+    effects += [Turning(column) for column in columns]
+    effects += [Function(column, kind) for kind in KINDS for column in columns]
+    effects += [Interaction(one, other) for one, other in combinations(columns, 2)]
+    effects += [Level(category) for category in words]
+    effects += [Slope(column, category) for column in columns for category in words]
+    effects += [
+        Group(name, place, category)
+        for place, name in enumerate(readings.expression.parameters)
+        if _is_own(slopes[:, place], columns)
+        for category in words
+    ]
+    effects += [kind(column) for kind in (Step, Exponential, Periodic) for column in columns]
+    return {effect.id: effect for effect in effects}
 
 
-def why_not(form: Form, readings: Readings) -> str:
-    """Why these readings cannot be asked about a form; "" when they can."""
-    for column in form.columns:
+def _is_own(slope: FloatArray, columns: Sequence[Column]) -> bool:
+    """Whether what a parameter of the baseline does is neither a level nor a slope, which have their own names."""
+    others = [np.ones(slope.size), *(column.values for column in columns)]
+    return not any(_parallel(slope, other) for other in others)
+
+
+def _parallel(one: FloatArray, other: FloatArray) -> bool:
+    lengths = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return bool(abs(one @ other) >= (1.0 - _PARALLEL) * lengths)
+
+
+def why_not(effect: TableEffect, readings: Readings) -> str:
+    """Why these readings cannot be asked about an effect; "" when they can."""
+    for column in effect.columns:
         missing = np.flatnonzero(~np.isfinite(column.values))
         if missing.size:
             shown = ", ".join(readings.labels[i] for i in missing[:3])
@@ -35,10 +64,10 @@ def why_not(form: Form, readings: Readings) -> str:
             return f"{column.name} has no value in {shown}{more}"
         if column.distinct.size == 1:
             return f"{column.name} is constant"
-    return form.untestable()
+    return effect.untestable()
 
 
-def base_of(effect: str, known: dict[str, Form]) -> str:
+def base_of(effect: str, known: Mapping[str, TableEffect]) -> str:
     """The catalogue's id behind `effect`, of which there may be several: periodic[t_s] for periodic[t_s]#2."""
     if effect in known:
         return effect

@@ -12,12 +12,14 @@ from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.table.candidates import candidate_of, plugin_candidate
+from rigctl.experiments.table.candidates import candidate_of, group_candidate, has_another_name, plugin_candidate
 from rigctl.experiments.table.catalogue import base_of, next_id, why_not
+from rigctl.experiments.table.model.form import Choice, Form
 from rigctl.experiments.table.model.model import TableModel, fitted
-from rigctl.experiments.table.model.pieces import ColumnPiece, Piece, PluginPiece
+from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece, PluginPiece
 from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.start import POINTS_MAX, place, solve, span_of
+from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.proposals import options
 from rigctl.experiments.table.study_data import TableData
 from rigctl.workbench.study import (
@@ -58,11 +60,11 @@ class TableStudy(StudyBase[TableData]):
 
     def effects(self) -> Mapping[str, str]:
         """The catalogue made from the columns, then the plug-ins; of the scanned ones there may be `#2`, `#3`, ..."""
-        return {name: form.sentence for name, form in self.data.forms.items()} | dict(super().effects())
+        return {name: effect.sentence for name, effect in self.data.generic.items()} | dict(super().effects())
 
     def model(self, terms: Sequence[Term]) -> TableModel:
         """The baseline with these terms; what a term's choice leaves open is scanned for."""
-        pieces: list[Piece] = []
+        pieces: list[Piece | GroupPiece] = []
         for term in terms:
             if term.effect in {piece.term.effect for piece in pieces}:
                 raise ConfigError(f"effect '{term.effect}' is in the model already; another needs another number")
@@ -96,20 +98,26 @@ class TableStudy(StudyBase[TableData]):
         """Every effect that `model` lacks; a scanned one once per point of its grid."""
         assert isinstance(model, TableModel)
         taken = {term.effect for term in model.terms}
-        spanned = span_of(model.jacobian(values))
+        jacobian = model.jacobian(values)
+        spanned = span_of(jacobian)
         left = self.observations.value - model.predict(values)
         candidates: list[Candidate] = []
         untestable: list[NotTestable] = []
-        for base, form in self.data.forms.items():
-            if base in taken and not isinstance(form, Scanned):
+        for base, effect in self.data.generic.items():
+            if base in taken and not isinstance(effect, Scanned):
                 continue
-            if reason := why_not(form, self.data.readings):
+            reason = why_not(effect, self.data.readings)
+            if isinstance(effect, Form) and not reason:
+                reason = has_another_name(effect, spanned)
+            if reason:
                 untestable.append(NotTestable(base, reason))
-                continue
-            effect = next_id(base, taken)
-            choices = self._grid(form) if isinstance(form, Scanned) else [{}]
-            unit = self.data.readings.response.unit
-            candidates += [candidate_of(form, Term(effect, choice), unit, spanned, left) for choice in choices]
+            elif isinstance(effect, Group):
+                candidates.append(group_candidate(effect, jacobian, left))
+            elif isinstance(effect, Form):
+                name, unit = next_id(base, taken), self.data.readings.response.unit
+                candidates += [
+                    candidate_of(effect, Term(name, choice), unit, spanned, left) for choice in self._choices(effect)
+                ]
         for name, effect_ in self.catalogue.items():
             if name not in taken:
                 piece = PluginPiece(Term(name), effect_, self.data.readings)
@@ -129,41 +137,46 @@ class TableStudy(StudyBase[TableData]):
         """These readings and some more, which mean nothing but where they are taken."""
         return self.with_data(self.data.with_proposals(proposals))
 
-    def _grid(self, form: Scanned) -> list[dict[str, float]]:
+    def _choices(self, form: Form) -> list[Choice]:
+        if not isinstance(form, Scanned):
+            return form.choices()
         points = max(_GRID_POINTS // max(len(self.data.readings.columns), 1), _GRID_LEAST)
         return [form.full_choice(float(value)) for value in form.grid(min(points, POINTS_MAX))]
 
-    def _piece(self, term: Term, before: Sequence[Piece]) -> Piece:
+    def _piece(self, term: Term, before: Sequence[Piece | GroupPiece]) -> Piece | GroupPiece:
         if term.effect in self.catalogue:
             return PluginPiece(Term(term.effect), self.catalogue[term.effect], self.data.readings)
-        form = self.data.forms[base_of(term.effect, self.data.forms)]
-        if reason := why_not(form, self.data.readings):
+        effect = self.data.generic[base_of(term.effect, self.data.generic)]
+        if reason := why_not(effect, self.data.readings):
             raise DataError(f"effect '{term.effect}' cannot be fitted: {reason}; remove it from the model")
-        piece = ColumnPiece(term, form, self.data.readings.response.unit)
-        if not isinstance(form, Scanned):
-            return ColumnPiece(Term(term.effect), form, self.data.readings.response.unit)
-        return piece if form.scanned in term.choice else self._placed(piece, before)
+        if isinstance(effect, Group):
+            return GroupPiece(Term(term.effect), effect)
+        assert isinstance(effect, Form)
+        unit = self.data.readings.response.unit
+        if not isinstance(effect, Scanned):
+            return ColumnPiece(Term(term.effect, {**effect.choices()[0], **term.choice}), effect, unit)
+        piece = ColumnPiece(term, effect, unit)
+        return piece if effect.scanned in term.choice else self._placed(piece, before)
 
-    def _placed(self, piece: ColumnPiece, others: Sequence[Piece]) -> ColumnPiece:
+    def _placed(self, piece: ColumnPiece, others: Sequence[Piece | GroupPiece]) -> ColumnPiece:
         """The piece with its scanned parameter where it fits best beside the others."""
         form = piece.form
         assert isinstance(form, Scanned)
-        beside = [each for each in others if isinstance(each, ColumnPiece) and _is_placed(each)]
+        beside = [each for each in others if _is_linear(each)]
         weight = self.data.readings.sigma[:, None]
         signal, slopes = self.data.baseline
-        held = np.concatenate([slopes, *(each.form.basis(each.choice) for each in beside)], axis=1)
+        held = np.concatenate([slopes, *(_basis(each, slopes) for each in beside)], axis=1)
         near = piece.choice.get(form.scanned)
         value = place(form, held / weight, (self.observations.value - signal) / weight[:, 0], near)
         choice = {**form.full_choice(value), **{k: v for k, v in piece.choice.items() if k != form.scanned}}
         return ColumnPiece(Term(piece.term.effect, choice), form, piece.response_unit)
 
-    def _starts(self, pieces: Sequence[Piece]) -> FloatArray:
+    def _starts(self, pieces: Sequence[Piece | GroupPiece]) -> FloatArray:
         """The baseline's curved parameters as it alone is fitted; everything linear solved for beside them."""
         expression = self.data.readings.expression
         linear = [expression.parameters.index(name) for name in expression.linear_in()]
-        columns = [piece for piece in pieces if isinstance(piece, ColumnPiece)]
-        bases = [piece.form.basis(piece.choice) for piece in columns]
         signal, slopes = self.data.baseline
+        bases = [_basis(piece, slopes) for piece in pieces if not isinstance(piece, PluginPiece)]
         sigma = self.data.readings.sigma
         with np.errstate(over="ignore"):
             design = np.concatenate([slopes[:, linear], *bases], axis=1) / sigma[:, None]
@@ -174,7 +187,7 @@ class TableStudy(StudyBase[TableData]):
         baseline[linear] += change[: len(linear)]
         amplitudes = iter(np.split(change[len(linear) :], np.cumsum([basis.shape[1] for basis in bases])[:-1]))
         parts = [
-            piece.joined(next(amplitudes)) if isinstance(piece, ColumnPiece) else np.zeros(len(piece.units))
+            np.zeros(len(piece.units)) if isinstance(piece, PluginPiece) else _joined(piece, next(amplitudes))
             for piece in pieces
         ]
         return np.concatenate([baseline, *parts])
@@ -187,5 +200,21 @@ class TableStudy(StudyBase[TableData]):
             )
 
 
-def _is_placed(piece: ColumnPiece) -> bool:
+def _is_linear(piece: Piece | GroupPiece) -> bool:
+    """Whether a piece is known but for linear parameters."""
+    if not isinstance(piece, ColumnPiece):
+        return isinstance(piece, GroupPiece)
     return not isinstance(piece.form, Scanned) or piece.form.scanned in piece.choice
+
+
+def _basis(piece: Piece | GroupPiece, slopes: FloatArray) -> FloatArray:
+    """What one unit of each linear parameter adds beside a baseline with these derivatives, (n, d)."""
+    if isinstance(piece, GroupPiece):
+        return piece.group.derivative(slopes)
+    assert isinstance(piece, ColumnPiece)
+    return piece.form.basis(piece.choice)
+
+
+def _joined(piece: Piece | GroupPiece, linear: FloatArray) -> FloatArray:
+    """All parameters of a piece in order."""
+    return piece.joined(linear) if isinstance(piece, ColumnPiece) else linear

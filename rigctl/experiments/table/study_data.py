@@ -1,4 +1,4 @@
-"""What a study of a table works on: its readings, the forms they could follow, the baseline's fit."""
+"""What a study of a table works on: its readings, the effects they could show, the baseline's fit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.catalogue import generic
-from rigctl.experiments.table.model.form import Form
+from rigctl.experiments.table.model.form import TableEffect
 from rigctl.experiments.table.model.start import baseline_start
 from rigctl.experiments.table.observe.readings import Readings, declares_noise, read
 from rigctl.experiments.table.proposals import with_proposals
@@ -33,7 +33,7 @@ class TableData:
         """The readings of a recording; `DataError` for a question they cannot be asked."""
         readings = read(source)
         data = cls(readings, baseline_start(readings))
-        if declares_noise(source.header, readings.response.name):
+        if readings.spec.sigma or declares_noise(source.header, readings.response.name):
             return data
         return cls(replace(readings, sigma=data.scatter()), data.start)
 
@@ -42,9 +42,9 @@ class TableData:
         return replace(self, readings=with_proposals(self.readings, proposals), imagined=True)
 
     @cached_property
-    def forms(self) -> dict[str, Form]:
+    def generic(self) -> dict[str, TableEffect]:
         """The catalogue made from the columns."""
-        return generic(self.readings)
+        return generic(self.readings, self.baseline[1])
 
     @cached_property
     def baseline(self) -> tuple[FloatArray, FloatArray]:

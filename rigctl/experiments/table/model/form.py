@@ -12,8 +12,8 @@ Choice = Mapping[str, float]
 """Values of what was scanned, and of what goes with them."""
 
 
-class Form(ABC):
-    """One effect of the generic catalogue: linear parameters on a basis that a scanned choice may shape."""
+class TableEffect(ABC):
+    """One effect of the generic catalogue: what it is called, what it looks at, what it asks of the readings."""
 
     @property
     @abstractmethod
@@ -41,6 +41,14 @@ class Form(ABC):
     def units(self, response: str) -> tuple[str, ...]:
         """Of the linear parameters, for a response in this unit."""
         return (response,) * len(self.names())
+
+
+class Form(TableEffect):
+    """An effect that adds to the response: linear parameters on a basis that a choice may shape."""
+
+    def choices(self) -> list[Choice]:
+        """What it is tried with; the first where nothing else is asked for."""
+        return [{}]
 
     @abstractmethod
     def basis(self, choice: Choice) -> FloatArray:

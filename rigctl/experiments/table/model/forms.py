@@ -1,4 +1,4 @@
-"""Effects made from columns whose shape is fixed: powers, inverses, products, drift."""
+"""Effects made from columns whose shape is fixed: powers and turning points, products, drift."""
 
 from __future__ import annotations
 
@@ -10,20 +10,18 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.units import power, ratio
 from rigctl.experiments.table.model.form import Choice, Form, too_few
-from rigctl.experiments.table.observe.readings import Category, Column
+from rigctl.experiments.table.observe.readings import Column
 
-_READINGS_OF_A_LEVEL = 2
 _POWERS = {
     1: ("linear", "is proportional to"),
     2: ("power2", "goes as the square of"),
     3: ("power3", "goes as the cube of"),
-    -1: ("inverse", "goes inversely as"),
 }
 
 
 @dataclass(frozen=True)
 class Power(Form):
-    """p C**k; for k = 1 `linear[C]`, for k = -1 `inverse[C]`."""
+    """p C**k; for k = 1 `linear[C]`."""
 
     column: Column
     exponent: int
@@ -45,11 +43,8 @@ class Power(Form):
 
     def untestable(self) -> str:
         """Why not, or ""."""
-        different = self.column.distinct.size
-        if self.exponent < 0 and (self.column.values == 0.0).any():
-            return f"{self.column.name} is zero in {int((self.column.values == 0.0).sum())} readings"
-        needed = abs(self.exponent) + 1
-        return too_few(self.column, needed) if different < needed else ""
+        needed = self.exponent + 1
+        return too_few(self.column, needed) if self.column.distinct.size < needed else ""
 
     def units(self, response: str) -> tuple[str, ...]:
         """Response over column**k."""
@@ -62,10 +57,8 @@ class Power(Form):
 
     def parts(self, choice: Choice) -> list[FloatArray]:
         """By powers of the distance from the column's mean, so that nothing cancels."""
+        del choice
         centre = self.column.mean
-        if self.exponent < 0:
-            mean = self.basis(choice).mean()
-            return [np.full((self.column.values.size, 1), mean), self.basis(choice) - mean]
         away = (self.column.values - centre)[:, None]
         k = self.exponent
         return [math.comb(k, j) * centre ** (k - j) * away**j for j in range(k + 1)]
@@ -73,7 +66,57 @@ class Power(Form):
     def trivial(self) -> list[FloatArray]:
         """Lower powers."""
         away = self.column.values - self.column.mean
-        return [away**j for j in range(max(self.exponent, 1))]
+        return [away**j for j in range(self.exponent)]
+
+
+@dataclass(frozen=True)
+class Turning(Form):
+    """p (C - origin) + q (C - origin)**2, the origin in the middle of the column: `turning[C]`.
+
+    A turning point in the middle of the range has neither a slope nor a square as in the column to be found by.
+    """
+
+    column: Column
+
+    @property
+    def id(self) -> str:
+        """As in commands."""
+        return f"turning[{self.column.name}]"
+
+    @property
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+        return f"Something is smallest or largest at a value of {self.column.name}."
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Its only one."""
+        return (self.column,)
+
+    def untestable(self) -> str:
+        """Why not, or ""."""
+        return too_few(self.column, 3) if self.column.distinct.size < 3 else ""
+
+    def names(self) -> tuple[str, ...]:
+        """Slope and curvature at the origin."""
+        return (".slope", ".curvature")
+
+    def units(self, response: str) -> tuple[str, ...]:
+        """Response over the column, and over its square."""
+        return tuple(ratio(response, power(self.column.unit, k)) for k in (1, 2))
+
+    def choices(self) -> list[Choice]:
+        """The middle of the range."""
+        return [{"origin": 0.5 * float(self.column.distinct[0] + self.column.distinct[-1])}]
+
+    def basis(self, choice: Choice) -> FloatArray:
+        """Shape (n, 2)."""
+        away = self.column.values - choice["origin"]
+        return np.stack([away, away**2], axis=1)
+
+    def trivial(self) -> list[FloatArray]:
+        """A constant."""
+        return [np.ones(self.column.values.size)]
 
 
 @dataclass(frozen=True)
@@ -127,7 +170,7 @@ class Drift(Form):
 
 @dataclass(frozen=True)
 class Interaction(Form):
-    """p A B: `interaction[A,B]`."""
+    """p (A - a) (B - b), a and b zero or the columns' means: `interaction[A,B]`."""
 
     one: Column
     other: Column
@@ -152,64 +195,22 @@ class Interaction(Form):
         both = f"{self.one.unit} {self.other.unit}" if self.one.unit and self.other.unit else ""
         return (ratio(response, f"({both})" if both else ""),)
 
+    def choices(self) -> list[Choice]:
+        """As in the columns; from their means, where neither column alone may show anything."""
+        return [{}, {"origin_1": self.one.mean, "origin_2": self.other.mean}]
+
     def basis(self, choice: Choice) -> FloatArray:
-        """A B as in the columns."""
-        del choice
-        return (self.one.values * self.other.values)[:, None]
+        """Shape (n, 1)."""
+        a, b = choice.get("origin_1", 0.0), choice.get("origin_2", 0.0)
+        return ((self.one.values - a) * (self.other.values - b))[:, None]
 
     def parts(self, choice: Choice) -> list[FloatArray]:
         """By distances from the columns' means, so that nothing cancels."""
-        del choice
-        a, b = self.one.mean, self.other.mean
-        x, y = self.one.values - a, self.other.values - b
+        x, y = self.one.values - self.one.mean, self.other.values - self.other.mean
+        a, b = self.one.mean - choice.get("origin_1", 0.0), self.other.mean - choice.get("origin_2", 0.0)
         return [each[:, None] for each in (np.full(x.size, a * b), b * x, a * y, x * y)]
 
     def trivial(self) -> list[FloatArray]:
         """A constant, and each column alone."""
         x, y = self.one.values - self.one.mean, self.other.values - self.other.mean
         return [np.ones(x.size), x, y]
-
-
-@dataclass(frozen=True)
-class Level(Form):
-    """One number for each level of a column of words but the first, which it is counted from: `level[C]`."""
-
-    category: Category
-
-    @property
-    def id(self) -> str:
-        """As in commands."""
-        return f"level[{self.category.name}]"
-
-    @property
-    def sentence(self) -> str:
-        """The physics in a sentence."""
-        return f"Something is different for each {self.category.name}."
-
-    def untestable(self) -> str:
-        """Why not, or ""."""
-        name, levels, counts = self.category.name, self.category.levels, self.category.counts
-        if missing := np.count_nonzero(self.category.values == ""):
-            return f"{name} has no value in {missing} readings"
-        if len(levels) == 1:
-            return f"{name} is {levels[0]} in all readings"
-        if not self.category.names_groups:
-            return f"{name} takes {len(levels)} different values in {sum(counts)} readings: too many for levels"
-        rare = [level for level, count in zip(levels, counts, strict=True) if count < _READINGS_OF_A_LEVEL]
-        if rare:
-            return f"{name} is {rare[0]} in fewer than {_READINGS_OF_A_LEVEL} readings"
-        return ""
-
-    def names(self) -> tuple[str, ...]:
-        """What a level has more than the first, such as .B-A."""
-        first, *others = self.category.levels
-        return tuple(f".{level}-{first}" for level in others)
-
-    def basis(self, choice: Choice) -> FloatArray:
-        """1 where a reading is of the level, shape (n, levels - 1)."""
-        del choice
-        return np.asarray(self.category.codes[:, None] == np.arange(1, len(self.category.levels)), dtype=np.float64)
-
-    def trivial(self) -> list[FloatArray]:
-        """A constant."""
-        return [np.ones(self.category.values.size)]

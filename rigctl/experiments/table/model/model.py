@@ -10,7 +10,8 @@ import numpy as np
 from rigctl.analysis.least_squares import FitResult, Parameter
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.model.descent import descend
-from rigctl.experiments.table.model.pieces import Piece
+from rigctl.experiments.table.model.pieces import GroupPiece, Piece
+from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Observations, Term
 
@@ -21,7 +22,7 @@ class TableModel:
 
     observations: Observations
     readings: Readings
-    pieces: tuple[Piece, ...]
+    pieces: tuple[Piece | GroupPiece, ...]
     starts: FloatArray
 
     @property
@@ -60,25 +61,43 @@ class TableModel:
 
     def predict(self, values: FloatArray) -> FloatArray:
         """The response, shape (n,); NaN or infinite where undefined."""
-        baseline_values, parts = self._split(values)
-        signal, _ = self.readings.baseline(baseline_values)
-        added = (piece.added(part, signal) for piece, part in zip(self.pieces, parts, strict=True))
-        return np.asarray(sum(added, signal))
+        signal, _ = self._baseline(values)
+        return np.asarray(sum((piece.added(part, signal) for piece, part in self._adding(values)), signal))
 
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
-        baseline_values, parts = self._split(values)
-        signal, slopes = self.readings.baseline(baseline_values)
-        baseline_slopes = slopes + sum(
-            (piece.passed_on(part, signal, slopes) for piece, part in zip(self.pieces, parts, strict=True)),
-            np.zeros_like(slopes),
+        signal, slopes = self._baseline(values)
+        changes = np.concatenate([slopes, *(group.derivative(slopes) for group, _ in self._groups(values))], axis=1)
+        adding = self._adding(values)
+        changes = changes + sum(
+            (piece.passed_on(part, signal, changes) for piece, part in adding), np.zeros_like(changes)
         )
-        piece_slopes = [piece.slopes(part, signal) for piece, part in zip(self.pieces, parts, strict=True)]
-        return np.concatenate([baseline_slopes, *piece_slopes], axis=1)
+        baseline, *groups = np.split(changes, np.cumsum([slopes.shape[1], *self._group_sizes])[:-1], axis=1)
+        of_groups, of_others = iter(groups), iter([piece.slopes(part, signal) for piece, part in adding])
+        pieces = [next(of_groups if isinstance(piece, GroupPiece) else of_others) for piece in self.pieces]
+        return np.concatenate([baseline, *pieces], axis=1)
 
     def signal(self, values: FloatArray) -> FloatArray:
-        """What the baseline alone predicts, shape (n,)."""
-        return self.readings.baseline(self._split(values)[0])[0]
+        """What the baseline predicts, its groups considered, shape (n,)."""
+        return self._baseline(values)[0]
+
+    def _baseline(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        shifts: dict[int, FloatArray] = {}
+        for group, part in self._groups(values):
+            shifts[group.place] = shifts.get(group.place, 0.0) + group.shift(part)
+        return self.readings.baseline(self._split(values)[0], shifts)
+
+    def _groups(self, values: FloatArray) -> list[tuple[Group, FloatArray]]:
+        parts = zip(self.pieces, self._split(values)[1], strict=True)
+        return [(piece.group, part) for piece, part in parts if isinstance(piece, GroupPiece)]
+
+    @property
+    def _group_sizes(self) -> list[int]:
+        return [len(piece.units) for piece in self.pieces if isinstance(piece, GroupPiece)]
+
+    def _adding(self, values: FloatArray) -> list[tuple[Piece, FloatArray]]:
+        parts = zip(self.pieces, self._split(values)[1], strict=True)
+        return [(piece, part) for piece, part in parts if not isinstance(piece, GroupPiece)]
 
     def _split(self, values: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
         sizes = [len(self.readings.expression.parameters), *(len(piece.units) for piece in self.pieces)]

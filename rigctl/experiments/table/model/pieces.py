@@ -14,6 +14,7 @@ from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.table.model.form import Choice, Form
 from rigctl.experiments.table.model.scanned import Periodic, Scanned, Step
+from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Term
 
@@ -22,7 +23,10 @@ _PERIOD_FACTOR_MAX = 10.0
 
 
 class Piece(Protocol):
-    """One term of a model, as a function of its own parameters and of what the baseline predicts, `signal` (n,)."""
+    """One term of a model, as a function of its own parameters and of what the baseline predicts, `signal` (n,).
+
+    A `GroupPiece` alters the baseline instead; see there.
+    """
 
     @property
     def term(self) -> Term:
@@ -116,6 +120,24 @@ class ColumnPiece:
             return self.choice, values
         at = 0 if self.form.first else -1
         return {**self.choice, self.form.scanned: float(values[at])}, np.delete(values, at)
+
+
+@dataclass(frozen=True)
+class GroupPiece:
+    """A parameter of the baseline that is different for each word: it acts before all that adds to the signal."""
+
+    term: Term
+    group: Group
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of its parameters."""
+        return self.group.units("")
+
+    def parameters(self, values: FloatArray) -> list[Parameter]:
+        """With these starts."""
+        names = [f"{self.term.effect}{name}" for name in self.group.names()]
+        return [Parameter(name, float(value)) for name, value in zip(names, values, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -20,6 +20,7 @@ POINTS_MAX = 1500
 """The longest grid of a scan."""
 
 _DRAWS, _TRIED = 400, 8
+_MODEST = 8
 _RANK = 1e-13
 _HUGE = 1e100
 
@@ -163,16 +164,9 @@ def _fitted(readings: Readings, start: FloatArray) -> FitResult | None:
 
 def _searched(readings: Readings, missing: list[str]) -> FloatArray:
     """Start values drawn over many orders of magnitude, the best of them fitted."""
-    rng = np.random.default_rng(0)
-    known = {name: readings.spec.start[name] for name in readings.spec.start if name not in missing}
     nonlinear = [name for name in readings.expression.parameters if name not in readings.expression.linear_in()]
-    sizes = [float(np.abs(readings.numbers[name]).max()) or 1.0 for name in readings.expression.columns]
-    scales = np.array([1.0, *sizes, *(1.0 / size for size in sizes), *(1.0 / size**2 for size in sizes)])
     drawn = []
-    for _ in range(_DRAWS):
-        size = rng.choice(scales, len(missing)) * 10.0 ** rng.uniform(-1.5, 1.5, len(missing))
-        sign = rng.choice([-1.0, 1.0], len(missing))
-        values = {**known, **dict(zip(missing, size * sign, strict=True))}
+    for values in _draws(readings, missing, np.random.default_rng(0)):
         start = _linear_part(readings, {name: values[name] for name in nonlinear})
         drawn.append((_chi2(readings, start), start))
     drawn = sorted((each for each in drawn if np.isfinite(each[0])), key=lambda each: each[0])
@@ -185,17 +179,43 @@ def _searched(readings: Readings, missing: list[str]) -> FloatArray:
     return min(fits, key=lambda fit: fit.chi2).values
 
 
+def _draws(readings: Readings, missing: Sequence[str], rng: np.random.Generator) -> Iterator[dict[str, float]]:
+    """Values drawn for the `missing` parameters by the sizes of the columns, the others as they were given."""
+    known = {name: readings.spec.start[name] for name in readings.spec.start if name not in missing}
+    sizes = [float(np.abs(readings.numbers[name]).max()) or 1.0 for name in readings.expression.columns]
+    scales = np.array([1.0, *sizes, *(1.0 / size for size in sizes), *(1.0 / size**2 for size in sizes)])
+    for _ in range(_DRAWS):
+        size = rng.choice(scales, len(missing)) * 10.0 ** rng.uniform(-1.5, 1.5, len(missing))
+        sign = rng.choice([-1.0, 1.0], len(missing))
+        yield {**known, **dict(zip(missing, size * sign, strict=True))}
+
+
 def _refuse_without_influence(readings: Readings) -> None:
-    """`DataError` for a parameter on which the response does not depend, whatever the others are."""
-    expression = readings.expression
-    rng = np.random.default_rng(1)
-    moved = np.zeros(len(expression.parameters), dtype=bool)
-    for _ in range(8):
-        slopes = readings.baseline(rng.uniform(0.1, 1.0, moved.size))[1]
-        moved |= (~np.isfinite(slopes) | (slopes != 0.0)).any(axis=0)
-    for name, moves in zip(expression.parameters, moved, strict=True):
-        if not moves:
-            raise DataError(
-                f"recording.toml, [table] baseline: parameter {name} drops out, the response does not depend on it;"
-                " leave it out, or mend the expression"
-            )
+    """`DataError` for a parameter on which the response does not depend, whatever the others are.
+
+    It is looked for at modest values, at the given start, and at values of the columns' sizes: a narrow peak is all
+    but zero wherever it is not.
+    """
+    names = readings.expression.parameters
+    idle = set(range(len(names)))
+    for values in _places(readings):
+        slopes = readings.baseline(values)[1]
+        idle -= set(np.flatnonzero((~np.isfinite(slopes) | (slopes != 0.0)).any(axis=0)).tolist())
+        if not idle:
+            return
+    raise DataError(
+        f"recording.toml, [table] baseline: parameter {names[min(idle)]} drops out, the response does not depend on"
+        " it; leave it out, or mend the expression"
+    )
+
+
+def _places(readings: Readings) -> Iterator[FloatArray]:
+    """Values of all parameters at which their influence is looked for."""
+    names, rng = readings.expression.parameters, np.random.default_rng(1)
+    given = readings.spec.start
+    for _ in range(_MODEST):
+        modest = rng.uniform(0.1, 1.0, len(names))
+        yield modest
+        yield np.array([given.get(name, value) for name, value in zip(names, modest, strict=True)])
+    for values in _draws(readings, [name for name in names if name not in given], rng):
+        yield _array(readings, values)

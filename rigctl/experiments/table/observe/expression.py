@@ -12,7 +12,9 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.experiments.table.observe.syntax import Name, Node, Number, Operation, flaw, leaves, names, parse
 
 _Columns = Mapping[str, FloatArray]
-_Values = Mapping[str, float]
+_Values = Mapping[str, "float | FloatArray"]
+"""Of parameters: one for all rows, or one for each."""
+
 _Dual = tuple[FloatArray, dict[str, FloatArray]]
 """Values over the rows, and their derivatives by each parameter they depend on."""
 

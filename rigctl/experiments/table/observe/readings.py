@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +12,7 @@ from rigctl.campaign.recording import READINGS, Header, RunSource, TableSpec
 from rigctl.core.arrays import FloatArray, IntArray, TextArray
 from rigctl.core.errors import DataError
 from rigctl.core.numbers import MAGNITUDE_MAX, measurable
+from rigctl.core.time_stamps import seconds_of_stamps
 from rigctl.core.units import unit_of_column
 from rigctl.experiments.table.observe.expression import Expression
 from rigctl.experiments.table.observe.syntax import CONSTANTS, flaw
@@ -119,7 +121,7 @@ class Readings:
     expression: Expression
     labels: tuple[str, ...]
     sigma: FloatArray
-    """The same for all: the declared noise, else a guess. The workbench estimates its size from the scatter."""
+    """As stated by a column; else the same for all, the declared noise or a guess, whose size is in the scatter."""
     block_of: IntArray
 
     @property
@@ -132,9 +134,17 @@ class Readings:
         """Every column but the response, by name: numbers and words."""
         return {**self.numbers, **{name: category.values for name, category in self.categories.items()}}
 
-    def baseline(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The expression with its parameters at `values` (m,): what it predicts, (n,), and derivatives, (n, m)."""
-        given = dict(zip(self.expression.parameters, map(float, values), strict=True))
+    def baseline(
+        self, values: FloatArray, shifts: Mapping[int, FloatArray] | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """The expression with its parameters at `values` (m,): what it predicts, (n,), and derivatives, (n, m).
+
+        `shifts` (n,) are added to some of the parameters, by their places.
+        """
+        given: dict[str, float | FloatArray] = dict(zip(self.expression.parameters, map(float, values), strict=True))
+        for place, shift in (shifts or {}).items():
+            name = self.expression.parameters[place]
+            given[name] = given[name] + shift
         return self.expression.evaluate(self.numbers, given)
 
     @property
@@ -148,19 +158,22 @@ def read(source: RunSource) -> Readings:
     header, spec = source.header, source.header.table
     if spec is None:
         raise DataError(f"the recording is of {header.experiment}, not a table: it has no [table] to fit")
-    samples = source.samples(READINGS)
-    texts = next(record for record in source.runs() if record.run_id == READINGS).conditions
+    numbers, texts, stamps = _columns(source)
+    samples = {**numbers, **stamps}
     if spec.response not in samples:
         raise DataError(f"readings.csv has no column {spec.response} of numbers, which [table] response names")
     _require_measurable(samples)
+    _require_uncertainties(samples, spec)
     expression = _expression(spec, set(samples), set(texts))
     rows = np.flatnonzero(_usable(samples, expression, spec))
     if rows.size == 0:
         raise DataError("readings.csv: no row has a response and all that the baseline needs; fill in the gaps")
     columns = {
-        name: Column(name, values[rows].astype(np.float64), _unit(header, name)) for name, values in samples.items()
+        name: Column(name, values[rows].astype(np.float64), "s" if name in stamps else _unit(header, name))
+        for name, values in samples.items()
     }
     response = columns.pop(spec.response)
+    stated = columns.pop(spec.sigma).values if spec.sigma else None
     if rows.size > 1 and not response.standard_deviation > np.finfo(float).tiny:
         raise DataError(
             f"readings.csv: column {spec.response} is the same in every row; name a response that changes, or write"
@@ -174,9 +187,17 @@ def read(source: RunSource) -> Readings:
         categories,
         expression,
         tuple(f"row {i + 1}" for i in rows),
-        np.full(rows.size, _weight(header, response)),
+        np.full(rows.size, _weight(header, response)) if stated is None else stated,
         _blocks(spec, columns, categories, rows.size),
     )
+
+
+def _columns(source: RunSource) -> tuple[dict[str, FloatArray], dict[str, list[str]], dict[str, FloatArray]]:
+    """Columns of numbers, of words, and of time stamps in seconds."""
+    conditions = next(record for record in source.runs() if record.run_id == READINGS).conditions
+    seconds = {name: seconds_of_stamps(texts) for name, texts in conditions.items()}
+    words = {name: texts for name, texts in conditions.items() if seconds[name] is None}
+    return source.samples(READINGS), words, {name: each for name, each in seconds.items() if each is not None}
 
 
 def _require_measurable(samples: dict[str, FloatArray]) -> None:
@@ -188,6 +209,19 @@ def _require_measurable(samples: dict[str, FloatArray]) -> None:
                 f"readings.csv, row {row + 1}: column {name} holds {values[row]:g}, which nobody can have measured;"
                 " mend it, or leave a missing value empty"
             )
+
+
+def _require_uncertainties(samples: dict[str, FloatArray], spec: TableSpec) -> None:
+    """`DataError` for a stated uncertainty that is none."""
+    if spec.sigma is None:
+        return
+    if spec.sigma not in samples:
+        raise DataError(f"readings.csv has no column {spec.sigma} of numbers, which [table] sigma names")
+    if (wrong := np.flatnonzero(samples[spec.sigma] <= 0.0)).size:
+        raise DataError(
+            f"readings.csv, row {wrong[0] + 1}: column {spec.sigma} holds {samples[spec.sigma][wrong[0]]:g}, which is"
+            " no standard uncertainty; write a positive one, or leave it empty to leave the reading out"
+        )
 
 
 def _expression(spec: TableSpec, numeric: set[str], texts: set[str]) -> Expression:
@@ -212,7 +246,7 @@ def _expression(spec: TableSpec, numeric: set[str], texts: set[str]) -> Expressi
 
 
 def _usable(samples: dict[str, FloatArray], expression: Expression, spec: TableSpec) -> IntArray:
-    needed = [spec.response, *expression.columns, *([spec.order] if spec.order else [])]
+    needed = [spec.response, *expression.columns, *(name for name in (spec.order, spec.sigma) if name)]
     return np.asarray(np.isfinite([samples[name] for name in needed]).all(axis=0))
 
 

@@ -1,0 +1,173 @@
+"""Effects that are different for each word of a column: levels, slopes, parameters of the baseline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigctl.core.arrays import FloatArray
+from rigctl.core.units import ratio
+from rigctl.experiments.table.model.form import Choice, Form, TableEffect
+from rigctl.experiments.table.observe.readings import Category, Column
+
+_READINGS_OF_A_LEVEL, _READINGS_OF_A_SLOPE = 2, 4
+
+
+@dataclass(frozen=True)
+class Level(Form):
+    """One number for each level of a column of words but the first, which it is counted from: `level[C]`."""
+
+    category: Category
+
+    @property
+    def id(self) -> str:
+        """As in commands."""
+        return f"level[{self.category.name}]"
+
+    @property
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+        return f"Something is different for each {self.category.name}."
+
+    def untestable(self) -> str:
+        """Why not, or ""."""
+        return _untestable(self.category, _READINGS_OF_A_LEVEL)
+
+    def names(self) -> tuple[str, ...]:
+        """What a level has more than the first, such as .B-A."""
+        return beyond_first(self.category)
+
+    def basis(self, choice: Choice) -> FloatArray:
+        """1 where a reading is of the level, shape (n, levels - 1)."""
+        del choice
+        return indicators(self.category)
+
+    def trivial(self) -> list[FloatArray]:
+        """A constant."""
+        return [np.ones(self.category.values.size)]
+
+
+@dataclass(frozen=True)
+class Slope(Form):
+    """A slope of C for each word of W but the first, which it is counted from: `slope[C by W]`.
+
+    It turns about C = 0 or about the mean of C, whichever shows more where the model has no levels of W.
+    """
+
+    column: Column
+    category: Category
+
+    @property
+    def id(self) -> str:
+        """As in commands."""
+        return f"slope[{self.column.name} by {self.category.name}]"
+
+    @property
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+        return f"What {self.column.name} does is different for each {self.category.name}."
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The one of numbers."""
+        return (self.column,)
+
+    def untestable(self) -> str:
+        """Why not, or ""."""
+        if reason := _untestable(self.category, _READINGS_OF_A_SLOPE):
+            return reason
+        for level in self.category.levels:
+            if np.ptp(self.column.values[self.category.values == level]) == 0.0:
+                return f"{self.column.name} is the same wherever {self.category.name} is {level}"
+        return ""
+
+    def names(self) -> tuple[str, ...]:
+        """What a word has more than the first, such as .B-A."""
+        return beyond_first(self.category)
+
+    def units(self, response: str) -> tuple[str, ...]:
+        """Response over the column's."""
+        return (ratio(response, self.column.unit),) * len(self.names())
+
+    def choices(self) -> list[Choice]:
+        """As in the column; about its mean, where the words share a crossing there."""
+        return [{}, {"origin": self.column.mean}]
+
+    def basis(self, choice: Choice) -> FloatArray:
+        """C where a reading is of the word, shape (n, words - 1)."""
+        return (self.column.values - choice.get("origin", 0.0))[:, None] * indicators(self.category)
+
+    def parts(self, choice: Choice) -> list[FloatArray]:
+        """By the distance from the column's mean, so that nothing cancels."""
+        inside, mean = indicators(self.category), self.column.mean
+        return [(mean - choice.get("origin", 0.0)) * inside, (self.column.values - mean)[:, None] * inside]
+
+    def trivial(self) -> list[FloatArray]:
+        """Levels of the words."""
+        return list(indicators(self.category).T)
+
+
+@dataclass(frozen=True)
+class Group(TableEffect):
+    """A parameter P of the baseline for each word of W but the first, which it is counted from: `group[P by W]`."""
+
+    parameter: str
+    place: int
+    """Of the parameter in the baseline."""
+    category: Category
+
+    @property
+    def id(self) -> str:
+        """As in commands."""
+        return f"group[{self.parameter} by {self.category.name}]"
+
+    @property
+    def sentence(self) -> str:
+        """The physics in a sentence."""
+        return f"The baseline's {self.parameter} is different for each {self.category.name}."
+
+    def untestable(self) -> str:
+        """Why not, or ""."""
+        return _untestable(self.category, _READINGS_OF_A_SLOPE)
+
+    def names(self) -> tuple[str, ...]:
+        """What a word has more than the first, such as .B-A."""
+        return beyond_first(self.category)
+
+    def units(self, response: str) -> tuple[str, ...]:
+        """The baseline's are not known: ""."""
+        del response
+        return ("",) * len(self.names())
+
+    def derivative(self, slopes: FloatArray) -> FloatArray:
+        """Where the baseline has the derivatives `slopes` (n, m), shape (n, words - 1)."""
+        return slopes[:, [self.place]] * indicators(self.category)
+
+    def shift(self, values: FloatArray) -> FloatArray:
+        """What is added to the parameter in each reading, shape (n,)."""
+        return np.asarray(indicators(self.category) @ values)
+
+
+def indicators(category: Category) -> FloatArray:
+    """1 where a reading is of a word, shape (n, words - 1); the first word has none."""
+    return np.asarray(category.codes[:, None] == np.arange(1, len(category.levels)), dtype=np.float64)
+
+
+def beyond_first(category: Category) -> tuple[str, ...]:
+    """What a word has more than the first, such as .B-A."""
+    first, *others = category.levels
+    return tuple(f".{level}-{first}" for level in others)
+
+
+def _untestable(category: Category, least: int) -> str:
+    """Why readings cannot be sorted by words of which each must stand in `least` of them; "" when they can."""
+    name, levels, counts = category.name, category.levels, category.counts
+    if missing := np.count_nonzero(category.values == ""):
+        return f"{name} has no value in {missing} readings"
+    if len(levels) == 1:
+        return f"{name} is {levels[0]} in all readings"
+    if not category.names_groups:
+        return f"{name} takes {len(levels)} different values in {sum(counts)} readings: too many for levels"
+    rare = [level for level, count in zip(levels, counts, strict=True) if count < least]
+    return f"{name} is {rare[0]} in fewer than {least} readings" if rare else ""

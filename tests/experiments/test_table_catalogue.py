@@ -1,0 +1,163 @@
+"""What the catalogue of a table promises: forms, parameters by words, time stamps, stated uncertainties."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
+from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import DataError
+from rigctl.core.time_stamps import seconds_of_stamps
+from rigctl.experiments.table.model.model import fitted
+from rigctl.experiments.table.study import TableStudy
+from rigctl.workbench.findings import Diagnosis
+from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.diagnose import diagnose
+
+ROWS = 60
+RNG = np.random.default_rng(11)
+X = RNG.uniform(0.5, 10.0, ROWS)
+Z = RNG.uniform(-1.0, 1.0, ROWS)
+NOISE = RNG.standard_normal(ROWS)
+HEAD = np.where(RNG.random(ROWS) < 0.5, "A", "B")
+
+
+def study(columns: Mapping[str, Any], baseline: str, **spec: Any) -> TableStudy:
+    numbers = {name: np.asarray(v, dtype=float) for name, v in columns.items() if not isinstance(v[0], str)}
+    texts = {name: list(map(str, v)) for name, v in columns.items() if isinstance(v[0], str)}
+    header = Header("table", extra={"table": {"response": "y", "baseline": baseline, "start": {}, **spec}})
+    record = RunRecord(READINGS, READINGS, "import", texts)
+    return TableStudy(Recording(header, (record,), {READINGS: numbers}, ImportReport(1)))
+
+
+def named(found: Diagnosis) -> list[str]:
+    return [term.effect for term in found.suggested]
+
+
+MADE: dict[str, tuple[str, FloatArray, dict[str, float]]] = {
+    "sqrt[x]": ("b0 + b1 * x", np.sqrt(X), {"sqrt[x]": 1.0}),
+    "log[x]": ("b0 + b1 * x", np.log(X), {"log[x]": 1.0}),
+    "turning[x]": ("b0", 0.2 * (X - 5.2) ** 2, {"turning[x].curvature": 0.2}),
+    "power2[x]": ("b0 + b1 * x", 0.2 * (X - 5.2) ** 2, {"power2[x]": 0.2}),
+    "slope[x by head]": ("b0 + b1 * x", 0.1 * X * (HEAD == "B"), {"slope[x by head].B-A": 0.1}),
+    "interaction[x,z]": ("b0", 0.3 * (X - X.mean()) * (Z - Z.mean()), {"interaction[x,z]": 0.3}),
+    "group[k by head]": ("a * exp(-k * x)", 0.0 * X, {"group[k by head].B-A": 0.1}),
+}
+
+
+@pytest.mark.parametrize("effect", MADE)
+def test_an_effect_of_a_table_is_named_and_sized(effect: str) -> None:
+    baseline, added, expected = MADE[effect]
+    rate = 0.2 + 0.1 * (HEAD == "B")
+    base = 3.0 * np.exp(-rate * X) if "exp" in baseline else 1.0 + (0.5 * X if "b1" in baseline else 0.0)
+    columns = {"y": base + added + 0.02 * NOISE, "x": X, "z": Z, "head": HEAD.tolist()}
+    found = diagnose(study(columns, baseline), ())
+    assert named(found) == [effect]
+    sizes = found.ranking[0].parameters
+    for name, size in expected.items():
+        assert abs(sizes[name].value - size) < 4.0 * sizes[name].sigma
+
+
+@pytest.mark.parametrize("effect", [*MADE, "group[b by head]"])
+def test_derivatives_are_those_of_values(effect: str) -> None:
+    baseline = "a * exp(-k * x)" if "group[k" in effect else "a + b * z**2"
+    table = study({"y": 3.0 * np.exp(-0.2 * X) + Z**2, "x": X, "z": Z, "head": HEAD.tolist()}, baseline)
+    model = table.model([Term(effect), Term("periodic[z]")])
+    values = np.array([each.start for each in model.parameters]) + 0.01
+    slopes = model.jacobian(values)
+    for place in range(len(values)):
+        step = np.zeros(len(values))
+        step[place] = 1e-6
+        change = (model.predict(values + step) - model.predict(values - step)) / 2e-6
+        assert slopes[:, place] == pytest.approx(change, rel=1e-5, abs=1e-5 * np.abs(change).max())
+
+
+def test_what_has_another_name_beside_a_slope_says_so() -> None:
+    table = study({"y": X + NOISE, "x": X, "z": Z}, "b0 + b1 * x")
+    _, refused = table.candidates(table.model([]), np.array([0.0, 1.0]))
+    reasons = {each.effect: each.reason for each in refused}
+    assert reasons["turning[x]"] == "the model has a slope in x already, beside which it is power2[x]"
+    assert reasons["log[z]"].startswith("z is zero or negative in ")
+    assert reasons["sqrt[z]"].startswith("z is negative in ")
+    assert "turning[z]" not in reasons
+
+
+def test_puromycin_s_velocity_differs_by_state() -> None:
+    """Treloar 1974, in R's `Puromycin`: published with a further Vmax for the untreated (Bates and Watts 1988)."""
+    conc = np.repeat([0.02, 0.06, 0.11, 0.22, 0.56, 1.10], 4)[:-1]
+    treated = [76, 47, 97, 107, 123, 139, 159, 152, 191, 201, 207, 200]
+    untreated = [67, 51, 84, 86, 98, 115, 131, 124, 144, 158, 160]
+    state = ["treated", "treated", "untreated", "untreated"] * 6
+    rates = iter(treated), iter(untreated)
+    rate = [next(rates[word == "untreated"]) for word in state[:-1]]
+    table = study({"y": rate, "conc": conc, "state": state[:-1]}, "vm * conc / (km + conc)")
+    found = diagnose(table, ())
+    assert named(found) == ["group[vm by state]"]
+    size = found.ranking[0].parameters["group[vm by state].untreated-treated"]
+    assert abs(size.value - -42.03) < 0.1
+    fit = fitted(table.model(found.suggested))
+    assert fit is not None
+    assert fit.value("vm") == pytest.approx(208.63, abs=0.01)
+    assert fit.value("km") == pytest.approx(0.0579, abs=1e-4)
+
+
+ECKERLE4_NM = (
+    *(400, 405, 410, 415, 420, 425, 430, 435, 436.5, 438, 439.5, 441, 442.5, 444, 445.5, 447, 448.5, 450, 451.5, 453),
+    *(454.5, 456, 457.5, 459, 460.5, 462, 463.5, 465, 470, 475, 480, 485, 490, 495, 500),
+)
+ECKERLE4 = (
+    *(0.0001575, 0.0001699, 0.0002350, 0.0003102, 0.0004917, 0.0008710, 0.0017418, 0.0046400, 0.0065895, 0.0097302),
+    *(0.0149002, 0.0237310, 0.0401683, 0.0712559, 0.1264458, 0.2073413, 0.2902366, 0.3445623, 0.3698049, 0.3668534),
+    *(0.3106727, 0.2078154, 0.1164354, 0.0616764, 0.0337200, 0.0194023, 0.0117831, 0.0074357, 0.0022732, 0.0008800),
+    *(0.0004579, 0.0002345, 0.0001586, 0.0001143, 0.0000710),
+)
+
+
+@pytest.mark.parametrize("start", [(1.0, 10.0, 500.0), (1.5, 5.0, 450.0)])
+def test_a_narrow_peak_is_fitted_from_its_start(start: tuple[float, float, float]) -> None:
+    """NIST's Eckerle4, both certified starts: at modest values of its parameters the peak is zero everywhere."""
+    table = study(
+        {"y": ECKERLE4, "x": ECKERLE4_NM},
+        "(b1 / b2) * exp(-0.5 * ((x - b3) / b2)**2)",
+        start=dict(zip(("b1", "b2", "b3"), start, strict=True)),
+    )
+    certified = [1.5543827178, 4.0888321754, 451.54121844]
+    assert [each.start for each in table.model([]).parameters] == pytest.approx(certified, rel=1e-7)
+    assert named(diagnose(table, ())) == []
+
+
+def test_time_stamps_are_seconds_from_the_earliest() -> None:
+    texts = ["2024-05-01T12:00:10Z", "2024-05-01T14:00:00+02:00", "", "2024-05-01 12:01:00"]
+    seconds = seconds_of_stamps(texts)
+    assert seconds is not None
+    assert seconds.tolist()[:2] == [10.0, 0.0]
+    assert np.isnan(seconds[2])
+    assert seconds[3] == 60.0
+    assert seconds_of_stamps(["2024-05-01", "Monday"]) is None
+    assert seconds_of_stamps(["", ""]) is None
+
+
+def test_a_column_of_time_stamps_keeps_its_name_and_may_be_the_order() -> None:
+    days = [f"2024-05-{1 + day // 4:02d}T{6 * (day % 4):02d}:00:00" for day in range(ROWS)]
+    seconds = 21600.0 * np.arange(ROWS)
+    table = study({"y": 1e-6 * seconds + 0.01 * NOISE, "when": days}, "b0", order="when")
+    assert table.observations.covariates["when"] == pytest.approx(seconds)
+    found, _ = table.candidates(table.model([]), np.zeros(1))
+    assert {each.term.effect: each.units for each in found}["linear[when]"] == ("",)
+    assert table.data.readings.columns["when"].unit == "s"
+
+
+def test_stated_uncertainties_weigh() -> None:
+    stated = np.where(np.arange(ROWS) % 2, 0.01, 1.0)
+    table = study({"y": 1.0 + stated * NOISE, "x": X, "e": stated}, "b0", sigma="e")
+    assert table.observations.sigma.tolist() == stated.tolist()
+    assert set(table.observations.covariates) == {"x"}
+    assert table.model([]).parameters[0].start == pytest.approx(1.0, abs=4 * 0.01 / np.sqrt(ROWS / 2))
+    with pytest.raises(DataError, match="row 3: column e holds 0, which is no standard uncertainty"):
+        study({"y": NOISE, "x": X, "e": np.where(np.arange(ROWS) == 2, 0.0, 1.0)}, "b0", sigma="e")
+    with pytest.raises(DataError, match="no column f of numbers, which \\[table\\] sigma names"):
+        study({"y": NOISE, "x": X}, "b0", sigma="f")
