@@ -20,11 +20,13 @@ from scipy import stats
 from twin import CAMPAIGNS, twin
 
 from procedures.sensing_axis import sensing_axes
-from procedures.sensing_axis.campaign import plan_of
+from procedures.sensing_axis.campaign import plan as plan_of
 from rigctl.analysis.plane import ARCSEC
 from rigctl.experiments.sensing_axis.result.result import AxisResult
 from rigctl.experiments.sensing_axis.result.result import sensing_axes as axes_of
+from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.files.campaign_file import read_campaign
+from rigctl.workbench.study import Term
 
 
 def campaign(seed: int) -> list[dict[str, float | str | int]]:
@@ -32,7 +34,8 @@ def campaign(seed: int) -> list[dict[str, float | str | int]]:
     plan = plan_of(read_campaign(CAMPAIGNS / "isa-flight-model.toml"))
     with twin(seed) as t:
         sensing_axes.run(t.session, t.bench, plan)
-        result = axes_of(t.store, t.bench.package, t.bench.heads, t.bench.g_m_s2, plan.effects)
+        terms = [Term(effect.id) for effect in plan.effects]
+        result = axes_of(SensingAxisStudy(t.store).model(terms).inner)
         sensors = t.rig.simulation.nature.sensors
         return [row(seed, axis, np.array(sensors[name].true_axis)) for name, axis in result.axes.items()]
 

@@ -9,17 +9,19 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from machine import machine
 from twin import Twin, twin
 
-from procedures.sensing_axis.angle_scan import AngleScan, line_fit_rad, minimum_of_modulus_rad
 from procedures.sensing_axis.bench import SetPoint
 from procedures.sensing_axis.mounting import Fixture, Mounting
 from procedures.sensing_axis.null_search import NullSearch, NullSearchSettings
 from rigctl.analysis.plane import ARCSEC
+from rigctl.campaign.recording import RunRecord
 from rigctl.effects.catalogue import chosen
+from rigctl.experiments.sensing_axis.observe.observables import RunObservables
 from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
 
 TARGET_ARCSEC = 0.5
@@ -96,13 +98,12 @@ def scan(seed: int, axis: str, configuration: str, dwell_s: float) -> dict[str, 
         centre = round(math.degrees(truth) + offset, 4)
         angles = [round(centre + x, 4) for x in np.linspace(-SCAN_HALF_WIDTH_DEG, SCAN_HALF_WIDTH_DEG, SCAN_ANGLES)]
 
-        def point(m: Mounting, theta_deg: float, frequency_hz: float) -> SetPoint:
-            return SetPoint(
-                m.axis, m.configuration, m.number, theta_deg, frequency_hz, AMPLITUDE_MM, dwell_s, SAMPLE_RATE_HZ
-            )
+        def record(theta_deg: float) -> RunRecord:
+            point = SetPoint(axis, configuration, 1, theta_deg, 0.6, AMPLITUDE_MM, dwell_s, SAMPLE_RATE_HZ)
+            return t.bench.run(t.session, f"{theta_deg:g} deg", point, before=lambda: fixture.confirm(mounting))
 
         began_s = t.rig.clock.now_s()
-        records = AngleScan(t.session, t.bench, fixture, point).measure(mounting, angles, (0.6,))
+        records = [record(theta_deg) for theta_deg in angles]
         used_s = t.rig.clock.now_s() - began_s
         runs = observables([reduce_run(r.run_id, r.conditions, t.store.samples(r.run_id)) for r in records])
         return {
@@ -110,6 +111,28 @@ def scan(seed: int, axis: str, configuration: str, dwell_s: float) -> dict[str, 
             "minimum_arcsec": (minimum_of_modulus_rad(runs) - truth) / ARCSEC,
             "line_arcsec": (line_fit_rad(runs) - truth) / ARCSEC,
         }
+
+
+def minimum_of_modulus_rad(runs: Sequence[RunObservables]) -> float:
+    """The grid's angle with the smallest |S|: the plain reading.
+
+    Roll displaces it by rho g / (A w^2), and it is no finer than the grid; it is what one does without a model.
+    """
+    ordered = sorted(runs, key=lambda run: run.theta_rad)
+    theta = np.array([run.theta_rad for run in ordered])
+    size = np.array([abs(run.accel_v.value[1]) for run in ordered])
+    lowest = int(np.argmin(size))
+    if not 0 < lowest < len(size) - 1:
+        raise ValueError("the smallest |S| is at the edge of the scan: scan further out")
+    return float(theta[lowest])
+
+
+def line_fit_rad(runs: Sequence[RunObservables]) -> float:
+    """Zero of a straight line through the signed in-phase amplitudes of one frequency: no roll in the model."""
+    theta = np.array([run.theta_rad for run in runs])
+    signed = np.array([run.accel_v.value[1].real for run in runs])
+    slope, offset = np.polyfit(theta, signed, 1)
+    return float(-offset / slope)
 
 
 def main() -> None:

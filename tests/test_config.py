@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from procedures.inflight import tables as inflight
 from procedures.rotating_platform import tables as platform_tables
 from procedures.sensing_axis import tables
-from procedures.sensing_axis.campaign import plan_of
+from procedures.sensing_axis.campaign import plan as plan_of
 from procedures.sensing_axis.wiring import bench_of
 from rigctl import runner
 from rigctl.core.errors import ConfigError, LimitError

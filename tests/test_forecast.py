@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from procedures.sensing_axis.campaign import plan_of
+from procedures.sensing_axis.campaign import plan as plan_of
 from procedures.sensing_axis.forecast import theta0_sigma_arcsec
 from procedures.sensing_axis.wiring import bench_of
 from rigctl import runner
@@ -65,7 +64,7 @@ def test_the_durations_planned_for_a_null_search_reach_its_target(target_arcsec:
     }
     listed = plan_of(campaign.model_copy(update={"procedure": as_list, "targets": {}}))
     assert len(listed.points) == len(first)
-    sigma = theta0_sigma_arcsec(bench, replace(listed, effects=plan.effects))
+    sigma = theta0_sigma_arcsec(bench, listed.points, plan.effects)
     assert sigma is not None
     assert sigma <= target_arcsec
     assert sigma == pytest.approx(target_arcsec, rel=0.15)

@@ -74,8 +74,11 @@ def scan_of(axis: str, configuration: str, runs: Sequence[Proposal], like: Proce
         "order": "as-listed",
         "amplitude_mm": like.amplitude_mm,
         "sample_rate_hz": like.sample_rate_hz,
-        "runs": [{key: run.settings[key] for key in run.settings if key in _OF_A_RUN} for run in runs],
+        "runs": [settings_of_run(run) for run in runs],
     }
 
 
-_OF_A_RUN = ("theta_deg", "frequency_hz", "amplitude_mm", "approach", "dwell_s", "temperature_c")
+def settings_of_run(proposal: Proposal) -> dict[str, Any]:
+    """The `[[procedure.runs]]` table of a proposed run."""
+    of_a_run = ("theta_deg", "frequency_hz", "amplitude_mm", "approach", "dwell_s", "temperature_c")
+    return {key: value for key, value in proposal.settings.items() if key in of_a_run}

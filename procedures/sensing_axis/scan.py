@@ -61,7 +61,7 @@ def stretches(procedure: Procedure, seated: Seated) -> list[Stretch]:
             if number == IN_PLACE
             else Mounting(axis, configuration, next(counter))
         )
-        wanted = _named(_set_point(procedure, mounting, run) for run in runs)
+        wanted = _named(_wanted(procedure, mounting, run) for run in runs)
         found.append(Stretch(mounting, _ordered(wanted, procedure, index)))
     return found
 
@@ -208,8 +208,9 @@ def _in_place(axis: str, configuration: str, seated: Seated) -> Mounting:
     return mounted
 
 
-def _set_point(procedure: Procedure, mounting: Mounting, run: ListedRun) -> Wanted:
-    point = SetPoint(
+def set_point(procedure: Procedure, mounting: Mounting, run: ListedRun) -> SetPoint:
+    """A run of a list as the bench is asked for it; what it does not say is as in `procedure`."""
+    return SetPoint(
         mounting.axis,
         mounting.configuration,
         mounting.number,
@@ -220,6 +221,10 @@ def _set_point(procedure: Procedure, mounting: Mounting, run: ListedRun) -> Want
         procedure.sample_rate_hz,
         run.approach,
     )
+
+
+def _wanted(procedure: Procedure, mounting: Mounting, run: ListedRun) -> Wanted:
+    point = set_point(procedure, mounting, run)
     side = "below" if point.approach > 0 else "above"
     at = "" if run.temperature_c is None else f" at {run.temperature_c:g} C"
     name = (
@@ -241,7 +246,7 @@ def _named(wanted: Iterable[Wanted]) -> list[Wanted]:
 
 def _ordered(wanted: Sequence[Wanted], procedure: Procedure, index: int) -> tuple[Wanted, ...]:
     """As listed, or shuffled; a temperature is gone to once, its runs are shuffled among themselves."""
-    if procedure.order == "as-listed":
+    if procedure.order == "as-listed" or procedure.name == "angle-scan":
         return tuple(wanted)
     shuffled = [wanted[i] for i in np.random.default_rng([procedure.order_seed, index]).permutation(len(wanted))]
     rooms = list(dict.fromkeys(each.temperature_c for each in wanted))

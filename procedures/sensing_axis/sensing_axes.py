@@ -1,38 +1,45 @@
 """The campaigns of the sensing-axis experiment: what a campaign file's `[procedure]` may name.
 
 `six-mountings`: every axis in pendulum (phase 1) and flag (phase 2), each repeated as a new mounting.
-`null-search`: one mounting. `scan`: every combination of set-points, or a list of runs. `angle-scan`: the plain grid,
-for comparison with the null search. `quick-check`: the evening before.
+`null-search`: one mounting. `scan`: every combination of set-points, or a list of runs. `angle-scan`: a scan in order
+that needs the lasers at every angle, for comparison with the null search. `quick-check`: the evening before.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
+from procedures import campaigns
+from procedures.campaigns import Instruments
 from procedures.sensing_axis import scan
-from procedures.sensing_axis.angle_scan import AngleScan
 from procedures.sensing_axis.bench import Bench, SetPoint
+from procedures.sensing_axis.forecast import theta0_sigma_arcsec
 from procedures.sensing_axis.mounting import Fixture, Mounting, MountingLostError, Seated
 from procedures.sensing_axis.noise_check import NOISE_CHECK, check_noise
 from procedures.sensing_axis.null_search import NullSearch, NullSearchSettings, expected_dwells_s
 from procedures.sensing_axis.quick_check import DWELL_S, quick_check, reversal_points
 from procedures.sensing_axis.tables import Procedure, Targets
+from procedures.sensing_axis.wiring import bench_of
 from rigctl.campaign.session.session import Session
 from rigctl.core.errors import ConfigError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.one_mounting import ROLL
+from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S
 
 RUNS_PER_MOUNTING = 3
+
+SCANS = ("scan", "angle-scan")
+"""Procedures whose runs are all known before the first one."""
 
 NULL_SEARCHES = ("six-mountings", "null-search")
 """Procedures that end when they know the null as well as they are asked to."""
 
 
 @dataclass(frozen=True)
-class Plan:
-    """A campaign ready to run; `seated` is what earlier campaigns of its store have left."""
+class Plan(campaigns.Plan):
+    """What a campaign file asks for; `seated` is what earlier campaigns of its store have left."""
 
     procedure: Procedure
     targets: Targets
@@ -42,7 +49,7 @@ class Plan:
     @property
     def mountings(self) -> list[Mounting]:
         """All mountings in order; numbers count through the store and are never used twice."""
-        if self.procedure.name == "scan":
+        if self.procedure.name in SCANS:
             return [stretch.mounting for stretch in self.stretches]
         chosen = [
             (axis, configuration)
@@ -79,21 +86,16 @@ class Plan:
     @property
     def runs(self) -> int:
         """How many runs are expected."""
-        if self.procedure.name == "scan":
+        if self.procedure.name in SCANS:
             return sum(len(stretch.wanted) for stretch in self.stretches)
-        if self.procedure.name == "angle-scan":
-            return len(self.mountings) * len(self.procedure.angles_deg) * len(self.procedure.frequencies_hz)
         return len(self.mountings) * RUNS_PER_MOUNTING
 
     @property
     def points(self) -> list[SetPoint]:
         """The runs expected, in order of mountings; a null search's as they are in the noisiest room allowed."""
         procedure = self.procedure
-        if procedure.name == "scan":
+        if procedure.name in SCANS:
             return [wanted.point for stretch in self.stretches for wanted in stretch.wanted]
-        if procedure.name == "angle-scan":
-            grid = itertools.product(self.mountings, procedure.frequencies_hz, procedure.angles_deg)
-            return [self.point(mounting, theta_deg, frequency_hz) for mounting, frequency_hz, theta_deg in grid]
         if procedure.name == "quick-check":
             start = self.point(self.mountings[0], procedure.start_deg, max(procedure.frequencies_hz))
             return [replace(start, dwell_s=DWELL_S), *reversal_points(start)]
@@ -104,6 +106,25 @@ class Plan:
             for frequency_hz, dwell_s in dwells_s
         ]
 
+    def on(self, rig: Instruments) -> Work:
+        """With the instruments of a rig, checked against what they can do."""
+        bench = bench_of(rig)
+        self.check(bench)
+        return Work(bench, self)
+
+    def told(self, rig: Instruments) -> dict[str, Any]:
+        """What it would do with a rig, and how well theta0 would be known after it (None: not determined)."""
+        bench, points = bench_of(rig), self.points
+        searches = self.procedure.name in NULL_SEARCHES
+        target_arcsec = self.targets.theta0_sigma_arcsec
+        return {
+            "mountings": [mounting.key for mounting in self.mountings],
+            "theta0_sigma_arcsec": target_arcsec if searches else theta0_sigma_arcsec(bench, points, self.effects),
+            "rig_time_s": round(
+                self.procedure.noise_check_s * searches + sum(point.dwell_s + OVERHEAD_S for point in points)
+            ),
+        }
+
     def check(self, bench: Bench) -> None:
         """Whether the rig can do all of it, before anything moves: `ConfigError` or `LimitError`."""
         procedure = self.procedure
@@ -111,16 +132,15 @@ class Plan:
         self._require(
             "procedure.configurations", "configuration", procedure.configurations, bench.package.configurations
         )
-        if procedure.name == "scan":
+        if procedure.name in SCANS:
             self._check_scan(bench)
+        if procedure.name == "scan":
             return
         if any(effect.id == ROLL for effect in self.effects) and len(procedure.frequencies_hz) == 1:
             raise ConfigError(
                 f"model.effects: at one frequency {ROLL} cannot be told from theta0; "
                 "give procedure.frequencies_hz another, or leave it out"
             )
-        if procedure.name == "angle-scan" and not procedure.angles_deg:
-            raise ConfigError("procedure.angles_deg is missing; an angle scan needs its angles")
         for point in self._extremes():
             bench.check(point, lasers=True)
         if procedure.name == "quick-check":
@@ -168,6 +188,22 @@ class Plan:
         )
 
 
+@dataclass(frozen=True)
+class Work(campaigns.Work):
+    """A plan on its bench."""
+
+    bench: Bench
+    plan: Plan
+
+    def run(self, session: Session) -> None:
+        """Carry it out."""
+        run(session, self.bench, self.plan)
+
+    def rest(self) -> None:
+        """End an oscillation."""
+        self.bench.rest()
+
+
 def run(session: Session, bench: Bench, plan: Plan) -> None:
     """Carry out a campaign; everything it finds is in the session's store."""
     plan.check(bench)
@@ -207,16 +243,6 @@ def _discard(session: Session, mounting: Mounting) -> None:
             session.store.mark(run.run_id, valid=False, reason=f"{mounting.key} was disturbed")
 
 
-def _angle_scan(session: Session, bench: Bench, plan: Plan) -> None:
-    fixture = Fixture(session, bench)
-    for mounting in plan.mountings:
-        with session.step(f"angle scan {mounting.key}"):
-            fixture.mount(mounting)
-            AngleScan(session, bench, fixture, plan.point).measure(
-                mounting, plan.procedure.angles_deg, plan.procedure.frequencies_hz
-            )
-
-
 def _scan(session: Session, bench: Bench, plan: Plan) -> None:
     scanning = scan.Scan(session, bench, Fixture(session, bench), plan.spare)
     for stretch in plan.stretches:
@@ -247,14 +273,14 @@ def _check_noise(session: Session, bench: Bench, fixture: Fixture, plan: Plan, m
             sensor.gain_v_per_m_s2,
             plan.procedure.frequencies_hz,
             plan.targets.noise_m_s2_rthz,
-            duration_s=plan.procedure.noise_check_s,
-        ).worst_m_s2_rthz
+            plan.procedure.noise_check_s,
+        )
 
 
 _PROCEDURES: dict[str, Callable[[Session, Bench, Plan], None]] = {
     "six-mountings": _six_mountings,
     "null-search": _six_mountings,
-    "angle-scan": _angle_scan,
+    "angle-scan": _scan,
     "scan": _scan,
     "quick-check": _quick_check,
 }

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from procedures.sensing_axis import sensing_axes
-from procedures.sensing_axis.campaign import plan_of
+from procedures.sensing_axis.campaign import plan as plan_of
 from procedures.sensing_axis.wiring import bench_of
 from rigctl import results, runner
 from rigctl.campaign.origin import truth_path

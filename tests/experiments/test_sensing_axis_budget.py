@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from rigctl.analysis.plane import ARCSEC, fit_plane
-from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.effects.catalogue import chosen
 from rigctl.experiments.sensing_axis.model.fit import fit_recording
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
@@ -129,15 +128,3 @@ def test_monte_carlo_agrees_and_the_parts_add_up(axis_budget: AxisBudget) -> Non
 def test_certificates_that_are_not_there_contribute_nothing(result: SensingAxisResult) -> None:
     names = {each.name for each in axis_budgets(result, {})["X"].budget.contributions}
     assert not any(name.startswith(("beam tilt", "scale", "guide", "bench")) for name in names)
-
-
-def test_a_recording_in_memory_needs_runs() -> None:
-    from rigctl.core.errors import ProcedureError
-    from rigctl.experiments.sensing_axis.observe.recorded import recorded_heads, recorded_package
-    from rigctl.experiments.sensing_axis.result.result import sensing_axes
-
-    header = Header("sensing-axis", constants={"gain_v_per_m_s2": 80.0})
-    empty = Recording(header, [RunRecord("1", "1", "", {}, valid=False)], {}, ImportReport(1))
-    assert recorded_package(header).axes["X"].sensor["flag"].gain_v_per_m_s2 == 80.0
-    with pytest.raises(ProcedureError, match="no valid runs"):
-        sensing_axes(empty, recorded_package(header), recorded_heads(header), 9.8, ())

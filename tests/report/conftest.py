@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.effects.catalogue import chosen
+from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
 from rigctl.experiments.sensing_axis.result import budget
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult, sensing_axes
 from rigctl.files.package import HeadSettings, Package
@@ -70,7 +71,7 @@ def result_of(
     """A fitted campaign with roll in its model; `drives` are (angle / deg, frequency / Hz) of each mounting."""
     rng = np.random.default_rng(seed)
     package = package_of(axes)
-    records, columns, mounting = [], {}, 0
+    runs, mounting = [], 0
     for axis in axes:
         for configuration in configurations:
             for _ in range(mountings):
@@ -81,8 +82,7 @@ def result_of(
                 on_turntable = mount @ package.turntable_from_cube(axis, configuration) @ seated
                 for theta_deg, frequency_hz in drives:
                     turn = Rotation.from_euler("z", theta_deg, degrees=True).as_matrix()
-                    run_id = str(len(records) + 1)
-                    columns[run_id] = samples_of(
+                    samples = samples_of(
                         rng, turn @ mount, turn @ on_turntable, GAINS[configuration], frequency_hz, lasers
                     )
                     conditions = {
@@ -93,12 +93,12 @@ def result_of(
                         "frequency_hz": frequency_hz,
                         "approach": 1,
                         "temperature_c": 20.0,
-                        "start_s": 60.0 * len(records),
+                        "start_s": 60.0 * len(runs),
                     }
-                    records.append(RunRecord(run_id, run_id, "", conditions))
-    recording = Recording(Header("sensing-axis"), records, columns, ImportReport(len(records)))
+                    runs.append(reduce_run(str(len(runs) + 1), conditions, samples))
     heads = {name: HeadSettings(position=place, tilt_deg=TILT_DEG) for name, place in POSITIONS.items()}
-    return sensing_axes(recording, package, heads, G, chosen("sensing-axis", ["roll-gravity"]))
+    effects = chosen("sensing-axis", ["roll-gravity"])
+    return sensing_axes(RecordingModel(observables(runs), package, heads, G, effects))
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,6 @@ from rigctl.analysis.kept import Progress
 from rigctl.campaign.recording import Header, RunSource
 from rigctl.core.errors import DataError
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration, recorded_faces
 from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
 from rigctl.experiments.sensing_axis.result.budget import Uncertainties, axis_budgets
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult, sensing_axes
@@ -44,10 +43,7 @@ def analyse(workbench: Workbench) -> SensingAxisResult:
     store, studied = workbench.store, workbench.study
     if not isinstance(studied, SensingAxisStudy):
         raise DataError(f"{store.path}: '{store.header.experiment}' recordings have no sensing axes")
-    effects = studied.chosen(workbench.current.terms)
-    package, heads, g_m_s2 = recorded_calibration(store.header)
-    faces = recorded_faces(store.header) if store.header.rig_toml is None else None
-    return sensing_axes(store, package, heads, g_m_s2, effects, faces=faces)
+    return sensing_axes(studied.model(workbench.current.terms).inner)
 
 
 def uncertainties_of(header: Header) -> Uncertainties:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -56,7 +56,7 @@ class Residuals:
 
 @dataclass(frozen=True)
 class ReducedRun:
-    """One run after its sine fit; sigmas need the other runs too. `residuals` by channel, while they are wanted."""
+    """One run after its sine fit; sigmas need the other runs too."""
 
     run_id: str
     conditions: Mapping[str, Any]
@@ -64,27 +64,28 @@ class ReducedRun:
     duration_s: float
     motion_m: ComplexArray
     channels: Mapping[str, ReducedChannel]
-    residuals: Mapping[str, Residuals] = field(default_factory=dict)
 
     def without_spectra(self) -> ReducedRun:
         """The same, small: enough to be observed once its spectra are in the pool."""
         small = {name: replace(channel, noise=_NO_NOISE) for name, channel in self.channels.items()}
-        return replace(self, channels=small, residuals={})
+        return replace(self, channels=small)
 
 
 def reduce_run(
-    run_id: str,
-    conditions: Mapping[str, Any],
-    samples: Mapping[str, FloatArray],
-    lines_hz: Sequence[float] = (),
-    *,
-    keep_residuals: bool = False,
+    run_id: str, conditions: Mapping[str, Any], samples: Mapping[str, FloatArray], lines_hz: Sequence[float] = ()
 ) -> ReducedRun:
     """Fit the drive's harmonics, and lines of known frequency, to every channel of one run.
 
     Times are taken as given; samples without a value are left out. Raises `DataError`, naming the run, when the
     record cannot be fitted.
     """
+    return reduce_with_residuals(run_id, conditions, samples, lines_hz)[0]
+
+
+def reduce_with_residuals(
+    run_id: str, conditions: Mapping[str, Any], samples: Mapping[str, FloatArray], lines_hz: Sequence[float]
+) -> tuple[ReducedRun, Residuals]:
+    """As `reduce_run`, and what the fit left of the accelerometer's samples."""
     try:
         seen = _seen(samples)
         basis, stage = find_frequency(
@@ -99,24 +100,17 @@ def reduce_run(
         if accel is None:
             raise DataError(f"{ACCEL}: more than half of the samples are missing")  # noqa: TRY301
     except (DataError, KeyError, ValueError) as error:
-        said = f"column {error} is missing" if isinstance(error, KeyError) else error
-        raise DataError(f"run {run_id}: {said}") from error
-    found = {ACCEL: accel}
+        cause = f"column {error} is missing" if isinstance(error, KeyError) else error
+        raise DataError(f"run {run_id}: {cause}") from error
+    channels, residuals = {ACCEL: accel[0]}, accel[1]
     for name, column in samples.items():
         if name.startswith(LASER_PREFIX):
             laser = _channel(basis, MM * column[seen], reference, len(lines_hz))
             if laser is not None:
-                found[name] = laser
+                channels[name] = laser[0]
     order = np.arange(1, HARMONICS + 1)
-    return ReducedRun(
-        run_id,
-        dict(conditions),
-        basis.frequency_hz,
-        basis.duration_s,
-        stage.amplitudes_referred_to(reference) * (-1j) ** order,
-        {name: channel for name, (channel, _) in found.items()},
-        {name: residuals for name, (_, residuals) in found.items()} if keep_residuals else {},
-    )
+    motion_m = stage.amplitudes_referred_to(reference) * (-1j) ** order
+    return ReducedRun(run_id, dict(conditions), basis.frequency_hz, basis.duration_s, motion_m, channels), residuals
 
 
 def observables(runs: Sequence[ReducedRun], *, harmonics: int = HARMONICS) -> list[RunObservables]:
@@ -242,10 +236,10 @@ def _channel(
     fit = basis.fit(column)
     value = np.concatenate([[complex(fit.dc)], fit.amplitudes_referred_to(reference)])
     factor = np.concatenate([[1.0], basis.variance_factors])
-    found = fit.line_amplitudes if len(basis.lines_hz) == lines else np.full(lines, np.nan + 0j)
+    line_amplitudes = fit.line_amplitudes if len(basis.lines_hz) == lines else np.full(lines, np.nan + 0j)
     noise = spectrum(fit.residuals, basis).compact(basis.duration_s)
     floor = amplitude_floor(column, fit.residuals, basis)
-    return ReducedChannel(value, noise, factor, floor, found), Residuals(basis, fit.residuals)
+    return ReducedChannel(value, noise, factor, floor, line_amplitudes), Residuals(basis, fit.residuals)
 
 
 def _is_extra(name: str, value: Any) -> bool:

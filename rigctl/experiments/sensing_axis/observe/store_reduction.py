@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from rigctl.experiments.sensing_axis.observe.reduction import (
     ReducedChannel,
     ReducedRun,
     face_column,
-    reduce_run,
+    reduce_with_residuals,
 )
 
 VERSION = 3
@@ -42,11 +42,13 @@ def reduction(
     scan = _GrowingScan(Kept(source, scan_recipe(lines_hz)))
 
     def make(record: RunRecord) -> Packed:
-        part = None
+        samples = source.samples(record.run_id)
         try:
-            run, part = _reduce(source, record, lines_hz)
-        finally:
-            scan.add(record, part)
+            run, residuals = reduce_with_residuals(record.run_id, record.conditions, samples, lines_hz)
+        except DataError:
+            scan.add(record, lambda: None)
+            raise
+        scan.add(record, lambda: scanned(residuals.basis, residuals.values, run.channels[ACCEL].noise))
         return packed(run)
 
     noise = PooledNoise()
@@ -61,7 +63,7 @@ def reduction(
     return Reduction.of(_observed(noise, run) for run in runs)
 
 
-def line_scan(source: RunSource, lines_hz: Sequence[float] = (), progress: Progress | None = None) -> LineScan:
+def line_scan(source: RunSource, lines_hz: Sequence[float] = ()) -> LineScan:
     """The scan for steady lines in the accelerometer's samples of the valid runs; see `rigctl.analysis.line_scan`.
 
     A store keeps it: runs marked since are taken out or put in by their samples alone.
@@ -72,14 +74,12 @@ def line_scan(source: RunSource, lines_hz: Sequence[float] = (), progress: Progr
     scan = _opened(kept)
     missing = [run_id for run_id in records if run_id in valid and run_id not in scan.runs]
     gone = [run_id for run_id in scan.runs if run_id not in valid]
-    for done, run_id in enumerate([*gone, *missing], start=1):
+    for run_id in (*gone, *missing):
         part = _scanned(source, records[run_id], lines_hz)
         if run_id in valid:
             scan.add(run_id, _group(records[run_id]), part)
         else:
             scan.remove(run_id, part)
-        if progress is not None:
-            progress(done, len(gone) + len(missing))
     if gone or missing:
         kept.put(_SCAN, scan.packed())
     return scan
@@ -102,12 +102,12 @@ class _GrowingScan:
         self._kept = kept
         self._scan: LineScan | None = None
 
-    def add(self, record: RunRecord, part: ScannedRun | None) -> None:
+    def add(self, record: RunRecord, part: Callable[[], ScannedRun | None]) -> None:
         """Add a run that has just been reduced, where the scan can be kept."""
         if self._kept.writable:
             self._scan = self._scan or _opened(self._kept)
             if record.run_id not in self._scan.runs:
-                self._scan.add(record.run_id, _group(record), part)
+                self._scan.add(record.run_id, _group(record), part())
 
     def keep(self) -> None:
         """Keep it with what was added."""
@@ -119,18 +119,13 @@ def _opened(kept: Kept) -> LineScan:
     return kept.get(_SCAN, LineScan.unpacked) or LineScan()
 
 
-def _reduce(source: RunSource, record: RunRecord, lines_hz: Sequence[float]) -> tuple[ReducedRun, ScannedRun | None]:
-    samples = source.samples(record.run_id)
-    run = reduce_run(record.run_id, record.conditions, samples, lines_hz, keep_residuals=True)
-    left = run.residuals[ACCEL]
-    return run, scanned(left.basis, left.values, run.channels[ACCEL].noise)
-
-
 def _scanned(source: RunSource, record: RunRecord, lines_hz: Sequence[float]) -> ScannedRun | None:
+    samples = source.samples(record.run_id)
     try:
-        return _reduce(source, record, lines_hz)[1]
+        run, left = reduce_with_residuals(record.run_id, record.conditions, samples, lines_hz)
     except DataError:
         return None
+    return scanned(left.basis, left.values, run.channels[ACCEL].noise)
 
 
 def _observed(noise: PooledNoise, run: ReducedRun | LeftOut) -> RunObservables | LeftOut:

@@ -11,14 +11,11 @@ from typing import Any
 import numpy as np
 
 from rigctl.analysis.plane import PlaneFit, angle_between, fit_plane
-from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
-from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, fit_recording
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
-from rigctl.experiments.sensing_axis.observe.reduction import face_column, observables, reduce_run
-from rigctl.files.package import HeadSettings, Package
+from rigctl.files.package import Package
 
 
 @dataclass(frozen=True)
@@ -77,31 +74,14 @@ class SensingAxisResult:
         ]
 
 
-def sensing_axes(
-    source: RunSource,
-    package: Package,
-    heads: Mapping[str, HeadSettings],
-    g_m_s2: float,
-    effects: Sequence[Effect],
-    *,
-    faces: Mapping[str, str] | None = None,
-) -> SensingAxisResult:
-    """Fit all valid runs of a recording and find the axes; `ProcedureError` when there are no runs.
-
-    `faces` are the cube faces heads look at, for runs that do not say so themselves.
-    """
-    known = {face_column(head): face for head, face in (faces or {}).items()}
-    records = source.runs(valid_only=True)
-    if not records:
-        raise ProcedureError("no valid runs yet: nothing to make a result of")
-    reduced = [reduce_run(r.run_id, {**known, **r.conditions}, source.samples(r.run_id)) for r in records]
-    runs = observables(reduced, harmonics=1)
-    fit = fit_recording(RecordingModel(runs, package, heads, g_m_s2, effects))
+def sensing_axes(model: RecordingModel) -> SensingAxisResult:
+    """Fit a model to its runs and find the axes; `ProcedureError` when the runs do not determine its parameters."""
+    fit = fit_recording(model)
     axes: dict[str, AxisResult] = {}
     missing: dict[str, str] = {}
-    for name in dict.fromkeys(run.axis for run in runs):
+    for name in dict.fromkeys(run.axis for run in model.runs):
         try:
-            axes[name] = _axis(name, package, [null for null in fit.nulls() if null.axis == name])
+            axes[name] = _axis(name, model.package, [null for null in fit.nulls() if null.axis == name])
         except ProcedureError as error:
             missing[name] = str(error)
     return SensingAxisResult(axes, missing, fit)
