@@ -25,7 +25,10 @@ _SETTLE_RING_DOWNS = 16.0
 
 
 class Electronics:
-    """Gain, bias and their drifts: volts of a settled force."""
+    """Gain, bias and their drifts: volts of a settled force.
+
+    A bias is an acceleration at the input (IEEE Std 1293): what drifts in the gain multiplies it like any other.
+    """
 
     def __init__(self, settings: BenchSettings, mounting: Mounting, room: Room) -> None:
         axis = mounting.axis
@@ -49,10 +52,9 @@ class Electronics:
 
     def _gain_and_bias(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         warmer_k = self._room.warmer_k(times_s)
-        return (
-            self._gain * (1.0 + self._gain_per_k * warmer_k) * (1.0 + self._gain_rate * times_s),
-            self._bias_v + self._bias_v_per_k * warmer_k + self._bias_rate_v_s * times_s,
-        )
+        drift = (1.0 + self._gain_per_k * warmer_k) * (1.0 + self._gain_rate * times_s)
+        added_v = self._bias_v_per_k * warmer_k + self._bias_rate_v_s * times_s
+        return drift * self._gain, drift * self._bias_v + added_v
 
 
 def bias_v(settings: BenchSettings, axis: str) -> float:
