@@ -52,7 +52,7 @@ CASES = [
         {"inv_w0_squared": 2.07e-3, "damping": 4.5e-3},
         {name: f"{name}{PER_CONFIGURATION}" for name in ("inv_w0_squared", "damping")},
     ),
-    # A gain multiplies the bias too, whatever that is: with a volt of it no drift of the mean is left to be explained.
+    # A gain multiplies the bias too: with a volt of it no drift of the mean is left to be explained.
     Case("thermal-gain", {"kT": 2e-3}, {"kT": f"kT{PER_AXIS}"}, world={**WARMING, "bias_sigma_v": 1.0}),
     Case("gain-drift", {"rate": 5e-6}, {"rate": f"rate{PER_AXIS}"}, world={"bias_sigma_v": 1.0}),
     Case("thermal-bias", {"bT": 2e-3}, {"bT": f"bT{PER_AXIS}"}, world=WARMING),
