@@ -124,11 +124,9 @@ def workbench(table: Table) -> Answer:
     columns = {READINGS: {"y": table.y, **table.columns}}
     study = TableStudy(Recording(header, (RunRecord(READINGS, READINGS, "import", {}),), columns, ImportReport(1)))
     found = fit(study, diagnose(study, (), ALPHA).suggested).as_json()["parameters"]
-    values = {name: each["value"] for name, each in found.items() if name.partition(".")[0] != "b0"}
+    values = {name: each["value"] for name, each in found.items()}
     periods = {name.partition(".")[0]: 1.0 / value for name, value in values.items() if name.endswith(".period")}
-    return Answer(
-        {**{name: value for name, value in values.items() if "." not in name.rpartition("]")[2]}, **periods}
-    )
+    return Answer({name: value for name, value in values.items() if name.endswith("]")} | periods)
 
 
 def refitted(table: Table, names: Names) -> Answer:
