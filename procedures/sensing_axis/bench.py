@@ -29,6 +29,7 @@ from rigctl.core.interfaces import (
     Voltmeter,
 )
 from rigctl.experiments.sensing_axis.observe.reduction import face_column
+from rigctl.experiments.sensing_axis.observe.set_points import peak_output_v
 from rigctl.files.package import HeadSettings, Package
 
 RESIDUAL_TRANSIENT_M_S2 = 1e-8
@@ -148,11 +149,8 @@ class Bench:
     def check_level(self, point: SetPoint) -> None:
         """`LimitError` when the sensor's output would leave its range, as far as gain and level are known."""
         full_scale_v = self.readout.channels()[0].full_scale
-        sensor = self.package.axes[point.axis].sensor[point.configuration]
-        w = 2.0 * math.pi * point.frequency_hz
-        response = 1.0 / abs(complex(1.0 - w**2 * sensor.inv_w0_squared, w * sensor.damping))
-        force_m_s2 = point.peak_acceleration_m_s2 * abs(math.sin(math.radians(point.theta_deg)))
-        peak_v = sensor.gain_v_per_m_s2 * response * force_m_s2 + self.package.level_limit_v
+        where = point.axis, point.configuration, point.theta_deg, point.frequency_hz, point.amplitude_mm
+        peak_v = peak_output_v(self.package, *where)
         if full_scale_v is not None and peak_v >= full_scale_v:
             raise LimitError(
                 f"at {point.theta_deg:g} deg, {point.frequency_hz:g} Hz and {point.amplitude_mm:g} mm {point.axis} "

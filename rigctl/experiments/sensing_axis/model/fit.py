@@ -33,6 +33,11 @@ class NullPoint:
     vector_coc: FloatArray | None
     vector_covariance: FloatArray | None
 
+    @property
+    def label(self) -> str:
+        """What its parameters have in brackets."""
+        return f"{self.axis},{self.configuration},{self.mounting}"
+
 
 @dataclass(frozen=True)
 class RecordingFit:
@@ -45,11 +50,10 @@ class RecordingFit:
         """The null of one mounting."""
         return null_point(self.model, self.result.values, self.result.covariance, (axis, configuration, mounting))
 
-    def vector_slopes(self, axis: str, configuration: str, mounting: int) -> FloatArray:
+    def vector_slopes(self, null: NullPoint) -> FloatArray:
         """d(vector) / d(parameters of the fit) of one mounting, shape (3, parameters)."""
-        label = f"{axis},{configuration},{mounting}"
-        where = [self.model.index(f"{base}[{label}]") for base in ("theta0", "delta_x", "delta_y", "delta_z")]
-        nominal = self.model.package.turntable_from_cube(axis, configuration)
+        where = [self.model.index(f"{base}[{null.label}]") for base in ("theta0", "delta_x", "delta_y", "delta_z")]
+        nominal = self.model.package.turntable_from_cube(null.axis, null.configuration)
         slopes = np.zeros((3, len(self.result.values)))
         slopes[:, where] = _slopes(self.result.values[where], nominal)
         return slopes
@@ -74,14 +78,14 @@ def null_point(
     if model.heads:
         names += [f"delta_{c}[{label}]" for c in "xyz"]
     where = [model.index(name) for name in names]
-    own, spread = values[where], covariance[np.ix_(where, where)]
-    sigma = float(np.sqrt(spread[0, 0]))
+    angles_rad, spread = values[where], covariance[np.ix_(where, where)]
+    theta0_rad, sigma_rad = angles_rad[0], float(np.sqrt(spread[0, 0]))
     if not model.heads:
-        return NullPoint(axis, configuration, number, own[0], sigma, None, None)
+        return NullPoint(axis, configuration, number, theta0_rad, sigma_rad, None, None)
     nominal = model.package.turntable_from_cube(axis, configuration)
-    slopes = _slopes(own, nominal)
-    vector = motion_in_cube(own[0], own[1:], nominal)
-    return NullPoint(axis, configuration, number, own[0], sigma, vector, slopes @ spread @ slopes.T)
+    slopes = _slopes(angles_rad, nominal)
+    vector = motion_in_cube(theta0_rad, angles_rad[1:], nominal)
+    return NullPoint(axis, configuration, number, theta0_rad, sigma_rad, vector, slopes @ spread @ slopes.T)
 
 
 def fit_recording(model: RecordingModel) -> RecordingFit:

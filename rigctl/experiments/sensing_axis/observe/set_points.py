@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, radians
+from math import degrees, inf, pi, radians, sin
 
 import numpy as np
 
@@ -115,23 +115,26 @@ def _frequencies(runs: Sequence[RunObservables], limits: Limits) -> list[float]:
     return _used([*used, *(f for f in FREQUENCIES_HZ if limits.known or used[0] <= f <= used[-1])])
 
 
-def _within(last: RunObservables, limits: Limits, theta_deg: float, frequency_hz: float, amplitude_mm: float) -> bool:
-    """The sensor's output within its range, as far as that is known."""
-    if limits.full_scale_v is None:
-        return True
-    sensor = limits.package.axes[last.axis].sensor[last.configuration]
-    w = 2.0 * np.pi * frequency_hz
+def peak_output_v(
+    package: Package, axis: str, configuration: str, theta_deg: float, frequency_hz: float, amplitude_mm: float
+) -> float:
+    """What a sensor gives up to [V] at a set-point, as far as its gain and the level of a mounting are known."""
+    sensor = package.axes[axis].sensor[configuration]
+    w = 2.0 * pi * frequency_hz
     response = 1.0 / abs(complex(1.0 - w**2 * sensor.inv_w0_squared, w * sensor.damping))
-    force_m_s2 = 1e-3 * amplitude_mm * w**2 * abs(np.sin(radians(theta_deg)))
-    return bool(sensor.gain_v_per_m_s2 * response * force_m_s2 + limits.package.level_limit_v < limits.full_scale_v)
+    force_m_s2 = 1e-3 * amplitude_mm * w**2 * abs(sin(radians(theta_deg)))
+    return sensor.gain_v_per_m_s2 * response * force_m_s2 + package.level_limit_v
 
 
 def _largest(
     last: RunObservables, limits: Limits, theta_deg: float, frequency_hz: float, amplitude_mm: float
 ) -> float:
     """The amplitude, or half or a quarter of it where it would take the output out of its range; 0 for none."""
-    parts = (amplitude_mm, 0.5 * amplitude_mm, 0.25 * amplitude_mm)
-    return next((part for part in parts if _within(last, limits, theta_deg, frequency_hz, part)), 0.0)
+    range_v = inf if limits.full_scale_v is None else limits.full_scale_v
+    for part in (amplitude_mm, 0.5 * amplitude_mm, 0.25 * amplitude_mm):
+        if peak_output_v(limits.package, last.axis, last.configuration, theta_deg, frequency_hz, part) < range_v:
+            return part
+    return 0.0
 
 
 def _rooms(runs: Sequence[RunObservables]) -> list[float]:

@@ -17,8 +17,9 @@ import numpy as np
 from rigctl.analysis.budget import Budget, Comparison, Contribution, budget, compare, monte_carlo
 from rigctl.analysis.plane import ARCSEC, fit_plane
 from rigctl.core.arrays import FloatArray
-from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, residuals_of
+from rigctl.experiments.sensing_axis.model.fit import RecordingFit, residuals_of
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.observe.observables import Amplitudes
 from rigctl.experiments.sensing_axis.result.result import AxisResult, SensingAxisResult
 
 Uncertainties = Mapping[str, Mapping[str, float]]
@@ -141,17 +142,15 @@ def _heads(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) ->
     inputs = []
     for name in fit.model.heads:
         certified = uncertainties.get(name, {})
-        if "tilt_deg" in certified:
-            u = math.radians(certified["tilt_deg"])
-            source = f"certificate of {name}"
-            effect = _response(axis, fit, partial(_tilted, fit.model, name))
-            inputs.append(_Input(Contribution(f"beam tilt of {name}", 0.0, u, "rad", source=source), effect))
-        if "scale" in certified:
-            source = f"certificate of {name}"
-            effect = _response(axis, fit, partial(_scaled, fit.model, name))
-            inputs.append(
-                _Input(Contribution(f"scale of {name}", 0.0, certified["scale"], "1", source=source), effect)
-            )
+        for quantity, wording, unit, changed in (
+            ("tilt_deg", "beam tilt", "rad", _tilted),
+            ("scale", "scale", "1", _scaled),
+        ):
+            if quantity in certified:
+                u = math.radians(certified[quantity]) if unit == "rad" else certified[quantity]
+                effect = _response(axis, fit, partial(changed, fit.model, name))
+                source = f"certificate of {name}"
+                inputs.append(_Input(Contribution(f"{wording} of {name}", 0.0, u, unit, source=source), effect))
     return inputs
 
 
@@ -162,11 +161,7 @@ def _response(
     values = fit.result.values
     slope = (residuals_of(changed(step), values) - residuals_of(changed(-step), values)) / (2.0 * step)
     moved = -fit.result.covariance @ fit.result.jacobian[: len(slope)].T @ slope
-    return np.array([_slopes(fit, null) @ moved for null in axis.nulls])
-
-
-def _slopes(fit: RecordingFit, null: NullPoint) -> FloatArray:
-    return fit.vector_slopes(null.axis, null.configuration, null.mounting)
+    return np.array([fit.vector_slopes(null) @ moved for null in axis.nulls])
 
 
 def _tilted(model: RecordingModel, head: str, by_rad: float) -> RecordingModel:
@@ -176,15 +171,15 @@ def _tilted(model: RecordingModel, head: str, by_rad: float) -> RecordingModel:
 
 
 def _scaled(model: RecordingModel, head: str, by: float) -> RecordingModel:
-    runs = [
-        replace(run, lasers_m={name: _times(a, 1.0 - by) if name == head else a for name, a in run.lasers_m.items()})
-        for run in model.runs
-    ]
-    return model.with_runs(runs)
+    def scaled(lasers_m: Mapping[str, Amplitudes]) -> dict[str, Amplitudes]:
+        reading = lasers_m.get(head)
+        return (
+            dict(lasers_m)
+            if reading is None
+            else {**lasers_m, head: replace(reading, value=reading.value * (1.0 - by))}
+        )
 
-
-def _times(amplitudes: Any, factor: float) -> Any:
-    return replace(amplitudes, value=amplitudes.value * factor)
+    return model.with_runs([replace(run, lasers_m=scaled(run.lasers_m)) for run in model.runs])
 
 
 def _cube(axis: AxisResult, uncertainties: Uncertainties) -> list[_Input]:
@@ -213,7 +208,7 @@ def _corrections(axis: AxisResult, fit: RecordingFit) -> list[_Input]:
             continue
         index, u = fit.model.index(name), fit.result.sigma(name)
         moved = fit.result.covariance[:, index] / u**2
-        effect = np.array([_slopes(fit, null) @ moved for null in axis.nulls])
+        effect = np.array([fit.vector_slopes(null) @ moved for null in axis.nulls])
         source = "covariance of the fit"
         unit = fit.model.units[index]
         inputs.append(_Input(Contribution(wording, 0.0, u, unit, type="A", source=source), effect))
@@ -237,15 +232,10 @@ def _guide(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) ->
         shifts.append(("guide yaw times lever", stage["yaw_rad_per_m"] * lever_m))
     if "recoil_rad_s2_per_m" in stage:
         shifts.append(("bench recoil", stage["recoil_rad_s2_per_m"] * fit.model.g_m_s2))
-    effect = np.array([_theta0_slope(fit, null) for null in axis.nulls])
+    effect = np.array([fit.vector_slopes(null)[:, fit.model.index(f"theta0[{null.label}]")] for null in axis.nulls])
     return [
         _Input(Contribution(name, 0.0, u, "rad", source="certificate of the stage"), effect) for name, u in shifts
     ]
-
-
-def _theta0_slope(fit: RecordingFit, null: NullPoint) -> FloatArray:
-    index = fit.model.index(f"theta0[{null.axis},{null.configuration},{null.mounting}]")
-    return _slopes(fit, null)[:, index]
 
 
 def _included(axis: AxisResult, uncertainties: Uncertainties) -> list[Included]:
