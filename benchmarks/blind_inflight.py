@@ -29,7 +29,7 @@ from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.core.errors import RigError
 from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.workbench.verdict.diagnose import diagnose
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 from simulators.worlds.satellite.ensemble import Ensemble
 from simulators.worlds.satellite.forcing import ROOM_K, temperature_k
 from simulators.worlds.satellite.settings import SatelliteSettings

@@ -45,7 +45,7 @@ from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.score import likeness
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 
 DESIGNS: dict[str, dict[str, Any]] = {
     "near": {"angles_deg": [-1.6, -0.8, 0.8, 1.6], "frequencies_hz": [0.3, 0.6], "approaches": [1, -1]},

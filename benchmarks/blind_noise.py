@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.blind_sampler import SampledRun
 from rigctl.core.arrays import FloatArray
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 
 
 def _power_law(exponent: float) -> Callable[[FloatArray, float], FloatArray]:

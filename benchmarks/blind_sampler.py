@@ -18,12 +18,12 @@ from procedures.sensing_axis.mounting import Seated
 from procedures.sensing_axis.scan import stretches
 from procedures.sensing_axis.tables import Procedure
 from rigctl.core.arrays import FloatArray
+from simulators.keyed_random import generator
 from simulators.motion import MotionAxis
 from simulators.wiring import Train
 from simulators.worlds import mounting as mountings
 from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.bench_train import BenchTrain
-from simulators.worlds.keyed_random import generator
 from simulators.worlds.mounting import Mounting
 from simulators.worlds.rotations import Configuration, about_z, nominal_table_from_cube
 from simulators.worlds.sensor import Electronics

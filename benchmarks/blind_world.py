@@ -21,8 +21,8 @@ from benchmarks.blind_sampler import Design, Perturbation, SampledRun, columns_o
 from benchmarks.blind_sizes import with_effects, yardstick
 from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
+from simulators.keyed_random import generator
 from simulators.worlds.bench_settings import BenchSettings, isa_twin
-from simulators.worlds.keyed_random import generator
 
 Kind = Literal["none", "one", "two", "three", "unknown"]
 KINDS: tuple[Kind, ...] = ("none", "one", "two", "three", "unknown")

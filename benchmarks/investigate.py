@@ -30,7 +30,7 @@ from rigctl.investigate import Settings, investigate
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.score import likeness
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 
 ROOT = Path(__file__).parents[1]
 CAMPAIGN = ROOT / "campaigns" / "hidden-effect.toml"

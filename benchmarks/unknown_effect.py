@@ -15,8 +15,8 @@ from typing import Any
 from benchmarks.blind_sampler import Design, Perturbation, SampledRun, sample_world
 from rigctl.campaign.bundle.bundle import write_bundle
 from rigctl.campaign.recording import ChannelInfo, Header, ImportReport, LaserInfo, Recording, RunRecord
+from simulators.keyed_random import generator
 from simulators.worlds.bench_settings import isa_twin
-from simulators.worlds.keyed_random import generator
 
 SEED = 7
 GAIN_PER_HPA = 3e-5

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import wraps
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
-from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import PLUGIN_BYTES
 from rigctl.core.errors import ConfigError, PluginError
 from rigctl.core.experiments import EXPERIMENTS
 from rigctl.core.messages import one_line
 from rigctl.core.reading import read_regular
-from rigctl.effects.catalogue import Effect, catalogue, effects_in, line_of, said
+from rigctl.effects.catalogue import Effect, catalogue, line_of, said
 from rigctl.effects.declaration import flaw_of_declaration
+from rigctl.effects.plugin_code import effects_of, executed
 from rigctl.effects.rehearsal import rehearse
 from rigctl.effects.trial import flaw_of_function
-from rigctl.effects.watch import CALL_PATIENCE_S, WATCH, Overdue
 
 
 @dataclass(frozen=True)
@@ -53,63 +47,6 @@ def load(path: Path) -> Plugin:
             raise ConfigError(one_line(f"{path}: effect '{each.id}': {flaw}"))
         effects[each.id] = each
     return Plugin(path, hashlib.sha256(source).hexdigest(), effects)
-
-
-def effects_of(module: ModuleType) -> list[Effect]:
-    """What a file defines, each guarded so that it can neither end the program nor keep it waiting."""
-    path = module.__file__
-    found = [replace(each, function=_guarded(each, str(path))) for each in effects_in(module)]
-    if not found:
-        raise ConfigError(f"{path}: no effect in it: decorate a function with @effect(...) of rigctl.effects")
-    return found
-
-
-def _guarded(effect: Effect, path: str) -> Callable[..., FloatArray]:
-    @wraps(effect.function)
-    def called(run: Any, **parameters: Any) -> FloatArray:
-        with _civil(f"{path}: effect '{effect.id}'"):
-            return effect.function(run, **parameters)
-
-    return called
-
-
-@contextmanager
-def _civil(who: str) -> Iterator[None]:
-    """`PluginError` for what is no `Exception` and would end the program, and for what does not return."""
-    try:
-        with WATCH.over(CALL_PATIENCE_S):
-            yield
-    except Overdue:
-        raise PluginError(f"{who} does not return within {CALL_PATIENCE_S:g} s; mend it, or leave it out") from None
-    except (Exception, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        raise PluginError(f"{who} raises {type(error).__name__}, which would end the program; mend it") from error
-
-
-def executed(path: Path, source: bytes) -> ModuleType:
-    """The module that a file's text makes; `ConfigError` for what fails in it."""
-    name = f"rigctl_plugin_{hashlib.sha256(source).hexdigest()[:12]}"
-    module = ModuleType(name)
-    module.__file__ = str(path)
-    try:
-        code = compile(source, str(path), "exec", dont_inherit=True)
-    except SyntaxError as error:
-        raise ConfigError(one_line(f"{path}, line {error.lineno}: {error.msg}")) from None
-    except (ValueError, RecursionError, MemoryError, OverflowError) as error:
-        raise ConfigError(f"{path}: no text of Python: {error}") from None
-    # Dataclasses and the like look their module up while it is being executed.
-    sys.modules[name] = module
-    try:
-        with _civil(str(path)):
-            exec(code, vars(module))  # noqa: S102 - a plug-in is code that its user hands over to be run
-    except PluginError:
-        raise
-    except Exception as error:  # noqa: BLE001 - whatever a user's file may raise
-        raise ConfigError(one_line(f"{path}{line_of(error, str(path))}: {said(error)}")) from None
-    finally:
-        sys.modules.pop(name, None)
-    return module
 
 
 def _flaw_of_id(effect: Effect, before: Mapping[str, Effect]) -> str | None:

@@ -21,6 +21,8 @@ from typing import Any, BinaryIO
 
 from rigctl.core.bounds import MIB
 from rigctl.core.errors import ConfigError, PluginError
+from rigctl.effects.plugin_code import effects_of, executed
+from rigctl.effects.trial import flaw_of_function
 
 PATIENCE_S = 30.0
 """A file of effects takes a quarter of a second, one that compiles its functions ten."""
@@ -112,9 +114,6 @@ def perform(name: str, result: int) -> None:
 
 
 def _go_through(path: Path, source: bytes, tell: Callable[..., None]) -> None:
-    from rigctl.effects.plugins import effects_of, executed
-    from rigctl.effects.trial import flaw_of_function
-
     for each in effects_of(executed(path, source)):
         tell(at=f"effect '{each.id}': ")
         with suppress(ConfigError):

@@ -6,7 +6,7 @@ does anything there, a jump or a column of one's own for instance, is for the re
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +15,6 @@ from rigctl.effects.catalogue import Effect, experiment_of
 
 _NOTHING = 1e-12
 _DIFFERENT = 1e-12
-
-
-class _Signalled(Protocol):
-    signal: FloatArray
 
 
 class AnyColumns(dict[str, FloatArray]):
@@ -107,12 +103,12 @@ def made_up(effect: Effect) -> Any:
     return experiment.load(experiment.trial_run)(effect.on)
 
 
-def _returned(effect: Effect, run: _Signalled, parameters: dict[str, FloatArray]) -> Any:
+def _returned(effect: Effect, run: Any, parameters: dict[str, FloatArray]) -> Any:
     with np.errstate(all="ignore"):
         return effect.function(run, **parameters)
 
 
-def _depends(effect: Effect, run: _Signalled, sizes: dict[str, FloatArray], name: str) -> bool:
+def _depends(effect: Effect, run: Any, sizes: dict[str, FloatArray], name: str) -> bool:
     """Whether doubling or dropping one parameter makes a difference."""
     here, *others = (
         np.broadcast_to(_returned(effect, run, {**sizes, name: factor * sizes[name]}), _shape_of(run))

@@ -6,10 +6,10 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.keyed_random import generator
 from simulators.measured import Tap
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
-from simulators.worlds.keyed_random import generator
 
 
 class PositionCapture:

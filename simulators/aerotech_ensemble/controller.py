@@ -14,8 +14,8 @@ from simulators.aerotech_ensemble.parameters import Parameter, Parameters
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisFault, AxisStatus, PlaneStatus
 from simulators.clock import SimulationClock
+from simulators.keyed_random import generator
 from simulators.motion import MotionAxis
-from simulators.worlds.keyed_random import generator
 
 SLOWEST_MM_S = 1e-4
 FREQUENCIES_HZ = (1e-3, 1e3)

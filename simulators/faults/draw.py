@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from simulators.faults.plan import WIRE_FAULTS, FaultPlan
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 
 NEVER_DRAWN = frozenset({"wrong_identity"})
 """Not something that comes and goes."""

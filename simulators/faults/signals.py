@@ -8,9 +8,9 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from simulators.faults.mishaps import InstrumentFaults, MissingEdges
+from simulators.keyed_random import generator, uniform_of_integers
 from simulators.measured import Tap
 from simulators.wiring import Signal, TriggerLine
-from simulators.worlds.keyed_random import generator, uniform_of_integers
 
 
 class FaultySensor:

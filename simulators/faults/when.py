@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from rigctl.core.arrays import FloatArray
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 
 SLOT_S = 3600.0
 """Random faults are drawn hour by hour of rig time."""

@@ -13,7 +13,7 @@ from typing import Annotated
 from pydantic import Field
 
 from simulators.faults.when import Fault, Occasion, Table
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 
 TERMINATORS = {b",EndOfAPI": b",EndOfAP", b"\r\n": b"\n\r", b"\n": b"\r", b"\r": b"\n"}
 """How replies end, each with an end that is wrong."""

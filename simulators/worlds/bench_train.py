@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
+from simulators.keyed_random import generator
 from simulators.wiring import Train
 from simulators.worlds.bench_settings import BenchSettings
-from simulators.worlds.keyed_random import generator
 from simulators.worlds.laser_head import LaserHead
 from simulators.worlds.mounting import Mounting
 from simulators.worlds.sensor import SensorRecord

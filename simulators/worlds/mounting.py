@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
+from simulators.keyed_random import generator
 from simulators.worlds.bench_settings import BenchSettings
-from simulators.worlds.keyed_random import generator
 from simulators.worlds.rotations import (
     Configuration,
     about_x,

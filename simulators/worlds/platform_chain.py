@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rigctl.core.arrays import FloatArray, Int64Array
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 from simulators.worlds.platform_effects import EFFECTS
 from simulators.worlds.platform_filter import RingingFilter
 from simulators.worlds.platform_noise import BLOCK, NoiseStream, PowerLaw, RisingNoise

@@ -18,7 +18,7 @@ from scipy.optimize import brentq, nnls
 from scipy.signal import sosfilt
 
 from rigctl.core.arrays import FloatArray
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 
 BLOCK = 16384
 """Samples made at a time, whatever is asked for: what comes does not depend on how it is taken."""

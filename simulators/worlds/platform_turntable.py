@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
+from simulators.keyed_random import generator
 from simulators.motion import MotionAxis, Stop
 from simulators.stretches import stretches
-from simulators.worlds.keyed_random import generator
 from simulators.worlds.platform_settings import PlatformSettings
 
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
+from simulators.keyed_random import generator
 from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.ground_noise import GroundNoise
-from simulators.worlds.keyed_random import generator
 from simulators.worlds.mounting import Mounting
 from simulators.worlds.resonator import response
 from simulators.worlds.specific_force import SpecificForce

@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
+from simulators.keyed_random import generator, uniform_of_integers
 from simulators.motion import MotionAxis
 from simulators.worlds.bench_settings import BenchSettings
-from simulators.worlds.keyed_random import generator, uniform_of_integers
 
 
 class Stages:

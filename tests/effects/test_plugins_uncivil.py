@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rigctl.core.errors import PluginError
-from rigctl.effects import plugins, rehearsal, watch
+from rigctl.effects import plugin_code, plugins, rehearsal
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import made_up
 
@@ -88,7 +88,7 @@ def test_a_civil_file_is_tried_once(write: Write, monkeypatch: pytest.MonkeyPatc
 
 def only_here(path: Path) -> Effect:
     """The file's effect, as if it had behaved in the other process."""
-    (effect,) = plugins.effects_of(plugins.executed(path, path.read_bytes()))
+    (effect,) = plugin_code.effects_of(plugin_code.executed(path, path.read_bytes()))
     return effect
 
 
@@ -102,8 +102,8 @@ def test_an_exit_in_a_later_call_is_an_error_like_another(write: Write) -> None:
 def test_a_later_call_that_never_returns_is_interrupted_in_whichever_thread(
     write: Write, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(plugins, "CALL_PATIENCE_S", 0.2)
-    monkeypatch.setattr(watch, "_LOOK_S", 0.05)
+    monkeypatch.setattr(plugin_code, "CALL_PATIENCE_S", 0.2)
+    monkeypatch.setattr(plugin_code, "_LOOK_S", 0.05)
     effect = only_here(write(inside="while True:\n        pass"))
     caught: list[BaseException] = []
 
@@ -124,7 +124,7 @@ def test_the_watch_costs_less_than_ten_microseconds_a_call() -> None:
     for _ in range(5):
         start = time.process_time()
         for _ in range(1000):
-            with watch.WATCH.over(1.0):
+            with plugin_code.WATCH.over(1.0):
                 pass
         took.append(time.process_time() - start)
     assert min(took) < 1e-2

@@ -18,10 +18,10 @@ from scipy.signal import bilinear, lfilter
 from rigctl.core.arrays import FloatArray
 from simulators.benches import BareBench, WorldDeclaration, WorldTable, no_such_action
 from simulators.clock import SimulationClock
+from simulators.keyed_random import generator
 from simulators.motion import MotionAxis
 from simulators.wiring import Signal, TriggerLine
 from simulators.worlds.bench_settings import TemperatureSettings
-from simulators.worlds.keyed_random import generator
 from simulators.worlds.rotations import about_x, rotation
 from simulators.worlds.temperature import Room
 

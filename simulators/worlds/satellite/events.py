@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 from simulators.worlds.satellite.forcing import Command
 from simulators.worlds.satellite.settings import SatelliteSettings
 

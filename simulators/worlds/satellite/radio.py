@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigctl.core.arrays import BoolArray, FloatArray
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 from simulators.worlds.satellite.forcing import Command
 from simulators.worlds.satellite.settings import SatelliteSettings
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
-from simulators.worlds.keyed_random import generator
+from simulators.keyed_random import generator
 from simulators.worlds.platform_noise import PowerLaw, power_law_filter
 from simulators.worlds.satellite.events import Events
 from simulators.worlds.satellite.forcing import AXES, ROOM_K, Command, forcing
