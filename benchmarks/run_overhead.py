@@ -44,7 +44,7 @@ from drivers.transport import InProcessTransport
 from procedures.sensing_axis.bench import Bench, SetPoint
 from rigctl.campaign.recording import Header, RunRecord
 from rigctl.campaign.session.control import Control
-from rigctl.campaign.session.operator import SimulatedOperator
+from rigctl.campaign.session.operator import Operator
 from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.run_writer import RunWriter
@@ -110,7 +110,7 @@ class Stopwatch:
 
 
 def session_on(store: Store, clock: Clock) -> Session:
-    return Session(store, clock, SimulatedOperator(None), Control(lambda: None), Progress(store))
+    return Session(store, clock, Operator(None), Control(lambda: None), Progress(store))
 
 
 def inserts(connection: sqlite3.Connection, data: bytes) -> Callable[[], object]:

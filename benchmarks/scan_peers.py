@@ -38,7 +38,7 @@ from machine import conditions
 
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session.control import Control
-from rigctl.campaign.session.operator import SimulatedOperator
+from rigctl.campaign.session.operator import Operator
 from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.run_writer import RunWriter
@@ -62,7 +62,7 @@ def detect(x: float) -> float:
 def rigctl_scan(directory: Path, detect: Detect) -> float:
     """A run of a session; every point is appended, and so committed, before the next."""
     with Store.create(directory / "scan.rig.sqlite", Header("sensing-axis")) as store:
-        session = Session(store, RealClock(), SimulatedOperator(None), Control(lambda: None), Progress(store))
+        session = Session(store, RealClock(), Operator(None), Control(lambda: None), Progress(store))
 
         def measure(writer: RunWriter) -> dict[str, Any]:
             for x in SETPOINTS:

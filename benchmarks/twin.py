@@ -16,7 +16,7 @@ from procedures.sensing_axis.bench import Bench
 from procedures.sensing_axis.wiring import bench_of
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session.control import Control
-from rigctl.campaign.session.operator import SimulatedOperator
+from rigctl.campaign.session.operator import Operator
 from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
@@ -44,6 +44,6 @@ def twin(seed: int) -> Iterator[Twin]:
         bench = bench_of(rig)
         with Store.create(Path(scratch) / "twin.rig.sqlite", Header("sensing-axis")) as store:
             control = Control(rig.stop, bench.rest)
-            session = Session(store, rig.clock, SimulatedOperator(rig.operator_link), control, Progress(store))
+            session = Session(store, rig.clock, Operator(rig.operator_link), control, Progress(store))
             bench.prepare()
             yield Twin(rig, bench, session, store)

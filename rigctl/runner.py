@@ -17,7 +17,7 @@ from rigctl.campaign.origin import rig_file_of, truth_path
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session import locks, rig_time
 from rigctl.campaign.session.control import Control, RequestWatcher, forget_requests
-from rigctl.campaign.session.operator import Operator, SimulatedOperator, TerminalOperator, TypedLines
+from rigctl.campaign.session.operator import Operator, TerminalOperator, TypedLines
 from rigctl.campaign.session.progress import Display, Progress
 from rigctl.campaign.session.questions import Questions
 from rigctl.campaign.session.session import Session
@@ -198,10 +198,11 @@ def _carry_out(store: Store, rig: Rig, work: Work, control: Control, options: Op
 
 
 def _operator(store: Store, rig: Rig, control: Control, options: Options) -> Operator:
+    heed = control.raise_if_aborted
     if options.unattended:
-        return SimulatedOperator(rig.operator_link, heed=control.raise_if_aborted)
-    board, heed = Questions(store), control.raise_if_aborted
-    return TerminalOperator(rig.operator_link, TypedLines(heed, board.heard), board, heed=heed)
+        return Operator(rig.operator_link, heed=heed)
+    questions = Questions(store)
+    return TerminalOperator(rig.operator_link, TypedLines(heed, questions.heard), questions, heed=heed)
 
 
 def _write_truth(rig_file: RigFile, store_path: Path) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from rigctl.campaign.session.operator import SimulatedOperator, TerminalOperator, TypedLines
+from rigctl.campaign.session.operator import Operator, TerminalOperator, TypedLines
 from rigctl.campaign.session.operator_link import TcpOperatorLink
 from rigctl.core.clock import RealClock
 from rigctl.core.errors import Aborted, BadReply, ConfigError, LinkLost, LinkTimeout, ProcedureError
@@ -156,7 +156,7 @@ def test_the_end_of_the_input_and_a_closed_one_are_the_end(monkeypatch: pytest.M
 
 def test_the_simulated_operator_acts_and_never_accepts_a_bad_start() -> None:
     hands = Hands()
-    operator = SimulatedOperator(hands)
+    operator = Operator(hands)
     operator.remount("Y", "pendulum", 2)
     operator.level(7.5)
     operator.announce_run(9)
@@ -166,12 +166,12 @@ def test_the_simulated_operator_acts_and_never_accepts_a_bad_start() -> None:
         {"run": 9},
     ]
     assert operator.accept("The room is loud. Start anyway?") is False
-    SimulatedOperator(None).remount("Y", "pendulum", 2)
+    Operator(None).remount("Y", "pendulum", 2)
 
 
 def test_hands_that_cannot_do_it_say_why() -> None:
     with pytest.raises(ProcedureError, match=r"could not do .*remount.*: no sensor 'Q'"):
-        SimulatedOperator(Hands({"error": "no sensor 'Q'"})).remount("Q", "flag", 1)
+        Operator(Hands({"error": "no sensor 'Q'"})).remount("Q", "flag", 1)
 
 
 @contextmanager
@@ -249,7 +249,7 @@ def test_an_abort_does_not_wait_for_hands_that_are_at_work() -> None:
         raise Aborted("interrupted by SIGTERM")
 
     with pytest.raises(Aborted, match="SIGTERM"):
-        SimulatedOperator(Slow(), heed=heed).remount("X", "flag", 1)
+        Operator(Slow(), heed=heed).remount("X", "flag", 1)
     assert not done.is_set(), "it was waited for"
     done.set()
 

@@ -21,7 +21,7 @@ from procedures.sensing_axis.wiring import bench_of
 from rigctl import results, runner
 from rigctl.campaign.origin import truth_path
 from rigctl.campaign.session.control import Control
-from rigctl.campaign.session.operator import Levelled, SimulatedOperator
+from rigctl.campaign.session.operator import Levelled, Operator
 from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.status import status_of
@@ -258,7 +258,7 @@ def test_an_attended_campaign_asks_again_when_it_is_resumed(desk: Any) -> None:
 
 
 @dataclass
-class Hand(SimulatedOperator):
+class Hand(Operator):
     """An operator with a will of their own."""
 
     untouched: bool = True
@@ -343,7 +343,7 @@ def test_a_mounting_that_is_still_in_place_is_gone_on_with(session_with: Callabl
     store, _ = session_with(leave_at_run=6)
     store.close()
     store, hand = session_with()
-    assert hand.done[:2] == ["still X pendulum 1?", "remount X pendulum 1"]
+    assert hand.done[:2] == ["still X pendulum 1?", "remount X flag 2"]
     assert all(run.valid for run in store.runs())
     assert len(store.runs()) == 6
     store.close()

@@ -16,7 +16,7 @@ from procedures.sensing_axis.bench import Bench
 from procedures.sensing_axis.wiring import bench_of
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session.control import Control
-from rigctl.campaign.session.operator import SimulatedOperator
+from rigctl.campaign.session.operator import Operator
 from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
@@ -69,7 +69,7 @@ def make_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
                 Store.create(tmp_path / f"{next(numbers)}.rig.sqlite", Header("sensing-axis"))
             )
             session = Session(
-                store, rig.clock, SimulatedOperator(rig.operator_link), Control(rig.stop, bench.rest), Progress(store)
+                store, rig.clock, Operator(rig.operator_link), Control(rig.stop, bench.rest), Progress(store)
             )
             bench.prepare()
             return Twin(rig, bench, session, store)

@@ -19,7 +19,7 @@ from rigctl import runner
 from rigctl.campaign.bundle.bundle import read_bundle, write_bundle
 from rigctl.campaign.recording import Header
 from rigctl.campaign.session.control import Control
-from rigctl.campaign.session.operator import SimulatedOperator
+from rigctl.campaign.session.operator import Operator
 from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
@@ -44,7 +44,7 @@ class InOrbit:
     control: Control
 
     def session(self) -> Session:
-        operator = SimulatedOperator(self.rig.operator_link)
+        operator = Operator(self.rig.operator_link)
         return Session(self.store, self.rig.clock, operator, self.control, Progress(self.store))
 
 
@@ -121,7 +121,7 @@ def test_an_aborted_calibration_goes_on_to_the_same_samples(launch: Callable[...
             if len(self.store.runs()) == 1:
                 raise Aborted("enough")
 
-    operator = SimulatedOperator(begun.rig.operator_link)
+    operator = Operator(begun.rig.operator_link)
     impatient = Impatient(begun.store, begun.rig.clock, operator, begun.control, Progress(begun.store))
     with pytest.raises(Aborted):
         calibrate(impatient, begun.flight, SHORT)

@@ -9,10 +9,11 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, wait
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any, Protocol
 
+from rigctl.campaign.session.questions import Questions
 from rigctl.core.errors import Aborted, ProcedureError
 
 HEED_S = 0.1
@@ -34,18 +35,6 @@ class Levelled:
     angle_deg: float
 
 
-class Board(Protocol):
-    """Where questions are also put up, for whoever else looks after the campaign."""
-
-    def post(self, text: str) -> None:
-        """A question."""
-        ...
-
-    def close(self, answer: str) -> None:
-        """Its answer."""
-        ...
-
-
 class OperatorLink(Protocol):
     """The hands of a simulated rig: what a person would do, done by the world. Nobody measures through it."""
 
@@ -57,96 +46,64 @@ class OperatorLink(Protocol):
         ...
 
 
-class Operator(Protocol):
-    """Who is asked. Every call returns once the action is confirmed; `Aborted` when the person refuses."""
+@dataclass
+class Operator:
+    """Who is asked, and what hands then do: those of a simulated world, and none at a real rig.
 
-    name: str
+    Every call returns once the action is done; `Aborted` when a person refuses.
+    """
+
+    link: OperatorLink | None
+    heed: Callable[[], None] = field(default=lambda: None, kw_only=True)
+    """Called several times a second while the hands are at work: what it raises ends the waiting."""
 
     def remount(self, axis: str, configuration: str, mounting: int) -> None:
         """Take the package off and seat it again for `axis` in `configuration`."""
-        ...
+        self._act(_seated(axis, configuration, mounting))
 
-    def level(self, reading_v: float) -> float | None:
+    def level(self, reading_v: float) -> float | None:  # noqa: ARG002 - hands that see the level themselves
         """Turn the levelling screws until the static output is inside its limit.
 
         Returns when that was, by the clock of a served world; None where there is no clock but ours.
         """
-        ...
-
-    def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
-        """After a restart: is this mounting in place and untouched since it was `levelled`?"""
-        ...
-
-    def bring_room_to(self, temperature_c: float) -> None:
-        """Have the room, and all in it, at a temperature [degC]."""
-        ...
-
-    def restore_room(self, temperature_c: float, at_s: float) -> None:
-        """After a restart: the room set out for this temperature at rig time `at_s`."""
-        ...
-
-    def flip(self, g_sign: int) -> None:
-        """Turn the sensors so that +g or -g acts along them, amplifiers bypassed; 0: back as they were."""
-        ...
-
-    def accept(self, question: str) -> bool:
-        """A decision: go on in spite of what the question says?"""
-        ...
-
-    def announce_run(self, number: int) -> None:
-        """A run begins; a person need not know."""
-        ...
-
-
-@dataclass
-class SimulatedOperator:
-    """Answers everything: with hands where the world is simulated, else with a nod."""
-
-    link: OperatorLink | None
-    name: str = "simulated operator"
-    heed: Callable[[], None] = lambda: None
-    """Called several times a second while the hands are at work: what it raises ends the waiting."""
-
-    def remount(self, axis: str, configuration: str, mounting: int) -> None:
-        """Seat the package."""
-        self._act(_seated(axis, configuration, mounting))
-
-    def level(self, reading_v: float) -> float | None:  # noqa: ARG002 - hands that see the level themselves
-        """Level the package."""
         return self._act({"level": True}).get("rig_time_s")
 
     def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
-        """A world that was served all the time says so itself; one that starts anew has nothing mounted.
+        """After a restart: is this mounting in place and untouched since it was `levelled`?
 
-        There the same mounting is made again, which nature repeats, and levelled as it was then, not anew: what has
-        drifted since is to be seen.
+        A world that was served all the time says so itself; one that starts anew has nothing mounted. There the same
+        mounting is made again, which nature repeats, and levelled as it was then, not anew: what has drifted since is
+        to be seen.
         """
         seated = _seated(axis, configuration, mounting)
         stands = self._act({"stands": True}).get("stands", [])
         if seated in stands and (levelled is None or any("level" in made for made in stands)):
             return True
-        self.remount(axis, configuration, mounting)
+        self._act(seated)
         self._act({"level": True if levelled is None else asdict(levelled)})
         return True
 
     def bring_room_to(self, temperature_c: float) -> None:
-        """Set the air conditioning and wait until all has followed."""
+        """Have the room, and all in it, at a temperature [degC]."""
         self._act({"room": {"temperature_c": temperature_c}})
 
     def restore_room(self, temperature_c: float, at_s: float) -> None:
-        """A world that starts anew has never been at another temperature: tell it."""
+        """After a restart: the room set out for this temperature at rig time `at_s`.
+
+        A world that starts anew has to be told so; a person's room is as it is.
+        """
         self._act({"room": {"temperature_c": temperature_c, "at_s": at_s}})
 
     def flip(self, g_sign: int) -> None:
-        """Turn the sensors over, or put them back."""
+        """Turn the sensors so that +g or -g acts along them, amplifiers bypassed; 0: back as they were."""
         self._act({"flip": g_sign})
 
     def accept(self, question: str) -> bool:  # noqa: ARG002
-        """Never accepts a bad start: an unattended campaign should stop rather than waste a night."""
+        """Whether to go on in spite of what the question says: never when nobody watches."""
         return False
 
     def announce_run(self, number: int) -> None:
-        """Tell the world which run begins, the key of its randomness."""
+        """A run begins, the key of a simulated world's randomness; a person need not know."""
         self._act({"run": number})
 
     def _act(self, action: dict[str, Any]) -> dict[str, Any]:
@@ -194,44 +151,38 @@ class TypedLines:
 
 
 @dataclass
-class TerminalOperator:
-    """Asks at the terminal; behind a simulated rig the world's hands then do what was confirmed."""
+class TerminalOperator(Operator):
+    """Asks a person at the terminal first, and has the hands of a simulated world do what was confirmed."""
 
-    link: OperatorLink | None
     ask: Callable[[], str]
-    board: Board | None = None
-    name: str = "operator"
-    heed: Callable[[], None] = lambda: None
+    questions: Questions | None = None
+    """Where what is asked is put up too, for whoever else looks after the campaign."""
 
     def remount(self, axis: str, configuration: str, mounting: int) -> None:
         """Ask for a remounting and wait for the confirmation."""
         self._confirm(f"Mount the package for axis {axis} in {configuration} (mounting {mounting})")
-        self._hands.remount(axis, configuration, mounting)
+        super().remount(axis, configuration, mounting)
 
     def level(self, reading_v: float) -> float | None:
         """Ask for levelling and wait for the confirmation."""
         seen = f": static output {reading_v:+.3f} V" if math.isfinite(reading_v) else ""
         self._confirm(f"Level the package{seen}")
-        return self._hands.level(reading_v)
+        return super().level(reading_v)
 
     def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
         """Ask whether the mounting survived."""
         question = f"Is {axis} in {configuration}, mounting {mounting}, still in place and untouched?"
-        return self.accept(question) and self._hands.still_mounted(axis, configuration, mounting, levelled)
+        return self.accept(question) and super().still_mounted(axis, configuration, mounting, levelled)
 
     def bring_room_to(self, temperature_c: float) -> None:
         """Ask for another room temperature and wait for the confirmation."""
         self._confirm(f"Bring the room to {temperature_c:g} degC and wait until the bench has followed")
-        self._hands.bring_room_to(temperature_c)
-
-    def restore_room(self, temperature_c: float, at_s: float) -> None:
-        """Passed on to a simulated world; a person's room is as it is."""
-        self._hands.restore_room(temperature_c, at_s)
+        super().bring_room_to(temperature_c)
 
     def flip(self, g_sign: int) -> None:
         """Ask for the sensors to be turned over, or put back, and wait for the confirmation."""
         self._confirm(FLIPS[g_sign])
-        self._hands.flip(g_sign)
+        super().flip(g_sign)
 
     def accept(self, question: str) -> bool:
         """Yes or no."""
@@ -241,14 +192,6 @@ class TerminalOperator:
                 return True
             if answer in {"n", "no"}:
                 return False
-
-    def announce_run(self, number: int) -> None:
-        """Passed on to a simulated world; a person need not know."""
-        self._hands.announce_run(number)
-
-    @property
-    def _hands(self) -> SimulatedOperator:
-        return SimulatedOperator(self.link, heed=self.heed)
 
     def _confirm(self, request: str) -> None:
         while True:
@@ -261,15 +204,15 @@ class TerminalOperator:
     def _read(self, prompt: str) -> str:
         try:
             print(prompt, end="", file=sys.stderr, flush=True)  # noqa: T201 - stdout belongs to --json
-            if self.board is not None:
-                self.board.post(prompt)
+            if self.questions is not None:
+                self.questions.post(prompt)
             answer = self.ask()
         except EOFError:
             raise ProcedureError(
                 f"nobody at the terminal to answer: {prompt.strip()} Run with --yes, or at a terminal"
             ) from None
-        if self.board is not None:
-            self.board.close(answer)
+        if self.questions is not None:
+            self.questions.close(answer)
         return answer
 
 
