@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.table.model.form import Form
+from rigctl.experiments.table.model.form import Choice, Form
 from rigctl.experiments.table.model.forms import Turning
 from rigctl.experiments.table.model.pieces import PluginPiece
+from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group
 from rigctl.workbench.study import Candidate, NotTestable, Term
@@ -32,6 +35,30 @@ def candidate_of(form: Form, term: Term, response_unit: str, spanned: FloatArray
         derivative,
         _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
     )
+
+
+def scan_candidates(
+    form: Scanned,
+    effect: str,
+    choices: Sequence[Choice],
+    response_unit: str,
+    spanned: FloatArray,
+    residual: FloatArray,
+) -> list[Candidate]:
+    """A scanned form with each of its choices: what `candidate_of` does for one."""
+    stack = form.scan(choices)
+    n, count, parameters = stack.shape
+    space = _trivial_space(form, spanned)
+    columns = stack.reshape(n, -1)
+    for _ in range(2 if space.shape[1] else 0):
+        columns = columns - space @ (space.T @ columns)
+    sizes = np.maximum(_rms(columns), np.finfo(np.float64).tiny).reshape(count, parameters)
+    stack = columns.reshape(n, count, parameters)
+    names, units, left = tuple(f"{effect}{name}" for name in form.names()), form.units(response_unit), _rms(residual)
+    return [
+        Candidate(Term(effect, choice), names, units, stack[:, place], left / sizes[place])
+        for place, choice in enumerate(choices)
+    ]
 
 
 def group_candidate(group: Group, slopes: FloatArray, residual: FloatArray) -> Candidate:
@@ -77,13 +104,16 @@ def plugin_candidate(piece: PluginPiece, signal: FloatArray) -> Candidate | NotT
 def _without_trivial(form: Form, parts: list[FloatArray], spanned: FloatArray) -> FloatArray:
     remaining = [part for part in parts if not _is_spanned(part, spanned)] or parts[-1:]
     derivative = np.sum(remaining, axis=0)
-    trivial = [each for each in form.trivial() if _is_spanned(each[:, None], spanned)]
-    if not trivial:
-        return np.asarray(derivative)
-    space = span_of(np.stack(trivial, axis=1))
-    for _ in range(2):
+    space = _trivial_space(form, spanned)
+    for _ in range(2 if space.shape[1] else 0):
         derivative = derivative - space @ (space.T @ derivative)
     return np.asarray(derivative)
+
+
+def _trivial_space(form: Form, spanned: FloatArray) -> FloatArray:
+    """A basis of the simple functions beside which a form is what remains, as far as the model spans them."""
+    trivial = [each for each in form.trivial() if _is_spanned(each[:, None], spanned)]
+    return span_of(np.stack(trivial, axis=1)) if trivial else np.zeros((len(spanned), 0))
 
 
 def _is_spanned(functions: FloatArray, spanned: FloatArray) -> bool:

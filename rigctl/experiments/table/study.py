@@ -12,7 +12,13 @@ from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.table.candidates import candidate_of, group_candidate, has_another_name, plugin_candidate
+from rigctl.experiments.table.candidates import (
+    candidate_of,
+    group_candidate,
+    has_another_name,
+    plugin_candidate,
+    scan_candidates,
+)
 from rigctl.experiments.table.catalogue import base_of, next_id, why_not
 from rigctl.experiments.table.model.form import Choice, Form
 from rigctl.experiments.table.model.model import TableModel, fitted
@@ -100,7 +106,7 @@ class TableStudy(StudyBase[TableData]):
         taken = {term.effect for term in model.terms}
         jacobian = model.jacobian(values)
         spanned = span_of(jacobian)
-        left = self.observations.value - model.predict(values)
+        left, unit = self.observations.value - model.predict(values), self.data.readings.response.unit
         candidates: list[Candidate] = []
         untestable: list[NotTestable] = []
         for base, effect in self.data.generic.items():
@@ -113,10 +119,12 @@ class TableStudy(StudyBase[TableData]):
                 untestable.append(NotTestable(base, reason))
             elif isinstance(effect, Group):
                 candidates.append(group_candidate(effect, jacobian, left))
+            elif isinstance(effect, Scanned):
+                choices = self._choices(effect)
+                candidates += scan_candidates(effect, next_id(base, taken), choices, unit, spanned, left)
             elif isinstance(effect, Form):
-                name, unit = next_id(base, taken), self.data.readings.response.unit
                 candidates += [
-                    candidate_of(effect, Term(name, choice), unit, spanned, left) for choice in self._choices(effect)
+                    candidate_of(effect, Term(base, choice), unit, spanned, left) for choice in effect.choices()
                 ]
         for name, effect_ in self.catalogue.items():
             if name not in taken:
@@ -137,9 +145,7 @@ class TableStudy(StudyBase[TableData]):
         """These readings and some more, which mean nothing but where they are taken."""
         return self.with_data(self.data.with_proposals(proposals))
 
-    def _choices(self, form: Form) -> list[Choice]:
-        if not isinstance(form, Scanned):
-            return form.choices()
+    def _choices(self, form: Scanned) -> list[Choice]:
         points = max(_GRID_POINTS // max(len(self.data.readings.columns), 1), _GRID_LEAST)
         return [form.full_choice(float(value)) for value in form.grid(min(points, POINTS_MAX))]
 

@@ -23,13 +23,21 @@ def equivalent_effects(attempt: Attempt, scored: Scored) -> list[str]:
     """Effects these data cannot tell from this one, and parameters of the baseline that absorb it."""
     if not scored.score.dimension:
         return list(_absorbers(attempt, scored))
-    return [other.candidate.term.effect for other in attempt.scored if other is not scored and _alike(scored, other)]
+    place = next(i for i, each in enumerate(attempt.scored) if each is scored)
+    return [attempt.scored[i].candidate.term.effect for i in _alike(attempt, place)]
 
 
-def _alike(a: Scored, b: Scored) -> bool:
-    """Whether two effects do the same to these data: their spans coincide, neither explains more of what is left."""
-    same = a.score.dimension == b.score.dimension > 0 and abs(a.score.statistic - b.score.statistic) < DISTINCT_FALL
-    return same and contained(a.score.basis, b.score.basis) > SAME
+def _alike(attempt: Attempt, place: int) -> list[int]:
+    """Effects that do the same to these data: their spans coincide, neither explains more of what is left."""
+    a, near = attempt.scored[place].score, np.flatnonzero(attempt.likeness_bounds[place] > SAME)
+    others = [(int(i), attempt.scored[i].score) for i in near if i != place]
+    return [
+        i
+        for i, b in others
+        if a.dimension == b.dimension > 0
+        and abs(a.statistic - b.statistic) < DISTINCT_FALL
+        and contained(a.basis, b.basis) > SAME
+    ]
 
 
 def inseparable_effects(attempt: Attempt) -> tuple[Inseparable, ...]:
@@ -45,10 +53,9 @@ def inseparable_effects(attempt: Attempt) -> tuple[Inseparable, ...]:
         for effect, names in attempt.study.inseparable().items():
             pairs = [(effect, f"baseline:{name}") for name in names]
             inseparable += [Inseparable(*pair) for pair in pairs if pair not in known]
-    for number, a in enumerate(attempt.scored):
-        for b in attempt.scored[number + 1 :]:
-            if _alike(a, b):
-                inseparable.append(Inseparable(a.candidate.term.effect, b.candidate.term.effect))
+    effects = [scored.candidate.term.effect for scored in attempt.scored]
+    for place, effect in enumerate(effects):
+        inseparable += [Inseparable(effect, effects[other]) for other in _alike(attempt, place) if other > place]
     return tuple(inseparable)
 
 

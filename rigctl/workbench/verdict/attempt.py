@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator, above_rounding
+from rigctl.workbench.verdict.scan import TOGETHER, by_own_noise, scores_of_choices
 from rigctl.workbench.verdict.score import Score, corrected, p_of, trials
 
 ROUNDS = 2
@@ -87,6 +89,18 @@ class Attempt(FittedModel):
         return next((each for each in self.scored if each.candidate.term.effect == effect), None)
 
     @cached_property
+    def likeness_bounds(self) -> FloatArray:
+        """How far each effect's span lies within each other's at most, as cosines, (effects, effects)."""
+        dimensions = np.array([max(each.score.dimension, 1) for each in self.scored])
+        bases = [each.score.basis if each.score.dimension else np.zeros((len(self.left), 1)) for each in self.scored]
+        if not bases:
+            return np.zeros((0, 0))
+        joined = np.hstack(bases)
+        first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
+        overlap = np.add.reduceat(np.add.reduceat((joined.T @ joined) ** 2, first, axis=0), first, axis=1)
+        return np.asarray(np.sqrt(overlap / dimensions[:, None]))
+
+    @cached_property
     def n_eff(self) -> float:
         """How many independent trials the catalogue amounts to."""
         return trials([score.basis for score in self.scores], np.random.default_rng([self._seed, 1]))
@@ -115,8 +129,23 @@ class Attempt(FittedModel):
 
     @cached_property
     def scores(self) -> list[Score]:
-        """Of every candidate, in their order."""
-        return [self._score(candidate) for candidate in self.candidates]
+        """Of every candidate, in their order; the choices of a long scan together."""
+        scores: list[Score] = []
+        for _, group in itertools.groupby(self.candidates, key=lambda each: (each.term.effect, len(each.names))):
+            choices = list(group)
+            scores += (
+                self._scores_of_scan(choices) if len(choices) >= TOGETHER else [self._score(each) for each in choices]
+            )
+        return scores
+
+    def _scores_of_scan(self, choices: Sequence[Candidate]) -> list[Score]:
+        columns = self.whitened_columns(np.hstack([each.derivative for each in choices]))
+        scores, frame = scores_of_choices(self.projector, columns, len(choices[0].names)), self.estimator.saturated
+        return (
+            scores
+            if frame is None
+            else by_own_noise(scores, frame, self.left[: len(frame)], float(self.noise.dof[0]))
+        )
 
     def _score(self, candidate: Candidate) -> Score:
         score, frame = self.projector.score(self.columns(candidate)), self.estimator.saturated

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from scipy import optimize, stats
@@ -116,10 +117,16 @@ def _detectable(attempt: Attempt, scored: Scored, alpha: float) -> dict[str, flo
     if not d:
         return {}
     level = -np.expm1(np.log1p(-CATALOGUE_SHARE * alpha) / attempt.n_eff)
-    threshold = stats.chi2.isf(level, d)
-    needed = optimize.brentq(lambda size: stats.ncx2.sf(threshold, d, size) - POWER, 1e-3, 1e4)
+    needed = _noncentrality(d, float(level))
     return {
         name: float(np.sqrt(needed) * sigma)
         for name, sigma in zip(scored.candidate.names, scored.score.sigma, strict=True)
         if np.isfinite(sigma)
     }
+
+
+@lru_cache(maxsize=64)
+def _noncentrality(d: int, level: float) -> float:
+    """With which a chi-square of d degrees of freedom is significant at a level with power 0.95."""
+    threshold = stats.chi2.isf(level, d)
+    return float(optimize.brentq(lambda size: stats.ncx2.sf(threshold, d, size) - POWER, 1e-3, 1e4))

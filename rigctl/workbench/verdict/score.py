@@ -7,11 +7,12 @@ is to first order the fall of chi-square after adding the candidate and fitting 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from numpy.typing import NDArray
+from scipy import special
 
 from rigctl.analysis.decomposition import svd
 from rigctl.core.arrays import FloatArray, IntArray
@@ -21,6 +22,7 @@ ABSORBED = 1e-2
 """Share of a column that no fitted parameter imitates, below which effects of second order dominate."""
 
 DRAWS = 2000
+_AT_ONCE = 250
 QUANTILE = 0.02
 UNDETERMINED = 1e-8
 
@@ -78,20 +80,25 @@ class Projector:
 
     def dof_of(self, basis: FloatArray) -> float:
         """Degrees of freedom of the noise that a statistic on `basis` meets (Satterthwaite)."""
-        share = np.sum(basis[: self.data] ** 2, axis=1)
+        return float(self.dof_of_each(np.sum(basis**2, axis=1)[:, None])[0])
+
+    def dof_of_each(self, shares: FloatArray) -> FloatArray:
+        """The same for many bases, `shares` (n, k) the square sum of each row of each."""
+        share = shares[: self.data]
         known = np.isfinite(self._dof)
-        spread = 0.0
+        spread = np.zeros(share.shape[1])
         for dof in np.unique(self._dof[known]):
-            spread += float(np.sum(share[self._dof == dof])) ** 2 / dof
-        return float(np.sum(share) ** 2 / spread) if spread > 0.0 else np.inf
+            spread += np.sum(share[self._dof == dof], axis=0) ** 2 / dof
+        none = spread > 0.0
+        return np.where(none, np.sum(share, axis=0) ** 2 / np.where(none, spread, 1.0), np.inf)
 
 
 def p_of(statistic: FloatArray | float, dimension: IntArray | int, dof: FloatArray | float) -> FloatArray:
     """Probability of a larger T: F(d, dof), chi-square where the noise is known."""
     d = np.maximum(dimension, 1)
-    exact = stats.chi2.sf(statistic, d)
+    exact = special.chdtrc(d, statistic)
     nu = np.minimum(dof, 1e9)
-    return np.asarray(np.where(np.isfinite(dof), stats.f.sf(np.asarray(statistic) / d, d, nu), exact))
+    return np.asarray(np.where(np.isfinite(dof), special.fdtrc(d, nu, np.asarray(statistic) / d), exact))
 
 
 def trials(bases: Sequence[FloatArray], rng: np.random.Generator) -> float:
@@ -104,18 +111,29 @@ def trials(bases: Sequence[FloatArray], rng: np.random.Generator) -> float:
         return 1.0
     dimensions = np.array([basis.shape[1] for basis in wide])
     span = np.hstack(wide)
+    first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
+    if span.shape[1] > len(span):  # they span all there is
+        return trials_of(np.concatenate(list(_smallest_of_many(span.astype(np.float32), first, dimensions, rng))))
     frame = orthonormal(span, 1e-6) if span.shape[1] > 1 else span
     draws = rng.standard_normal((DRAWS, frame.shape[1])) @ (frame.T @ span)
-    first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
     return trials_of(smallest_p(np.add.reduceat(draws**2, first, axis=1), dimensions))
 
 
-def smallest_p(statistics: FloatArray, dimensions: IntArray) -> FloatArray:
+def _smallest_of_many(
+    span: NDArray[np.float32], first: IntArray, dimensions: IntArray, rng: np.random.Generator
+) -> Iterator[FloatArray]:
+    """Smallest p of each draw of noise (n,), so many draws at once as take little memory."""
+    for _ in range(DRAWS // _AT_ONCE):
+        draws = rng.standard_normal((_AT_ONCE, len(span)), dtype=np.float32) @ span
+        yield smallest_p(np.add.reduceat(np.square(draws, out=draws), first, axis=1), dimensions)
+
+
+def smallest_p(statistics: NDArray[np.floating], dimensions: IntArray) -> FloatArray:
     """Smallest p of each draw, from statistics (draws, trials)."""
     smallest = np.ones(len(statistics))
     for d in np.unique(dimensions):
         largest = statistics[:, dimensions == d].max(axis=1)
-        smallest = np.minimum(smallest, stats.chi2.sf(largest, d))
+        smallest = np.minimum(smallest, special.chdtrc(d, largest))
     return smallest
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -89,6 +90,12 @@ class Periodic(_OfColumn):
         phase = self._phase(choice)
         return np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
+    def scan(self, choices: Sequence[Choice]) -> FloatArray:
+        """The bases of many choices of one origin, shape (n, choices, 2)."""
+        frequencies = 1.0 / np.array([choice["period"] for choice in choices])
+        phase = 2.0 * np.pi * np.outer(self.column.values - choices[0]["origin"], frequencies)
+        return np.stack([np.cos(phase), np.sin(phase)], axis=2)
+
     def slope(self, choice: Choice, linear: FloatArray) -> FloatArray:
         """By the period."""
         phase = self._phase(choice)
@@ -137,6 +144,10 @@ class Exponential(_OfColumn):
         """Shape (n, 1)."""
         return np.asarray(np.exp(choice["rate"] * (self.column.values - choice["origin"])))[:, None]
 
+    def scan(self, choices: Sequence[Choice]) -> FloatArray:
+        """The bases of many choices, shape (n, choices, 1)."""
+        return np.stack([self.basis(choice) for choice in choices], axis=1)
+
     def slope(self, choice: Choice, linear: FloatArray) -> FloatArray:
         """By the rate."""
         return np.asarray(linear[0] * (self.column.values - choice["origin"]) * self.basis(choice)[:, 0])
@@ -181,6 +192,11 @@ class Step(_OfColumn):
     def basis(self, choice: Choice) -> FloatArray:
         """Shape (n, 1)."""
         return (self.column.values > choice["at"]).astype(np.float64)[:, None]
+
+    def scan(self, choices: Sequence[Choice]) -> FloatArray:
+        """The bases of many choices, shape (n, choices, 1)."""
+        places = np.array([choice["at"] for choice in choices])
+        return (self.column.values[:, None] > places).astype(np.float64)[:, :, None]
 
     def slope(self, choice: Choice, linear: FloatArray) -> FloatArray:
         """None: it is held."""
