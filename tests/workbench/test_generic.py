@@ -30,7 +30,7 @@ def found(made_up: Any, seed: int, column: FloatArray, series: int, sigmas: floa
 def what_is_left(attempt: Attempt) -> Unexplained:
     shape = attempt.best_shape
     assert shape is not None
-    score = attempt.projector.score(attempt.whitened_columns(shape.columns))
+    score = attempt.projector.score(attempt.whitened_columns(shape.described_columns))
     return described(attempt.model.observations, shape, score)
 
 
@@ -93,6 +93,15 @@ def test_the_sign_of_what_has_no_phase_is_said(made_up: Any, sign: int) -> None:
     assert what.details["sign"] == sign
     assert ("off by -" in what.description) == (sign < 0)
     assert what.details["covariate"] in what.description
+
+
+def test_a_factor_that_follows_a_covariate_is_described_by_it(made_up: Any) -> None:
+    """Its constant part is nine sigma in every run, beside which what varies is little."""
+    humidity = np.random.default_rng(7).uniform(30.0, 60.0, 48)
+    foreign = np.concatenate([np.zeros(48), 0.2 * humidity, np.zeros(48)])
+    what = what_is_left(Attempt(made_up.study(5, foreign=foreign, further={"humidity": humidity}), ()))
+    assert (what.details["covariate"], what.details["harmonic_of_angle"]) == ("humidity", 0)
+    assert what.details["size"] == pytest.approx(0.2 * humidity.std(), abs=4.0 * what.details["sigma"])
 
 
 def test_no_shape_is_significant_in_noise(made_up: Any, at_least: Any) -> None:

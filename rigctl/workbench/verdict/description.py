@@ -15,10 +15,11 @@ _BY_POWER = {-1: "falling as 1/w", 0: "whatever the frequency", 1: "growing as w
 
 
 def described(given: Observations, best: Best, score: Score) -> Unexplained:
-    """A shape whose size comes from its `score` in the residuals."""
-    shape, series = best.shape, given.series[best.shape.series]
-    size = float(np.linalg.norm(score.estimate))
-    sigma = float(np.sqrt(np.sum(np.where(np.isfinite(score.sigma), score.sigma, 0.0) ** 2)))
+    """The shape that describes what is left; `score` is that of its `described_columns` in the residuals."""
+    shape, series = best.described_by, given.series[best.described_by.series]
+    estimate, sigmas = (each[: 2 if shape.harmonic else 1] for each in (score.estimate, score.sigma))
+    size = float(np.linalg.norm(estimate))
+    sigma = float(np.sqrt(np.sum(np.where(np.isfinite(sigmas), sigmas, 0.0) ** 2)))
     details: dict[str, Any] = {
         "harmonic_of_angle": shape.harmonic,
         "frequency_power": shape.power,
@@ -26,12 +27,12 @@ def described(given: Observations, best: Best, score: Score) -> Unexplained:
         "size": size,
         "sigma": sigma,
         "unit": series.unit,
-        "sign": 0 if shape.harmonic else int(np.sign(score.estimate[0])),
+        "sign": 0 if shape.harmonic else int(np.sign(estimate[0])),
     }
-    sign = "" if shape.harmonic or score.estimate[0] > 0 else "-"
+    sign = "" if shape.harmonic or estimate[0] > 0 else "-"
     words = [f"{series.name} is off by {sign}{size:.3g} +- {sigma:.2g} {series.unit}".replace("  ", " ")]
     if shape.harmonic:
-        details["phase_deg"] = float(np.degrees(np.arctan2(score.estimate[1], score.estimate[0])))
+        details["phase_deg"] = float(np.degrees(np.arctan2(estimate[1], estimate[0])))
         times = "" if shape.harmonic == 1 else f"{shape.harmonic} "
         words.append(f"as cos({times}{given.angle} - {details['phase_deg']:.0f} deg)")
     words += _conditions(given, shape)

@@ -35,7 +35,7 @@ def diagnose(
     first, final = search.attempt(search.given), search.attempt(search.terms)
     unexplained = None
     if search.unexplained is not None:
-        score = final.projector.score(final.whitened_columns(search.unexplained.columns))
+        score = final.projector.score(final.whitened_columns(search.unexplained.described_columns))
         unexplained = described(final.model.observations, search.unexplained, score)
     return Diagnosis(
         verdict=_verdict(search, rivals, unexplained),

@@ -43,7 +43,11 @@ class Shape:
 
 @dataclass(frozen=True)
 class Best:
-    """The strongest shape left, with its p-value and that corrected for all shapes; `columns` (n, 1 or 2)."""
+    """The strongest shape left, with its p-value and that corrected for all shapes; `columns` (n, 1 or 2).
+
+    `described_by` is the strongest where every shape may have a constant part beside it: a factor that follows a
+    covariate is not mistaken for a function that is merely flat. Its `described_columns` have the constant last.
+    """
 
     shape: Shape
     statistic: float
@@ -52,6 +56,8 @@ class Best:
     n_eff: float
     dimension: int
     columns: FloatArray
+    described_by: Shape
+    described_columns: FloatArray
 
 
 class Generic:
@@ -109,11 +115,20 @@ class Generic:
             return None
         statistics = np.concatenate([each.statistic for each in scored])
         dimensions = np.concatenate([each.dimension for each in scored])
-        p_values = p_of(statistics, dimensions, np.concatenate([each.dof for each in scored]))
+        dof = np.concatenate([each.dof for each in scored])
+        p_values = p_of(statistics, dimensions, dof)
         n_eff = trials_of(smallest)
-        evidence = 0.5 * statistics - 0.5 * dimensions * np.log(projector.data)
-        top = int(np.argmax(np.where(p_values <= max(float(p_values.min()), _NO_SMALLER), evidence, -np.inf)))
+        top = _strongest(statistics, dimensions, p_values, projector.data)
         p_value = float(p_values[top])
+        statistics = statistics + np.concatenate([each.constant_statistic for each in scored])
+        dimensions = dimensions + np.concatenate([each.constant_statistic > 0.0 for each in scored])
+        described = shapes[_strongest(statistics, dimensions, p_of(statistics, dimensions, dof), projector.data)]
+        columns = self._columns(shapes[top])
+        if described == shapes[top]:
+            described_columns = columns
+        else:
+            constant = self._columns(Shape(described.series, 0, 0, ""))
+            described_columns = np.hstack([self._columns(described), constant])
         return Best(
             shapes[top],
             float(statistics[top]),
@@ -121,7 +136,9 @@ class Generic:
             corrected(p_value, n_eff),
             n_eff,
             int(dimensions[top]),
-            self._columns(shapes[top]),
+            columns,
+            described,
+            described_columns,
         )
 
     def _columns(self, shape: Shape) -> FloatArray:
@@ -132,7 +149,7 @@ class Generic:
         return columns
 
     def _scored(self, part: _Part, noise: Noise, projector: Projector) -> _Scored:
-        rows, _, stack, second = part
+        rows, shapes, stack, second = part
         where, white = noise.whiten_rows(rows, stack)
         basis = projector.basis[where]
         # Q is never made: on the rows of the series it is columns less B shadow, elsewhere B shadow alone.
@@ -149,8 +166,18 @@ class Generic:
         beside, beside_shadow, beside_size = _unit(
             beside - columns[:, pairs] * overlap, beside_shadow - shadow[:, pairs] * overlap, length
         )
-        statistic[pairs] += (projector.left[where] @ beside) ** 2
+        along_beside = projector.left[where] @ beside
+        statistic[pairs] += along_beside**2
         dimension[pairs] += beside_size > 0.0
+        # What is left of the constant beside each shape, and how far the residuals go along that.
+        constant = shapes.index(Shape(shapes[0].series, 0, 0, ""))
+        shared = columns[:, constant] @ columns - shadow[:, constant] @ shadow
+        shared_beside = columns[:, constant] @ beside - shadow[:, constant] @ beside_shadow
+        free, rest = shared[constant] - shared**2, along[constant] - shared * along
+        free[pairs] -= shared_beside**2
+        rest[pairs] -= shared_beside * along_beside
+        seen = free > ABSORBED**2
+        constant_statistic = np.where(seen, rest**2 / np.where(seen, free, 1.0), 0.0)
         known = noise.dof[rows][np.isfinite(noise.dof[rows])]
         dof = float(np.median(known)) if known.size else np.inf
         return _Scored(
@@ -161,12 +188,16 @@ class Generic:
             np.hstack([columns, beside]),
             np.hstack([shadow, beside_shadow]),
             pairs,
+            constant_statistic,
         )
 
 
 @dataclass(frozen=True)
 class _Scored:
-    """Shapes of one series: Q = columns less B shadow, the second columns of `pairs` after the first of all."""
+    """Shapes of one series: Q = columns less B shadow, the second columns of `pairs` after the first of all.
+
+    `constant_statistic` is what a constant of the series explains beside each of them.
+    """
 
     statistic: FloatArray
     dimension: IntArray
@@ -175,6 +206,12 @@ class _Scored:
     columns: FloatArray
     shadow: FloatArray
     pairs: IntArray
+    constant_statistic: FloatArray
+
+
+def _strongest(statistics: FloatArray, dimensions: IntArray, p_values: FloatArray, data: int) -> int:
+    evidence = 0.5 * statistics - 0.5 * dimensions * np.log(data)
+    return int(np.argmax(np.where(p_values <= max(float(p_values.min()), _NO_SMALLER), evidence, -np.inf)))
 
 
 def _unit(columns: FloatArray, shadow: FloatArray, size: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
