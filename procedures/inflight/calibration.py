@@ -27,7 +27,7 @@ ORBITAL_LINES = 12
 
 
 def check(flight: Flight, calibration: Calibration) -> list[str]:
-    """What is to be said of the sessions; `ConfigError`, `LimitError` for one that cannot be."""
+    """Remarks on the sessions; `ConfigError`, `LimitError` for one that cannot be."""
     remarks = []
     for name in calibration.sessions:
         session = calibration.session(name, flight.orbit_period_s)

@@ -96,9 +96,9 @@ def plan(campaign: CampaignFile, part: Part | None, plugins: Sequence[Plugin]) -
 def procedure_of(campaign: CampaignFile) -> Calibration:
     """The `[procedure]` table of a campaign file; `ConfigError`."""
     model = settings_of(campaign.experiment, campaign.procedure)["procedure"]
-    found = validated(model, campaign.procedure, campaign.path, "procedure")
-    assert isinstance(found, Calibration)
-    return found
+    calibration = validated(model, campaign.procedure, campaign.path, "procedure")
+    assert isinstance(calibration, Calibration)
+    return calibration
 
 
 def mounted(store: Store) -> Sequence[tuple[str, str, int]]:

@@ -38,7 +38,7 @@ from rigctl.files.toml_files import validated
 
 RECIPE = Recipe("inflight draws", 3)
 LOOKED_S = 0.2
-"""How often somebody who waits for a unit looks whether the operator wants something."""
+"""While it waits for a unit, the study looks so often whether the operator asked for a pause or an end."""
 
 
 class Promise(Protocol):

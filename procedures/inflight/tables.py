@@ -12,7 +12,7 @@ from rigctl.experiments.inflight.observe.sessions import SESSIONS, SessionName
 
 TEN = tuple(name for name in SESSIONS if name != "dx+dz")
 
-# Far beyond what any satellite does, and near enough for everything that is reckoned from them to stay a number.
+# Far beyond what any satellite does, and small enough for everything computed from them to stay finite.
 Orbits = Annotated[float, Field(ge=1e-2, le=1e3)]
 StimulusHz = Annotated[float, Field(ge=1e-7, le=1e3)]
 Amplitude = Annotated[float, Field(ge=1e-15, le=1.0)]
@@ -65,7 +65,7 @@ class Calibration(Table):
         return Stimulus("drag-free", along[name], self.common_m_s2, self.common_hz, self.phase_rad)
 
     def session(self, name: str, orbit_period_s: float) -> FlightSession:
-        """A session as the satellite is told it; the mass that moves is not the one that control holds at rest."""
+        """A session as the satellite is commanded; the mass that moves is not the one that control holds at rest."""
         hold: Literal["both", "mass-1", "mass-2"] = "both"
         if name == "k2c_1":
             hold = "mass-2"
@@ -76,15 +76,15 @@ class Calibration(Table):
     def conditions(self, name: str, sample_period_s: float) -> dict[str, Any]:
         """What a run's row in runs.csv says, as far as it is known before."""
         stimulus = self.stimulus(name)
-        told: dict[str, Any] = {
+        conditions: dict[str, Any] = {
             "session": name,
             "orbits": self.orbits_of(name),
             "sample_period_s": sample_period_s,
         }
         if stimulus.target == "none":
-            return told
+            return conditions
         return {
-            **told,
+            **conditions,
             "calibration_frequency_hz": stimulus.frequency_hz,
             "amplitude": stimulus.amplitude,
             "amplitude_unit": _UNITS.get(stimulus.target, "m"),

@@ -62,9 +62,9 @@ def require_possible(satellite: str, rows: FloatArray, channels: tuple[Channel, 
         beyond = (rows[:, place] < low) | (rows[:, place] > high)
         if beyond.any():
             sample = int(np.argmax(beyond))
-            said = f"{rows[sample, place]:g} {channel.unit} is not possible"
+            text = f"{rows[sample, place]:g} {channel.unit} is not possible"
             raise ImplausibleSample(
-                f"{satellite}: {channel.name}, sample {got + sample}: {said}",
+                f"{satellite}: {channel.name}, sample {got + sample}: {text}",
                 channel=channel.name,
                 sample=got + sample,
                 instrument=satellite,
@@ -79,8 +79,8 @@ def gap(first: int, end: int, period_s: float, columns: int) -> FloatArray:
 
 
 def _stamp(satellite: str, rows: FloatArray, place: int, why: str, got: int) -> ImplausibleSample:
-    said = f"{satellite}: t_s, sample {got + place}: a time stamp of {rows[place, 0]:g} s {why}"
-    return ImplausibleSample(said, channel="t_s", sample=got + place, instrument=satellite)
+    text = f"{satellite}: t_s, sample {got + place}: a time stamp of {rows[place, 0]:g} s {why}"
+    return ImplausibleSample(text, channel="t_s", sample=got + place, instrument=satellite)
 
 
 def flaw_of(rows: FloatArray, channels: tuple[Channel, ...]) -> str | None:

@@ -53,7 +53,7 @@ def _without_lines(
     source="star tracker's alignment, 1e-4 rad; plausible 1e-5 to 1e-3 rad",
 )
 def tracker_bias(run: FlightRun, s_x: FloatArray, s_y: FloatArray, s_z: FloatArray) -> FloatArray:
-    """The star tracker is askew: the true attitude is less by s, and T is turned; a_c12, a_c13, Dx, Dz take it up."""
+    """The star tracker is misaligned by s: T is turned the other way; a_c12, a_c13, Dx, Dz absorb it."""
     return attitude_error(run.gradient, s_x, s_y, s_z)
 
 

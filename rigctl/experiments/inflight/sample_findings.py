@@ -85,7 +85,7 @@ def _line(term: Term, size: Mapping[str, Any], p_value: float, **parameters: Map
     )
 
 
-def loudness(scan: RunScan, half: ReducedStretch) -> float:
+def relative_noise(scan: RunScan, half: ReducedStretch) -> float:
     """Noise of a half over that of its run."""
     levels, at_s = scan.levels, scan.level_at_s
     inside = (levels > 0.0) & (at_s >= half.start_s) & (at_s + STRETCH_S <= half.stop_s)

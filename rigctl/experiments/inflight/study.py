@@ -22,7 +22,7 @@ INSEPARABLE: Mapping[str, tuple[str, ...]] = {
     "tracker-bias": ("ac12_rad", "ac13_rad", "ac11_dx_m", "ac11_dz_m"),
     "orbit-dating": ("ac13_rad", "ac11_dx_m", "ac11_dz_m"),
 }
-"""Effects that no session can tell from these parameters, whatever its data: by geometry."""
+"""Effects that, by geometry, no session can separate from these parameters, whatever its data."""
 
 COMMON: Mapping[str, str] = {
     **dict.fromkeys(
@@ -37,7 +37,7 @@ PULSES, LEVEL, LINE = "glitches", "noise-level", "steady-line"
 """Effects that are looked for in the samples."""
 
 SHOWN_P = 0.01
-"""What the samples show is spoken of when noise does so less often."""
+"""Largest p-value under noise at which a finding in the samples is reported."""
 
 STRONGER = 2.0
 """What may be injected next, over what was."""
@@ -129,7 +129,7 @@ class InflightStudy(CatalogueStudy[FlightData]):
         return self.with_data(self.data.with_proposals(proposals))
 
     def inseparable(self) -> Mapping[str, tuple[str, ...]]:
-        """Effects that by construction are not to be told from parameters of the baseline."""
+        """Effects that no session can separate from parameters of the baseline."""
         return INSEPARABLE
 
 

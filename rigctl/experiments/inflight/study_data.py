@@ -19,7 +19,7 @@ from rigctl.experiments.inflight.model.sample_scans import run_scans
 from rigctl.experiments.inflight.observations import observations_of
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.store_reduction import reduced_without, reduction
-from rigctl.experiments.inflight.sample_findings import loudness
+from rigctl.experiments.inflight.sample_findings import relative_noise
 from rigctl.workbench.study import Observations, Proposal
 
 
@@ -61,7 +61,7 @@ class FlightData:
         by_run = {each.run_id: each for each in levels}
         halves = [half for run in self.reduced.runs for half in run.halves]
         return [
-            replace(stretch, sigma=stretch.sigma * loudness(by_run[stretch.run_id], half))
+            replace(stretch, sigma=stretch.sigma * relative_noise(by_run[stretch.run_id], half))
             if stretch.run_id in by_run
             else stretch
             for stretch, half in zip(stretches, halves, strict=True)

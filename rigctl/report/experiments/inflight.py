@@ -14,10 +14,10 @@ from rigctl.report.tables.terminal import print_tables
 from rigctl.workbench.workbench import Workbench
 
 
-def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-    """Print the tables, and what is to be said of runs."""
+def show(result_json: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
+    """Print the tables, and remarks on runs."""
     del reference
-    print_tables(result_tables(found), found.get("remarks", ()))
+    print_tables(result_tables(result_json), result_json.get("remarks", ()))
 
 
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
@@ -29,15 +29,15 @@ def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) 
     return Drawn(numbers, result_tables(numbers), plates_of(numbers))
 
 
-def result_tables(found: Mapping[str, Any]) -> list[ResultTable]:
+def result_tables(result_json: Mapping[str, Any]) -> list[ResultTable]:
     """Of `rigctl result --json`, whichever of the two it is."""
-    return study_tables(found) if "table2" in found else [calibration_table(found)]
+    return study_tables(result_json) if "table2" in result_json else [calibration_table(result_json)]
 
 
-def calibration_table(found: Mapping[str, Any]) -> ResultTable:
+def calibration_table(result_json: Mapping[str, Any]) -> ResultTable:
     """The ten parameters by both estimates; marked where they are more than four sigma apart."""
     rows, marked = [], []
-    for name, each in found["parameters"].items():
+    for name, each in result_json["parameters"].items():
         paper, unit = each["paper"], each["unit"]
         rows.append(
             [
@@ -50,34 +50,34 @@ def calibration_table(found: Mapping[str, Any]) -> ResultTable:
         apart = 0.0 if paper is None else abs(paper["value"] - each["value"])
         marked.append(paper is not None and apart > 4.0 * paper["sigma"])
     sentence = (
-        f"Calibration: the joint fit of all lines, and the published estimate ({found['sweeps']} sweeps). "
+        f"Calibration: the joint fit of all lines, and the published estimate ({result_json['sweeps']} sweeps). "
         "Systematic is what no session sees, in the same unit."
     )
     return ResultTable(sentence, ["parameter", "#joint", "#systematic", "#published"], rows, marked)
 
 
-def study_tables(found: Mapping[str, Any]) -> list[ResultTable]:
+def study_tables(result_json: Mapping[str, Any]) -> list[ResultTable]:
     """Tables 2 and 3 of the paper, ours beside the printed ones."""
-    return [_table2(found), _table3(found["table3"])]
+    return [_table2(result_json), _table3(result_json["table3"])]
 
 
-def _table2(found: Mapping[str, Any]) -> ResultTable:
+def _table2(result_json: Mapping[str, Any]) -> ResultTable:
     rows = []
-    for name, each in found["table2"].items():
-        told = [("printed", each["reference"], None)]
+    for name, each in result_json["table2"].items():
+        summaries = [("printed", each["reference"], None)]
         for estimate, word in (("paper", "published"), ("joint", "joint")):
             for truth in ("paper", "exact"):
                 sigma = each[estimate]["analytic_sigma"] if truth == "exact" else None
-                told.append((f"{word}, {truth} truth", each[estimate][f"{truth}_truth"], sigma))
+                summaries.append((f"{word}, {truth} truth", each[estimate][f"{truth}_truth"], sigma))
         heads = [name, f"< {number(each['objective'], 2)}"]
-        for place, (words, summary, sigma) in enumerate(told):
+        for place, (words, summary, sigma) in enumerate(summaries):
             numbers = [number(summary[key], 2) for key in ("worst", "mean", "std")]
             numbers.append(number(math.hypot(summary["mean"], summary["std"]), 2))
             head = heads[place] if place < len(heads) else ""
             rows.append([head, words, *numbers, "" if sigma is None else number(sigma, 2)])
     sentence = (
-        f"Table 2: |estimate - true| over {found['draws']} simulated calibrations, below each name its objective; "
-        "sigma is what the estimates state, of noise alone: to be compared with the root mean square."
+        f"Table 2: |estimate - true| over {result_json['draws']} simulated calibrations, below each name its "
+        "objective; sigma is what the estimates state, of noise alone: to be compared with the root mean square."
     )
     return ResultTable(sentence, ["parameter", "estimate, truth", "#worst", "#mean", "#std", "#rms", "#sigma"], rows)
 

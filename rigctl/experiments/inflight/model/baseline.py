@@ -12,7 +12,7 @@ from rigctl.analysis.least_squares import FitResult, Parameter, Prior, least_squ
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.inflight.model.equation import AnyArray, coefficients, gain_ratio, own_channel, own_force
 from rigctl.experiments.inflight.model.parameters import NAMES, NUISANCE_UNITS, NUISANCES, SHARED, UNITS
-from rigctl.experiments.inflight.observe.series import INDEX, Amplitudes, straightened
+from rigctl.experiments.inflight.observe.series import INDEX, Amplitudes, with_true_attitude
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
 
 _PRIORS = dict(
@@ -79,7 +79,9 @@ class Baseline:
             *(Parameter(f"inverse_gain[{run_id}]", GAIN[0], prior=Prior(*GAIN)) for run_id in gains),
         )
         self.units = (*UNITS, *NUISANCE_UNITS, *("1" for _ in gains))
-        self._tables = [straightened(each.session, each.lines, each.amplitudes).table for each in self.stretches]
+        self._tables = [
+            with_true_attitude(each.session, each.lines, each.amplitudes).table for each in self.stretches
+        ]
 
     def _priors(self) -> dict[str, Prior]:
         """Of the nuisances; the gains across the sensitive axis are measured where control shakes the satellite."""

@@ -1,4 +1,4 @@
-"""The equation of the baseline: how the amplitudes of all series of a session hang together.
+"""The equation of the baseline: how the amplitudes of all series of a session depend on each other.
 
 With y_k the linearised x output of mass k, G = T - In, D the off-centring and a = a'_d11,
 
@@ -24,10 +24,10 @@ from rigctl.experiments.inflight.observe.sessions import QUADRATIC, Session, mov
 AnyArray = NDArray[Any]
 
 
-def coefficients(session: Session, found: Amplitudes, p: AnyArray) -> AnyArray:
+def coefficients(session: Session, amplitudes: Amplitudes, p: AnyArray) -> AnyArray:
     """Of each series in left side less right side, for parameters (shared, k), complex or not; shape (series, k).
 
-    Of `found` only the levels count that its amplitudes are about.
+    Of `amplitudes` only the constant levels are used.
     """
     dx, dy, dz, ac12, ac13, ad11, ad12, ad13, k2d, k2c, ac11, theta_cx, k_y, k_z, ad22, ad33 = p
     c = np.zeros((len(SERIES), p.shape[1]), dtype=p.dtype)
@@ -36,10 +36,10 @@ def coefficients(session: Session, found: Amplitudes, p: AnyArray) -> AnyArray:
         c[INDEX[name]] = value
 
     k_1, k_2 = of_masses(k2d, k2c, ad11)
-    level = 0.5 * (k_1 - k_2) * found.mean_square
+    level = 0.5 * (k_1 - k_2) * amplitudes.mean_square
     if session.name in QUADRATIC:
         level = np.zeros_like(dx)
-        k_1, k_2 = (held_elsewhere(k, session, found) for k in (k_1, k_2))
+        k_1, k_2 = (in_loop_of_one_mass(k, session, amplitudes) for k in (k_1, k_2))
     for name, factor, curve, mu in (("m1", 1.0 - ad11, k_1, level), ("m2", -(1.0 + ad11), k_2, -level)):
         put(name, factor * (1.0 - 2.0 * curve * mu + 6.0 * curve**2 * mu**2))
         put(f"{name}^2", factor * (6.0 * curve**2 * mu - curve))
@@ -64,12 +64,12 @@ def coefficients(session: Session, found: Amplitudes, p: AnyArray) -> AnyArray:
     return c
 
 
-def held_elsewhere(k: Any, session: Session, found: Amplitudes) -> Any:
-    """A mass' quadratic factor k = K2 / J^2 in a session whose loop holds one mass at nil, not the mean of both.
+def in_loop_of_one_mass(k: Any, session: Session, amplitudes: Amplitudes) -> Any:
+    """A mass's quadratic factor k = K2 / J^2 in a session whose loop holds one mass at zero, not the mean of both.
 
     The output is higher there by half the masses' distance, m_dx, for which the slope J is larger by 2 k m_dx.
     """
-    higher = found.apart if session.name == "k2c_1" else -found.apart
+    higher = amplitudes.apart if session.name == "k2c_1" else -amplitudes.apart
     return k / (1.0 + 2.0 * k * higher) ** 2
 
 

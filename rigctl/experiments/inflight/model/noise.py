@@ -49,17 +49,17 @@ class RunNoise:
 
 def run_noises(runs: Sequence[ReducedRun], values: FloatArray) -> list[RunNoise]:
     """The noise of every run at baseline parameters `values`."""
-    found = [(run.between.f_hz, run.between.density(_left_over(run, values))) for run in runs]
+    spectra = [(run.between.f_hz, run.between.density(_left_over(run, values))) for run in runs]
     levels = np.ones(len(runs))
-    f_hz = np.concatenate([f for f, _ in found])
+    f_hz = np.concatenate([f for f, _ in spectra])
     for _ in range(_LEVELS):
-        level = np.concatenate([np.full(len(f), level) for (f, _), level in zip(found, levels, strict=True)])
-        weights, scale_hz = fitted_density(f_hz, np.concatenate([density for _, density in found]) / level)
+        level = np.concatenate([np.full(len(f), level) for (f, _), level in zip(spectra, levels, strict=True)])
+        weights, scale_hz = fitted_density(f_hz, np.concatenate([density for _, density in spectra]) / level)
         form = RunNoise(weights, scale_hz, float("nan"), 0.0)
-        levels = np.array([_level(density / form.density(f)) for f, density in found])
+        levels = np.array([_level(density / form.density(f)) for f, density in spectra])
     return [
         RunNoise(weights * level, scale_hz, _own(run), max(2.0 * len(f) / _HANN_WIDTH, 8.0))
-        for run, level, (f, _) in zip(runs, levels, found, strict=True)
+        for run, level, (f, _) in zip(runs, levels, spectra, strict=True)
     ]
 
 

@@ -45,13 +45,13 @@ class Observed:
 
     def fitted_runs(self) -> dict[str, FittedRun]:
         """By session what the published estimate takes: of several runs of one session the last."""
-        found = {}
+        fitted = {}
         for run, noise in zip(self.runs, self.noises, strict=True):
             frequencies = np.array([run.session.frequency_of(line) for line in run.whole.lines])
             sigma = np.sqrt(noise.density(frequencies)) * run.whole.spread
             both = np.stack([sigma, sigma], axis=1)
-            found[run.session.name] = FittedRun(run.session, run.whole.amplitudes, both)
-        return found
+            fitted[run.session.name] = FittedRun(run.session, run.whole.amplitudes, both)
+        return fitted
 
 
 def observed(runs: Sequence[ReducedRun]) -> Observed:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.arrays import ComplexArray, FloatArray
-from rigctl.experiments.inflight.model.equation import held_elsewhere
+from rigctl.experiments.inflight.model.equation import in_loop_of_one_mass
 from rigctl.experiments.inflight.model.parameters import NAMES
-from rigctl.experiments.inflight.observe.series import Amplitudes, straightened
+from rigctl.experiments.inflight.observe.series import Amplitudes, with_true_attitude
 from rigctl.experiments.inflight.observe.sessions import MASS_MOTION, Session
 
 SWEEPS = 8
@@ -51,7 +51,7 @@ class PaperEstimate:
 
 
 def paper_estimate(runs: Mapping[str, FittedRun]) -> PaperEstimate:
-    """All parameters from the sessions' runs, by session name; a missing session's is NaN and taken for nil.
+    """All parameters from the sessions' runs, by session name; a missing session's is NaN and counts as zero.
 
     `sweeps` is the first sweep that changes no parameter by more than a thousandth of its sigma, at most `SWEEPS`.
     """
@@ -73,8 +73,8 @@ def paper_estimate(runs: Mapping[str, FittedRun]) -> PaperEstimate:
 def _rows_of(runs: Mapping[str, FittedRun]) -> dict[int, FittedRun]:
     both = {name: runs["dx+dz"] for name in ("dx", "dz") if "dx+dz" in runs}
     beside = {name: runs[session] for name, session in _BESIDE.items() if session in runs}
-    found = {**both, **beside, **runs}
-    return {_AT[name]: found[name] for name in _ROWS if name in found}
+    run_of = {**both, **beside, **runs}
+    return {_AT[name]: run_of[name] for name in _ROWS if name in run_of}
 
 
 def _solved(place: int, a: FloatArray, run: FittedRun) -> float:
@@ -86,7 +86,7 @@ def _equation(place: int, a: FloatArray, run: FittedRun) -> tuple[ComplexArray, 
     """Corrected complex amplitudes y and the regressor's, at the parameter's own lines."""
     name, session = _ROWS[place], run.session
     own = slice(0, 2 if session.name in MASS_MOTION else 1)
-    table = straightened(session, session.fitted_lines(), run.amplitudes)
+    table = with_true_attitude(session, session.fitted_lines(), run.amplitudes)
     if name in _OWN:
         return table.of(f"own {_OWN[name]}")[own], 2.0 * table.of(_OWN[name])[own]
     linear, rest = _terms(table)
@@ -95,7 +95,7 @@ def _equation(place: int, a: FloatArray, run: FittedRun) -> tuple[ComplexArray, 
         gradient = sum(a[k] * linear[k] for k in range(3)) + _cross(a, table)
         linked = a[5] * table.of(fixed) + a[6] * table.of("y") + a[7] * table.of("z")
         y = table.of(moving) - table.of(fixed) - sign * (gradient + 2.0 * linked) + table.of("moved g_xx")
-        share = held_elsewhere(a[place], session, table) / a[place] if a[place] else 1.0
+        share = in_loop_of_one_mass(a[place], session, table) / a[place] if a[place] else 1.0
         return y[own], share * table.of(f"{moving}^2")[own]
     y = table.of("m1") - table.of("m2") - _cross(a, table) - _cubic(a, table)
     for other, series in enumerate((*linear, *rest)):

@@ -21,7 +21,7 @@ from rigctl.experiments.inflight.observe.weights import taper, templates
 RISE_S, FALL_S = 1.0, 3.0
 THRESHOLD_SIGMA = 6.0
 EDGE_S = 12.0
-"""So near to a gap or an end no pulse is told from it."""
+"""No pulse is looked for within this time of a gap or an end: there the filter cannot tell them apart."""
 
 STRETCH_S = 200.0
 """The noise's level is looked at in stretches so long."""
@@ -86,7 +86,7 @@ def scan(run: ReducedRun, samples: Mapping[str, FloatArray], values: FloatArray)
         # Where no noise is, rounding is none: a sensor is hardly better across its axis than along it.
         noise = np.maximum(_density(beside, grid.present, rate_hz)[1], float(np.min(density)))
         pulses.append(_pulses(beside, grid, f_hz, noise))
-    return RunScan(run.run_id, _together(pulses), _peak(run, left, grid), levels, at_s)
+    return RunScan(run.run_id, _combined(pulses), _peak(run, left, grid), levels, at_s)
 
 
 def across(grid: Grid, axis: str) -> FloatArray:
@@ -108,12 +108,12 @@ def residual(run: ReducedRun, grid: Grid, values: FloatArray) -> FloatArray:
     """Left side less right side of the baseline, sample by sample; zero where samples miss."""
     c = coefficients(run.session, run.whole.amplitudes, values[:SHARED, None])[:, 0]
     means = {name: float(column[grid.present].mean()) for name, column in grid.columns.items() if name[0] == "m"}
-    found = np.zeros(len(grid.t_s))
-    for start in range(0, len(found), _CHUNK):
+    residuals = np.zeros(len(grid.t_s))
+    for start in range(0, len(residuals), _CHUNK):
         part = grid.part(slice(start, start + _CHUNK))
         columns = {name: column - means.get(name, 0.0) for name, column in part.columns.items()}
-        found[start : start + _CHUNK] = raw_series(run.session, part.t_s, columns) @ c
-    return np.where(grid.present, found, 0.0)
+        residuals[start : start + _CHUNK] = raw_series(run.session, part.t_s, columns) @ c
+    return np.where(grid.present, residuals, 0.0)
 
 
 def unsteadiness(levels: Sequence[FloatArray]) -> float:
@@ -135,16 +135,16 @@ def _without_lines(run: ReducedRun, grid: Grid, left: FloatArray) -> FloatArray:
     at_s = grid.t_s[: count * every].reshape(count, every).mean(axis=1)
     design = np.vstack([templates(at_s, lines_hz), np.ones_like(at_s), at_s - at_s.mean()])
     weighted = design * weight
-    found = np.linalg.lstsq(weighted @ design.T, weighted @ means, rcond=None)[0]
+    fitted = np.linalg.lstsq(weighted @ design.T, weighted @ means, rcond=None)[0]
     # A mean over a few samples leaves so much of a line.
     x = np.pi * np.array(lines_hz) * grid.step_s
-    found[:-2] /= np.repeat(np.sin(every * x) / (every * np.sin(x)), 2)
+    fitted[:-2] /= np.repeat(np.sin(every * x) / (every * np.sin(x)), 2)
     cleared = np.empty_like(left)
     for start in range(0, len(left), _CHUNK):
         here = slice(start, start + _CHUNK)
         t_s = grid.t_s[here]
         cleared[here] = (
-            left[here] - found[:-2] @ templates(t_s, lines_hz) - found[-2] - found[-1] * (t_s - at_s.mean())
+            left[here] - fitted[:-2] @ templates(t_s, lines_hz) - fitted[-2] - fitted[-1] * (t_s - at_s.mean())
         )
     return np.where(grid.present, cleared, 0.0)
 
@@ -184,17 +184,17 @@ def _pulses(left: FloatArray, grid: Grid, f_hz: FloatArray, density: FloatArray)
     return Pulses(grid.t_s[peaks], estimate[peaks], np.abs(sigmas[peaks]), trials)
 
 
-def _together(found: Sequence[Pulses]) -> Pulses:
+def _combined(channels: Sequence[Pulses]) -> Pulses:
     """Of several channels: what hits all of them at once counts once, where it stands out most."""
     at_s, amplitude, sigma = (
-        np.concatenate([getattr(each, name) for each in found]) for name in ("at_s", "amplitude", "sigma")
+        np.concatenate([getattr(each, name) for each in channels]) for name in ("at_s", "amplitude", "sigma")
     )
     kept: list[int] = []
     for place in np.argsort(-sigma, kind="stable"):
         if all(abs(at_s[place] - at_s[other]) > AFTER_S for other in kept):
             kept.append(int(place))
     kept.sort(key=lambda place: float(at_s[place]))
-    return Pulses(at_s[kept], amplitude[kept], sigma[kept], sum(each.trials for each in found))
+    return Pulses(at_s[kept], amplitude[kept], sigma[kept], sum(each.trials for each in channels))
 
 
 def _scale(sigmas: FloatArray, seen: BoolArray, count: int) -> FloatArray:

@@ -50,9 +50,9 @@ def _lines_to_leave_out(session: Session, duration_s: float) -> list[float]:
     lines = list(session.reduced_lines(duration_s)) + [Line(0, k) for k in range(5, 9)]
     if session.frequency_hz > 0.0:
         lines += [STIMULUS, *(Line(h, j) for h in (1, 2, 3) for j in range(-4, 5))]
-    found = sorted({session.frequency_of(line) for line in lines})
+    frequencies_hz = sorted({session.frequency_of(line) for line in lines})
     highest_hz = 0.2 / max(session.sample_period_s, 1.0)
-    return [f_hz for f_hz in found if 0.5 / duration_s < f_hz < highest_hz]
+    return [f_hz for f_hz in frequencies_hz if 0.5 / duration_s < f_hz < highest_hz]
 
 
 def _without_lines(grid: Grid, left: FloatArray, lines_hz: list[float]) -> FloatArray:
@@ -61,5 +61,5 @@ def _without_lines(grid: Grid, left: FloatArray, lines_hz: list[float]) -> Float
     apart = [lines_hz[0], *(after for before, after in pairwise(lines_hz) if after - before > least_hz)]
     design = np.vstack([templates(grid.t_s, apart), np.ones_like(x), x, x**2])
     weighted = design * taper(grid.present, grid.step_s)
-    found = np.linalg.solve(weighted @ design.T, weighted @ left)
-    return np.asarray(left - design.T @ found)
+    fitted = np.linalg.solve(weighted @ design.T, weighted @ left)
+    return np.asarray(left - design.T @ fitted)

@@ -42,7 +42,7 @@ class ReducedStretch:
 @dataclass(frozen=True)
 class ReducedRun:
     """A run: `whole` at the lines of the published estimate, `halves` at all that are observed; `between` them the
-    noise; `coarse` are thinned columns for effects, `remarks` what is to be said of it."""
+    noise; `coarse` are thinned columns for effects, `remarks` for whoever reads the result."""
 
     run_id: str
     session: Session
@@ -128,7 +128,7 @@ def _remarks(session: Session, grid: Grid, conditions: Mapping[str, Any]) -> tup
     declared = conditions.get("orbits")
     orbits = grid.duration_s / session.orbit_period_s
     if isinstance(declared, int | float) and declared > 0.0 and abs(orbits / declared - 1.0) > _REMARKED:
-        remarks.append(f"it has {orbits:.5g} orbits, not the {declared:g} it is said to have")
+        remarks.append(f"it has {orbits:.5g} orbits, not {declared:g} as runs.csv says")
     if STIMULUS not in session.reduced_lines(grid.duration_s / HALVES) and session.moves_masses:
-        remarks.append("its stimulus is too close to a line of the orbit to be told apart")
+        remarks.append("its stimulus is too close to a line of the orbit to be resolved")
     return tuple(remarks)

@@ -92,24 +92,24 @@ _POWERS = (
 )
 
 
-def straightened(session: Session, lines: Sequence[Line], found: Amplitudes) -> Amplitudes:
+def with_true_attitude(session: Session, lines: Sequence[Line], amplitudes: Amplitudes) -> Amplitudes:
     """With t_xy as the true attitude makes it at the stimulus of a turning session; other sessions as they are.
 
     The injected angle is taken from the tracker, and the hybrid estimate has only what its low-pass lets through: at
     the stimulus it is off by a hundredth. The measured angular acceleration, over -w^2, is not.
     """
     if session.name != "dy" or STIMULUS not in lines:
-        return found
+        return amplitudes
     place = lines.index(STIMULUS)
     w = 2.0 * np.pi * session.frequency_hz
-    error = -found.of("dw_z")[place] / w**2 - found.of("att_z")[place]
-    table = found.table.copy()
+    error = -amplitudes.of("dw_z")[place] / w**2 - amplitudes.of("att_z")[place]
+    table = amplitudes.table.copy()
     # T_xy = alpha_z (T_yy - T_xx), and T_yy - T_xx = -1.5 n^2 (1 + cos 2 n t) but for the eccentricity.
     steady = -1.5 * (2.0 * np.pi * session.orbital_hz) ** 2
     for line, share in ((STIMULUS, 1.0), (Line(1, -2), 0.5), (Line(1, 2), 0.5)):
         if line in lines:
             table[lines.index(line), INDEX["t_xy"]] += share * steady * error
-    return replace(found, table=table)
+    return replace(amplitudes, table=table)
 
 
 def stretch_amplitudes(

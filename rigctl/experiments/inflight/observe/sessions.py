@@ -26,7 +26,7 @@ LINEAR = ("ad11", "ad12", "ad13", "k2d")
 QUADRATIC = ("k2c_1", "k2c_2")
 
 FEWEST_ORBITS = 3.0
-"""A stretch must have so many for the lines beside its stimulus to be told apart."""
+"""The least length of a stretch: shorter ones do not resolve the lines beside the stimulus."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Many simulated calibrations against what they should have found: the paper's tables 2 and 3."""
+"""Errors of many simulated calibrations: the paper's tables 2 and 3."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Draw:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Draw:
-        """The draw that `as_json` told of; `DataError` when something is missing."""
+        """The draw that `as_json` wrote; `DataError` when something is missing."""
         try:
             return cls(int(data["draw"]), data["estimates"], data["sigmas"], data["truths"])
         except KeyError as error:

@@ -48,8 +48,8 @@ def published() -> Published:
     data = tomllib.loads(text)
     rows = {}
     for name in NAMES:
-        own = dict(data["parameters"][name])
-        scale = own.pop("driver") * own.pop("factor", 1.0) * own.pop("off_centring_m", 1.0)
-        rows[name] = Row(**own, per_unit_m_s2=scale)
+        row = dict(data["parameters"][name])
+        scale = row.pop("driver") * row.pop("factor", 1.0) * row.pop("off_centring_m", 1.0)
+        rows[name] = Row(**row, per_unit_m_s2=scale)
     totals = data["totals"]
     return Published(rows, totals["worst_m_s2"], totals["mean_m_s2"], totals["before_m_s2"], data["limit_m_s2"])

@@ -1,4 +1,4 @@
-"""What one calibration amounts to: ten parameters, by the published estimate and by the joint one."""
+"""The result of one calibration: ten parameters, by the published estimate and by the joint one."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ def _of(paper: PaperEstimate, name: str) -> dict[str, float] | None:
 
 
 def _missing(paper: PaperEstimate) -> list[str]:
-    """What the published estimate lacks, in one line."""
+    """Which parameters the published estimate cannot give, in one line."""
     names = [name for name, value in zip(NAMES, paper.values, strict=True) if not np.isfinite(value)]
     if not names:
         return []
     return [
-        f"no run for {', '.join(names)}: without it the published estimate takes nil for it in the other sessions, "
-        "and the joint one has what their lines tell"
+        f"no run for {', '.join(names)}: without it the published estimate takes zero for it in the other sessions, "
+        "and the joint one uses what their lines say of it"
     ]

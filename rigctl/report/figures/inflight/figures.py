@@ -26,12 +26,12 @@ class EstimateRow:
     apart_sigma: float
 
 
-def plates_of(found: Mapping[str, Any]) -> list[Plate[Any]]:
+def plates_of(result: Mapping[str, Any]) -> list[Plate[Any]]:
     """Those of a study of many calibrations, or of one."""
-    return [errors_plate(found), contributions_plate(found)] if "table2" in found else [estimates_plate(found)]
+    return [errors_plate(result), contributions_plate(result)] if "table2" in result else [estimates_plate(result)]
 
 
-def estimates_plate(found: Mapping[str, Any]) -> Plate[EstimateRow]:
+def estimates_plate(result: Mapping[str, Any]) -> Plate[EstimateRow]:
     """Both estimates of one calibration, relative to what the published one claims to know."""
     rows = [
         EstimateRow(
@@ -43,7 +43,7 @@ def estimates_plate(found: Mapping[str, Any]) -> Plate[EstimateRow]:
             each["paper"]["sigma"],
             (each["paper"]["value"] - each["value"]) / each["paper"]["sigma"],
         )
-        for name, each in found["parameters"].items()
+        for name, each in result["parameters"].items()
         if each["paper"] is not None
     ]
     caption = (
@@ -95,7 +95,7 @@ class ErrorRow:
     joint_worst: float
 
 
-def errors_plate(found: Mapping[str, Any]) -> Plate[ErrorRow]:
+def errors_plate(result: Mapping[str, Any]) -> Plate[ErrorRow]:
     """Table 2: mean and worst error over the objective."""
     rows = [
         ErrorRow(
@@ -108,11 +108,11 @@ def errors_plate(found: Mapping[str, Any]) -> Plate[ErrorRow]:
             each["joint"]["exact_truth"]["mean"],
             each["joint"]["exact_truth"]["worst"],
         )
-        for name, each in found["table2"].items()
+        for name, each in result["table2"].items()
     ]
     caption = (
-        f"Errors of {found['draws']} simulated calibrations over the objective: mean (marker) to worst (line's end). "
-        "Printed: table 2 of the paper; published: its estimate against its truth; joint: against the exact truth."
+        f"Errors of {result['draws']} simulated calibrations over the objective: mean (marker) to worst (line's "
+        "end). Printed: table 2 of the paper; published: its estimate against its truth; joint: against the exact truth."
     )
     return Plate("table2", caption, rows, draw_errors)
 
@@ -143,9 +143,9 @@ class ContributionRow:
     mean_m_s2: float
 
 
-def contributions_plate(found: Mapping[str, Any]) -> Plate[ContributionRow]:
+def contributions_plate(result: Mapping[str, Any]) -> Plate[ContributionRow]:
     """Table 3: the budget before and after."""
-    table = found["table3"]
+    table = result["table3"]
     rows = [
         ContributionRow(each["term"], each["before_m_s2"], each["worst_m_s2"], each["mean_m_s2"])
         for each in table["rows"].values()
@@ -153,7 +153,7 @@ def contributions_plate(found: Mapping[str, Any]) -> Plate[ContributionRow]:
     rows.append(ContributionRow("total", table["before_m_s2"], table["total_worst_m_s2"], table["total_mean_m_s2"]))
     caption = (
         "What each term leaves at the frequency of the equivalence principle's test, before calibration and after "
-        f"(mean and worst of {found['draws']}); the limit is {table['limit_m_s2']:g} m/s2."
+        f"(mean and worst of {result['draws']}); the limit is {table['limit_m_s2']:g} m/s2."
     )
     return Plate("table3", caption, rows, draw_contributions)
 
