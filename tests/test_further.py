@@ -94,33 +94,51 @@ def test_a_session_is_flown_once_however_often_it_is_proposed() -> None:
     assert plan["sessions"] == ["dy", "ac13"]
 
 
-def test_sessions_that_share_a_stimulus_are_flown_with_the_strongest_that_is_proposed() -> None:
+def test_each_session_is_flown_with_the_stimulus_that_is_proposed_for_it() -> None:
     like = read_campaign(CAMPAIGNS / "microscope.toml")
+    usual, shifted = 73 / 59500, {"calibration_frequency_hz": 147 / 59500, "phase_rad": 1.5}
     runs = [
-        Proposal({"session": "ad11", "orbits": 10.0, "amplitude": 5e-8}),
+        Proposal({"session": "ad11", "orbits": 10.0, "amplitude": 5e-8, "calibration_frequency_hz": usual}),
+        Proposal({"session": "ad11", "orbits": 10.0, "amplitude": 5e-8, **shifted}),
+        Proposal({"session": "ad11", "orbits": 10.0, "amplitude": 5e-8, **shifted}),
         Proposal({"session": "k2d", "orbits": 10.0, "amplitude": 1e-7}),
         Proposal({"session": "dx", "orbits": 10.0}),
     ]
-    _, plan = planned(like, inflight.further(None, runs, like))  # type: ignore[arg-type]
+    campaign, plan = planned(like, inflight.further(None, runs, like))  # type: ignore[arg-type]
     assert plan["sessions"] == ["ad11", "k2d", "dx"]
-    asked = inflight.procedure_of(
-        like.model_copy(update={"procedure": inflight.further(None, runs, like)})  # type: ignore[arg-type]
-    )
-    assert (asked.common_m_s2, asked.turn_rad) == (1e-7, 1e-2)
+    asked = inflight.procedure_of(campaign)
+    ad11, k2d = asked.stimulus("ad11"), asked.stimulus("k2d")
+    assert (ad11.amplitude, ad11.frequency_hz, ad11.phase_rad) == (5e-8, 147 / 59500, 1.5)
+    assert (k2d.amplitude, k2d.frequency_hz, k2d.phase_rad) == (1e-7, usual, 0.0)
+    assert asked.stimulus("dx").target == "none"
+
+
+def test_a_stimulus_of_a_session_without_one_is_refused() -> None:
+    like = read_campaign(CAMPAIGNS / "microscope.toml")
+    with pytest.raises(ConfigError, match="stimuli: session dx injects nothing; leave its stimulus out"):
+        inflight.procedure_of(
+            like.model_copy(update={"procedure": {**like.procedure, "stimuli": {"dx": {"phase_rad": 1.0}}}})
+        )
 
 
 @pytest.mark.parametrize(
-    ("session", "amplitude", "possible"),
-    [("k2d", 1e-7, True), ("k2d", 3e-7, False), ("dy", 2e-2, True), ("dy", 3e-2, False), ("dx", None, True)],
+    ("session", "stimulus", "possible"),
+    [
+        ("k2d", {"amplitude": 1e-7}, True),
+        ("k2d", {"amplitude": 3e-7}, False),
+        ("k2d", {"calibration_frequency_hz": 8 / 5950}, False),  # a line of the orbit
+        ("dy", {"amplitude": 2e-2}, True),
+        ("dy", {"amplitude": 3e-2}, False),
+        ("dx", {}, True),
+    ],
 )
 def test_what_is_proposed_keeps_to_the_satellites_limits(
-    session: str, amplitude: float | None, possible: bool
+    session: str, stimulus: dict[str, float], possible: bool
 ) -> None:
     like = read_campaign(CAMPAIGNS / "microscope.toml")
     rig = Rig.for_its_limits(read_rig(like.rig_path))
     allowed = inflight.within(flight_of(rig), inflight.procedure_of(like))
-    settings = {"session": session, "orbits": 10.0} | ({} if amplitude is None else {"amplitude": amplitude})
-    assert allowed(Proposal(settings)) is possible
+    assert allowed(Proposal({"session": session, "orbits": 10.0, **stimulus})) is possible
 
 
 @pytest.mark.parametrize("name", ["bias-rejection.toml", "microscope.toml"])

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import ValidationError
+
 from procedures.campaigns import Instruments, Plan, Work
 from procedures.inflight.bench import Flight, flight_of
 from procedures.inflight.calibration import calibrate, check
-from procedures.inflight.tables import Calibration
+from procedures.inflight.tables import Calibration, SessionStimulus
 from rigctl.campaign.origin import campaign_of
 from rigctl.campaign.recording import ChannelInfo, LaserInfo
 from rigctl.campaign.session.session import Session
@@ -17,7 +20,6 @@ from rigctl.campaign.store.parts import Part
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.inflight.observe.sessions import LINEAR, MASS_MOTION, QUADRATIC
 from rigctl.files.campaign_file import CampaignFile
 from rigctl.files.campaign_tables import settings_of
 from rigctl.files.toml_files import validated
@@ -61,26 +63,19 @@ class CalibrationWork(Work):
         calibrate(session, self.flight, self.calibration)
 
 
-STRENGTH = {
-    **dict.fromkeys(LINEAR, "common_m_s2"),
-    "dy": "turn_rad",
-    **dict.fromkeys(MASS_MOTION, "displacement_m"),
-    **dict.fromkeys(QUADRATIC, "quadratic_m"),
-}
-"""Where a campaign file says how strong a session's stimulus is."""
+_STIMULUS = {"amplitude": "amplitude", "frequency_hz": "calibration_frequency_hz", "phase_rad": "phase_rad"}
+"""Keys of a campaign file's stimulus, and the names of proposals and runs."""
 
 
 def within(flight: Flight, calibration: Calibration) -> Allowed:
     """Whether a satellite can fly a proposal; what that does not say is as in `calibration`."""
 
     def allowed(proposal: Proposal) -> bool:
-        name = str(proposal.settings["session"])
-        update: dict[str, Any] = {"sessions": (name,)}
-        if name in STRENGTH and "amplitude" in proposal.settings:
-            update[STRENGTH[name]] = float(proposal.settings["amplitude"])
+        asked = _asked([proposal])
         try:
-            check(flight, calibration.model_copy(update=update))
-        except (LimitError, ConfigError):
+            stimuli = {name: SessionStimulus(**each) for name, each in asked["stimuli"].items()}
+            check(flight, calibration.model_copy(update={**asked, "stimuli": stimuli}))
+        except (LimitError, ConfigError, ValidationError):
             return False
         return True
 
@@ -117,20 +112,29 @@ def channels(rig: Instruments) -> tuple[Mapping[str, ChannelInfo], Mapping[str, 
 
 
 def further(store: Store, runs: Sequence[Proposal], campaign: CampaignFile) -> Mapping[str, Any]:
-    """These sessions once more; of sessions that share a stimulus the strongest that is asked for."""
+    """These sessions once more, each once: of several stimuli of one session, the one that is proposed most often."""
     del store
-    asked: dict[str, float] = {}
+    return {**campaign.procedure, **_asked(runs)}
+
+
+def _asked(runs: Sequence[Proposal]) -> dict[str, Any]:
+    """`sessions` and `stimuli` of a procedure that flies what is proposed."""
+    by_session: dict[str, Counter[tuple[tuple[str, float], ...]]] = {}
     for run in runs:
-        if key := STRENGTH.get(str(run.settings["session"])):
-            asked[key] = max(asked.get(key, 0.0), float(run.settings.get("amplitude", 0.0)))
-    strengths = {key: amplitude for key, amplitude in asked.items() if amplitude}
-    sessions = list(dict.fromkeys(str(run.settings["session"]) for run in runs))
-    return {**campaign.procedure, **strengths, "sessions": sessions}
+        stimulus = {key: float(run.settings[name]) for key, name in _STIMULUS.items() if name in run.settings}
+        by_session.setdefault(str(run.settings["session"]), Counter())[tuple(stimulus.items())] += 1
+    chosen = {name: dict(stimuli.most_common(1)[0][0]) for name, stimuli in by_session.items()}
+    return {"sessions": list(chosen), "stimuli": {name: stimulus for name, stimulus in chosen.items() if stimulus}}
 
 
 def allowed(store: Store, rig: Instruments | None) -> Allowed | None:
     """What the satellite's limits leave; of a satellite that is not known what was flown already."""
     if rig is None:
-        flown = {run.conditions.get("amplitude") for run in store.runs()}
-        return lambda proposal: proposal.settings.get("amplitude") in {None, *flown}
+        flown = [_settings(run.conditions) for run in store.runs()]
+        return lambda proposal: _settings(proposal.settings) in flown
     return within(flight_of(rig), procedure_of(campaign_of(store)))
+
+
+def _settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """A session and its stimulus; what is not given is zero."""
+    return {"session": settings["session"], **{name: settings.get(name) or 0.0 for name in _STIMULUS.values()}}

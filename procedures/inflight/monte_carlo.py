@@ -24,7 +24,7 @@ from rigctl.campaign.store.parts import Part
 from rigctl.core.errors import ConfigError, DataError, LinkError
 from rigctl.core.satellites import SatelliteEnsemble
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.inflight.observe.sessions import session_of
+from rigctl.experiments.inflight.observe.sessions import SessionName, session_of
 from rigctl.experiments.inflight.result.draws import (
     CHUNK,
     ExpectedNoise,
@@ -56,7 +56,7 @@ class Unit:
     ensemble: SatelliteEnsemble
     study: MonteCarlo
     orbit_period_s: float
-    name: str
+    name: SessionName
     run: int
     draws: tuple[int, ...]
 
@@ -69,7 +69,7 @@ class Unit:
 Submit = Callable[[Unit], Promise]
 
 
-def flown(study: MonteCarlo, name: str, orbit_period_s: float, step_s: float) -> Flown:
+def flown(study: MonteCarlo, name: SessionName, orbit_period_s: float, step_s: float) -> Flown:
     """A session of a study as the analysis knows it."""
     return Flown(
         session_of(name, study.conditions(name, step_s), orbit_period_s, step_s),
@@ -152,7 +152,7 @@ class MonteCarloWork(Work):
         with session.step("estimates"):
             self._estimate(session)
 
-    def _units(self, run: int, name: str) -> dict[str, Unit]:
+    def _units(self, run: int, name: SessionName) -> dict[str, Unit]:
         everything = range(self.study.draws)
         draws = [tuple(everything[at : at + self.ensemble.at_once]) for at in everything[:: self.ensemble.at_once]]
         return {
@@ -162,7 +162,7 @@ class MonteCarloWork(Work):
             for some in draws
         }
 
-    def _simulate(self, session: Session, submit: Submit, run: int, name: str) -> None:
+    def _simulate(self, session: Session, submit: Submit, run: int, name: SessionName) -> None:
         units, kept = self._units(run, name), Kept(session.store, RECIPE)
         there = session.store.reduced_names(str(RECIPE))
         promised = {key: submit(unit) for key, unit in units.items() if key not in there}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from rigctl.core.file_tables import Table
 from rigctl.core.satellites import FlightSession, Stimulus
-from rigctl.experiments.inflight.observe.sessions import SESSIONS, SessionName
+from rigctl.experiments.inflight.observe.sessions import GRADIENT, SESSIONS, SessionName
 
 TEN = tuple(name for name in SESSIONS if name != "dx+dz")
 
@@ -21,8 +22,16 @@ TEN_ORBITS_S = 59500.0
 _UNITS = {"drag-free": "m/s2", "attitude": "rad", "none": ""}
 
 
+class SessionStimulus(Table):
+    """`[procedure.stimuli.SESSION]`: what one session injects in place of what the others of its kind do."""
+
+    amplitude: Amplitude | None = None
+    frequency_hz: StimulusHz | None = None
+    phase_rad: float | None = None
+
+
 class Calibration(Table):
-    """The `[procedure]` table of a calibration: `cycles_*` are periods of a stimulus in ten orbits."""
+    """The `[procedure]` table of a calibration."""
 
     name: Literal["calibration", "monte-carlo"] = "calibration"
     sessions: tuple[SessionName, ...] = Field(default=TEN, min_length=1)
@@ -37,6 +46,7 @@ class Calibration(Table):
     quadratic_m: Amplitude = 9e-6
     quadratic_hz: StimulusHz = 535 / TEN_ORBITS_S
     phase_rad: float = 0.0
+    stimuli: dict[SessionName, SessionStimulus] = {}
 
     @field_validator("sessions")
     @classmethod
@@ -49,9 +59,21 @@ class Calibration(Table):
         """How long a session is."""
         return self.orbits_ac12 if name == "ac12" else self.orbits
 
-    def stimulus(self, name: str) -> Stimulus:
+    @field_validator("stimuli")
+    @classmethod
+    def _of_stimulated(cls, values: dict[str, SessionStimulus]) -> dict[str, SessionStimulus]:
+        if without := [name for name in values if name in GRADIENT]:
+            raise ValueError(f"session {without[0]} injects nothing; leave its stimulus out")
+        return values
+
+    def stimulus(self, name: SessionName) -> Stimulus:
         """What a session injects."""
-        if name in {"dx", "dz", "dx+dz"}:
+        special = self.stimuli.get(name, SessionStimulus())
+        return replace(self._usual_stimulus(name), **special.model_dump(exclude_none=True))
+
+    def _usual_stimulus(self, name: SessionName) -> Stimulus:
+        """What sessions of its kind inject."""
+        if name in GRADIENT:
             return Stimulus()
         if name == "dy":
             return Stimulus("attitude", "z", self.turn_rad, self.turn_hz, self.phase_rad)
@@ -64,7 +86,7 @@ class Calibration(Table):
         along: dict[str, Literal["x", "y", "z"]] = {"ad11": "x", "ad12": "y", "ad13": "z", "k2d": "x"}
         return Stimulus("drag-free", along[name], self.common_m_s2, self.common_hz, self.phase_rad)
 
-    def session(self, name: str, orbit_period_s: float) -> FlightSession:
+    def session(self, name: SessionName, orbit_period_s: float) -> FlightSession:
         """A session as the satellite is commanded; the mass that moves is not the one that control holds at rest."""
         hold: Literal["both", "mass-1", "mass-2"] = "both"
         if name == "k2c_1":
@@ -73,7 +95,7 @@ class Calibration(Table):
             hold = "mass-1"
         return FlightSession(self.orbits_of(name) * orbit_period_s, self.stimulus(name), hold)
 
-    def conditions(self, name: str, sample_period_s: float) -> dict[str, Any]:
+    def conditions(self, name: SessionName, sample_period_s: float) -> dict[str, Any]:
         """What a run's row in runs.csv says, as far as it is known before."""
         stimulus = self.stimulus(name)
         conditions: dict[str, Any] = {

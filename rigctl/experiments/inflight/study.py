@@ -10,8 +10,9 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import Effect
+from rigctl.experiments.inflight.imagined import other_stimuli
 from rigctl.experiments.inflight.model.parameters import NAMES
-from rigctl.experiments.inflight.observe.reduction import ReducedRun
+from rigctl.experiments.inflight.observe.series import temperatures
 from rigctl.experiments.inflight.sample_findings import changing_level_in, pulses_in, strongest_line_in
 from rigctl.experiments.inflight.study_data import FlightData
 from rigctl.experiments.inflight.study_model import InflightModel, shown_name
@@ -38,9 +39,6 @@ PULSES, LEVEL, LINE = "glitches", "noise-level", "steady-line"
 
 SHOWN_P = 0.01
 """Largest p-value under noise at which a finding in the samples is reported."""
-
-STRONGER = 2.0
-"""What may be injected next, over what was."""
 
 _IN_SAMPLES = (PULSES, LEVEL, LINE)
 
@@ -98,7 +96,7 @@ class InflightStudy(CatalogueStudy[FlightData]):
         Pulses and noise have no frequency, NaN.
         """
         present = {term.effect for term in model.terms}
-        scans = own_model(model, InflightModel).data.scans
+        scans = own_model(model, InflightModel).data.recorded.scans
         lines = [
             None if PULSES in present else pulses_in(scans),
             None if LEVEL in present else changing_level_in(scans),
@@ -111,17 +109,13 @@ class InflightStudy(CatalogueStudy[FlightData]):
         return parameters_as_json(model, values, covariance, len(NAMES))
 
     def options(self) -> list[Proposal]:
-        """Each session once more, as long as it was, with the same stimulus and with one that is twice as strong."""
+        """Each session once more, as long as it was: with the same stimulus, with one that is twice as strong, of
+        another frequency, or a quarter of a period later."""
         options = []
         for run in {run.session.name: run for run in self.data.reduced.runs}.values():
-            session = run.session
-            settings: dict[str, Any] = {"session": session.name, "orbits": run.duration_s / session.orbit_period_s}
-            strengths = (1.0, STRONGER) if session.frequency_hz > 0.0 else ()
-            stimuli = [
-                {"calibration_frequency_hz": session.frequency_hz, "amplitude": strength * session.amplitude}
-                for strength in strengths
-            ]
-            options += [Proposal({**settings, **each}, takes_s=run.duration_s) for each in stimuli or [{}]]
+            settings = {"session": run.session.name, "orbits": run.duration_s / run.session.orbit_period_s}
+            stimuli = other_stimuli(run) if run.session.frequency_hz > 0.0 else [{}]
+            options += [Proposal({**settings, **each}, takes_s=run.duration_s) for each in stimuli]
         return options
 
     def extended(self, proposals: Sequence[Proposal]) -> InflightStudy:
@@ -149,10 +143,6 @@ def _untestable(effect: Effect, data: FlightData) -> str | None:
     """Why these runs cannot be asked about an effect; None when they can."""
     if effect.id in COMMON:
         return COMMON[effect.id]
-    if "temperature" in effect.needs and not all(_has_temperature(run) for run in data.reduced.runs):
-        return "no temperature is recorded; add columns temperature_1_k and temperature_2_k"
+    if "temperature" in effect.needs and not all(temperatures(run.coarse.columns) for run in data.reduced.runs):
+        return "no temperature is recorded; add columns temperature_1_k and temperature_2_k, or one temperature_c"
     return data.effects.reason_for_none(effect)
-
-
-def _has_temperature(run: ReducedRun) -> bool:
-    return all(name in run.coarse.columns for name in ("temperature_1_k", "temperature_2_k"))

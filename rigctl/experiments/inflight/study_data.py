@@ -11,8 +11,8 @@ from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.effect_changes import EffectChanges
-from rigctl.experiments.inflight.imagined import stronger
-from rigctl.experiments.inflight.model.baseline import Baseline, Stretch
+from rigctl.experiments.inflight.imagined import flown_again
+from rigctl.experiments.inflight.model.baseline import Baseline
 from rigctl.experiments.inflight.model.observed import Observed, observed
 from rigctl.experiments.inflight.model.residual_samples import RunScan
 from rigctl.experiments.inflight.model.sample_scans import run_scans
@@ -24,68 +24,25 @@ from rigctl.workbench.study import Observations, Proposal
 
 
 @dataclass(frozen=True, eq=False)
-class FlightData:
-    """The valid runs of `source`, as `reduced`, perhaps with imagined ones after them.
-
-    `pulses_s` are times of pulses that are masked in the samples, by run. With `levels`, scans of the samples, the
-    noise of each half is as large as its own samples say. `known_noise` is None where it has yet to be estimated.
-    """
+class RecordedRuns:
+    """The valid runs of `source`, reduced; `pulses_s` are times of pulses that are masked in the samples, by run."""
 
     source: RunSource
     reduced: Reduction[ReducedRun]
-    known_noise: Observed | None = None
     pulses_s: Mapping[str, FloatArray] = field(default_factory=dict)
-    levels: tuple[RunScan, ...] | None = None
-
-    @classmethod
-    def of(cls, source: RunSource) -> FlightData:
-        """All valid runs; `DataError` when none can be used."""
-        reduced = reduction(source)
-        if not reduced.runs:
-            why = next(iter(reduced.left_out.values()), "there is no valid run")
-            raise DataError(f"no run of this recording can be used: {why}")
-        return cls(source, reduced)
 
     @cached_property
     def observed(self) -> Observed:
         """The runs with their noise."""
-        return observed(self.reduced.runs) if self.known_noise is None else self.known_noise
-
-    @cached_property
-    def baseline(self) -> Baseline:
-        """Of all halves."""
-        stretches = self.observed.stretches()
-        return Baseline(stretches if self.levels is None else self._levelled(stretches, self.levels))
-
-    def _levelled(self, stretches: Sequence[Stretch], levels: Sequence[RunScan]) -> list[Stretch]:
-        by_run = {each.run_id: each for each in levels}
-        halves = [half for run in self.reduced.runs for half in run.halves]
-        return [
-            replace(stretch, sigma=stretch.sigma * relative_noise(by_run[stretch.run_id], half))
-            if stretch.run_id in by_run
-            else stretch
-            for stretch, half in zip(stretches, halves, strict=True)
-        ]
-
-    @cached_property
-    def observations(self) -> Observations:
-        """Lines of all halves, each half a run of its own and a block."""
-        return observations_of(self.observed, self.baseline)
-
-    @cached_property
-    def effects(self) -> EffectChanges:
-        """What effects do to these lines."""
-        return EffectChanges(self.reduced.runs)
+        return observed(self.reduced.runs)
 
     @cached_property
     def scans(self) -> tuple[RunScan, ...]:
-        """All runs' samples looked through, with the baseline as fitted to them; kept for just these runs."""
-        if self.levels is not None:
-            return self.levels
+        """All runs' samples searched, with the baseline as fitted to them; kept for just these runs."""
         return run_scans(self.source, self.reduced.runs, self.observed.values, self.pulses_s)
 
     @cached_property
-    def without_pulses(self) -> FlightData:
+    def without_pulses(self) -> RecordedRuns:
         """The same without the samples that pulses cover."""
         pulses_s = {each.run_id: each.pulses.at_s for each in self.scans if len(each.pulses.at_s)}
         runs, left_out = [], dict(self.reduced.left_out)
@@ -97,23 +54,82 @@ class FlightData:
                 runs.append(reduced_without(self.source, run, pulses_s[run.run_id]))
             except DataError as error:
                 left_out[run.run_id] = str(error)
-        return replace(self, reduced=Reduction(tuple(runs), left_out), known_noise=None, pulses_s=pulses_s)
+        return replace(self, reduced=Reduction(tuple(runs), left_out), pulses_s=pulses_s)
+
+
+@dataclass(frozen=True, eq=False)
+class FlightData:
+    """`recorded` runs, and after them imagined ones: a recorded run as it would be with other settings.
+
+    Only recorded runs have samples. With `levelled`, the noise of each recorded half is as large as its samples say.
+    """
+
+    recorded: RecordedRuns
+    imagined: tuple[tuple[str, ReducedRun], ...] = ()
+    """Each with the run_id of the recorded run whose noise it has."""
+    levelled: bool = False
+
+    @classmethod
+    def of(cls, source: RunSource) -> FlightData:
+        """All valid runs; `DataError` when none can be used."""
+        reduced = reduction(source)
+        if not reduced.runs:
+            why = next(iter(reduced.left_out.values()), "there is no valid run")
+            raise DataError(f"no run of this recording can be used: {why}")
+        return cls(RecordedRuns(source, reduced))
+
+    @property
+    def reduced(self) -> Reduction[ReducedRun]:
+        """The recorded runs, and those left out."""
+        return self.recorded.reduced
+
+    @cached_property
+    def observed(self) -> Observed:
+        """All runs with their noise."""
+        here = self.recorded.observed
+        noise_of = {run.run_id: noise for run, noise in zip(here.runs, here.noises, strict=True)}
+        noises = (noise_of.get(like, here.noises[0]) for like, _ in self.imagined)
+        return Observed((*here.runs, *(run for _, run in self.imagined)), (*here.noises, *noises), here.values)
+
+    @cached_property
+    def baseline(self) -> Baseline:
+        """Of all halves."""
+        stretches = self.observed.stretches()
+        if self.levelled:
+            scan_of = {each.run_id: each for each in self.recorded.scans}
+            halves = [half for run in self.reduced.runs for half in run.halves]
+            for place, half in enumerate(halves):
+                stretch = stretches[place]
+                level = relative_noise(scan_of[stretch.run_id], half)
+                stretches[place] = replace(stretch, sigma=stretch.sigma * level)
+        return Baseline(stretches)
+
+    @cached_property
+    def observations(self) -> Observations:
+        """Lines of all halves, each half a run of its own and a block."""
+        return observations_of(self.observed, self.baseline)
+
+    @cached_property
+    def effects(self) -> EffectChanges:
+        """What effects do to these lines."""
+        return EffectChanges(self.observed.runs)
+
+    @cached_property
+    def without_pulses(self) -> FlightData:
+        """The same without the recorded samples that pulses cover."""
+        return replace(self, recorded=self.recorded.without_pulses)
 
     @cached_property
     def by_level(self) -> FlightData:
-        """The same with the noise of each half as large as its own samples say."""
-        return replace(self, known_noise=self.observed, levels=self.scans)
+        """The same with the noise of each recorded half as large as its own samples say."""
+        return replace(self, levelled=True)
 
     def with_proposals(self, proposals: Sequence[Proposal]) -> FlightData:
-        """These runs and sessions flown once more: like the runs there are, of which only lines count."""
-        place_of = {run.session.name: place for place, run in enumerate(self.reduced.runs)}
-        places = [place_of[str(each.settings["session"])] for each in proposals]
-        further = []
-        for number, (each, place) in enumerate(zip(proposals, places, strict=True), start=1):
-            like = self.reduced.runs[place]
-            amplitude = float(each.settings.get("amplitude", like.session.amplitude))
-            further.append(stronger(like, f"next {number}", amplitude))
-        runs, here = (*self.reduced.runs, *further), self.observed
-        noises = (*here.noises, *(here.noises[place] for place in places))
-        reduced = Reduction(runs, self.reduced.left_out)
-        return replace(self, reduced=reduced, known_noise=Observed(runs, noises, here.values))
+        """These runs and sessions flown once more: like the recorded runs, of which only lines count."""
+        run_of = {run.session.name: run for run in self.reduced.runs}
+        likes = [run_of[str(each.settings["session"])] for each in proposals]
+        imagined = [
+            (like.run_id, flown_again(like, f"next {number}", each.settings))
+            for number, (like, each) in enumerate(zip(likes, proposals, strict=True), start=len(self.imagined) + 1)
+        ]
+        return replace(self, imagined=(*self.imagined, *imagined))

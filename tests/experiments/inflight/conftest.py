@@ -150,10 +150,10 @@ class Sky:
 def recorded(session, instrument, sky=Sky(), orbits=None, step_s=STEP_S):
     """Columns of a run of a session, and its conditions."""
     orbits = orbits or ORBITS.get(session, 10)
-    f, amplitude = STIMULI[session]
+    f, amplitude, phase = (*STIMULI[session], 0.0)[:3]
     count = round(orbits * ORBIT_S / step_s)
     t = np.arange(count) * step_s
-    w, wave, zero = 2.0 * np.pi * f, amplitude * np.cos(2.0 * np.pi * f * t), np.zeros(count)
+    w, wave, zero = 2.0 * np.pi * f, amplitude * np.cos(2.0 * np.pi * f * t + phase), np.zeros(count)
     seen, spin_up = np.zeros((3, count)), np.zeros((3, count))
     if session == "dy":
         seen[2], spin_up[2] = wave, -(w**2) * wave
@@ -198,7 +198,7 @@ def recorded(session, instrument, sky=Sky(), orbits=None, step_s=STEP_S):
     columns |= {f"dw_{axis}": spin_up[i] for i, axis in enumerate("xyz")}
     columns |= {f"att_{axis}": seen[i] for i, axis in enumerate("xyz")}
     columns |= {f"command_{axis}": zero for axis in "xyz"}
-    conditions = {"session": session, "orbits": float(orbits), "sample_period_s": step_s, "phase_rad": 0.0}
+    conditions = {"session": session, "orbits": float(orbits), "sample_period_s": step_s, "phase_rad": phase}
     if f:
         unit = {"dy": "rad"}.get(session, "m" if session in moves else "m/s2")
         conditions |= {"calibration_frequency_hz": f, "amplitude": amplitude, "amplitude_unit": unit}

@@ -50,6 +50,10 @@ def temperature(t_s):
     return {"temperature_1_k": 290.0 + warm, "temperature_2_k": 290.0 + warm}
 
 
+def one_temperature(t_s):
+    return {"temperature_c": temperature(t_s)["temperature_1_k"] - 273.15}
+
+
 @pytest.fixture(scope="module")
 def plain(flight):
     return InflightStudy(recording(flight))
@@ -84,12 +88,24 @@ def test_the_result_has_both_estimates_and_what_no_session_sees(flight, plain):
     assert found["parameters"]["ac12_rad"]["systematic"] == pytest.approx(np.hypot(1e-4, 1e-4 / np.sqrt(3)))
 
 
-def test_a_bias_that_goes_with_the_temperature_is_named_sized_and_explained(flight):
-    def warm(_, t_s, out):
-        made = np.zeros_like(out)
-        made[0, 0] = 2e-10 * WARM_K * np.cos(2 * np.pi * t_s / 5950.0 + 0.7)
-        return made
+def warm(_, t_s, out):
+    made = np.zeros_like(out)
+    made[0, 0] = 2e-10 * WARM_K * np.cos(2 * np.pi * t_s / 5950.0 + 0.7)
+    return made
 
+
+def test_one_temperature_stands_for_that_of_both_sensors(flight):
+    predicted = []
+    for columns in (temperature, one_temperature):
+        study = InflightStudy(recording(flight, sessions=("dx",), columns=columns))
+        model = study.model(())
+        candidates, _ = study.candidates(model, np.array([each.start for each in model.parameters]))
+        predicted.append({each.term.effect: each.derivative for each in candidates}["thermal-bias"])
+    assert predicted[0] == pytest.approx(predicted[1], rel=1e-6, abs=1e-12)
+    assert np.abs(predicted[0]).max() > 1e-4
+
+
+def test_a_bias_that_goes_with_the_temperature_is_named_sized_and_explained(flight):
     sky = flight.Sky(noise=1.2e-12, seed=1, added=warm)
     study = InflightStudy(recording(flight, sky=sky, columns=temperature))
     said = diagnose(study, ()).as_json()
@@ -262,6 +278,11 @@ def test_pulses_are_found_masked_and_no_longer_there(flight):
     assert found.p_value < 1e-6
     assert found.parameters["number"]["value"] == pytest.approx(36, abs=6)
     masked = study.model((found.term,))
+    imagined = study.extended(study.options()[:2])
+    for terms in ((found.term,), (found.term, Term("noise-level"))):
+        # A run that was never flown has no samples to look through.
+        assert len(imagined.model(terms).observations.value) > len(masked.observations.value)
+        assert imagined.lines(imagined.model(terms)) == study.lines(study.model(terms))
     assert not [line for line in study.lines(masked) if line.term.effect == "glitches"]
     assert len(masked.observations.value) == len(study.data.observations.value)
     assert masked.data.reduced.runs[0].coarse.present.mean() < 0.999
@@ -288,15 +309,17 @@ def test_pulses_that_both_sensors_show_alike_along_x_are_found_across_it(flight)
     assert found.parameters["number"]["value"] == pytest.approx(36, abs=6)
 
 
-def test_a_stronger_stimulus_is_among_what_can_be_flown_and_tells_what_it_would(flight, plain):
-    """As the same session recorded with twice the stimulus does, to a hundredth of what it tells of its parameter."""
+@pytest.mark.parametrize("setting", ["amplitude", "calibration_frequency_hz", "phase_rad"])
+def test_another_stimulus_is_among_what_can_be_flown_and_tells_what_it_would(flight, plain, setting):
+    """As the same session recorded with that stimulus does, to some hundredths of what it tells of its parameter."""
     for name in ("ad11", "k2d", "ac13", "k2c_1"):
         offered = [each for each in plain.options() if each.settings["session"] == name]
-        weak, strong = (each.settings["amplitude"] for each in offered)
-        assert strong == pytest.approx(2.0 * weak)
-        imagined = plain.extended(offered[1:]).data.baseline
+        usual = offered[0].settings
+        chosen = next(each for each in offered[1:] if each.settings[setting] != usual[setting])
+        imagined = plain.extended([chosen]).data.baseline
+        wanted = (chosen.settings[key] for key in ("calibration_frequency_hz", "amplitude", "phase_rad"))
         with pytest.MonkeyPatch.context() as patch:
-            patch.setitem(flight.STIMULI, name, (flight.STIMULI[name][0], strong))
+            patch.setitem(flight.STIMULI, name, tuple(wanted))
             flown = InflightStudy(recording(flight, sessions=(name,))).data.baseline
         assert [each.run_id for each in imagined.stretches[-2:]] == ["next 1"] * 2
         told, true = (
@@ -305,4 +328,4 @@ def test_a_stronger_stimulus_is_among_what_can_be_flown_and_tells_what_it_would(
         )
         for place, parameter in enumerate(NAMES):
             size = np.abs(true[:, place]).max()
-            assert told[-len(true) :, place] == pytest.approx(true[:, place], abs=0.02 * size), (name, parameter)
+            assert told[-len(true) :, place] == pytest.approx(true[:, place], abs=0.03 * size), (name, parameter)

@@ -13,7 +13,7 @@ from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import AnyColumns
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
-from rigctl.experiments.inflight.observe.series import GRADIENTS, INDEX, SERIES
+from rigctl.experiments.inflight.observe.series import GRADIENTS, INDEX, SERIES, temperatures
 from rigctl.experiments.inflight.observe.sessions import Session, moved_axis, moved_shares
 from rigctl.experiments.inflight.observe.weights import amplitudes, weights
 
@@ -124,7 +124,7 @@ def _flight(
         angular_acceleration=np.array([c[f"dw_{axis}"] for axis in "xyz"]),
         moved=moved,
         moved_speed=speed,
-        temperature=np.array([c.get(f"temperature_{mass}_k", missing) for mass in (1, 2)]),
+        temperature=np.array(temperatures(c) or (missing, missing)),
         columns=columns,
         signal={
             MEASURED_POINT: measured,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigctl.core.arrays import ComplexArray, FloatArray
+from rigctl.core.plausible import ABSOLUTE_ZERO_C
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
 
 MEASURED = ("m1_x", "m1_y", "m1_z", "m2_x", "m2_y", "m2_z")
@@ -35,6 +36,13 @@ what acts on mass 1 less what acts on mass 2: no channel tells it, effects do.""
 
 INDEX = {name: place for place, name in enumerate(SERIES)}
 _CHUNK = 1 << 15
+
+
+def temperatures(columns: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
+    """Of both sensors [K], a single column `temperature_c` standing for both; empty where none is recorded."""
+    common = [columns[name] - ABSOLUTE_ZERO_C for name in ("temperature_c",) if name in columns]
+    sensors = [[columns[name]] if (name := f"temperature_{mass}_k") in columns else common for mass in (1, 2)]
+    return tuple(each[0] for each in sensors) if all(sensors) else ()
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,7 @@ def errors_plate(result: Mapping[str, Any]) -> Plate[ErrorRow]:
     ]
     caption = (
         f"Errors of {result['draws']} simulated calibrations over the objective: mean (marker) to worst (line's "
-        "end). Printed: table 2 of the paper; published: its estimate against its truth; joint: against the exact truth."
+        "end). Printed: table 2 of the paper; published: its estimate against its truth; joint: against exact truth."
     )
     return Plate("table2", caption, rows, draw_errors)
 
