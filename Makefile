@@ -10,7 +10,7 @@ STORE := out/isa-flight-model.rig.sqlite
 RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 
-.PHONY: setup flight-model test lint types imports pytest reliability reliability-ci reliability-full clean
+.PHONY: setup flight-model test lint types imports pytest foreign reliability reliability-ci reliability-full clean
 
 setup: $(READY)
 
@@ -39,6 +39,10 @@ imports: setup
 
 pytest: setup
 	$(BIN)/pytest -n 2
+
+# Recordings from elsewhere, the slow ones too: tests/foreign/README.md.
+foreign: setup
+	RIGCTL_FOREIGN=1 $(BIN)/pytest -n 2 tests/foreign
 
 # What is promised under faults, tried: docs/reliability.md. Half an hour on two cores.
 reliability: setup

@@ -1,0 +1,187 @@
+"""A recording taken through the commands, as its owner would: import, compare, diagnose, model add, fit, history.
+
+Each check below is one promise of the commands' JSON (what is named, its size, one account of noise, a ladder that
+falls, a fit that keeps what diagnose promised). A check raises AssertionError with what is wrong.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from typer.testing import CliRunner
+
+from rigctl.cli import app
+
+ALPHA = 0.01
+CHI2_TOLERANCE = 0.01
+PARAMETER_TOLERANCE_SIGMA = 0.1
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Session:
+    """What the commands said; ``after`` is compare with the suggested effects in the model."""
+
+    reference: Json
+    response: str
+    compare: Json
+    diagnose: Json
+    after: Json
+    fit: Json
+    history: list[Json]
+
+    @property
+    def suggested(self) -> list[str]:
+        return list(self.diagnose["suggested"])
+
+
+def run(*arguments: str) -> str:
+    """What a command prints; AssertionError with its last message where it ends with an error."""
+    ended = CliRunner().invoke(app, list(arguments))
+    message = ended.stderr.strip()[-300:] or repr(ended.exception)
+    called = " ".join(arguments[: 2 if arguments[0] == "model" else 1])
+    assert ended.exit_code == 0, f"rigctl {called} ends {ended.exit_code}: {message}"
+    return str(ended.stdout)
+
+
+def command(*arguments: str) -> Any:
+    """The JSON document a command prints."""
+    return json.loads(run(*arguments, "--json"))
+
+
+def taken_through(bundle: Path) -> Session:
+    """The whole session on one bundle, in a store of its own."""
+    written = tomllib.loads((bundle / "recording.toml").read_text())
+    with TemporaryDirectory() as directory:
+        store = str(Path(directory) / "foreign.rig.sqlite")
+        run("import", str(bundle), "--store", store)
+        compare, diagnose = command("compare", store), command("diagnose", store, "--alpha", str(ALPHA))
+        if diagnose["suggested"]:
+            run("model", "add", store, *diagnose["suggested"])
+        return Session(
+            reference=written.get("reference", {}),
+            response=written.get("table", {}).get("response", ""),
+            compare=compare,
+            diagnose=diagnose,
+            after=command("compare", store),
+            fit=command("fit", store),
+            history=command("model", "history", store),
+        )
+
+
+def told(session: Session) -> str:
+    return f"{session.diagnose['verdict']} {session.suggested}; known: {session.reference['known']}"
+
+
+def known_effect_is_named(session: Session) -> None:
+    """The verdict is one that the literature allows, every known effect is suggested, none known to be absent."""
+    reference = session.reference
+    assert session.diagnose["verdict"] in reference["verdicts"], told(session)
+    for alternatives in reference.get("effects", []):
+        assert set(alternatives) & set(session.suggested), told(session)
+    if "effects" not in reference and "effect" not in reference["verdicts"]:
+        assert session.suggested == [], told(session)
+    assert not set(reference.get("absent", [])) & set(session.suggested), told(session)
+
+
+def period_number(name: str) -> tuple[str, str]:
+    """``periodic[day]#2.period`` is ``periodic[day]``'s second one; which is which, the sizes tell."""
+    effect, _, parameter = name.partition("].")
+    return effect.partition("#")[0].rstrip("]"), parameter
+
+
+def fitted(session: Session, name: str, near: float) -> Json:
+    """The parameter of that name; of several of a kind the nearest; of a group's, the only one that begins so."""
+    parameters = session.fit["parameters"]
+    if name in parameters and "#" not in name:
+        return dict(parameters[name])
+    stem = name.partition("[")[0] + "["
+    alike = {
+        key: stated
+        for key, stated in parameters.items()
+        if key.startswith(f"{name}.")
+        or (name.endswith(".period") and key.startswith(stem) and key.endswith(".period"))
+    }
+    assert alike, f"{name} is not in the fit: {sorted(parameters)}"
+    return dict(min(alike.values(), key=lambda stated: abs(stated["value"] - near)))
+
+
+def published_values_are_found(session: Session) -> None:
+    """Every published parameter, and every scatter between batches, within its published standard uncertainty."""
+    reference = session.reference
+    for name, published in reference.get("parameters", {}).items():
+        found = fitted(session, name, published["value"])["value"]
+        assert abs(found - published["value"]) <= published["sigma"], f"{name}: {found}, published {published}"
+    for column, published in reference.get("batches", {}).items():
+        told_of = session.fit["noise"][0]["batches"]
+        assert abs(told_of[column] - published["value"]) <= published["sigma"], f"{column}: {told_of}, {published}"
+
+
+def compare_and_diagnose_agree(session: Session) -> None:
+    """compare fails the model where diagnose finds something, and passes it where not, before and after."""
+    adequate = session.diagnose["verdict"] == "adequate"
+    p_value = session.compare["p_value"]
+    assert (p_value >= ALPHA) == adequate, f"compare p = {p_value:.2g}, diagnose {told(session)}"
+    if session.diagnose["verdict"] in {"effect", "ambiguous"}:
+        p_value = session.after["p_value"]
+        assert p_value >= ALPHA, f"compare with {session.suggested}: p = {p_value:.2g}"
+
+
+def noise_is_one(session: Session) -> None:
+    """compare, diagnose, fit and history state the same noise, before and after an effect is added."""
+    commands = (session.compare, session.diagnose, session.after, session.fit, session.history[-1])
+    noise = [stated["noise"] for stated in commands]
+    assert noise[0], "no noise is stated"
+    assert all(entry == noise[0] for entry in noise), f"the noise is stated differently: {noise}"
+
+
+def falls(rungs: list[float], name: str) -> None:
+    descends = all(after < before for before, after in pairwise(rungs))
+    assert descends, f"{name} over the versions: {[round(rung, 4) for rung in rungs]}"
+
+
+def errors_fall(session: Session) -> None:
+    """From each version to the next the error falls, on the fit's readings and on held-out ones."""
+    for name in ("error_fit", "error_held_out"):
+        falls([rung[name] for rung in session.history], name)
+
+
+def measures_fall(session: Session) -> None:
+    """So do the raw rms and -2 log L, and the held-out log score rises."""
+    falls([rung["rms"][session.response]["value"] for rung in session.history], "rms")
+    falls([rung["minus_2_log_l"] for rung in session.history], "minus_2_log_l")
+    falls([-rung["held_out_log_score"] for rung in session.history], "- held_out_log_score")
+
+
+def promise_is_kept(session: Session) -> None:
+    """What was suggested is what was added: the same likelihood and parameters, and no warning."""
+    joint = session.diagnose["joint_fit"]
+    if not session.suggested:
+        return
+    last = session.history[-1]
+    assert abs(last["minus_2_log_l"] - joint["minus_2_log_l"]) <= CHI2_TOLERANCE * joint["chi2_fall"]
+    for name, promised in joint["parameters"].items():
+        found = session.fit["parameters"][name]
+        if promised["sigma"]:
+            off = abs(found["value"] - promised["value"]) / promised["sigma"]
+            assert off <= PARAMETER_TOLERANCE_SIGMA, f"{name}: promised {promised}, fitted {found}"
+    assert not session.fit.get("warnings"), session.fit["warnings"]
+
+
+CHECKS: dict[str, Callable[[Session], None]] = {
+    "named": known_effect_is_named,
+    "value": published_values_are_found,
+    "agree": compare_and_diagnose_agree,
+    "noise": noise_is_one,
+    "ladder": errors_fall,
+    "measures": measures_fall,
+    "promise": promise_is_kept,
+}
