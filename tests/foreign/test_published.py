@@ -53,7 +53,11 @@ WRONG_TODAY = {
     "nottem": {"agree": COMPARE_PASSES, "ladder": "error_fit rises, 0.989, 1.008, 1.012"},
     "seat-belts": {"named": "adequate, all taken for correlated noise", "value": "no step"},
     "tooth-growth": {"agree": COMPARE_PASSES},
-    "trees": {"value": "a step beside the height takes a third of its exponent", "agree": COMPARE_PASSES},
+    "trees": {
+        "named": "unknown, nothing suggested",
+        "value": "nothing suggested",
+        "agree": COMPARE_PASSES,
+    },
     "women": {"named": "periodic[height_in]", "value": "the fit is of a period"},
 }
 """What the program gets wrong, by data set and check: whoever mends it takes the entry away."""
