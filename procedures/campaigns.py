@@ -89,7 +89,7 @@ class Plan(Protocol):
         """With the instruments of `rig`, opened or not; `ConfigError` or `LimitError` for what it cannot do."""
         ...
 
-    def told(self, rig: Instruments) -> Mapping[str, Any]:
+    def forecast(self, rig: Instruments) -> Mapping[str, Any]:
         """What it would do with a rig: keys of `rigctl run --dry-run --json` beyond those of every plan."""
         ...
 
@@ -173,15 +173,15 @@ def campaigns_of(experiment: str, path: Path | str = "") -> Campaigns:
 
     `DataError` for an experiment that is not installed, `ConfigError` for one that no campaign measures.
     """
-    found: Campaigns | None = part_of(experiment, "campaign", path)
-    if found is None:
+    campaigns: Campaigns | None = part_of(experiment, "campaign", path)
+    if campaigns is None:
         raise ConfigError(f"{path}: a '{experiment}' is imported, not measured; use `rigctl import`")
-    return found
+    return campaigns
 
 
 def investigable(campaign: CampaignFile) -> Investigable:
     """The same, where an investigation can choose among the runs of a campaign; `ConfigError` elsewhere."""
-    found = campaigns_of(campaign.experiment, campaign.path)
-    if not isinstance(found, Investigable):
+    campaigns = campaigns_of(campaign.experiment, campaign.path)
+    if not isinstance(campaigns, Investigable):
         raise ConfigError(f"{campaign.path}: an investigation cannot choose among the runs of {campaign.experiment}")
-    return found
+    return campaigns

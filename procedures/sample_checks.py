@@ -59,8 +59,8 @@ class Flaw:
 
     def of(self, instrument: str) -> ImplausibleSample:
         """As an error of the instrument whose column it is."""
-        said = f"{instrument}: {self.channel}, sample {self.sample}: {self.why}"
-        return ImplausibleSample(said, channel=self.channel, sample=self.sample, instrument=instrument)
+        message = f"{instrument}: {self.channel}, sample {self.sample}: {self.why}"
+        return ImplausibleSample(message, channel=self.channel, sample=self.sample, instrument=instrument)
 
 
 def sigmas_allowed(samples: int, false_alarm: float = FALSE_ALARM) -> float:
@@ -184,8 +184,8 @@ def laser_flaw(column: Column, position: Column, latency_s: float) -> Flaw | Non
         return flaw
     largest_mm = FARTHEST * stage.amplitude + seen.purest
     if seen.amplitude > largest_mm and seen.amplitude > largest_mm + column.resolution:
-        said = f"moves {seen.amplitude:.3g} mm, the encoder {stage.amplitude:.3g} mm; is it set to micrometres?"
-        return Flaw(column.channel, 0, said)
+        why = f"moves {seen.amplitude:.3g} mm, the encoder {stage.amplitude:.3g} mm; is it set to micrometres?"
+        return Flaw(column.channel, 0, why)
     period_s = column.sine.period_s
     w = 2.0 * math.pi * column.sine.frequency_hz
     late_rad = math.remainder(seen.phase_rad - stage.phase_rad - w * latency_s, math.pi)

@@ -147,7 +147,7 @@ def dry_run(campaign: CampaignFile, rig_file: RigFile, plugins: Sequence[Path] =
         "procedure": campaign.procedure.get("name", ""),
         "runs_planned": plan.runs,
         "effects": list(campaign.model.effects),
-        **plan.told(rig),
+        **plan.forecast(rig),
     }
 
 

@@ -43,7 +43,7 @@ class CalibrationPlan(Plan):
         check(flight, self.calibration)
         return CalibrationWork(flight, self.calibration)
 
-    def told(self, rig: Instruments) -> Mapping[str, Any]:
+    def forecast(self, rig: Instruments) -> Mapping[str, Any]:
         """Sessions, and how long they are together."""
         del rig
         sessions = self.calibration.sessions

@@ -116,7 +116,7 @@ class MonteCarloPlan(Plan):
         check(flight, self.study)
         return MonteCarloWork(flight, self.study, ensemble, rig.simulation.operate)
 
-    def told(self, rig: Instruments) -> Mapping[str, Any]:
+    def forecast(self, rig: Instruments) -> Mapping[str, Any]:
         """How many draws of what."""
         del rig
         sessions = self.study.sessions

@@ -39,7 +39,7 @@ class _Plan:
         self.plan.check(bench)
         return _Work(bench, self.plan)
 
-    def told(self, rig: Instruments) -> Mapping[str, Any]:
+    def forecast(self, rig: Instruments) -> Mapping[str, Any]:
         del rig
         recordings = self.plan.recordings
         return {

@@ -90,8 +90,8 @@ class Bench:
     clock: Clock
     approach_overshoot_deg: float = 0.05
     _oscillating: bool = field(default=False, init=False)
-    _approached: int = field(default=0, init=False)
-    _left: SetPoint | None = field(default=None, init=False)
+    _last_approach: int = field(default=0, init=False)
+    _last_point: SetPoint | None = field(default=None, init=False)
 
     def prepare(self) -> None:
         """Home what is not homed."""
@@ -111,13 +111,13 @@ class Bench:
 
     def _forget(self) -> None:
         """Nothing oscillates any more, and nobody knows from which side the angle was reached."""
-        self._oscillating, self._approached = False, 0
+        self._oscillating, self._last_approach = False, 0
 
     def restore(self) -> None:
         """After a restart: the stages as the last recorded run has left them."""
         self.linear.move_to(0.0)
-        if self._left is not None:
-            self._turn_to(self._left.theta_deg, self._left.approach)
+        if self._last_point is not None:
+            self._turn_to(self._last_point.theta_deg, self._last_point.approach)
 
     def rest(self) -> None:
         """End an oscillation."""
@@ -206,7 +206,7 @@ class Bench:
             return self._measure(session, writer, point, lasers)
 
         if session.recorded(key):
-            self._left = point
+            self._last_point = point
         else:
             session.checkpoint()
             before()
@@ -240,13 +240,13 @@ class Bench:
             session.event(
                 TEMPERATURE_MISSED, error=f"{self.thermometer.name}: no valid value; is its probe connected?"
             )
-        found: dict[str, Any] = {
+        conditions: dict[str, Any] = {
             "theta_deg": angle.value,
             "start_s": start_s,
             "temperature_c": float(np.mean(temperature)),
         }
-        found.update(recorded.saturation(columns) or recorded.missing(columns))
-        return found | {face_column(head): face for head, face in self._faces(point).items()}
+        conditions.update(recorded.saturation(columns) or recorded.missing(columns))
+        return conditions | {face_column(head): face for head, face in self._faces(point).items()}
 
     def _faces(self, point: SetPoint) -> dict[str, str]:
         """Which face each head looks at, for whoever reads the recording without the rig file."""
@@ -265,13 +265,13 @@ class Bench:
     def _turn_to(self, theta_deg: float, approach: int) -> None:
         """Arrive in the direction asked for: a cable that pulls shifts a null with the side it is come from."""
         now_deg = self.rotation.angle().value
-        if self._approached == approach and abs(now_deg - theta_deg) < ANGLE_RESOLUTION_DEG / 2:
+        if self._last_approach == approach and abs(now_deg - theta_deg) < ANGLE_RESOLUTION_DEG / 2:
             return
         aside_deg = theta_deg - approach * self.approach_overshoot_deg
         if approach * (now_deg - aside_deg) > 0.0:
             self.rotation.move_to(aside_deg)
         self.rotation.move_to(theta_deg)
-        self._approached = approach
+        self._last_approach = approach
 
     def _oscillate(self, point: SetPoint) -> None:
         lasting_s = 1.5 * point.dwell_s + 2 * OSCILLATION_MARGIN_S

@@ -13,7 +13,7 @@ from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ProcedureError
 
-_SEATED = re.compile(r"(\S+) (\S+) (\d+) mounted$")
+_MOUNTED_KEY = re.compile(r"(\S+) (\S+) (\d+) mounted$")
 """The key under which a mounting is kept as made."""
 
 LEVELLED = "levelled"
@@ -47,8 +47,8 @@ class Seated:
 
 def mounted_in(store: Store) -> list[Mounting]:
     """Every mounting that a store's campaigns have made, in order."""
-    found = (_SEATED.search(event.data["key"]) for event in store.events("once"))
-    return [Mounting(each[1], each[2], int(each[3])) for each in found if each]
+    matches = (_MOUNTED_KEY.search(event.data["key"]) for event in store.events("once"))
+    return [Mounting(match[1], match[2], int(match[3])) for match in matches if match]
 
 
 class MountingLostError(ProcedureError):
@@ -94,15 +94,16 @@ class Fixture:
     def _levelled(self, mounting: Mounting) -> Levelled | None:
         """When this mounting was levelled last, perhaps by an earlier campaign of the store."""
         store = self.session.store
-        over = {event.data["key"] for event in store.events("once")}
-        found = [
-            each
-            for each in store.events(LEVELLED)
-            if each.data["mounting"] == mounting.key and each.data.get("key") in {None, *over}
+        done = {None, *(event.data["key"] for event in store.events("once"))}
+        levellings = [
+            event
+            for event in store.events(LEVELLED)
+            if event.data["mounting"] == mounting.key and event.data.get("key") in done
         ]
-        if not found or found[-1].rig_time_s is None:
+        last = levellings[-1] if levellings else None
+        if last is None or last.rig_time_s is None:
             return None
-        return Levelled(found[-1].data.get("at_s", found[-1].rig_time_s), found[-1].data["angle_deg"])
+        return Levelled(last.data.get("at_s", last.rig_time_s), last.data["angle_deg"])
 
     def _take_up(self) -> None:
         self.session.guarded("taking up", self.bench.apparatus(), self.session.take_up)

@@ -33,16 +33,16 @@ def require_standing(stage: str, asked_deg: float, angles_deg: Sequence[float]) 
     """`ImplausibleSample` when the encoder, before and after a run, is not where the stage was sent."""
     for theta_deg in angles_deg:
         if not abs(theta_deg - asked_deg) <= ANGLE_TOLERANCE_DEG:
-            said = f"{stage}: {theta_deg:g} deg where {asked_deg:g} deg was asked for"
-            raise ImplausibleSample(said, channel="theta_deg", instrument=stage)
+            message = f"{stage}: {theta_deg:g} deg where {asked_deg:g} deg was asked for"
+            raise ImplausibleSample(message, channel="theta_deg", instrument=stage)
 
 
 def require_steady(temperatures_c: Sequence[float]) -> None:
     """`ImplausibleSample` when no room, and no bench within a run, has these temperatures; NaN is none."""
     known = [each for each in temperatures_c if math.isfinite(each)]
     if known and (max(known) - min(known) > CHANGE_K or not ROOM_C[0] <= min(known) <= max(known) <= ROOM_C[1]):
-        said = ", ".join(f"{each:g}" for each in known)
-        raise ImplausibleSample(f"temperature_c: {said} degC within one run", channel="temperature_c")
+        values = ", ".join(f"{temperature_c:g}" for temperature_c in known)
+        raise ImplausibleSample(f"temperature_c: {values} degC within one run", channel="temperature_c")
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Recorders:
         (stage,), (readout,) = self.linear.channels(), self.readout.channels()
         sine = Sine(np.arange(len(columns[stage.name])) / sample_rate_hz, frequency_hz)
         position, volts = (Column(each.name, sine, columns[each.name]) for each in (stage, readout))
-        found: list[tuple[str, Flaw | None]] = [
+        flaws: list[tuple[str, Flaw | None]] = [
             (self.linear.name, encoder_flaw(position, self.linear.limits.acceleration_mm_s2)),
             (self.readout.name, voltage_flaw(readout, volts)),
         ]
@@ -67,8 +67,8 @@ class Recorders:
                 if (values_mm := columns.get(head.name)) is not None:
                     late_s = head.latency_s - stage.latency_s
                     flaw = laser_flaw(Column(head.name, sine, values_mm), position, late_s)
-                    found.append((laser.name, flaw))
-        for instrument, flaw in found:
+                    flaws.append((laser.name, flaw))
+        for instrument, flaw in flaws:
             if flaw is not None:
                 raise flaw.of(instrument)
 
@@ -88,8 +88,8 @@ class Recorders:
             for head in laser.channels():
                 values_mm = columns.get(head.name, np.empty(0))
                 if unseen := int(np.sum(np.isnan(values_mm))):
-                    said = f"{unseen} of {len(values_mm)} samples of {head.name} are missing"
-                    remarks.append(f"{laser.name}: {said}; does the head see its target?")
+                    missing = f"{unseen} of {len(values_mm)} samples of {head.name} are missing"
+                    remarks.append(f"{laser.name}: {missing}; does the head see its target?")
         return {"reason": "; ".join(remarks)} if remarks else {}
 
     def saturation(self, columns: Mapping[str, FloatArray]) -> dict[str, Any]:

@@ -53,7 +53,7 @@ def stretches(procedure: Procedure, seated: Seated) -> list[Stretch]:
         configuration = run.configuration or procedure.configurations[0]
         number = run.mounting if run.mounting is not None else _usual(procedure, seated)
         places.setdefault((axis, configuration, number), []).append(run)
-    found = []
+    by_mounting = []
     counter = itertools.count(seated.count + 1)
     for index, ((axis, configuration, number), runs) in enumerate(_in_place_first(places)):
         mounting = (
@@ -62,8 +62,8 @@ def stretches(procedure: Procedure, seated: Seated) -> list[Stretch]:
             else Mounting(axis, configuration, next(counter))
         )
         wanted = _named(_wanted(procedure, mounting, run) for run in runs)
-        found.append(Stretch(mounting, _ordered(wanted, procedure, index)))
-    return found
+        by_mounting.append(Stretch(mounting, _ordered(wanted, procedure, index)))
+    return by_mounting
 
 
 def listed(procedure: Procedure) -> tuple[ListedRun, ...]:
@@ -174,9 +174,9 @@ class Scan:
             self._room_c = temperature_c
 
 
-def check(found: Iterable[Stretch], bench: Bench) -> None:
+def check(planned: Iterable[Stretch], bench: Bench) -> None:
     """Whether the bench can do every run: `LimitError`, before anything moves."""
-    for stretch in found:
+    for stretch in planned:
         for wanted in stretch.wanted:
             bench.check(wanted.point, lasers=bench.spots_stay(wanted.point))
             bench.check_level(wanted.point)

@@ -112,7 +112,7 @@ class Plan(campaigns.Plan):
         self.check(bench)
         return Work(bench, self)
 
-    def told(self, rig: Instruments) -> dict[str, Any]:
+    def forecast(self, rig: Instruments) -> dict[str, Any]:
         """What it would do with a rig, and how well theta0 would be known after it (None: not determined)."""
         bench, points = bench_of(rig), self.points
         searches = self.procedure.name in NULL_SEARCHES

@@ -51,11 +51,11 @@ def _require_names(file: RigFile, heads: set[str], channel: str) -> None:
 
 def channels(rig: Instruments) -> tuple[Mapping[str, ChannelInfo], Mapping[str, LaserInfo]]:
     """The columns that runs will have, and where the laser heads look."""
-    found = {"stage_x_mm": ChannelInfo("mm", "position")}
+    columns = {"stage_x_mm": ChannelInfo("mm", "position")}
     for role in ("linear", "displacement", "readout"):
         for instrument in rig.by_role(role):
-            found |= {
+            columns |= {
                 c.name: ChannelInfo(c.unit, KINDS.get(role, c.kind), full_scale=c.full_scale, latency_s=c.latency_s)
                 for c in instrument.channels()
             }
-    return found, {name: LaserInfo(tilt_deg=head.tilt_deg) for name, head in rig.file.lasers.items()}
+    return columns, {name: LaserInfo(tilt_deg=head.tilt_deg) for name, head in rig.file.lasers.items()}

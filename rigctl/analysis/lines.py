@@ -42,17 +42,17 @@ def find_lines(scan: LineScan, alpha: float = 0.01, most: int = 5) -> list[Found
     pools = _pools(scan)
     if not pools:
         return []
-    found: list[FoundLine] = []
+    lines: list[FoundLine] = []
     test = _Test(scan, pools)
-    while len(found) < most:
+    while len(lines) < most:
         at = test.most_significant()
         if at is None or test.p_corrected(at) >= alpha:
             break
         line = test.line_at(at)
         if line is not None and line.p_value < alpha:
-            found.append(line)
+            lines.append(line)
         test.leave_out(at)
-    return found
+    return lines
 
 
 @dataclass

@@ -101,7 +101,7 @@ class Plan(campaigns.Plan):
         test.check()
         return test
 
-    def told(self, rig: Instruments) -> Mapping[str, Any]:
+    def forecast(self, rig: Instruments) -> Mapping[str, Any]:
         """Which mountings it takes."""
         del rig
         return {"mountings": list(dict.fromkeys(" ".join(map(str, seat_of(each))) for each in self.positions))}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import radians
+from functools import cache
+from math import degrees, radians
 
 import numpy as np
 
@@ -30,14 +31,14 @@ def imagined(proposals: Sequence[Proposal], runs: Sequence[RunObservables], limi
 
     Settings may say also `start_s`; before there are any runs also `axis`, `configuration` and `mounting`.
     """
-    here = _recorded(runs, limits) if runs else _nominal(limits)
-    noise = _NoiseOf(runs)
-    wait_s = _waits(proposals)
-    return [_imagined(each, f"imagined {i}", here, noise, wait_s) for i, each in enumerate(proposals)]
+    common = _after_recorded(runs, limits) if runs else _before_any_run(limits)
+    noise = _Noise(runs)
+    wait_s = _waits_s(proposals)
+    return [_imagined(each, f"imagined {i}", common, noise, wait_s) for i, each in enumerate(proposals)]
 
 
 @dataclass(frozen=True)
-class _Circumstances:
+class _Conditions:
     """What runs to come have in common: `place` None where proposals say it, `start_s` NaN where no time is known."""
 
     place: Place | None
@@ -45,54 +46,54 @@ class _Circumstances:
     temperature_c: Callable[[float], float]
     heads: tuple[str, ...]
     faces: Callable[[Place], Mapping[str, str]]
-    seen: Callable[[float, float], bool]
+    in_sight: Callable[[float, float], bool]
     extra: Mapping[str, float] = field(default_factory=dict)
 
 
-def _recorded(runs: Sequence[RunObservables], limits: Limits) -> _Circumstances:
+def _after_recorded(runs: Sequence[RunObservables], limits: Limits) -> _Conditions:
     faces = {name: face for run in runs for name, face in run.faces.items()}
     ends = [run.start_s + run.duration_s for run in runs if np.isfinite(run.start_s)]
-    farthest_rad = max((abs(run.theta_rad) for run in runs if run.lasers_m), default=-1.0) + 1e-6
-    return _Circumstances(
+    farthest_deg = degrees(max((abs(run.theta_rad) for run in runs if run.lasers_m), default=-1.0) + 1e-6)
+    return _Conditions(
         place=place_of(last_of(runs)),
         start_s=max(ends) + SOON_S if np.isfinite(runs[-1].start_s) else np.nan,
-        temperature_c=_going_on(runs),
+        temperature_c=_temperature_trend(runs),
         heads=heads_of(runs) or tuple(limits.heads),
         faces=lambda _: faces,
-        seen=_spots_stay(limits.package) if limits.known else lambda theta_deg, _: radians(theta_deg) <= farthest_rad,
+        in_sight=_spots_stay(limits.package) if limits.known else lambda theta_deg, _: theta_deg <= farthest_deg,
         extra=runs[-1].extra,
     )
 
 
-def _nominal(limits: Limits) -> _Circumstances:
+def _before_any_run(limits: Limits) -> _Conditions:
     def faces(place: Place) -> dict[str, str]:
         axis, configuration, _ = place
         return {name: limits.package.face(axis, configuration, head.position) for name, head in limits.heads.items()}
 
-    return _Circumstances(None, SOON_S, lambda _: _NOMINAL_C, tuple(limits.heads), faces, _spots_stay(limits.package))
+    return _Conditions(None, SOON_S, lambda _: _NOMINAL_C, tuple(limits.heads), faces, _spots_stay(limits.package))
 
 
 def _spots_stay(package: Package) -> Callable[[float, float], bool]:
     return lambda theta_deg, amplitude_mm: package.spot_margin_mm(theta_deg, amplitude_mm) >= 0.0
 
 
-def _waits(proposals: Sequence[Proposal]) -> dict[float, float]:
+def _waits_s(proposals: Sequence[Proposal]) -> dict[float, float]:
     """Until the room is at each temperature [s], one after the other from the coldest."""
     rooms = sorted({float(each.settings["temperature_c"]) for each in proposals if "temperature_c" in each.settings})
     return {room: ROOM_S * place for place, room in enumerate(rooms, start=1)}
 
 
 def _imagined(
-    proposal: Proposal, run_id: str, here: _Circumstances, noise: _NoiseOf, wait_s: Mapping[float, float]
+    proposal: Proposal, run_id: str, common: _Conditions, noise: _Noise, wait_s: Mapping[float, float]
 ) -> RunObservables:
     given = proposal.settings
-    place = here.place or (str(given["axis"]), str(given["configuration"]), int(given["mounting"]))
+    place = common.place or (str(given["axis"]), str(given["configuration"]), int(given["mounting"]))
     theta_deg, amplitude_mm = float(given["theta_deg"]), float(given["amplitude_mm"])
     frequency_hz, dwell_s = float(given["frequency_hz"]), float(given["dwell_s"])
-    start_s = float(given.get("start_s", here.start_s + wait_s.get(given.get("temperature_c", np.nan), 0.0)))
+    start_s = float(given.get("start_s", common.start_s + wait_s.get(given.get("temperature_c", np.nan), 0.0)))
     motion = np.zeros(HARMONICS, dtype=np.complex128)
     motion[0] = -1e-3j * amplitude_mm
-    heads = here.heads if here.seen(abs(theta_deg), amplitude_mm) else ()
+    heads = common.heads if common.in_sight(abs(theta_deg), amplitude_mm) else ()
     return RunObservables(
         run_id=run_id,
         axis=place[0],
@@ -101,18 +102,18 @@ def _imagined(
         theta_rad=radians(theta_deg),
         approach=float(given["approach"]),
         frequency_hz=frequency_hz,
-        temperature_c=float(given.get("temperature_c", here.temperature_c(start_s + 0.5 * dwell_s))),
+        temperature_c=float(given.get("temperature_c", common.temperature_c(start_s + 0.5 * dwell_s))),
         start_s=start_s,
         duration_s=dwell_s,
         motion_m=motion,
         accel_v=noise.amplitudes("", place, frequency_hz, dwell_s),
         lasers_m={head: noise.amplitudes(head, place, frequency_hz, dwell_s) for head in heads},
-        faces=dict(here.faces(place)),
-        extra=here.extra,
+        faces=dict(common.faces(place)),
+        extra=common.extra,
     )
 
 
-def _going_on(runs: Sequence[RunObservables]) -> Callable[[float], float]:
+def _temperature_trend(runs: Sequence[RunObservables]) -> Callable[[float], float]:
     """The room's temperature in the middle of a run, by that time, if it goes on changing as it did.
 
     NaN where it was not recorded. No promise rests on it: a straight line in time tells nothing apart from a drift.
@@ -126,29 +127,26 @@ def _going_on(runs: Sequence[RunObservables]) -> Callable[[float], float]:
     return lambda middle_s: float(mean_c + slope * (middle_s - mean_s))
 
 
-class _NoiseOf:
+class _Noise:
     """Noise of runs to come, from that of runs made: of the nearest frequency, less for longer runs."""
 
     def __init__(self, runs: Sequence[RunObservables]) -> None:
         self._runs = runs
-        self._kept: dict[tuple[str, str, str, float], tuple[FloatArray, float, FloatArray]] = {}
+        self._densities = cache(self._from_runs)
 
     def amplitudes(self, head: str, place: Place, frequency_hz: float, duration_s: float) -> Amplitudes:
         """Zero, with the sigmas that a run of this length would have."""
-        density, mean, dof = self._density(head, place, frequency_hz)
+        density, mean, dof = self._densities(head, place[:2], frequency_hz)
         sigma = np.sqrt(density / duration_s)
         # What the mean scatters by from run to run is slower than any run.
         sigma[0] = mean
         return Amplitudes(np.zeros(HARMONICS + 1, dtype=np.complex128), sigma, dof)
 
-    def _density(self, head: str, place: Place, frequency_hz: float) -> tuple[FloatArray, float, FloatArray]:
-        key = (head, place[0], place[1], frequency_hz)
-        if key not in self._kept:
-            self._kept[key] = self._found(head, place, frequency_hz)
-        return self._kept[key]
-
-    def _found(self, head: str, place: Place, frequency_hz: float) -> tuple[FloatArray, float, FloatArray]:
-        alike = [run for run in self._runs if (run.axis, run.configuration) == place[:2]] or self._runs
+    def _from_runs(
+        self, head: str, place: tuple[str, str], frequency_hz: float
+    ) -> tuple[FloatArray, float, FloatArray]:
+        """Densities of the harmonics [unit^2/Hz], sigma of the mean [unit] and degrees of freedom."""
+        alike = [run for run in self._runs if (run.axis, run.configuration) == place] or self._runs
         channels = [(run, run.lasers_m.get(head) if head else run.accel_v) for run in alike]
         known = [(run, channel) for run, channel in channels if channel is not None]
         if not known:

@@ -182,8 +182,8 @@ class RecordingModel:
         for item in self._acting.get(point, ()):
             if item.scope == "head" and run.head not in self._fitted[item]:
                 continue
-            own = {name: given[family_of(item, name, run.head)] for name in item.parameters}
-            signal = signal + item(run.at(signal=signal), **own)
+            parameters = {name: given[family_of(item, name, run.head)] for name in item.parameters}
+            signal = signal + item(run.at(signal=signal), **parameters)
         return signal
 
     def _collect_conditions(self) -> Runs:

@@ -89,11 +89,11 @@ class Layout:
         self._runs = runs
         self._package = package
         self._baseline(heads)
-        own = [name for item in effects for name in item.parameters]
+        names = [name for item in effects for name in item.parameters]
         for item, acted_on in effects.items():
             for name in item.parameters:
                 # Several drifts have a rate.
-                shown = name if own.count(name) == 1 else f"{item.id}.{name}"
+                shown = name if names.count(name) == 1 else f"{item.id}.{name}"
                 self._effect(item, name, shown, acted_on)
 
     def _baseline(self, heads: Mapping[str, HeadSettings]) -> None:

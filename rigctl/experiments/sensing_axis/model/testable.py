@@ -53,8 +53,8 @@ def _asked(effect: Effect, model: RecordingModel) -> list[Runs]:
 
 
 def _conditions(run: Runs) -> dict[str, np.ndarray]:
-    own = {"temperature_c": run.temperature, "approach": run.approach, "start_s": run.start}
-    return {**own, **run.columns}
+    recorded = {"temperature_c": run.temperature, "approach": run.approach, "start_s": run.start}
+    return {**recorded, **run.columns}
 
 
 def _temperature(runs: Sequence[RunObservables]) -> str | None:

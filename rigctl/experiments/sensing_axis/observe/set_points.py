@@ -49,11 +49,11 @@ def options(runs: Sequence[RunObservables], limits: Limits) -> list[Proposal]:
     dwells = sorted({*DWELLS_S, *(float(round(run.duration_s)) for run in here)})
     overhead_s = overhead(runs)
     places = _places(runs, limits, _angles(runs, angles, limits), _frequencies(runs, limits))
-    found = [_proposal(each, dwell_s, overhead_s) for each, dwell_s in itertools.product(places, dwells)]
+    proposals = [_proposal(each, dwell_s, overhead_s) for each, dwell_s in itertools.product(places, dwells)]
     again = _places(runs, limits, angles, frequencies)
     for room in _rooms(runs):
-        found += [_proposal(each, dwells[-1], overhead_s, room) for each in again]
-    return found
+        proposals += [_proposal(each, dwells[-1], overhead_s, room) for each in again]
+    return proposals
 
 
 def overhead(runs: Sequence[RunObservables]) -> float:
