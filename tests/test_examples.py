@@ -22,6 +22,7 @@ from simulators.worlds.bench_settings import isa_twin
 ROOT = Path(__file__).parent.parent
 UNKNOWN = ROOT / "examples" / "unknown-effect"
 PLUGIN = str(UNKNOWN / "my_effect.py")
+DRAFT = "drafted.py"
 NULL = "theta0[X,flag,1]"
 
 
@@ -60,7 +61,7 @@ def unknown(at_a_desk: Path) -> dict[str, Any]:
     """The second round: another laboratory's recording, and what the catalogue says of it."""
     store = "unknown.rig.sqlite"
     rigctl("import", str(UNKNOWN), "--store", store)
-    found = {"store": store, "diagnose": rigctl("diagnose", store)}
+    found = {"store": store, "diagnose": rigctl("diagnose", store, "--draft", DRAFT)}
     rigctl("model", "add", store, *found["diagnose"]["suggested"])
     return found
 
@@ -126,6 +127,19 @@ def test_what_no_effect_explains_is_described(unknown: dict[str, Any]) -> None:
     assert left["details"]["harmonic_of_angle"] == 1
     assert left["details"]["frequency_power"] == 2
     assert left["p_value"] < 1e-20
+
+
+def test_a_drafted_effect_has_the_form_of_what_was_hidden_and_brings_the_ladder_down(unknown: dict[str, Any]) -> None:
+    text = Path(DRAFT).read_text(encoding="utf-8")
+    assert 'on="sensor_output_v"' in text
+    assert 'return k * (run.column("pressure_hpa") - 1010) * run.signal' in text
+    store = _copy(unknown["store"], "drafted.rig.sqlite")
+    rigctl("model", "add", store, "drafted", "--plugin", DRAFT)
+    fit = rigctl("fit", store, "--plugin", DRAFT)
+    size = fit["parameters"]["k"]
+    assert size["unit"] == "1/hPa"
+    assert size["value"] == pytest.approx(GAIN_PER_HPA, abs=4.0 * size["sigma"])
+    assert fit["error_held_out"] == pytest.approx(1.0, abs=0.05)
 
 
 def test_ten_lines_make_the_model_adequate(explained: dict[str, Any]) -> None:

@@ -38,13 +38,22 @@ def diagnose(
     alpha: Annotated[
         float, typer.Option(metavar="LEVEL", parser=number, help="Level over all trials together.")
     ] = 0.01,
+    draft: Annotated[
+        Path | None, typer.Option(metavar="FILE.py", help="Write what stays unexplained as a plug-in to be named.")
+    ] = None,
     plugin: Plugins = None,
     as_json: Json = False,
 ) -> None:
     """Which physical effect is missing? Adds nothing."""
     with opened_workbench(store, plugin or ()) as workbench:
         version = workbench.current
-        found = workbench.diagnose(alpha, tell).as_json()
+        diagnosis = workbench.diagnose(alpha, tell)
+        if draft is not None:
+            from rigctl.workbench.draft import drafted  # scipy, which only a draft needs here
+
+            draft.write_text(drafted(workbench, diagnosis), encoding="utf-8")
+            tell(f"written: {draft}; name the physics in it, then `rigctl diagnose {store} --plugin {draft}`")
+        found = diagnosis.as_json()
     found["model"]["version"] = version.version
     if as_json:
         print_json(found)

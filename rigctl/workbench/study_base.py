@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,8 @@ class StudyBase(ABC, Generic[Data]):
     """
 
     experiment: str
+    expressions: ClassVar[Mapping[str, str]] = {}
+    drafts: ClassVar[Sequence[str]] = ("1.0", "run.signal")
 
     def __init__(self, source: RunSource, plugins: Sequence[Plugin] = (), data: Data | None = None) -> None:
         self.source = source

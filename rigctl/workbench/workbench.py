@@ -50,6 +50,10 @@ class Workbench:
         """The store's valid runs, reduced once."""
         return self._study_with(list(self._plugins.values()))
 
+    def study_with_files(self, files: Sequence[Path]) -> Study:
+        """The same runs, with the effects of further files in the catalogue."""
+        return self._study_with([*self._plugins.values(), *map(_loaded, files)])
+
     @property
     def current(self) -> ModelVersion:
         """The store's model; `ConfigError` without the plugin files it was made with."""

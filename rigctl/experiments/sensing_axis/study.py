@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import degrees
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -34,6 +34,13 @@ class SensingAxisStudy(CatalogueStudy[ScanData]):
     """A recording of the null search."""
 
     experiment = "sensing-axis"
+    expressions: ClassVar[Mapping[str, str]] = {
+        "temperature_c": "run.temperature",
+        "start_s": "run.start",
+        "approach": "run.approach",
+        "theta_deg": "np.degrees(run.theta)",
+    }
+    drafts: ClassVar[Sequence[str]] = ("1.0", "run.signal", "run.x", "run.v", "run.a", "run.signal**2")
 
     def reduced_source(self) -> ScanData:
         """The recorded runs; each set of fitted lines is reduced when it is asked for."""
