@@ -9,8 +9,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigctl.analysis.lines import find_lines
-from rigctl.analysis.plane import fit_plane
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.effects.catalogue import Effect
@@ -21,6 +19,7 @@ from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.model.testable import untestable
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
 from rigctl.experiments.sensing_axis.observe.set_points import options
+from rigctl.experiments.sensing_axis.result.result import axis_result
 from rigctl.experiments.sensing_axis.study_data import RecordedRuns, ScanData
 from rigctl.experiments.sensing_axis.study_model import SensingAxisModel
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
@@ -106,6 +105,8 @@ class SensingAxisStudy(CatalogueStudy[ScanData]):
 
     def lines(self, model: Model) -> Sequence[Line]:
         """Steady lines in what the fitted harmonics, and the lines the model has already, leave of the samples."""
+        from rigctl.analysis.lines import find_lines  # scipy.stats: 0.4 of the 0.9 s that a result takes to import
+
         scan = self.data.recorded.line_scan(line_frequencies_hz(model.terms))
         lines = []
         for line in find_lines(scan):
@@ -119,17 +120,21 @@ class SensingAxisStudy(CatalogueStudy[ScanData]):
         si, si_covariance = here.si(values), here.si_covariance(covariance)
         nulls = [null_point(here.inner, si, si_covariance, mounting) for mounting in mountings_of(here.inner)]
         shown = {
-            f"theta0[{null.axis},{null.configuration},{null.mounting}]": {
+            f"theta0[{null.label}]": {
                 "value": degrees(null.theta0_rad),
                 "sigma": degrees(null.theta0_sigma_rad),
                 "unit": "deg",
             }
             for null in nulls
         }
-        axes = self.data.recorded.package.axes
         for axis in dict.fromkeys(null.axis for null in nulls):
-            vectors = [null.vector_coc for null in nulls if null.axis == axis and null.vector_coc is not None]
-            shown.update(_plane(axis, np.array(vectors).reshape(-1, 3), axes[axis].nominal_axis))
+            try:
+                plane = axis_result(axis, here.inner.package, [null for null in nulls if null.axis == axis]).plane
+            except ProcedureError:
+                continue
+            value = plane.std_hc_2sigma_arcsec
+            sigma = float(value / np.sqrt(2.0 * (plane.vectors - 1.0)))
+            shown[f"std_hc_2sigma[{axis}]"] = {"value": value, "sigma": sigma, "unit": "arcsec"}
         return shown
 
     def options(self) -> list[Proposal]:
@@ -139,15 +144,3 @@ class SensingAxisStudy(CatalogueStudy[ScanData]):
     def extended(self, proposals: Sequence[Proposal]) -> SensingAxisStudy:
         """This recording and runs that could be made next, in the mounting that was used last."""
         return self.with_data(self.data.with_proposals(proposals))
-
-
-def _plane(axis: str, vectors: FloatArray, nominal: FloatArray) -> dict[str, Any]:
-    if not np.isfinite(vectors).all():
-        return {}
-    try:
-        plane = fit_plane(vectors, nominal)
-    except ProcedureError:
-        return {}
-    value = plane.std_hc_2sigma_arcsec
-    sigma = value / np.sqrt(2.0 * (plane.vectors - 1.0))
-    return {f"std_hc_2sigma[{axis}]": {"value": value, "sigma": float(sigma), "unit": "arcsec"}}

@@ -81,13 +81,14 @@ def sensing_axes(model: RecordingModel) -> SensingAxisResult:
     missing: dict[str, str] = {}
     for name in dict.fromkeys(run.axis for run in model.runs):
         try:
-            axes[name] = _axis(name, model.package, [null for null in fit.nulls() if null.axis == name])
+            axes[name] = axis_result(name, model.package, [null for null in fit.nulls() if null.axis == name])
         except ProcedureError as error:
             missing[name] = str(error)
     return SensingAxisResult(axes, missing, fit)
 
 
-def _axis(name: str, package: Package, nulls: Sequence[NullPoint]) -> AxisResult:
+def axis_result(name: str, package: Package, nulls: Sequence[NullPoint]) -> AxisResult:
+    """The axis that the nulls of its mountings give; `ProcedureError` where they span no plane."""
     usable = [null for null in nulls if null.vector_coc is not None]
     vectors = np.array([null.vector_coc for null in usable]).reshape(-1, 3)
     plane = fit_plane(vectors, package.axes[name].nominal_axis)
