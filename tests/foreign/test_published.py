@@ -6,24 +6,20 @@ The readings and what is known of them are in data/<name>/recording.toml ([refer
 
 from __future__ import annotations
 
-import os
 from functools import cache
 from pathlib import Path
 
 import pytest
 
+from tests.foreign.marks import cases
 from tests.foreign.sessions import CHECKS, Session, taken_through
 
 DATA = Path(__file__).parent / "data"
 
+NAMES = sorted(path.name for path in DATA.iterdir())
+
 SLOW = {"air-passengers", "hd-164922", "mauna-loa", "orange", "sunspots"}
 """Left to ``make foreign``, until a scan of periods costs what it should."""
-
-NOT_TOLD_YET = {
-    "noise": "compare, diagnose, fit and history have no key noise yet",
-    "measures": "history has no rms, minus_2_log_l and held_out_log_score yet",
-    "promise": "diagnose has no key joint_fit yet",
-}
 
 LINALG = "compare ends with a ValueError of matmul: a constant and a column of five words or more"
 
@@ -50,6 +46,7 @@ WRONG_TODAY = {
     "beaver": {"named": "adequate, all taken for correlated noise", "value": "no effect, so one level"},
     "lynx": {"agree": COMPARE_PASSES, "ladder": "error_held_out rises, 0.97 to 1.00"},
     "nile": {"agree": COMPARE_PASSES},
+    "nile-ordered": {"named": "adequate, no word of the step", "value": "no step"},
     "nottem": {"agree": COMPARE_PASSES, "ladder": "error_fit rises, 0.989, 1.008, 1.012"},
     "seat-belts": {"named": "adequate, all taken for correlated noise", "value": "no step"},
     "tooth-growth": {"agree": COMPARE_PASSES},
@@ -72,20 +69,7 @@ def outcome(name: str) -> Session | AssertionError:
         return stopped
 
 
-def cases() -> list[object]:
-    """Every data set with every check, in this order: a worker that is given neighbours takes a session once."""
-    found: list[object] = []
-    for name in sorted(path.name for path in DATA.iterdir()):
-        for check in CHECKS:
-            reason = STOPS_TODAY.get(name) or WRONG_TODAY.get(name, {}).get(check) or NOT_TOLD_YET.get(check)
-            marks = [pytest.mark.xfail(strict=True, reason=reason)] if reason else []
-            if name in SLOW and "RIGCTL_FOREIGN" not in os.environ:
-                marks = [pytest.mark.skip(reason="slow: make foreign")]
-            found.append(pytest.param(name, check, marks=marks, id=f"{name}-{check}"))
-    return found
-
-
-@pytest.mark.parametrize(("name", "check"), cases())
+@pytest.mark.parametrize(("name", "check"), cases(NAMES, STOPS_TODAY, WRONG_TODAY, SLOW))
 def test_published(name: str, check: str) -> None:
     session = outcome(name)
     if isinstance(session, AssertionError):

@@ -1,0 +1,64 @@
+"""Tables made from a description (tables.py): is what is hidden in them said, and nothing else?"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+
+from tests.foreign import tables
+from tests.foreign.marks import cases
+from tests.foreign.sessions import CHECKS, Session, taken_through
+
+MADE = {
+    "batches-1": (tables.common_offsets, 1),
+    "batches-2": (tables.common_offsets, 2),
+    "batches-3": (tables.common_offsets, 3),
+    "gravimeter": (tables.gravimeter, 1),
+    "pasted-1": (tables.pasted_rows, 1),
+    "pasted-2": (tables.pasted_rows, 2),
+    "pasted-3": (tables.pasted_rows, 3),
+    "pasted-4": (tables.pasted_rows, 4),
+    "pasted-5": (tables.pasted_rows, 5),
+    "triad": (tables.triad, 1),
+    "turning-point": (tables.turning_point, 1),
+}
+
+BATCHES = "batches are no part of the noise told"
+
+WRONG_TODAY = {
+    "batches-1": {
+        "named": "slope[load_n by lot] beside level[lot]",
+        "value": BATCHES,
+        "ladder": "error_fit rises, 1.50, 0.97, 1.00",
+    },
+    "batches-2": {"value": BATCHES},
+    "batches-3": {"value": BATCHES},
+    "gravimeter": {"value": BATCHES},
+    "pasted-3": {"named": "periodic[load_n]", "agree": "compare passes, diagnose finds a period"},
+    "triad": {"ladder": "error_fit rises, 3.1, 1.9, 1.2, 14, 8.2, 4.5, 1.0"},
+}
+"""What the program gets wrong, by table and check: whoever mends it takes the entry away."""
+
+
+@cache
+def outcome(name: str) -> Session | AssertionError:
+    """The session on one made table, taken once for all checks; what stopped it, if something did."""
+    make, seed = MADE[name]
+    with TemporaryDirectory() as directory:
+        bundle = Path(directory) / "table"
+        hidden = make(bundle, seed)
+        try:
+            return taken_through(bundle, hidden.as_reference())
+        except AssertionError as stopped:
+            return stopped
+
+
+@pytest.mark.parametrize(("name", "check"), cases(MADE, {}, WRONG_TODAY))
+def test_made_table(name: str, check: str) -> None:
+    session = outcome(name)
+    if isinstance(session, AssertionError):
+        raise session
+    CHECKS[check](session)
