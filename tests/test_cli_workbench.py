@@ -365,4 +365,4 @@ def test_documents_survive_in_the_store(bench: Any) -> None:
     bench.rigctl("fit", bench.store)
     with Store.open(bench.store, readonly=True) as store:
         kinds = [document.kind for document in store.documents()]
-    assert kinds == ["model-version", "diagnosis", "model-fit"]
+    assert kinds == ["model-version", "diagnosis", "noise-account", "model-fit"]

@@ -177,7 +177,10 @@ def print_history(rungs: Sequence[Findings]) -> None:
         table.add_column(column, justify="right", no_wrap=True)
     for rung in rungs:
         entries = rung.get("result") or {}
-        told = [f"    {name} = {short_result(each)}" for name, each in entries.items()]
+        left = [
+            f"    leaves {number(each['value'])} {each['unit']} of {c}" for c, each in rung.get("rms", {}).items()
+        ]
+        told = [*left, *(f"    {name} = {short_result(each)}" for name, each in entries.items())]
         _add(
             table,
             "\n".join([f"{rung['version']}: {change_of(rung)}", *told]),

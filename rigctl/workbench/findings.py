@@ -26,6 +26,34 @@ class Estimate:
 
 
 @dataclass(frozen=True)
+class NoiseEntry:
+    """The noise of one series: how it was modelled, how large it is, and from what that is known.
+
+    `sigma` is the standard deviation, rms where it differs by row, from `dof` degrees of freedom; `scale` what a
+    stated sigma was multiplied by. Correlated noise goes along `order`, as a power law with an `exponent` or a
+    relaxation with a `time_constant`, and is `correlated_share` of the variance.
+    """
+
+    channel: str
+    component: str
+    model: str
+    sigma: float
+    unit: str
+    dof: float
+    order: str | None
+    source: str
+    scale: float
+    exponent: float | None = None
+    time_constant: float | None = None
+    correlated_share: float = 0.0
+    batches: Mapping[str, float] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `noise` in every command."""
+        return {**vars(self), "batches": dict(self.batches)}
+
+
+@dataclass(frozen=True)
 class ChannelFit:
     """One series: rms of its residuals beside the noise expected, in `unit`; chi-square over its data."""
 
@@ -77,6 +105,7 @@ class Comparison:
     worst: tuple[Outlier, ...]
     trends: tuple[Trend, ...]
     lines: tuple[Mapping[str, Any], ...]
+    noise: tuple[NoiseEntry, ...]
     observations: Observations
     residuals: FloatArray
 
@@ -96,6 +125,7 @@ class Comparison:
             "worst": [vars(each) for each in self.worst],
             "trends": [vars(each) for each in self.trends],
             "lines": [dict(each) for each in self.lines],
+            "noise": [each.as_json() for each in self.noise],
         }
 
 
@@ -175,6 +205,30 @@ class Step:
 
 
 @dataclass(frozen=True)
+class JointFit:
+    """What was suggested, fitted as a whole: `terms` with their choices, and what adding them brings.
+
+    `held` parameters are imitated by others and stay at zero.
+    """
+
+    terms: tuple[Term, ...]
+    chi2_fall: float
+    minus_2_log_l: float
+    parameters: Mapping[str, Estimate]
+    held: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `joint_fit` in `rigctl diagnose --json`."""
+        return {
+            "terms": [term.as_json() for term in self.terms],
+            "chi2_fall": self.chi2_fall,
+            "minus_2_log_l": self.minus_2_log_l,
+            "parameters": {name: each.as_json() for name, each in self.parameters.items()},
+            "held": list(self.held),
+        }
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The answer to: which physical effect is missing?"""
 
@@ -188,6 +242,8 @@ class Diagnosis:
     not_testable: Mapping[str, str]
     steps: tuple[Step, ...]
     n_eff: float
+    noise: tuple[NoiseEntry, ...] = ()
+    joint_fit: JointFit | None = None
     next_measurement: Mapping[str, Any] | None = None
 
     def as_json(self) -> dict[str, Any]:
@@ -206,13 +262,27 @@ class Diagnosis:
                 for step in self.steps
             ],
             "trials": self.n_eff,
+            "noise": [each.as_json() for each in self.noise],
+            "joint_fit": None if self.joint_fit is None else self.joint_fit.as_json(),
             "next_measurement": dict(self.next_measurement or {}),
         }
 
 
 @dataclass(frozen=True)
+class Rms:
+    """What a model leaves of a channel, in the channel's unit."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
 class ModelFit:
-    """A model fitted to its observations; whitened residuals (n,), errors with 1.00 = noise."""
+    """A model fitted to its observations; whitened residuals (n,), errors with 1.00 = noise.
+
+    `minus_2_log_l` is at its least within the ladder's family of noise, `held_out_log_score` per datum, `held` are
+    parameters at zero that others imitate, `warnings` what speaks against the fit.
+    """
 
     terms: tuple[Term, ...]
     parameters: Mapping[str, Estimate]
@@ -223,6 +293,12 @@ class ModelFit:
     error_held_out: float
     residuals: FloatArray
     result: Mapping[str, Any]
+    rms: Mapping[str, Rms]
+    minus_2_log_l: float
+    held_out_log_score: float
+    noise: tuple[NoiseEntry, ...]
+    held: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def chi2_per_dof(self) -> float:
@@ -240,4 +316,10 @@ class ModelFit:
             "error_held_out": self.error_held_out,
             "parameters": {name: each.as_json() for name, each in self.parameters.items()},
             "result": dict(self.result),
+            "rms": {channel: vars(each) for channel, each in self.rms.items()},
+            "minus_2_log_l": self.minus_2_log_l,
+            "held_out_log_score": self.held_out_log_score,
+            "noise": [each.as_json() for each in self.noise],
+            "held": list(self.held),
+            "warnings": list(self.warnings),
         }

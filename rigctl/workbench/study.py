@@ -33,13 +33,14 @@ class NoisePool:
     """Data that share one estimate of their noise.
 
     `dof` degrees of freedom stand behind the sigmas of these data, 0 when they are no more than relative weights
-    whose scale must come from the scatter. `order` names the covariate (of runs) along which this noise may be
-    correlated from run to run, within one `Observations.group`; None where runs are independent.
+    whose scale must come from the scatter; `stated`: by whoever measured. `order` names the covariate (of runs) along
+    which this noise may be correlated from run to run, within one `Observations.group`; None for independent runs.
     """
 
     name: str
     dof: float
     order: str | None = None
+    stated: bool = False
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,31 @@ from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.model import versions
 from rigctl.workbench.model.versions import ModelVersion, PluginFile
 from rigctl.workbench.study import Study, Term
+from rigctl.workbench.threads import one_thread
 
 if TYPE_CHECKING:
     from rigctl.effects.plugins import Plugin
     from rigctl.workbench.next.recommendation import Recommendation
     from rigctl.workbench.study import Allowed
+    from rigctl.workbench.verdict.account import Account
     from rigctl.workbench.verdict.attempt import Attempt
+    from rigctl.workbench.verdict.likelihood import Optimum
     from rigctl.workbench.verdict.transfer import Transfer
 
 ALPHA = 0.01
+
+RUNG = (
+    "chi2_per_dof",
+    "error_fit",
+    "error_held_out",
+    "rms",
+    "minus_2_log_l",
+    "held_out_log_score",
+    "result",
+    "noise",
+    "warnings",
+)
+"""Keys of a fit that the ladder shows."""
 
 
 class Workbench:
@@ -43,6 +59,8 @@ class Workbench:
         self.store = store
         self._study_with, self._allowed = study_with, allowed
         self._attempts: dict[int, Attempt] = {}
+        self._optima: dict[int, Optimum] = {}
+        self._account: tuple[list[tuple[Term, ...]], Account] | None = None
         self._plugins = {PluginFile.of(path): _loaded(path) for path in plugins}
 
     @cached_property
@@ -64,9 +82,10 @@ class Workbench:
         return self._usable(versions.versions(self.store)[number - 1])
 
     def _usable(self, version: ModelVersion) -> ModelVersion:
-        version.require(list(self._plugins))
+        version.require(self._files)
         return version
 
+    @one_thread
     def compare(self, version: ModelVersion | None = None) -> Comparison:
         """A version's model, by default the current one, beside the data."""
         from rigctl.workbench.verdict.compare import compared
@@ -74,29 +93,76 @@ class Workbench:
         chosen = version or self.current
         return compared(self._attempt(chosen), chosen.version)
 
+    @one_thread
     def compare_with(self, other: Workbench) -> Transfer:
         """The current model on another store: does what was fitted here hold there?"""
         from rigctl.workbench.verdict.transfer import transfer
 
         return transfer(self.study, other.study, self.current.terms)
 
+    @one_thread
     def fit(self, version: ModelVersion | None = None) -> ModelFit:
         """Fit a version, by default the current one, and keep the outcome."""
         from rigctl.workbench.verdict.fit import fitted
 
         chosen = version or self.current
-        found = fitted(self._attempt(chosen))
+        found = fitted(self._attempt(chosen), self._optimum(chosen), self._warnings(chosen))
         versions.keep_fit(self.store, chosen, found.as_json())
+        self._keep_account()
         return found
 
     def _attempt(self, version: ModelVersion) -> Attempt:
         """A version fitted, once: the runs of a workbench are those it found."""
-        from rigctl.workbench.verdict.attempt import Attempt
-
+        account = self.account()
         if version.version not in self._attempts:
-            self._attempts[version.version] = Attempt(self.study, version.terms)
+            self._attempts[version.version] = account.attempt(self.study, version.terms, version.start)
         return self._attempts[version.version]
 
+    def _optimum(self, version: ModelVersion) -> Optimum:
+        """Where a version is likeliest; no less likely than any version with some of its terms."""
+        from rigctl.workbench.verdict.likelihood import maximum_likelihood
+
+        attempt = self._attempt(version)
+        if version.version not in self._optima:
+            fewer = [each for each in self._usable_versions() if set(each.effects) < set(version.effects)]
+            fewer = [each for each in fewer if all(term in version.terms for term in each.terms)]
+            parents = [self._optimum(each) for each in fewer]
+            self._optima[version.version] = maximum_likelihood(attempt, attempt.estimator, parents)
+        return self._optima[version.version]
+
+    def _warnings(self, version: ModelVersion) -> list[str]:
+        """What speaks against a version's fit: a promise that is not kept, runs held out that it predicts worse."""
+        from rigctl.workbench.verdict.promise import warnings
+
+        parent = None
+        if version.added is not None and version.parent is not None:
+            earlier = versions.versions(self.store)[version.parent - 1]
+            parent = self._attempt(earlier) if earlier.can_be_used_with(self._files) else None
+        return warnings(self._attempt(version), parent, version.start)
+
+    def _usable_versions(self) -> list[ModelVersion]:
+        return [each for each in versions.versions(self.store) if each.can_be_used_with(self._files)]
+
+    def account(self, progress: Callable[[str], None] | None = None) -> Account:
+        """The noise of the store's data, estimated once for all versions that can be used."""
+        from rigctl.workbench.verdict.account import account_of, recalled
+
+        terms = [each.terms for each in self._usable_versions()]
+        if self._account is None or self._account[0] != terms:
+            kept = versions.kept_account(self.store, self._files)
+            account = account_of(self.study, terms, progress=progress) if kept is None else recalled(self.study, kept)
+            self._account, self._attempts, self._optima = (terms, account), {}, {}
+        return self._account[1]
+
+    def _keep_account(self) -> None:
+        if versions.kept_account(self.store, self._files) is None:
+            versions.keep_account(self.store, self._files, self.account().as_document())
+
+    @property
+    def _files(self) -> list[PluginFile]:
+        return list(self._plugins)
+
+    @one_thread
     def diagnose(self, alpha: float = ALPHA, progress: Callable[[str], None] | None = None) -> Diagnosis:
         """Ask what the current model lacks, and keep the answer; adds nothing."""
         from rigctl.workbench.verdict.diagnose import diagnose
@@ -104,8 +170,11 @@ class Workbench:
         if not 0.0 < alpha < 1.0:
             raise ConfigError(f"alpha {alpha:g} is no level; give one between 0 and 1, such as {ALPHA:g}")
         version = self.current
-        found = self._with_next(diagnose(self.study, version.terms, alpha=alpha, progress=progress))
+        found = self._with_next(
+            diagnose(self.study, version.terms, alpha=alpha, progress=progress, account=self.account(progress))
+        )
         versions.keep_diagnosis(self.store, version, alpha, found.as_json())
+        self._keep_account()
         return found
 
     def _with_next(self, found: Diagnosis) -> Diagnosis:
@@ -117,21 +186,23 @@ class Workbench:
         further = recommend(self.study, found.terms, found, allowed=self._allowed())
         return replace(found, next_measurement=further.as_json())
 
+    @one_thread
     def recommend(self, progress: Callable[[str], None] | None = None, alpha: float = ALPHA) -> Recommendation:
         """What to measure next, after a diagnosis of the current model, with the rig that measured."""
         from rigctl.workbench.next.recommend import recommend
         from rigctl.workbench.verdict.diagnose import diagnose
 
         terms = self.current.terms
-        found = diagnose(self.study, terms, alpha, progress=progress)
+        found = diagnose(self.study, terms, alpha, progress=progress, account=self.account(progress))
         return recommend(self.study, terms, found, allowed=self._allowed())
 
+    @one_thread
     def history(self, progress: Callable[[str], None] | None = None) -> list[dict[str, Any]]:
         """The error ladder, keys of `rigctl model history --json`; fits what has not been fitted to these runs.
 
         An older version whose plugin file is not there has no numbers, and a `note` says why.
         """
-        versions.current(self.store).require(list(self._plugins))
+        versions.current(self.store).require(self._files)
         return [self._rung(version, progress) for version in versions.versions(self.store)]
 
     def _rung(self, version: ModelVersion, progress: Callable[[str], None] | None) -> dict[str, Any]:
@@ -144,21 +215,29 @@ class Workbench:
         found = versions.kept_fit(self.store, version)
         if found is None:
             try:
-                version.require(list(self._plugins))
+                version.require(self._files)
             except ConfigError as error:
                 return {**rung, "chi2_per_dof": None, "error_fit": None, "error_held_out": None, "note": str(error)}
             if progress is not None:
                 progress(f"fitting version {version.version}")
             found = self.fit(version).as_json()
-        return {**rung, **{key: found[key] for key in ("chi2_per_dof", "error_fit", "error_held_out", "result")}}
+        return {**rung, **{key: found[key] for key in RUNG}}
 
+    @one_thread
     def add(self, effects: Sequence[str]) -> list[ModelVersion]:
         """One new version per effect, all of them or none; `ConfigError` for one that is unknown or there already."""
+        from rigctl.workbench.verdict.promise import joint_fit
+
         self._require_known(effects)
         now, added = self.current, list[Term]()
         for effect in effects:
             added.append(self._term(effect, (*now.terms, *added)))
-        return [versions.extend(self.store, term, self.source_of(term.effect)) for term in added]
+        joint = joint_fit(versions.last_diagnosis(self.store), added)
+        last = len(added) - 1
+        return [
+            versions.extend(self.store, term, self.source_of(term.effect), joint if number == last else None)
+            for number, term in enumerate(added)
+        ]
 
     def remove(self, effects: Sequence[str]) -> list[ModelVersion]:
         """One new version per effect, without it; `ConfigError` for one that is not in the model."""

@@ -13,7 +13,8 @@ from scipy import stats
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import NoisePool, Observations, Series
 from rigctl.workbench.verdict.noise import Correlation, Noise, orthonormal
-from rigctl.workbench.verdict.noise_estimate import NoiseEstimator, above_rounding, saturated
+from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
+from rigctl.workbench.verdict.noise_pool import above_rounding, saturated
 
 MINUTE = 60.0
 

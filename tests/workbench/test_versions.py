@@ -103,7 +103,6 @@ def test_a_fit_is_kept_for_its_version_and_its_runs(store: Store) -> None:
     assert versions.kept_fit(store, first) is None
     versions.keep_fit(store, first, {"chi2_per_dof": 1.5})
     assert versions.kept_fit(store, first) == {"chi2_per_dof": 1.5}
-    assert versions.kept_fit(store, versions.extend(store, ROLL)) is None
     store.mark("2", valid=False, reason="a truck")
     assert versions.kept_fit(store, first) is None
     store.mark("2", valid=True, reason="looked again")
@@ -111,6 +110,13 @@ def test_a_fit_is_kept_for_its_version_and_its_runs(store: Store) -> None:
     run = store.begin_run("one more", "", {})
     run.append({"t_s": np.arange(4.0)})
     run.finish()
+    assert versions.kept_fit(store, first) is None
+
+
+def test_a_new_term_puts_every_fit_out_of_date_for_it_tells_of_the_noise(store: Store) -> None:
+    first = versions.current(store)
+    versions.keep_fit(store, first, {"chi2_per_dof": 1.5})
+    assert versions.kept_fit(store, versions.extend(store, ROLL)) is None
     assert versions.kept_fit(store, first) is None
 
 

@@ -22,7 +22,7 @@ from rigctl.core.errors import ConfigError
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.workbench.study import Term
 
-VERSION, FIT, DIAGNOSIS = "model-version", "model-fit", "diagnosis"
+VERSION, FIT, DIAGNOSIS, ACCOUNT = "model-version", "model-fit", "diagnosis", "noise-account"
 """Kinds of documents."""
 
 CODE = ("analysis", "effects", "experiments", "workbench")
@@ -49,7 +49,8 @@ class PluginFile:
 class ModelVersion:
     """A model as it once was: `added` and `removed` are what it differs in from version `parent`.
 
-    `plugins` are the files that brought a term, by its effect.
+    `plugins` are the files that brought a term, by its effect. `start` are the parameters by name where a diagnosis
+    had fitted these very terms, if one had.
     """
 
     version: int
@@ -59,6 +60,7 @@ class ModelVersion:
     added: str | None = None
     removed: str | None = None
     plugins: Mapping[str, PluginFile] = field(default_factory=dict)
+    start: Mapping[str, float] | None = None
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -77,6 +79,10 @@ class ModelVersion:
             "removed": self.removed,
             "plugins": {effect: vars(plugin) for effect, plugin in self.plugins.items()},
         }
+
+    def can_be_used_with(self, given: Sequence[PluginFile]) -> bool:
+        """Whether every file this version was made with is among those given, unchanged."""
+        return {plugin.sha256 for plugin in self.plugins.values()} <= {plugin.sha256 for plugin in given}
 
     def require(self, given: Sequence[PluginFile]) -> None:
         """`ConfigError` unless every file this version was made with is among those given, unchanged."""
@@ -127,16 +133,20 @@ def _version(number: int, document: Document) -> ModelVersion:
         data["added"],
         data["removed"],
         {effect: PluginFile(**plugin) for effect, plugin in data["plugins"].items()},
+        data.get("start"),
     )
 
 
-def extend(store: Store, term: Term, plugin: PluginFile | None = None) -> ModelVersion:
-    """A new version with one more term, which `plugin` brought; `ConfigError` when it is there already."""
+def extend(
+    store: Store, term: Term, plugin: PluginFile | None = None, start: Mapping[str, float] | None = None
+) -> ModelVersion:
+    """A new version with one more term, which `plugin` brought, and where its fit starts; `ConfigError` when the term
+    is there already."""
     last = current(store)
     if term in last.terms:
         raise there_already(term.effect)
     plugins = {**last.plugins, term.effect: plugin} if plugin else last.plugins
-    return _keep(store, last, (*last.terms, term), plugins, added=term.effect)
+    return _keep(store, last, (*last.terms, term), plugins, added=term.effect, start=start)
 
 
 def remove(store: Store, effect: str) -> ModelVersion:
@@ -161,6 +171,7 @@ def _keep(
     plugins: Mapping[str, PluginFile],
     added: str | None = None,
     removed: str | None = None,
+    start: Mapping[str, float] | None = None,
 ) -> ModelVersion:
     store.add_document(
         VERSION,
@@ -170,6 +181,7 @@ def _keep(
             "added": added,
             "removed": removed,
             "plugins": {effect: vars(plugin) for effect, plugin in plugins.items()},
+            **({} if start is None else {"start": dict(start)}),
         },
     )
     return current(store)
@@ -192,9 +204,11 @@ def require_present(version: ModelVersion, effects: Sequence[str]) -> None:
 
 
 def data_key(store: Store) -> str:
-    """Names the data and the program: what was worked out under another key is out of date."""
+    """Names the data, the program and the terms of all versions, which tell the noise together: what was worked out
+    under another key is out of date."""
     runs = [record.run_id for record in store.runs(valid_only=True)]
-    return hashlib.sha256(json.dumps([_code(), runs]).encode()).hexdigest()
+    terms = {json.dumps(term.as_json(), sort_keys=True) for version in versions(store) for term in version.terms}
+    return hashlib.sha256(json.dumps([_code(), runs, sorted(terms)]).encode()).hexdigest()
 
 
 @functools.cache
@@ -214,6 +228,20 @@ def keep_fit(store: Store, version: ModelVersion, fit: Mapping[str, Any]) -> Non
 def kept_fit(store: Store, version: ModelVersion) -> dict[str, Any] | None:
     """The fit of a version to the runs that are valid now; None when there is none yet."""
     return _kept(store, FIT, "fit", version=version.version, data=data_key(store))
+
+
+def keep_account(store: Store, plugins: Sequence[PluginFile], account: Mapping[str, Any]) -> None:
+    """Keep what the noise of the runs that are valid now was estimated with."""
+    store.add_document(ACCOUNT, {"data": data_key(store), "plugins": _hashes(plugins), "account": account})
+
+
+def kept_account(store: Store, plugins: Sequence[PluginFile]) -> dict[str, Any] | None:
+    """What the noise of the runs that are valid now was estimated with; None when it has not been yet."""
+    return _kept(store, ACCOUNT, "account", data=data_key(store), plugins=_hashes(plugins))
+
+
+def _hashes(plugins: Sequence[PluginFile]) -> list[str]:
+    return sorted(plugin.sha256 for plugin in plugins)
 
 
 def keep_diagnosis(store: Store, version: ModelVersion, alpha: float, diagnosis: Mapping[str, Any]) -> None:

@@ -17,7 +17,9 @@ from rigctl.workbench.study import Candidate, ScansBetween, Study, Term
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best, Generic
-from rigctl.workbench.verdict.noise_estimate import NoiseEstimator, above_rounding
+from rigctl.workbench.verdict.known_noise import KnownNoise
+from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
+from rigctl.workbench.verdict.noise_pool import above_rounding
 from rigctl.workbench.verdict.scan import TOGETHER, by_own_noise, scores_of_choices
 from rigctl.workbench.verdict.score import Score, corrected, p_of, trials
 
@@ -43,7 +45,8 @@ class Scored:
 
 class Attempt(FittedModel):
     """One set of terms: see the module's first line. `seed` fixes the draws behind corrected p-values,
-    `shapes` holds what attempts at the same observations share, `start` where to start from by parameter."""
+    `shapes` holds what attempts at the same observations share, `start` where to start from by parameter. With
+    `known` noise nothing is estimated: all models of a store's data are judged by one noise."""
 
     def __init__(
         self,
@@ -52,6 +55,7 @@ class Attempt(FittedModel):
         seed: int = 0,
         shapes: dict[int, Generic] | None = None,
         start: Mapping[str, float] | None = None,
+        known: KnownNoise | None = None,
     ) -> None:
         self.study = study
         self.terms = tuple(terms)
@@ -60,12 +64,20 @@ class Attempt(FittedModel):
         given = model.observations
         if not len(given.value):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
-        first = fit_with_given_noise(model, start or {})
+        noise = None if known is None else known.noise_of(given)
+        first = fit_with_given_noise(model, start or {}, noise)
         self.candidates, self.not_testable = study.candidates(model, first.result.values)
         self.generic = ({} if shapes is None else shapes).setdefault(id(given), Generic(given))
-        self.estimator = _estimator(first, self.candidates, self.generic)
-        last = _with_estimated_noise(first, self.estimator)
+        if known is not None and noise is not None:
+            self.estimator, last = known.estimator, first
+        else:
+            self.estimator = _estimator(first, self.candidates, self.generic)
+            last = _with_estimated_noise(first, self.estimator)
         super().__init__(model, last.noise, last.held, last.result)
+
+    def chi2_p_value(self, told: float = 0.0) -> float:
+        """Of all that is left; what the saturated design leaves told the noise, and says nothing more."""
+        return super().chi2_p_value(told + self.estimator.dof)
 
     def columns(self, candidate: Candidate) -> FloatArray:
         """A candidate's whitened derivative with rows for the priors, shape (n + priors, d)."""

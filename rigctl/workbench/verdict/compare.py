@@ -11,9 +11,12 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.findings import ChannelFit, Comparison, Outlier, Trend
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
+from rigctl.workbench.verdict.account import account_of
+from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.covariates import distinct
 from rigctl.workbench.verdict.noise import orthonormal
+from rigctl.workbench.verdict.noise_entries import noise_entries
 
 WORST = 10
 BINS = 5
@@ -25,7 +28,7 @@ _OF_A_LINE = ("channel", "frequency_hz", "amplitude", "sigma", "unit", "p_value"
 @one_thread
 def compare(study: Study, terms: Sequence[Term], version: int = 1) -> Comparison:
     """Residuals of the fitted model against the noise, per series, run and covariate."""
-    return compared(Attempt(study, terms), version)
+    return compared(account_of(study, [terms]).attempt(study, terms), version)
 
 
 def compared(attempt: Attempt, version: int) -> Comparison:
@@ -53,7 +56,7 @@ def compared(attempt: Attempt, version: int) -> Comparison:
         terms=attempt.terms,
         chi2=attempt.result.chi2,
         dof=attempt.result.dof,
-        p_value=attempt.chi2_p_value(),
+        p_value=adequacy(attempt),
         channels=tuple(channels),
         worst=tuple(_outlier(attempt, int(where), float(left[where])) for where in worst),
         trends=_trends(attempt),
@@ -62,6 +65,7 @@ def compared(attempt: Attempt, version: int) -> Comparison:
             for line in attempt.study.lines(attempt.model)
             if np.isfinite(line.frequency_hz)
         ),
+        noise=noise_entries(attempt),
         observations=given,
         residuals=left,
     )

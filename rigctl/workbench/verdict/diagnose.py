@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from rigctl.workbench.findings import Diagnosis, Step, Unexplained, Verdict
+from rigctl.workbench.findings import Diagnosis, JointFit, Step, Unexplained, Verdict
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
+from rigctl.workbench.verdict.account import Account, account_of
 from rigctl.workbench.verdict.alike import SAME, inseparable_effects
 from rigctl.workbench.verdict.description import described
+from rigctl.workbench.verdict.likelihood import maximum_likelihood
+from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.ranking import ranking
 from rigctl.workbench.verdict.rivals import Rival, rivals_of
 from rigctl.workbench.verdict.score import likeness
-from rigctl.workbench.verdict.search import Search
+from rigctl.workbench.verdict.search import Progress, Search
 
 
 @one_thread
@@ -22,14 +25,15 @@ def diagnose(
     alpha: float = 0.01,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
+    account: Account | None = None,
 ) -> Diagnosis:
     """Test every effect of the catalogue against what the model with `terms` leaves, and sets of them.
 
     `alpha` is the level over all trials together; `seed` fixes the draws behind corrected p-values; `progress` is
-    told what is being done.
+    told what is being done; `account` is the noise of the data, by default as these terms alone tell it.
     """
-    search = Search(study, terms, alpha, seed, progress or (lambda _: None))
-    search.run()
+    account = account or account_of(study, [terms], seed, progress)
+    search = _searched(study, terms, alpha, seed, progress or (lambda _: None), account)
     alike = [rival for term in search.suggested for rival in rivals_of(search, term)]
     rivals = [each for each in alike if not each.wider]
     first, final = search.attempt(search.given), search.attempt(search.terms)
@@ -48,6 +52,32 @@ def diagnose(
         not_testable={each.effect: each.reason for each in first.not_testable},
         steps=tuple(_steps(search)),
         n_eff=first.n_eff,
+        noise=noise_entries(first),
+        joint_fit=_joint_fit(search) if search.suggested else None,
+    )
+
+
+def _searched(
+    study: Study, terms: Sequence[Term], alpha: float, seed: int, progress: Progress, account: Account
+) -> Search:
+    """The search from these terms: where the noise was told by the same, that one."""
+    told = account.search
+    if told is not None and (told.given, told.alpha, told.seed) == (tuple(terms), alpha, seed):
+        return told
+    search = Search(study, terms, alpha, seed, progress, account.known)
+    search.run()
+    return search
+
+
+def _joint_fit(search: Search) -> JointFit:
+    """What the search ended with, as `fit` fits it."""
+    first, final = search.attempt(search.given), search.attempt(search.terms)
+    return JointFit(
+        terms=search.suggested,
+        chi2_fall=first.result.chi2 - final.result.chi2,
+        minus_2_log_l=maximum_likelihood(final, final.estimator).minus_2_log_l,
+        parameters=final.estimates(),
+        held=tuple(sorted(final.held)),
     )
 
 

@@ -4,29 +4,53 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rigctl.workbench.findings import ModelFit
+import numpy as np
+
+from rigctl.workbench.findings import ModelFit, Rms
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
+from rigctl.workbench.verdict.account import account_of
+from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.likelihood import Optimum, maximum_likelihood
+from rigctl.workbench.verdict.noise_entries import noise_entries
 
 
 @one_thread
 def fit(study: Study, terms: Sequence[Term]) -> ModelFit:
     """Fit baseline and terms to all valid runs; `ProcedureError` when the runs do not determine them."""
-    return fitted(Attempt(study, terms))
+    return fitted(account_of(study, [terms]).attempt(study, terms))
 
 
-def fitted(attempt: Attempt) -> ModelFit:
-    """What a fitted attempt amounts to."""
+def fitted(attempt: Attempt, optimum: Optimum | None = None, warnings: Sequence[str] = ()) -> ModelFit:
+    """What a fitted attempt amounts to; `optimum` is where its likelihood is largest, by default looked for."""
     result = attempt.result
+    most_likely = optimum or maximum_likelihood(attempt, attempt.estimator)
     return ModelFit(
         terms=attempt.terms,
         parameters=attempt.estimates(),
         chi2=result.chi2,
         dof=result.dof,
-        p_value=attempt.chi2_p_value(),
+        p_value=adequacy(attempt),
         error_fit=attempt.error(),
         error_held_out=attempt.held_out.error(),
         residuals=attempt.whitened(),
         result=attempt.study.result(attempt.model, result.values, result.covariance),
+        rms=_rms_by_channel(attempt),
+        minus_2_log_l=most_likely.minus_2_log_l,
+        held_out_log_score=attempt.held_out.log_score(attempt.noise.log_determinant()),
+        noise=noise_entries(attempt),
+        held=tuple(sorted(attempt.held)),
+        warnings=tuple(warnings),
     )
+
+
+def _rms_by_channel(attempt: Attempt) -> dict[str, Rms]:
+    given, left = attempt.model.observations, attempt.unexplained()
+    channel_of = np.array([series.channel for series in given.series])[given.series_of]
+    units = {series.channel: series.unit for series in given.series}
+    return {
+        channel: Rms(float(np.sqrt(np.mean(left[channel_of == channel] ** 2))), unit)
+        for channel, unit in units.items()
+        if np.any(channel_of == channel)
+    }

@@ -111,14 +111,19 @@ class FittedModel:
             for name, value, sigma, unit in zip(self.names, self.result.values, sigmas, self.model.units, strict=True)
         }
 
-    def chi2_p_value(self) -> float:
-        """Of all that is left, the noise being known no better than it is; NaN without degrees of freedom."""
+    def chi2_p_value(self, told: float = 0.0) -> float:
+        """Of all that is left, the noise being known no better than it is; NaN without degrees of freedom.
+
+        Of these data `told` degrees of freedom told the scale of their own noise, and say nothing more.
+        """
         if self.result.dof <= 0:
             return float("nan")
+        if self.result.dof <= told:
+            return 1.0
         counts = zip(*np.unique(self.noise.dof, return_counts=True), strict=True)
         spread = sum(float(number) ** 2 / dof for dof, number in counts if np.isfinite(dof))
         dof = len(self.noise.dof) ** 2 / spread if spread > 0.0 else np.inf
-        return float(p_of(self.result.chi2, self.result.dof, dof))
+        return float(p_of(max(self.result.chi2 - told, 0.0), self.result.dof - told, dof))
 
     def error(self) -> float:
         """Rms of what is left in units of the noise, degrees of freedom considered; NaN without any."""
@@ -131,10 +136,10 @@ class FittedModel:
         return float(white @ white + pulls @ pulls)
 
 
-def fit_with_given_noise(model: Model, start: Mapping[str, float]) -> FittedModel:
-    """Fit a model from `start`, by name, with the noise as its observations state it; `ProcedureError`."""
+def fit_with_given_noise(model: Model, start: Mapping[str, float], noise: Noise | None = None) -> FittedModel:
+    """Fit a model from `start`, by name, with `noise`, by default as its observations state it; `ProcedureError`."""
     given, scanned = model.observations, scanned_parameters(model)
-    noise = Noise(given.sigma, np.full(len(given.value), np.inf), given.factors, ())
+    noise = noise or Noise(given.sigma, np.full(len(given.value), np.inf), given.factors, ())
     # Another choice of the same name is nowhere to start from.
     usable = {name: value for name, value in start.items() if name not in scanned}
     held = absorbed_parameters(model, noise, scanned, usable)
@@ -176,6 +181,24 @@ def _fit(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, f
     if not np.isfinite(result.values).all():
         raise ProcedureError(f"the runs do not determine the model: {result.reason}")
     return result
+
+
+def refitted_values(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float]) -> dict[str, float]:
+    """Parameters by name where a fit from exactly `start` ends, which never explains less than `start` does.
+
+    What a scan has chosen is held at first: it means nothing while its amplitude is zero.
+    """
+    chosen = {f"{term.effect}.{name}" for term in model.terms for name in term.choice}
+    values = dict(start)
+    for waiting in (chosen, set[str]()):
+        parameters = [
+            replace(each, start=values[each.name], fixed=each.fixed or each.name in held or each.name in waiting)
+            for each in model.parameters
+        ]
+        found = whitened_least_squares(model, noise, parameters).values
+        if np.isfinite(found).all():
+            values = {each.name: float(value) for each, value in zip(model.parameters, found, strict=True)}
+    return values
 
 
 def held_out_ratio(after: FittedModel, before: FittedModel) -> float:

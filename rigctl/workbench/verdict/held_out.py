@@ -9,14 +9,29 @@ on it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
 from rigctl.analysis.decomposition import svd
 from rigctl.core.arrays import BoolArray, FloatArray, IntArray
 from rigctl.workbench.study import Observations
+from rigctl.workbench.verdict.noise import orthonormal
 
+_LOG_TWO_PI = float(np.log(2.0 * np.pi))
 _ONLY_HERE = 1e-9
 """Of a direction's information, left over in all other blocks: below, only this block knows it."""
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """A block predicted from the others: the `square` sum of its errors in units of their covariance, what is
+    `expected` of that when the model is right, and that covariance's `log_determinant` in units of the noise."""
+
+    square: float
+    expected: float
+    log_determinant: float
 
 
 class HeldOut:
@@ -47,16 +62,45 @@ class HeldOut:
         if further is not None:
             basis, left = np.hstack([basis, further]), left - further @ (further.T @ left)
         wanted = np.ones(self._data, dtype=bool) if series is None else np.isin(self._series_of, series)
-        total = expected = 0.0
-        for block in self._blocks if self.possible else []:
-            square, mean = _predicted(basis[block], left[block], wanted[block])
-            total += square
-            expected += mean
-        return float(np.sqrt(total / expected)) if expected > 0.0 else float("nan")
+        blocks = [_predicted(basis[block], left[block], wanted[block]) for block in self._blocks if self.possible]
+        expected = sum(block.expected for block in blocks)
+        return float(np.sqrt(sum(block.square for block in blocks) / expected)) if expected > 0.0 else float("nan")
+
+    def log_score(self, log_determinant: float) -> float:
+        """Mean log density of held-out data, per datum; `log_determinant` is that of all data's covariance.
+
+        NaN when nothing can be held out.
+        """
+        if not self.possible:
+            return float("nan")
+        blocks = self.blocks
+        total = sum(each.square + each.log_determinant + each.expected * _LOG_TWO_PI for each in blocks)
+        return -0.5 * (total + log_determinant) / max(sum(each.expected for each in blocks), 1.0)
+
+    @cached_property
+    def blocks(self) -> list[Predicted]:
+        """Every block as the others predict it."""
+        return [_predicted(self._basis[b], self._residuals[b], np.ones(len(b), dtype=bool)) for b in self._blocks]
 
 
-def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> tuple[float, float]:
-    """Square sum of one block's errors where they were `seen`, and its expectation when the model is right."""
+def rise_beyond_chance(after: HeldOut, before: HeldOut) -> float:
+    """The rise of the squared error from one model to another on the same blocks over its standard error, paired.
+
+    0 where it cannot be told.
+    """
+    if not after.possible or len(after.blocks) != len(before.blocks):
+        return 0.0
+    shares = [
+        np.array([block.square for block in each.blocks]) / max(sum(block.expected for block in each.blocks), 1.0)
+        for each in (after, before)
+    ]
+    change = shares[0] - shares[1]
+    spread = float(np.sqrt(len(change)) * np.std(change, ddof=1))
+    return float(np.sum(change)) / spread if spread > 0.0 else 0.0
+
+
+def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> Predicted:
+    """A block where it was `seen`, from rows of the basis of what is fitted and of what the fit leaves."""
     if len(basis) < basis.shape[1]:
         share, vectors = np.linalg.eigh(basis @ basis.T)
     else:
@@ -73,4 +117,8 @@ def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> tuple[fl
     square = error[seen] @ error[seen] - along @ np.linalg.solve(np.eye(len(gram)) + gram, along)
     only_here = free <= _ONLY_HERE
     size = np.linalg.eigvalsh(gram[np.ix_(only_here, only_here)])
-    return float(square), float(seen.sum() - np.sum(size > 1.0))
+    known_here = orthonormal(spread[:, only_here], _ONLY_HERE)
+    rest = spread[:, ~only_here]
+    rest = rest - known_here @ (known_here.T @ rest)
+    determinant = float(np.linalg.slogdet(np.eye(rest.shape[1]) + rest.T @ rest)[1])
+    return Predicted(float(square), float(seen.sum() - np.sum(size > 1.0)), determinant)

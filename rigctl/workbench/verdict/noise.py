@@ -13,10 +13,23 @@ from rigctl.core.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Correlation:
-    """A pool's noise from run to run: R = 1 + ratio * kernel; `kernel` "" for white."""
+    """A pool's noise from run to run: R = 1 + ratio * kernel.
+
+    `kernel` is "exp TAU" for a relaxation, "power A" for a power law 1/f^A, "" for white noise.
+    """
 
     kernel: str
     ratio: float
+
+    @property
+    def kind(self) -> str:
+        """ "exp", "power", or "" for white noise."""
+        return self.kernel.partition(" ")[0]
+
+    @property
+    def shape(self) -> float:
+        """The time constant or the exponent; NaN for white noise."""
+        return float(self.kernel.partition(" ")[2] or "nan")
 
 
 @dataclass(frozen=True)
@@ -57,6 +70,11 @@ class Noise:
         for where, factor in self.factors:
             coloured[where] = factor @ coloured[where]
         return np.asarray(coloured * (self.sigma if white.ndim == 1 else self.sigma[:, None]), dtype=np.float64)
+
+    def log_determinant(self) -> float:
+        """Of the covariance."""
+        of_factors = sum(float(np.sum(np.log(np.diag(factor)))) for _, factor in self.factors)
+        return 2.0 * (float(np.sum(np.log(self.sigma))) + of_factors)
 
     def total_sigma(self) -> FloatArray:
         """Standard deviation of each datum, correlations included, shape (n,)."""

@@ -9,38 +9,13 @@ inflates the noise nor poses as red noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
 import numpy as np
-from scipy.linalg import qr
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
-from rigctl.workbench.verdict.noise import Correlation, Noise, orthonormal
-
-RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
-"""Variance of the correlated part over the white part."""
-
-EXPONENTS = (1.0, 1.64, 2.4)
-"""Of power laws 1/f^a: flicker; what precision accelerometers show; near a random walk."""
-
-TIME_CONSTANTS = 6
-WHITE_ODDS = 3.0
-"""Prior odds of white noise over all correlated kinds together."""
-
-SATURATED_SHARE = 2.0 / 3.0
-"""At least this share of a pool's data is left to tell its noise."""
-
-LARGEST_POOL = 400
-"""Beyond, the correlation is looked for in a stretch of so many data; its scale is everybody's."""
-
-_INDEPENDENT = 1e-3
-_NEGLIGIBLE = 1e-3
-_FLOOR_DOF = 1.0
-_DIFFERENCES = 1e-6
-"""Of a column's length: what is left where a derivative by differences should be none."""
-
-_WHITE = Correlation("", 0.0)
+from rigctl.workbench.verdict.noise import Noise
+from rigctl.workbench.verdict.noise_pool import Pool
 
 
 class NoiseEstimator:
@@ -56,7 +31,7 @@ class NoiseEstimator:
     ) -> None:
         self._given = observations
         self._pools = [
-            _Pool(observations, np.flatnonzero(observations.pool_of == number), required, possible, pool.order)
+            Pool(observations, np.flatnonzero(observations.pool_of == number), required, possible, pool.order)
             for number, pool in enumerate(observations.pools)
             if pool.dof <= 0.0 and np.any(observations.pool_of == number)
         ]
@@ -81,6 +56,11 @@ class NoiseEstimator:
         return self._pools[0].basis
 
     @property
+    def dof(self) -> float:
+        """Degrees of freedom of all scales together that come from the scatter."""
+        return float(sum(pool.dof for pool in self._pools))
+
+    @property
     def rows(self) -> IntArray:
         """Data whose noise comes from the scatter."""
         return np.concatenate([np.zeros(0, dtype=np.intp), *(pool.where for pool in self._pools)])
@@ -101,176 +81,14 @@ class NoiseEstimator:
             factors += pool.factors(weighted)
         return Noise(sigma, dof, tuple(factors), tuple(correlations))
 
-
-class _Pool:
-    """One pool whose noise comes from the scatter."""
-
-    def __init__(
-        self,
-        given: Observations,
-        where: IntArray,
-        required: FloatArray,
-        possible: Callable[[IntArray], Sequence[FloatArray]],
-        order: str | None,
-    ) -> None:
-        self.where = where
-        self._group = given.group_of[where]
-        self._at = _usable(given.of_runs(order)[where]) if order is not None else None
-        weights = given.sigma[where][:, None]
-        fitted = above_rounding(required, where, given.sigma)
-        self.basis = saturated(fitted / weights, [columns / weights for columns in possible(where)])
-        self.dof = max(len(where) - self.basis.shape[1], _FLOOR_DOF)
-        self._looked_at = _stretch(len(where), self.basis.shape[1])
-        basis = orthonormal(self.basis[self._looked_at], 1e-9)
-        self._free = len(self._looked_at) - basis.shape[1]
-        self._trials = [_Trial(_WHITE, np.zeros(len(self._looked_at)), np.eye(len(self._looked_at)), basis)]
-        for kernel in self._kernels():
-            strength, vectors = np.linalg.eigh(self._kernel(kernel, self._looked_at))
-            self._trials += [_Trial(Correlation(kernel, q), q * strength, vectors, basis) for q in RATIOS]
-
-    def estimate(self, residuals: FloatArray) -> tuple[float, list[tuple[float, Correlation]]]:
-        """Scale, and correlations with their weights, `residuals` in units of the given sigma.
-
-        Weights are restricted likelihoods; white noise is the likelier beforehand.
-        """
-        if self._free <= 0:
-            return 1.0, [(1.0, _WHITE)]
-        near = residuals[self._looked_at]
-        rss = np.array([max(trial.rss(near), np.finfo(float).tiny) for trial in self._trials])
-        cost = self._free * np.log(rss) + np.array([trial.penalty for trial in self._trials])
-        weight = np.exp(-0.5 * (cost - cost.min()))
-        weight[1:] /= WHITE_ODDS * max(len(self._trials) - 1, 1)
-        weight = np.where(weight > _NEGLIGIBLE * weight.max(), weight, 0.0)
-        if len(self.where) > LARGEST_POOL:  # so many data have decided; sums of large matrices are not worth it
-            weight = np.where(weight == weight.max(), weight, 0.0)
-        weight *= rss / weight.sum()
-        scale = float(np.sqrt(weight.sum() / self._free))
-        shares = weight / weight.sum()
-        return scale, [(float(w), t.correlation) for w, t in zip(shares, self._trials, strict=True) if w > 0.0]
-
-    def factors(self, correlations: list[tuple[float, Correlation]]) -> list[tuple[IntArray, FloatArray]]:
-        """Cholesky factors of the weighted mean of R, group by group; none for white noise."""
-        if all(not correlation.kernel for _, correlation in correlations):
-            return []
-        factors: list[tuple[IntArray, FloatArray]] = []
-        for group in np.unique(self._group):
-            members = np.flatnonzero(self._group == group)
-            mean: FloatArray = np.eye(len(members), dtype=np.float64)
-            strengths: dict[str, float] = {}
-            for weight, each in correlations:
-                strengths[each.kernel] = strengths.get(each.kernel, 0.0) + weight * each.ratio
-            for kernel, strength in strengths.items():
-                if kernel:
-                    mean = np.asarray(mean + strength * self._kernel(kernel, members), dtype=np.float64)
-            factor = np.asarray(np.linalg.cholesky(mean), dtype=np.float64)
-            factors.append((self.where[members], factor))
-        return factors
-
-    @property
-    def correlated(self) -> bool:
-        """Whether there is an order along which to be correlated."""
-        return self._at is not None and len(np.unique(self._at)) >= 4
-
-    def _kernels(self) -> list[str]:
-        if not self.correlated:
-            return []
-        return [f"exp {i}" for i in range(TIME_CONSTANTS)] + [f"power {a:g}" for a in EXPONENTS]
-
-    def _kernel(self, name: str, members: IntArray) -> FloatArray:
-        """Correlation of unit variance between data of one group, 0 between groups."""
-        if len(members) > LARGEST_POOL:
-            return self._make(name, members)
-        key = (name, members.tobytes())
-        if key not in self._made:
-            self._made[key] = self._make(name, members)
-        return self._made[key]
-
-    @cached_property
-    def _made(self) -> dict[tuple[str, bytes], FloatArray]:
-        return {}
-
-    def _make(self, name: str, members: IntArray) -> FloatArray:
-        assert self._at is not None
-        apart = np.abs(self._at[members][:, None] - self._at[members][None, :])
-        same = self._group[members][:, None] == self._group[members][None, :]
-        shortest, longest = self._time_scales
-        kind, _, value = name.partition(" ")
-        if kind == "exp":
-            kernel = np.exp(-apart / np.geomspace(shortest, longest, TIME_CONSTANTS)[int(value)])
-        else:
-            # A power law as a sum of relaxations, two an octave: positive definite whatever the spacing.
-            constants = np.geomspace(shortest / 4.0, 8.0 * longest, 2 * int(np.log2(32.0 * longest / shortest)) + 2)
-            weights = constants ** (float(value) - 1.0)
-            kernel = np.zeros_like(apart)
-            for weight, constant in zip(weights / weights.sum(), constants, strict=True):
-                kernel += weight * np.exp(-apart / constant)
-        return np.where(same, kernel, 0.0)
-
-    @cached_property
-    def _time_scales(self) -> tuple[float, float]:
-        assert self._at is not None
-        ordered = np.unique(self._at)
-        return float(np.median(np.diff(ordered))), float(ordered[-1] - ordered[0])
-
-
-class _Trial:
-    """One correlation R = U (1 + strength) U' of a pool, and what restricted likelihood needs of it."""
-
-    def __init__(
-        self, correlation: Correlation, strength: FloatArray, vectors: FloatArray, basis: FloatArray
-    ) -> None:
-        self.correlation = correlation
-        self._vectors = vectors
-        self._precision = 1.0 / (1.0 + np.maximum(strength, 0.0))
-        self._basis = vectors.T @ basis
-        gram = self._basis.T @ (self._precision[:, None] * self._basis)
-        self._inverse = np.linalg.inv(gram)
-        self.penalty = -float(np.sum(np.log(self._precision))) + float(np.linalg.slogdet(gram)[1])
-
-    def rss(self, residuals: FloatArray) -> float:
-        """Weighted square sum of what the saturated design leaves."""
-        turned = self._vectors.T @ residuals
-        along = self._basis.T @ (self._precision * turned)
-        return float(turned @ (self._precision * turned) - along @ self._inverse @ along)
-
-
-def saturated(required: FloatArray, possible: Sequence[FloatArray]) -> FloatArray:
-    """Orthonormal basis of all that is fitted and, as far as enough data remain, of all that might be hidden.
-
-    `possible` in the order of precedence; what finds no room there stays in the noise estimate.
-    """
-    data = len(required)
-    basis = orthonormal(required, 1e-9)
-    most = int(min(data * (1.0 - SATURATED_SHARE), data - 8))
-    for columns in possible:
-        norms = np.linalg.norm(columns, axis=0)
-        seen = columns[:, norms > 0.0] / norms[norms > 0.0]
-        room = most - basis.shape[1]
-        if room <= 0 or not seen.shape[1]:
-            continue
-        further, triangle, _ = qr(seen - basis @ (basis.T @ seen), mode="economic", pivoting=True)
-        size = np.abs(np.diag(triangle))
-        basis = np.hstack([basis, further[:, : min(room, int(np.sum(size > _INDEPENDENT)))]])
-    return basis
-
-
-def above_rounding(columns: FloatArray, where: IntArray, sigma: FloatArray) -> FloatArray:
-    """The columns (n, k), at some of the data, that are larger there than the rounding of numerical derivatives.
-
-    Scaled to unit length, a column of rounding errors would be projected out like a signal.
-    """
-    whole = np.linalg.norm(columns / sigma[:, None], axis=0)
-    here = np.linalg.norm(columns[where] / sigma[where][:, None], axis=0)
-    return columns[where][:, here > _DIFFERENCES * whole]
-
-
-def _usable(order: FloatArray) -> FloatArray | None:
-    """Times along which noise is correlated; None when some are unknown."""
-    return order if np.isfinite(order).all() else None
-
-
-def _stretch(data: int, fitted: int) -> IntArray:
-    """The data from which the correlation is estimated: all, or a stretch from the middle."""
-    count = min(data, max(LARGEST_POOL, 3 * fitted))
-    first = (data - count) // 2
-    return np.arange(first, first + count)
+    def likeliest(self, left: FloatArray, now: Noise) -> Noise:
+        """The noise of residuals (n,) by ordinary maximum likelihood: scale and correlation in the form that pools
+        have `now`, sigmas that are known beforehand as they are now."""
+        sigma, factors, correlations = now.sigma.copy(), list(self._given.factors), []
+        for pool, correlation in zip(self._pools, now.correlations, strict=True):
+            weights = self._given.sigma[pool.where]
+            scale, likelier = pool.likeliest(left[pool.where] / weights, correlation)
+            sigma[pool.where] = weights * scale
+            correlations.append(likelier)
+            factors += pool.factors([(1.0, likelier)])
+        return Noise(sigma, now.dof, tuple(factors), tuple(correlations))

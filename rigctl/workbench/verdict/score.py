@@ -93,7 +93,7 @@ class Projector:
         return np.where(none, np.sum(share, axis=0) ** 2 / np.where(none, spread, 1.0), np.inf)
 
 
-def p_of(statistic: FloatArray | float, dimension: IntArray | int, dof: FloatArray | float) -> FloatArray:
+def p_of(statistic: FloatArray | float, dimension: IntArray | float, dof: FloatArray | float) -> FloatArray:
     """Probability of a larger T: F(d, dof), chi-square where the noise is known."""
     d = np.maximum(dimension, 1)
     exact = special.chdtrc(d, statistic)

@@ -19,6 +19,7 @@ from rigctl.workbench.verdict.beside_shapes import (
 )
 from rigctl.workbench.verdict.fitted_model import held_out_ratio
 from rigctl.workbench.verdict.generic import Best, Generic
+from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.score import p_of
 from rigctl.workbench.verdict.significance import (
@@ -49,13 +50,25 @@ class Move:
 
 
 class Search:
-    """A search from the given terms, which are never dropped; ends in `terms`."""
+    """A search from the given terms, which are never dropped; ends in `terms`.
 
-    def __init__(self, study: Study, terms: Sequence[Term], alpha: float, seed: int, progress: Progress) -> None:
+    With `known` noise every model is judged by it; else each by the noise that it leaves.
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        terms: Sequence[Term],
+        alpha: float,
+        seed: int,
+        progress: Progress,
+        known: KnownNoise | None = None,
+    ) -> None:
         self.study = study
         self.alpha = alpha
-        self._seed = seed
+        self.seed = seed
         self._progress = progress
+        self._known = known
         self._attempts: dict[str, Attempt] = {}
         self._shapes: dict[int, Generic] = {}
         self._values: dict[str, float] = {}
@@ -70,10 +83,15 @@ class Search:
         """The model with these terms, fitted and scored once."""
         key = json.dumps(sorted(json.dumps(term.as_json(), sort_keys=True) for term in terms))
         if key not in self._attempts:
-            made = Attempt(self.study, terms, self._seed, self._shapes, self._values)
+            made = Attempt(self.study, terms, self.seed, self._shapes, self._values, self._known)
             self._attempts[key] = made
             self._values |= made.values
         return self._attempts[key]
+
+    def judged_by(self, known: KnownNoise) -> None:
+        """From now on every model is judged by one noise."""
+        self._known = known
+        self._attempts = {}
 
     @property
     def suggested(self) -> tuple[Term, ...]:
@@ -154,7 +172,7 @@ class Search:
 
     def _without(self, effect: str) -> Search:
         """The search with one effect barred, which may have taken the place of two others."""
-        detour = Search(self.study, self.given, self.alpha, self._seed, self._progress)
+        detour = Search(self.study, self.given, self.alpha, self.seed, self._progress, self._known)
         detour._attempts, detour._shapes, detour._values = self._attempts, self._shapes, self._values
         detour._barred = effect
         detour._climb()
@@ -198,7 +216,7 @@ class Search:
         with_it = self.attempt((*attempt.terms, scored.candidate.term))
         if held_out_ratio(with_it, attempt) >= 1.0:
             return False
-        return not needless_beside_shapes(attempt, scored, with_it, self.alpha, self._seed)
+        return not needless_beside_shapes(attempt, scored, with_it, self.alpha, self.seed)
 
     def _floated(self, terms: tuple[Term, ...]) -> tuple[tuple[Term, ...], tuple[str, ...]]:
         """The terms without those that are no longer needed beside the others, and what was dropped."""

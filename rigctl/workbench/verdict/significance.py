@@ -29,14 +29,19 @@ def is_significant(attempt: Attempt, scored: Scored, alpha: float) -> bool:
 
 def significant_shape(attempt: Attempt, alpha: float) -> Best | None:
     """The strongest plain shape left, where it is significant."""
+    return attempt.best_shape if p_of_shape(attempt) < SHAPES_SHARE * alpha else None
+
+
+def p_of_shape(attempt: Attempt) -> float:
+    """Corrected p-value of the strongest plain shape left, by bootstrap where it matters; 1 where there is none."""
     shape = attempt.best_shape
     if shape is None:
-        return None
+        return 1.0
     p_value = shape.p_value_corrected
     if p_value < CONFIRM_FROM and attempt.to_be_drawn(shape.columns):
         law = attempt.bootstrap.shapes
         p_value = max(p_value, corrected(law.p_value(shape.statistic, shape.dimension), shape.n_eff))
-    return shape if p_value < SHAPES_SHARE * alpha else None
+    return p_value
 
 
 def is_adequate(attempt: Attempt, alpha: float) -> bool:

@@ -1,0 +1,29 @@
+"""How striking is what a model leaves? The question of `compare`, and the first that a diagnosis asks."""
+
+from __future__ import annotations
+
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.significance import (
+    CATALOGUE_SHARE,
+    LINES_SHARE,
+    SHAPES_SHARE,
+    p_of_scored,
+    p_of_shape,
+)
+
+
+def adequacy(attempt: Attempt) -> float:
+    """The probability that noise alone leaves something as striking; NaN without degrees of freedom.
+
+    Asked are chi-square as a whole, every effect of the catalogue and every plain shape, at the shares of the level
+    that a diagnosis gives them: what one finds, the other does not call noise.
+    """
+    if attempt.result.dof <= 0:
+        return float("nan")
+    effects = [attempt.corrected(p_of_scored(attempt, each)) for each in attempt.scored]
+    asked = [
+        attempt.chi2_p_value() / LINES_SHARE,
+        min(effects, default=1.0) / CATALOGUE_SHARE,
+        p_of_shape(attempt) / SHAPES_SHARE,
+    ]
+    return min(1.0, *asked)

@@ -1,0 +1,57 @@
+"""The noise of a store's data, series by series, as every command tells it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rigctl.core.arrays import IntArray
+from rigctl.workbench.findings import NoiseEntry
+from rigctl.workbench.study import NoisePool, Observations
+from rigctl.workbench.verdict.fitted_model import FittedModel
+from rigctl.workbench.verdict.noise import Correlation, Noise
+
+_MODELS = {"": "white", "exp": "white + relaxation", "power": "white + power law"}
+
+
+def noise_entries(fitted: FittedModel) -> tuple[NoiseEntry, ...]:
+    """One entry per series; data whose sigmas are known beforehand are pooled over runs."""
+    given, noise = fitted.model.observations, fitted.noise
+    scattered = [number for number, pool in enumerate(given.pools) if pool.dof <= 0.0]
+    scattered = [number for number in scattered if np.any(given.pool_of == number)]
+    correlations = dict(zip(scattered, noise.correlations, strict=False))
+    entries = []
+    for number in range(len(given.series)):
+        rows = np.flatnonzero(given.series_of == number)
+        if len(rows):
+            entries.append(_entry(given, noise, number, rows, correlations))
+    return tuple(entries)
+
+
+def _entry(
+    given: Observations, noise: Noise, number: int, rows: IntArray, correlations: dict[int, Correlation]
+) -> NoiseEntry:
+    pools = [int(pool) for pool in np.unique(given.pool_of[rows])]
+    first, series = given.pools[pools[0]], given.series[number]
+    correlation = correlations.get(pools[0], Correlation("", 0.0))
+    known = {pool: float(noise.dof[rows[given.pool_of[rows] == pool][0]]) for pool in pools}
+    stated = first.dof > 0.0 or first.stated
+    return NoiseEntry(
+        channel=series.channel,
+        component=series.component,
+        model=_MODELS[correlation.kind],
+        sigma=float(np.sqrt(np.mean(noise.total_sigma()[rows] ** 2))),
+        unit=series.unit,
+        dof=sum(known.values()),
+        order=first.order,
+        source=_source(first),
+        scale=float(np.median(noise.sigma[rows] / given.sigma[rows])) if stated else 1.0,
+        exponent=correlation.shape if correlation.kind == "power" else None,
+        time_constant=correlation.shape if correlation.kind == "exp" else None,
+        correlated_share=correlation.ratio / (1.0 + correlation.ratio),
+    )
+
+
+def _source(pool: NoisePool) -> str:
+    if pool.dof > 0.0:
+        return "samples"
+    return "stated" if pool.stated else "scatter"

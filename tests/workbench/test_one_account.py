@@ -1,0 +1,96 @@
+"""One account of noise and error: what is found is not noise, the ladder falls, what is diagnosed is added."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rigctl.campaign.bundle.bundle import import_bundle
+from rigctl.composition import opened_workbench
+
+TABLE = """\
+format = 1
+experiment = "table"
+[table]
+response = "temp_degf"
+baseline = "b0"
+[channels.temp_degf]
+unit = "degF"
+"""
+SIGMA, MONTHS = 2.5, 120
+
+
+@pytest.fixture(scope="module")
+def seasons(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten years of monthly temperatures, as of Nottingham: a season of 12 degF, white noise, no order told."""
+    place = tmp_path_factory.mktemp("seasons")
+    month = np.arange(float(MONTHS))
+    rng = np.random.default_rng(11)
+    degf = 49.0 + 12.0 * np.cos(2.0 * np.pi * (month - 6.5) / 12.0) + rng.normal(0.0, SIGMA, MONTHS)
+    bundle = place / "bundle"
+    bundle.mkdir()
+    (bundle / "recording.toml").write_text(TABLE)
+    rows = "\n".join(f"{value!r},{at!r}" for value, at in zip(degf.tolist(), month.tolist(), strict=True))
+    (bundle / "readings.csv").write_text(f"temp_degf,month\n{rows}\n")
+    store = place / "seasons.rig.sqlite"
+    import_bundle(bundle, store).close()
+    return store
+
+
+@pytest.fixture(scope="module")
+def told(seasons: Path) -> dict[str, Any]:
+    """What the commands say one after the other, each with the store opened anew."""
+    found: dict[str, Any] = {}
+    with opened_workbench(seasons) as bench:
+        found["compare"] = bench.compare().as_json()
+    with opened_workbench(seasons) as bench:
+        found["diagnose"] = bench.diagnose().as_json()
+        bench.add(found["diagnose"]["suggested"])
+    with opened_workbench(seasons) as bench:
+        found["history"] = bench.history()
+        found["fit"] = bench.fit().as_json()
+        found["compare after"] = bench.compare().as_json()
+    return found
+
+
+def test_compare_fails_a_baseline_for_which_diagnose_finds_an_effect(told: dict[str, Any]) -> None:
+    assert told["diagnose"]["suggested"] == ["periodic[month]"]
+    assert told["compare"]["p_value"] < 1e-20
+    assert told["compare after"]["p_value"] > 0.01
+
+
+def test_the_noise_is_one_and_the_same_in_every_command(told: dict[str, Any]) -> None:
+    first = told["compare"]["noise"]
+    assert [(each["model"], each["source"], each["order"]) for each in first] == [("white", "scatter", None)]
+    # Relative standard deviation of a sigma from nu degrees of freedom: 1 / sqrt(2 nu).
+    assert first[0]["sigma"] == pytest.approx(SIGMA, rel=4.0 / np.sqrt(2.0 * first[0]["dof"]))
+    others = [told["diagnose"], told["fit"], told["compare after"], *told["history"]]
+    for other in others:
+        assert other["noise"][0] == {**first[0], "sigma": pytest.approx(first[0]["sigma"], rel=1e-4)}
+
+
+def test_the_ladder_falls_in_every_measure(told: dict[str, Any]) -> None:
+    without, with_it = told["history"]
+    for name in ("chi2_per_dof", "error_fit", "error_held_out", "minus_2_log_l"):
+        assert with_it[name] < without[name]
+    assert with_it["held_out_log_score"] > without["held_out_log_score"]
+    assert without["rms"]["temp_degf"]["value"] == pytest.approx(np.sqrt(12.0**2 / 2.0 + SIGMA**2), rel=0.1)
+    assert with_it["rms"]["temp_degf"] == {"value": pytest.approx(SIGMA, rel=0.2), "unit": "degF"}
+    assert with_it["warnings"] == []
+    # Of white noise, -2 log L is n log rss at its least, and a constant.
+    rss = [MONTHS * rung["rms"]["temp_degf"]["value"] ** 2 for rung in told["history"]]
+    fall = without["minus_2_log_l"] - with_it["minus_2_log_l"]
+    assert fall == pytest.approx(MONTHS * np.log(rss[0] / rss[1]), rel=1e-6)
+
+
+def test_what_is_diagnosed_is_what_is_added(told: dict[str, Any]) -> None:
+    joint, fit, ladder = told["diagnose"]["joint_fit"], told["fit"], told["history"]
+    chi2 = [rung["chi2_per_dof"] * dof for rung, dof in zip(ladder, (MONTHS - 1, MONTHS - 4), strict=True)]
+    assert chi2[0] - chi2[1] == pytest.approx(joint["chi2_fall"], rel=0.01)
+    assert fit["minus_2_log_l"] == pytest.approx(joint["minus_2_log_l"], abs=1e-6)
+    assert joint["held"] == []
+    for name, each in joint["parameters"].items():
+        assert fit["parameters"][name]["value"] == pytest.approx(each["value"], abs=0.1 * each["sigma"])
