@@ -11,7 +11,6 @@ from rigctl.experiments.rotating_platform.result.alignment import (
     angle_scan,
     axes,
     flip,
-    tilt_regression,
     wobble,
 )
 
@@ -53,28 +52,13 @@ def test_the_uncertainty_of_a_wobble_is_that_of_what_it_is_made_of():
 _INPUTS = ((10.54e-4, 2e-7), (0.2221, 1e-4), (846.73, 0.5))
 
 
-def test_the_regression_of_the_paper(table):
-    expected = {row["id"]: row for row in table("expected")}
-    commanded = np.array([0.0, 0.5, 1.0, 1.5]) / 825.0
-    rng = np.random.default_rng(2)
-    measured = 0.964 * commanded + 2.8757e-4 + 1e-7 * rng.normal(size=4)
-    found = tilt_regression(commanded, measured, np.full(4, 1e-7))
-    for name, row in (("tilt_gain", "regression_slope_eq13"), ("intercept", "regression_intercept_eq13")):
-        value, tolerance = expected[row]["value"], expected[row]["abs_tolerance"]
-        assert abs(found.value(name) - value) < min(tolerance, 4.0 * found.sigma(name))
-    assert found.dof == 2
-    assert found.covariance[0, 1] < 0.0
-
-
 @pytest.mark.parametrize("given", [True, False])
 def test_sigmas_of_fits_are_the_scatter_of_what_they_find(given):
     rng = np.random.default_rng(3)
-    commanded, truth = np.linspace(0.0, 2e-3, 8), np.array([0.964, 2.9e-4])
+    along, truth = np.linspace(-1.0, 1.0, 8), np.array([0.964, 2.9e-4])
     sigma = 1e-7 * np.linspace(1.0, 3.0, 8) if given else np.full(8, 2e-7)
     fits = [
-        tilt_regression(
-            commanded, truth[0] * commanded + truth[1] + sigma * rng.normal(size=8), sigma if given else None
-        )
+        flip(along, truth[0] * G * along + truth[1] + sigma * rng.normal(size=8), G, sigma if given else None)
         for _ in range(2000)
     ]
     values = np.array([fit.values for fit in fits])
@@ -133,8 +117,7 @@ def test_a_flip_gives_scale_factor_and_bias():
 @pytest.mark.parametrize(
     ("fit", "said"),
     [
-        (lambda: tilt_regression(np.full(3, 1e-3), np.ones(3)), "3 values do not tell tilt_gain and intercept"),
-        (lambda: tilt_regression(np.array([0.0, 1e-3]), np.ones(2)), "several constant tilts"),
+        (lambda: flip([1, -1], np.ones(2), G), "2 values do not tell gain_v_per_m_s2 and bias_v"),
         (lambda: angle_scan(np.radians([0.0, 180.0, 0.0, 180.0]), np.ones(4)), "dwell at more angles"),
         (lambda: flip([1, 1, 1], np.ones(3), G), "axis up and down"),
         (lambda: flip([1, -1, 1], np.array([1.0, np.nan, 1.0]), G), "a value that is no number"),
@@ -147,10 +130,10 @@ def test_what_does_not_tell_is_refused(fit, said):
         fit()
 
 
-def test_two_tilts_suffice_where_their_sigmas_are_known():
-    found = tilt_regression(np.array([0.0, 1e-3]), np.array([1e-4, 1.1e-3]), np.array([1e-7, 1e-7]))
-    assert found.value("tilt_gain") == pytest.approx(1.0)
-    assert found.sigma("tilt_gain") == pytest.approx(math.sqrt(2.0) * 1e-4)
+def test_two_directions_suffice_where_their_sigmas_are_known():
+    found = flip([1, -1], np.array([1.1, -0.9]), 1.0, np.array([1e-3, 1e-3]))
+    assert found.value("gain_v_per_m_s2") == pytest.approx(1.0)
+    assert found.sigma("gain_v_per_m_s2") == pytest.approx(1e-3 / math.sqrt(2.0))
     assert found.dof == 0
 
 

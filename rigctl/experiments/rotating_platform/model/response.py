@@ -23,17 +23,6 @@ _FEWEST_PERIODS, _MAX_CONDITION = 6, 30.0
 
 
 @dataclass(frozen=True)
-class Transfer:
-    """What the outputs (`estimators.OUTPUTS`) show of exp(2 pi i f t), t being their centre; complex, shape (4,).
-
-    `external` of an acceleration outside, `bias` of a bias that varies so.
-    """
-
-    external: ComplexArray
-    bias: ComplexArray
-
-
-@dataclass(frozen=True)
 class Shift:
     """By how much a response lags the external signal [min], its values stamped at a place of their window."""
 
@@ -56,36 +45,17 @@ class SineResponse:
     shift: Shift
 
 
-@dataclass(frozen=True)
-class Following:
-    """How the outputs follow an external signal that varies, all over the periods.
-
-    `accel_error` and `slope_error` are output minus external: mean and standard deviation, as of the others.
-    `slope_plateau` is the median magnitude of the acceleration's slope; `bias_slope_correlation`, of the bias's slope
-    with the true one of the external acceleration, is 0 for a pattern that separates slopes (NaN: none varies).
-    """
-
-    accel_error: tuple[float, float]
-    slope_error: tuple[float, float]
-    slope_plateau: float
-    bias: tuple[float, float]
-    bias_pp: float
-    bias_slope: tuple[float, float]
-    bias_slope_correlation: float
-
-
-def transfer(sampled: SampledPattern, frequency_hz: float, estimator: Estimator = "projection") -> Transfer:
-    """What the outputs show of an external acceleration and of a bias at a frequency."""
+def transfer(sampled: SampledPattern, frequency_hz: float, estimator: Estimator = "projection") -> ComplexArray:
+    """What the outputs show of an external acceleration exp(2 pi i f t), t being their centre; shape (4,)."""
     wave = np.exp(2j * np.pi * frequency_hz * sampled.time_s)
-    seen = weights(sampled, estimator)
-    return Transfer(seen @ (sampled.sign * wave), seen @ (np.abs(sampled.sign) * wave))
+    return np.asarray(weights(sampled, estimator) @ (sampled.sign * wave))
 
 
 def expected_sine(
     sampled: SampledPattern, amplitude_m_s2: float, external_period_s: float, estimator: Estimator = "projection"
 ) -> SineResponse:
     """The response to an external sine without noise; eq. 16 for pattern a, on the masked samples."""
-    gain = transfer(sampled, 1.0 / external_period_s, estimator).external
+    gain = transfer(sampled, 1.0 / external_period_s, estimator)
     shift = _shift(sampled, -float(np.angle(gain[2])), external_period_s)
     accel, bias = 2.0 * amplitude_m_s2 * np.abs(gain[[0, 2]])
     return SineResponse(float(accel), float(bias), 0.0, 0.0, shift)
@@ -106,37 +76,6 @@ def measured_sine(
     accel, bias = (_sine(sampled, values, external_period_s) for values in (accel_mean, bias_mean))
     shift = _shift(sampled, phase_rad - bias.phase_rad, external_period_s)
     return SineResponse(2.0 * accel.amplitude, 2.0 * bias.amplitude, 2.0 * accel.sigma, 2.0 * bias.sigma, shift)
-
-
-def following(
-    accel_mean: FloatArray,
-    accel_slope: FloatArray,
-    bias_mean: FloatArray,
-    bias_slope: FloatArray,
-    true_mean: FloatArray,
-    true_slope: FloatArray,
-) -> Following:
-    """How the outputs follow the external acceleration, all of shape (periods,); periods with NaN are left out.
-
-    What is true of a period is what its kept samples of the external signal say: `bias_mean` and `bias_slope` of that
-    signal demodulated by projection, since it is not modulated. Raises `DataError` for fewer than two periods.
-    """
-    table = np.stack([accel_mean, accel_slope, bias_mean, bias_slope, true_mean, true_slope])
-    table = table[:, np.isfinite(table).all(axis=0)]
-    if table.shape[1] < 2:
-        raise DataError(f"{table.shape[1]} valid periods do not show how they follow a signal: record more")
-    accel, slope, bias, drift, true, true_drift = table
-    spread = float(drift.std() * true_drift.std())
-    covariance = float(((drift - drift.mean()) * (true_drift - true_drift.mean())).mean())
-    return Following(
-        accel_error=_mean_and_scatter(accel - true),
-        slope_error=_mean_and_scatter(slope - true_drift),
-        slope_plateau=float(np.median(np.abs(slope))),
-        bias=_mean_and_scatter(bias),
-        bias_pp=float(np.ptp(bias)),
-        bias_slope=_mean_and_scatter(drift),
-        bias_slope_correlation=covariance / spread if spread > 0.0 else math.nan,
-    )
 
 
 @dataclass(frozen=True)
@@ -174,7 +113,3 @@ def _shift(sampled: SampledPattern, lag_rad: float, external_period_s: float) ->
     before_s = 0.5 * sampled.pattern.period_s + sampled.centre_s
     after_s = 0.5 * sampled.pattern.period_s - sampled.centre_s
     return Shift((centre_s - before_s) / MINUTE_S, centre_s / MINUTE_S, (centre_s + after_s) / MINUTE_S)
-
-
-def _mean_and_scatter(values: FloatArray) -> tuple[float, float]:
-    return float(values.mean()), float(values.std(ddof=1))

@@ -45,20 +45,6 @@ class NoiseSpectrum:
     bin_hz: float
     filled: float
 
-    def within(self, low_hz: float, high_hz: float) -> NoiseSpectrum:
-        """The bands that lie between two frequencies."""
-        use = (self.first * self.bin_hz >= low_hz) & ((self.stop - 1) * self.bin_hz <= high_hz)
-        return NoiseSpectrum(
-            self.frequency_hz[use],
-            self.density[use],
-            self.weight[use],
-            self.dof[use],
-            self.first[use],
-            self.stop[use],
-            self.bin_hz,
-            self.filled,
-        )
-
 
 def noise_spectrum(samples: FloatArray, sample_rate_hz: float) -> NoiseSpectrum:
     """The spectrum of a record, shape (samples,); up to a hundredth of NaN among them is filled by straight lines.

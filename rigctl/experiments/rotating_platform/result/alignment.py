@@ -65,17 +65,6 @@ def flip(g_sign: Sequence[float], readings_v: FloatArray, g_m_s2: float, sigma_v
     return _fit(("gain_v_per_m_s2", "bias_v"), columns, readings_v, sigma_v, what)
 
 
-def tilt_regression(commanded: FloatArray, measured: FloatArray, sigma: FloatArray | None = None) -> Fitted:
-    """Gain and intercept of the measured acceleration A_Z against the commanded tilt c_Z, both in m/s2 (eq. 13).
-
-    `tilt_gain` is (1 + k_z) / (1 + k_Z), `intercept` [m/s2] what acts without a command. Raises `DataError` when the
-    tilts are too few or all the same.
-    """
-    columns = np.stack([commanded, np.ones_like(commanded)], axis=1)
-    what = "the tilt regression: take runs at several constant tilts"
-    return _fit(("tilt_gain", "intercept"), columns, measured, sigma, what)
-
-
 def angle_scan(theta_rad: FloatArray, readings: FloatArray, sigma: FloatArray | None = None) -> Fitted:
     """Offset, cos and sin of a reading over the platform's angle, in the readings' unit (eq. 6).
 

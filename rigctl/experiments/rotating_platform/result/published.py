@@ -11,11 +11,7 @@ TILT_GAIN, INTERCEPT_M_S2 = 0.964, 2.8757e-4
 
 ACCEL_Y_M_S2 = -2.98e-4
 BIAS_M_S2: Mapping[str, float] = {"z": 10.54e-4, "y": -14.33e-4}
-AMPLITUDE_RATIO, NONORTHOGONALITY_DEG = 0.92966, 2.493
-"""Eq. 6; ratio and angle follow from its amplitudes and phases."""
-
-WOBBLE_RAD: Mapping[str, float] = {"a": -8.07e-5, "b": 1.40e-4}
-"""Section 3.1."""
+"""Eq. 6."""
 
 PRECISION_THEORY_M_S2 = 1.8073e-7
 PRECISION_M_S2: Mapping[float, float] = {10.0: 1.6631e-7, 100.0: 1.5718e-7, 200.0: 1.2524e-7}
@@ -25,4 +21,4 @@ BIAS_PP_M_S2, BIAS_PP_MEASURED_M_S2 = 3.15e-4, 3.06e-4
 SHIFT_MIN = 17.5
 """Figure 8: bias of pattern a, 5 min, under a sine of 60 min and amplitude 1 V; stamped at the end of the window."""
 
-SINE_PERIOD_S, SINE_TAU_S, SINE_V = 3600.0, 300.0, 1.0
+SINE_TAU_S, SINE_V = 300.0, 1.0

@@ -77,7 +77,7 @@ def run_precision(
         measured = measured_precision(accel, period_s, HOUR_S, correlation=(lags[1:] / lags[0]).tolist(), level=LEVEL)
     except DataError:
         measured = None
-    return Precision(theory.single_period, own_spectrum, measured)
+    return Precision(theory, own_spectrum, measured)
 
 
 def _coarse(rows: FloatArray, rate_hz: float) -> tuple[FloatArray, float]:

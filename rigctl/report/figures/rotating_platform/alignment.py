@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.result import published
 from rigctl.experiments.rotating_platform.result.bench_runs import Scan
 from rigctl.experiments.rotating_platform.result.result import PlatformResult
@@ -38,9 +38,7 @@ class AlignmentRow:
     printed_m_s2: float | None
 
 
-def alignment_plate(
-    found: PlatformResult, chains: Chains, scans: Sequence[Scan], steady: Sequence[RunResult]
-) -> Plate[AlignmentRow]:
+def alignment_plate(found: PlatformResult, scans: Sequence[Scan], steady: Sequence[RunResult]) -> Plate[AlignmentRow]:
     """Readings against the angle (eq. 6) and accelerations against the commanded tilt (eq. 13)."""
     rows: list[AlignmentRow] = []
     for scan in scans:
@@ -61,7 +59,6 @@ def alignment_plate(
         rows.append(
             AlignmentRow("tilt", run.run.run_id, "z", 0.0, commanded, value.value, value.sigma, fitted, printed)
         )
-    del chains
     caption = (
         f"(a) Readings over the platform's angle and their fits (eq. 6). (b) Acceleration of each run against the "
         f"commanded tilt less the printed line (eq. 13, {published.SOURCE}): measured gain "

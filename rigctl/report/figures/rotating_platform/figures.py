@@ -24,7 +24,7 @@ def plates_of(
     left_out: dict[str, str] = {}
     steady = [run for run in found.runs if _external(run) == "constant"]
     if scans or steady:
-        plates.append(alignment_plate(found, chains, scans, steady))
+        plates.append(alignment_plate(found, scans, steady))
     else:
         left_out["fig5"] = "no scan and no run at constant tilt"
     for name, external in (("fig7", "triangle"), ("fig8", "sine")):

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V
@@ -18,9 +20,10 @@ from rigctl.experiments.rotating_platform.result.result import PlatformResult
 from rigctl.experiments.rotating_platform.result.run_precision import HOUR_S
 from rigctl.experiments.rotating_platform.result.run_result import RunResult
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import INK, SOFT, new_figure, series_style
+from rigctl.report.figures.style import INK, SOFT, SeriesStyle, new_figure, series_style
 
 _CURVE_S = np.geomspace(45.0, 3600.0, 40)
+_PERIOD = "modulation_period_s"
 
 
 @dataclass(frozen=True)
@@ -34,56 +37,59 @@ class PrecisionRow:
     modulation_period_s: float
     sample_rate_hz: float | None
     sigma_m_s2: float
-    low_m_s2: float | None
-    high_m_s2: float | None
+    low_m_s2: float | None = None
+    high_m_s2: float | None = None
 
 
 def precision_plate(found: PlatformResult, chains: Chains) -> Plate[PrecisionRow]:
     """Precision in an hour against the modulation period: measured, theory by pattern, eq. 17, printed."""
     density = Q_FLEX_NOISE_V.in_units_of(chains.gain_v_per_m_s2["z"])
-    rows = list(_measured(found.runs))
+    rows = _measured(found.runs)
     for pattern in [name for name in ROTATIONS if name != "c_tm"]:
         for period_s in _CURVE_S.tolist():
-            theory = continuous_precision(named_pattern(pattern, period_s), density, HOUR_S).single_period
-            rows.append(PrecisionRow("theory", "", "z", pattern, period_s, None, theory, None, None))
+            theory = continuous_precision(named_pattern(pattern, period_s), density, HOUR_S)
+            rows.append(PrecisionRow("theory", "", "z", pattern, period_s, None, theory))
     for period_s in _CURVE_S.tolist():
         simple = simplified_precision(density, period_s, HOUR_S)
-        rows.append(PrecisionRow("eq. 17", "", "z", "", period_s, None, simple, None, None))
-    rows += _printed()
+        rows.append(PrecisionRow("eq. 17", "", "z", "", period_s, None, simple))
     caption = (
         "Precision of the mean acceleration in an hour against the modulation period: from the scatter of each run's "
         "periods with 99 % intervals, z channel; theory from eq. 1 (two-sided) with the general formula; eq. 17, the "
         f"simplified formula; and what table 4 prints ({published.SOURCE})."
     )
-    return Plate("fig9", caption, rows, draw_precision)
+    return Plate("fig9", caption, [*rows, *_printed()], draw_precision)
 
 
-def _measured(runs: Iterable[RunResult]) -> Iterable[PrecisionRow]:
-    for run in runs:
-        for channel in CHANNELS:
-            measured = run.precision[channel].measured
-            if measured is not None:
-                yield PrecisionRow(
-                    "measured",
-                    run.run.run_id,
-                    channel,
-                    str(run.run.conditions["pattern"]),
-                    run.sampled.pattern.period_s,
-                    run.sampled.sample_rate_hz,
-                    measured.sigma,
-                    *measured.interval,
-                )
+def _of_run(run: RunResult, kind: str, channel: str, *sigma_m_s2: float) -> PrecisionRow:
+    pattern, period_s = str(run.run.conditions["pattern"]), run.sampled.pattern.period_s
+    return PrecisionRow(kind, run.run.run_id, channel, pattern, period_s, run.sampled.sample_rate_hz, *sigma_m_s2)
+
+
+def _measured(runs: Iterable[RunResult]) -> list[PrecisionRow]:
+    return [
+        _of_run(run, "measured", channel, measured.sigma, *measured.interval)
+        for run in runs
+        for channel in CHANNELS
+        if (measured := run.precision[channel].measured) is not None
+    ]
 
 
 def _printed() -> list[PrecisionRow]:
-    rows = [
-        PrecisionRow("printed", "", "z", "c", 60.0, rate_hz, sigma, None, None)
-        for rate_hz, sigma in published.PRECISION_M_S2.items()
-    ]
-    return [
-        *rows,
-        PrecisionRow("printed theory", "", "z", "c", 60.0, None, published.PRECISION_THEORY_M_S2, None, None),
-    ]
+    rows = [PrecisionRow("printed", "", "z", "c", 60.0, *each) for each in published.PRECISION_M_S2.items()]
+    return [*rows, PrecisionRow("printed theory", "", "z", "c", 60.0, None, published.PRECISION_THEORY_M_S2)]
+
+
+def _draw_intervals(
+    axes: Axes, rows: Sequence[PrecisionRow], at: Sequence[float], look: SeriesStyle, **kw: Any
+) -> None:
+    sigma = np.array([row.sigma_m_s2 for row in rows])
+    low, high = (np.array([getattr(row, name) or 0.0 for row in rows]) for name in ("low_m_s2", "high_m_s2"))
+    axes.errorbar(at, sigma, yerr=[sigma - low, high - sigma], fmt=look.marker, color=look.color, capsize=2.0, **kw)
+
+
+def _draw_curve(axes: Axes, rows: Sequence[PrecisionRow], name: str, *style: str, **kw: Any) -> None:
+    """Sigmas over one of the columns."""
+    axes.plot([getattr(row, name) or 1.0 for row in rows], [row.sigma_m_s2 for row in rows], *style, **kw)
 
 
 def draw_precision(rows: Sequence[PrecisionRow]) -> Figure:
@@ -95,30 +101,10 @@ def draw_precision(rows: Sequence[PrecisionRow]) -> Figure:
         look = series_style(index)
         curve = [r for r in rows if r.kind == "theory" and r.pattern == pattern]
         points = [r for r in rows if r.kind == "measured" and r.pattern == pattern and r.channel == "z"]
-        axes.plot(
-            [r.modulation_period_s for r in curve],
-            [r.sigma_m_s2 for r in curve],
-            color=look.color,
-            linestyle=look.line,
-            label=f"pattern {pattern}",
-        )
-        axes.errorbar(
-            [r.modulation_period_s for r in points],
-            [r.sigma_m_s2 for r in points],
-            yerr=[
-                [r.sigma_m_s2 - (r.low_m_s2 or 0.0) for r in points],
-                [(r.high_m_s2 or 0.0) - r.sigma_m_s2 for r in points],
-            ],
-            fmt=look.marker,
-            color=look.color,
-            capsize=2.0,
-        )
-    simple = [r for r in rows if r.kind == "eq. 17"]
-    axes.plot([r.modulation_period_s for r in simple], [r.sigma_m_s2 for r in simple], color=SOFT, label="eq. 17")
-    printed = [r for r in rows if r.kind == "printed"]
-    axes.plot(
-        [r.modulation_period_s for r in printed], [r.sigma_m_s2 for r in printed], "x", color=INK, label="printed"
-    )
+        _draw_curve(axes, curve, _PERIOD, color=look.color, linestyle=look.line, label=f"pattern {pattern}")
+        _draw_intervals(axes, points, [r.modulation_period_s for r in points], look)
+    _draw_curve(axes, [r for r in rows if r.kind == "eq. 17"], _PERIOD, color=SOFT, label="eq. 17")
+    _draw_curve(axes, [r for r in rows if r.kind == "printed"], _PERIOD, "x", color=INK, label="printed")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("modulation period τ / s")
@@ -133,28 +119,13 @@ def table_plate(found: PlatformResult) -> Plate[PrecisionRow]:
         run
         for run in found.runs
         if run.run.conditions["pattern"] == "c" and math.isclose(run.sampled.pattern.period_s, 60.0, rel_tol=1e-3)
-    ]
-    rows = list(_measured(runs or found.runs))
-    for run in runs or found.runs:
-        for channel in CHANNELS:
-            rows.append(
-                PrecisionRow(
-                    "theory",
-                    run.run.run_id,
-                    channel,
-                    str(run.run.conditions["pattern"]),
-                    run.sampled.pattern.period_s,
-                    run.sampled.sample_rate_hz,
-                    run.precision[channel].theory,
-                    None,
-                    None,
-                )
-            )
+    ] or found.runs
+    theory = [_of_run(run, "theory", name, run.precision[name].theory) for run in runs for name in CHANNELS]
     caption = (
         "Precision of the mean acceleration in an hour by sampling rate, with 99 % intervals, beside theory and what "
         f"table 4 prints ({published.SOURCE}): its three values are not compatible with each other (p = 0.015)."
     )
-    return Plate("table4", caption, [*rows, *_printed()], draw_table)
+    return Plate("table4", caption, [*_measured(runs), *theory, *_printed()], draw_table)
 
 
 def draw_table(rows: Sequence[PrecisionRow]) -> Figure:
@@ -162,34 +133,16 @@ def draw_table(rows: Sequence[PrecisionRow]) -> Figure:
     figure = new_figure(2.6)
     axes = figure.subplots()
     for index, channel in enumerate(CHANNELS):
-        look = series_style(index)
-        measured = [r for r in rows if r.kind == "measured" and r.channel == channel]
-        shift = 1.0 + 0.04 * (2 * index - 1)
-        axes.errorbar(
-            [shift * (r.sample_rate_hz or 1.0) for r in measured],
-            [r.sigma_m_s2 for r in measured],
-            yerr=[
-                [r.sigma_m_s2 - (r.low_m_s2 or 0.0) for r in measured],
-                [(r.high_m_s2 or 0.0) - r.sigma_m_s2 for r in measured],
-            ],
-            fmt=look.marker,
-            color=look.color,
-            capsize=2.0,
-            label=f"measured, {channel}",
-        )
-        theory = [r for r in rows if r.kind == "theory" and r.channel == channel]
-        axes.plot(
-            [shift * (r.sample_rate_hz or 1.0) for r in theory],
-            [r.sigma_m_s2 for r in theory],
-            "_",
-            color=look.color,
-            markersize=14.0,
-            label=f"theory, {channel}",
-        )
-    printed = [r for r in rows if r.kind == "printed"]
-    axes.plot(
-        [r.sample_rate_hz or 1.0 for r in printed], [r.sigma_m_s2 for r in printed], "x", color=INK, label="printed"
-    )
+        look, shift = series_style(index), 1.0 + 0.04 * (2 * index - 1)
+        for kind in ("measured", "theory"):
+            points = [r for r in rows if r.kind == kind and r.channel == channel]
+            at, label = [shift * (r.sample_rate_hz or 1.0) for r in points], f"{kind}, {channel}"
+            if kind == "measured":
+                _draw_intervals(axes, points, at, look, label=label)
+            else:
+                sigma = [r.sigma_m_s2 for r in points]
+                axes.plot(at, sigma, "_", color=look.color, markersize=14.0, label=label)
+    _draw_curve(axes, [r for r in rows if r.kind == "printed"], "sample_rate_hz", "x", color=INK, label="printed")
     axes.axhline(published.PRECISION_THEORY_M_S2, color=INK, linestyle="--", linewidth=0.7, label="printed theory")
     axes.set_xscale("log")
     axes.set_xlabel("sampling rate / Hz")

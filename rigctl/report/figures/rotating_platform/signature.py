@@ -21,6 +21,7 @@ from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer
 from rigctl.experiments.rotating_platform.observe.run_noise import EXPONENTS, RunNoise
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
+from rigctl.experiments.rotating_platform.result.published import ACCEL_Y_M_S2, BIAS_M_S2, INTERCEPT_M_S2
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import SOFT, new_figure, panel_letter, series_style
 from rigctl.report.quantities import number
@@ -29,10 +30,6 @@ from rigctl.workbench.study import Term
 PATTERNS = ("a", "b", "c")
 PERIODS_S = (60.0, 120.0, 300.0, 600.0, 1200.0)
 TILT_M_S2 = 1e-3
-ACCEL_Z_M_S2, ACCEL_Y_M_S2 = 2.8757e-4, -2.98e-4
-BIAS_M_S2 = {"z": 1.054e-3, "y": -1.433e-3}
-"""Lenoir, Christophe, Reynaud 2013 (Measurement 46, 1411), eq. 6 and 13."""
-
 PERIODS, WARMER_K, LATER_S, SHORT_S = 5, 1.0, 36000.0, 0.5
 _PLACE = (
     f"at a tilt of {TILT_M_S2:g} m/s2, {WARMER_K:g} K warming over a run, {LATER_S:g} s after the recording began, "
@@ -74,7 +71,7 @@ def _rows(effect: Effect, pattern: str, period_s: float) -> list[PlatformSignatu
     recorded = _recorded(pattern, period_s, SHORT_S if effect.id in _MASK_SHORT else 0.0)
     one = placed(effect, Term(effect.id))
     model = PlatformModel(recorded, [one], [one.term])
-    base = [1.0, ACCEL_Z_M_S2, ACCEL_Y_M_S2, BIAS_M_S2["z"], BIAS_M_S2["y"], 0.0, 0.0]
+    base = [1.0, INTERCEPT_M_S2, ACCEL_Y_M_S2, BIAS_M_S2["z"], BIAS_M_S2["y"], 0.0, 0.0]
     added = model.added(np.array([*base, *(each.typical for each in one.parameters)]))
     (z,) = (each for each in recorded.channels if each.channel == "z")
     groups = z.reducer.groups.size
