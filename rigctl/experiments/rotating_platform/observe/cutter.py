@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
+from rigctl.core.arrays import FloatArray, Int64Array
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.cells import (
     AFTER_S,
@@ -31,7 +31,7 @@ from rigctl.experiments.rotating_platform.observe.even_samples import (
 )
 from rigctl.experiments.rotating_platform.observe.mask import dwell_shapes, shifts, usual_shape
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
-from rigctl.experiments.rotating_platform.observe.turns import Course, Turns
+from rigctl.experiments.rotating_platform.observe.turns import Dwells, Turns
 
 Total = Callable[[FloatArray], FloatArray]
 """From values of the samples to their sums over the cells."""
@@ -113,7 +113,7 @@ class _Cutter:
         self._rate_hz, self._samples = rate_hz, samples
         self._full_scale = [chains.full_scale_v[name] / chains.gain_v_per_m_s2[name] for name in CHANNELS]
         edges = np.array(sorted({*AFTER_S, *NEAR_S, guard_s}))
-        self._leads = sorted({round(BEFORE_S * rate_hz), round(lead_s * rate_hz)} - {0})
+        self._leads = np.array([round(BEFORE_S * rate_hz), round(lead_s * rate_hz)])
         self._edges = np.ceil(edges * rate_hz - 1e-6).astype(np.int64)
         self._bin_edges = np.ceil(np.array(AFTER_S) * rate_hz - 1e-6).astype(np.int64)
         self._longest = max(round(max(LONGEST_CELL_S, samples / rate_hz / _CELLS_PER_PERIOD) * rate_hz), 1)
@@ -130,16 +130,15 @@ class _Cutter:
         if periods <= 0:
             return 0
         length = int(periods * self._samples)
-        course = self._turns.course(block[MOVING], block[THETA])
-        cos = np.cos(course.theta_rad)
-        sign = np.where(course.rests, np.where(cos >= 0.0, 1, -1), 0)
-        starts = np.flatnonzero(self._begins(sign, course)[:length])
-        if course.rests[starts].any():
-            self._add(block[:, :length], course, cos[:length], sign, starts)
+        dwells = self._turns.dwells(block[MOVING], block[THETA])
+        cos = np.cos(dwells.theta_rad[:length])
+        starts = self._starts(dwells, cos)
+        if dwells.rests[starts].any():
+            self._add(block[:, :length], dwells, cos, starts)
         else:
             self._faults.append(np.zeros((periods, len(CHANNELS), len(FAULTS)), dtype=np.int64))
         self._periods += periods
-        self._turns.remember(course, length)
+        self._turns.remember(dwells, length)
         return length
 
     def cells(self) -> Cells | None:
@@ -167,28 +166,28 @@ class _Cutter:
         self._begin()
         return cells
 
-    def _begins(self, sign: Int64Array, course: Course) -> BoolArray:
-        """Where a cell begins."""
-        index = np.arange(sign.size)
-        bounded = np.minimum(course.since, 1 << 30)
-        parts = (
-            sign,
-            index // self._samples,
-            np.searchsorted(self._edges, bounded, side="right"),
-            np.where(course.since < FAR, bounded, index) // self._longest,
-            np.searchsorted(self._leads, course.to_go),
-        )
-        change = np.ones(sign.size, dtype=np.bool_)
-        change[1:] = False
-        for part in parts:
-            change[1:] |= part[1:] != part[:-1]
-        return change
+    def _starts(self, dwells: Dwells, cos: FloatArray) -> Int64Array:
+        """Where cells begin, and where the platform begins to move, as sample numbers below those of `cos`."""
+        length = cos.size
+        longest = self._longest * np.arange(length // self._longest + 1)
+        # Before the first turn of a run cells are as long as can be from its beginning on.
+        after = np.where(dwells.turned_at > -FAR, dwells.turned_at, 0)
+        within = [
+            dwells.turned_at[:, None] + self._edges,
+            dwells.turn_at[:, None] - self._leads,
+            after[:, None] + longest[longest < (dwells.stop - after).max(initial=0)],
+        ]
+        inside = [edge[(edge > dwells.start[:, None]) & (edge < dwells.stop[:, None])] for edge in within]
+        flips = np.flatnonzero((cos[1:] >= 0.0) != (cos[:-1] >= 0.0)) + 1
+        periods = np.arange(0, length, self._samples)
+        starts = np.unique(np.concatenate([dwells.start, dwells.stop, *inside, flips, periods]))
+        return np.asarray(starts[starts < length])
 
-    def _add(self, block: FloatArray, course: Course, cos: FloatArray, sign: Int64Array, starts: Int64Array) -> None:
+    def _add(self, block: FloatArray, dwells: Dwells, cos: FloatArray, starts: Int64Array) -> None:
         """The cells that begin at `starts`, but for those in which the platform moves."""
         q, length = self._samples, block.shape[1]
         u = (2.0 * (np.arange(length) % q) + 1.0 - q).astype(np.float64)
-        kept, sizes = course.rests[starts], np.diff(np.append(starts, length))
+        kept, sizes = dwells.rests[starts], np.diff(np.append(starts, length))
 
         def total(values: FloatArray) -> FloatArray:
             return np.asarray(np.add.reduceat(values, starts)[kept])
@@ -198,45 +197,49 @@ class _Cutter:
         centre_of_all = np.zeros(starts.size)
         centre_of_all[kept] = centre
         offset = u - np.repeat(centre_of_all, sizes)
-        sin = np.sin(course.theta_rad[:length])
+        sin = np.sin(dwells.theta_rad[:length])
         c_z, c_y = (filled(row) for row in block[COMMANDED])
         geometry = [(total(x) / count, total(offset * x)) for x in _geometry(cos, sin, c_z, c_y)]
-        speed, turning = (row[:length] for row in self._turns.motion(course))
+        speed, turning = (row[:length] for row in self._turns.motion(dwells))
         state = [total(c_z) / count, total(c_y) / count, _mean_of_known(total, block[TEMPERATURE])]
         state += [total(speed**2) / count, total(turning) / count]
-        self._off_stop += int(np.count_nonzero(course.rests[:length] & ~course.still[:length]))
+        self._off_stop += int(np.count_nonzero(dwells.rests[:length] & ~dwells.still[:length]))
         first = starts[kept]
-        since, to_go = course.since[first], course.to_go[first]
+        dwell = dwells.number_at(first)
+        since, to_go = first - dwells.turned_at[dwell], dwells.turn_at[dwell] - first
         self._parts.append(
             {
                 "period": self._periods + first // q,
-                "sign": sign[first],
+                "sign": np.where(cos[first] >= 0.0, 1, -1),
                 "bin": self._bins(since, to_go),
                 "since": np.minimum(since, FAR),
                 "to_go": np.minimum(to_go, self.ahead),
-                "direction": course.direction[first],
+                "direction": dwells.direction[dwell],
                 "count": count,
                 "centre": centre,
-                "sums": self._sums(block, course, u, total),
+                "sums": self._sums(block, dwells, u, total),
                 "geometry": np.stack([means for means, _ in geometry], axis=1),
                 "ramps": np.stack([ramps for _, ramps in geometry], axis=1),
                 "state": np.stack(state, axis=1),
             }
         )
 
-    def _sums(self, block: FloatArray, course: Course, u: FloatArray, total: Total) -> FloatArray:
+    def _sums(self, block: FloatArray, dwells: Dwells, u: FloatArray, total: Total) -> FloatArray:
         """`Cells.sums`; what was left out is added to the faults."""
         q, length = self._samples, block.shape[1]
-        rests, astray = course.rests[:length], course.astray[:length]
+        rests, astray = dwells.rests[:length], np.zeros(length, dtype=np.bool_)
+        for number in np.flatnonzero(dwells.astray).tolist():
+            astray[dwells.start[number] : dwells.stop[number]] = True
         faults = np.zeros((length // q, len(CHANNELS), len(FAULTS)), dtype=np.int64)
         channels = []
         for number, full_scale in enumerate(self._full_scale):
             m = block[number]
             gap = rests & ~np.isfinite(m)
-            saturated = rests & ~gap & (np.abs(np.nan_to_num(m)) >= full_scale * (1.0 - 1e-12))
-            elsewhere = rests & ~gap & ~saturated & astray
-            usable = (rests & ~gap & ~saturated & ~elsewhere).astype(np.float64)
-            level = np.where(usable > 0.0, m, 0.0)
+            saturated = rests & ~gap & (np.abs(m) >= full_scale * (1.0 - 1e-12))
+            elsewhere = rests & astray & ~gap & ~saturated
+            used = rests & ~gap & ~saturated & ~elsewhere
+            usable = used.astype(np.float64)
+            level = np.where(used, m, 0.0)
             sums = np.stack([total(x) for x in (usable, u * usable, u * u * usable, level, u * level)], axis=1)
             # What saturates within a cell is what changes in it: its means would be of other samples.
             sums[total(saturated.astype(np.float64)) > 0.0] = 0.0

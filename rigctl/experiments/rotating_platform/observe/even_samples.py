@@ -91,7 +91,9 @@ def held(moving: FloatArray, theta_rad: FloatArray) -> tuple[FloatArray, FloatAr
 def filled(values: FloatArray) -> FloatArray:
     """What was commanded while samples were lost: straight lines between what is known; 0 where nothing is."""
     known = np.isfinite(values)
-    if known.all() or not known.any():
-        return np.nan_to_num(values)
+    if known.all():
+        return values
+    if not known.any():
+        return np.zeros(values.size)
     index = np.arange(values.size)
     return np.asarray(np.interp(index, index[known], values[known]))

@@ -1,4 +1,4 @@
-"""The platform's turns in a run that comes in blocks: when they were, which way they went, what they look like."""
+"""The platform's dwells and turns in a run that comes in blocks: when they were, which way, what they look like."""
 
 from __future__ import annotations
 
@@ -18,20 +18,28 @@ _STILL_RAD = 2e-6
 
 
 @dataclass(frozen=True)
-class Course:
-    """Of each sample of a block: whether the platform rests, and its angle.
+class Dwells:
+    """The stretches of a block in which the platform rests, in order; places are sample numbers in the block.
 
-    `since` samples have passed since the last turn ended, `to_go` follow before the next begins, `direction` is that
-    of the last turn. `still`: at rest where it should rest; `astray`: of a dwell away from both stops.
+    Of the samples: whether the platform `rests`, its angle, and whether it is `still`: at rest where it should rest.
+    Of the dwells, shape (dwells,): first sample and the one after the last; `turned_at`, where the turn before it
+    ended (`FAR` before the block where none was); `turn_at`, where the next begins (`FAR` where it is not in sight);
+    `direction` of the turn before it; `astray`, away from both stops.
     """
 
     rests: BoolArray
     theta_rad: FloatArray
-    since: Int64Array
-    to_go: Int64Array
-    direction: FloatArray
     still: BoolArray
+    start: Int64Array
+    stop: Int64Array
+    turned_at: Int64Array
+    turn_at: Int64Array
+    direction: FloatArray
     astray: BoolArray
+
+    def number_at(self, places: Int64Array) -> Int64Array:
+        """Which dwell samples that rest belong to."""
+        return np.searchsorted(self.start, places, side="right") - 1
 
 
 class Turns:
@@ -45,40 +53,52 @@ class Turns:
         self._last_rad = np.zeros(0)
         self._courses: dict[tuple[int, int], tuple[FloatArray, int]] = {}
 
-    def course(self, moving: FloatArray, theta_rad: FloatArray) -> Course:
-        """What the platform did in a block that begins with a period; its whole turns are added to the mean ones."""
+    def dwells(self, moving: FloatArray, theta_rad: FloatArray) -> Dwells:
+        """Those of a block that begins with a period; its whole turns are added to the mean ones."""
         moving, theta_rad = held(moving, theta_rad)
         rests = moving == 0.0
-        index = np.arange(rests.size)
-        last = np.maximum.accumulate(np.where(rests, -1 - self._since, index))
-        following = np.minimum.accumulate(np.where(rests, FAR, index)[::-1])[::-1]
-        still, astray = _at_stops(theta_rad, rests)
-        direction = self._directions(rests, theta_rad)
-        self._add_turns(rests, theta_rad)
-        return Course(rests, theta_rad, index - last - 1, following - index, direction, still, astray)
+        change = np.flatnonzero(rests[1:] != rests[:-1]) + 1
+        bounds = np.concatenate([[0], change, [rests.size]])
+        of_rest = np.flatnonzero(rests[bounds[:-1]])
+        start, stop = bounds[of_rest], bounds[of_rest + 1]
+        turned_at = np.where(start > 0, start, -self._since)
+        middle_rad = theta_rad[(bounds[:-1] + bounds[1:]) // 2]
+        # The difference of two angles could not tell: an encoder's last digit changes at rest too.
+        still = rests & (np.abs(theta_rad - np.repeat(middle_rad, np.diff(bounds))) < _STILL_RAD)
+        turn_at = np.where(stop < rests.size, stop, FAR)
+        direction = self._directions(start, stop, theta_rad)
+        self._add_turns(start, stop, theta_rad)
+        astray = _off_stops(middle_rad[of_rest])
+        for number in np.flatnonzero(astray).tolist():
+            astray[number] = _off_stops(theta_rad[start[number] : stop[number]]).all()
+        return Dwells(rests, theta_rad, still, start, stop, turned_at, turn_at, direction, astray)
 
-    def motion(self, course: Course) -> tuple[FloatArray, FloatArray]:
-        """Angular rate and acceleration beside the turns; elsewhere none, whatever the encoder's last digit does."""
-        theta_rad = course.theta_rad
-        earlier = self._last_rad if self._last_rad.size == 2 else np.full(2, theta_rad[0])
-        padded = np.concatenate([earlier, theta_rad, np.full(2, theta_rad[-1])])
-        far_back, back, here, on, far_on = (padded[k : k + theta_rad.size] for k in range(5))
-        # Five points: a turn of seconds at ten samples a second is too bent for three.
-        speed = (8.0 * (on - back) - (far_on - far_back)) * (self._rate_hz / 12.0)
-        turning = (16.0 * (on + back) - 30.0 * here - (far_on + far_back)) * (self._rate_hz**2 / 12.0)
-        reach = round(BESIDE_S * self._rate_hz)
-        near = ((course.since < reach) | (course.to_go <= reach)) & ~course.still
-        return np.where(near, speed, 0.0), np.where(near, turning, 0.0)
+    def motion(self, dwells: Dwells) -> tuple[FloatArray, FloatArray]:
+        """Angular rate and acceleration of the samples that rest beside a turn and are not still; elsewhere none."""
+        theta_rad = dwells.theta_rad
+        speed, turning = np.zeros((2, theta_rad.size))
+        at = np.flatnonzero(dwells.rests & ~dwells.still)
+        number, reach = dwells.number_at(at), round(BESIDE_S * self._rate_hz)
+        at = at[(at - dwells.turned_at[number] < reach) | (dwells.turn_at[number] - at <= reach)]
+        if at.size:
+            earlier = self._last_rad if self._last_rad.size == 2 else np.full(2, theta_rad[0])
+            padded = np.concatenate([earlier, theta_rad, np.full(2, theta_rad[-1])])
+            far_back, back, here, on, far_on = (padded[at + k] for k in range(5))
+            # Five points: a turn of seconds at ten samples a second is too bent for three.
+            speed[at] = (8.0 * (on - back) - (far_on - far_back)) * (self._rate_hz / 12.0)
+            turning[at] = (16.0 * (on + back) - 30.0 * here - (far_on + far_back)) * (self._rate_hz**2 / 12.0)
+        return speed, turning
 
-    def remember(self, course: Course, length: int) -> None:
+    def remember(self, dwells: Dwells, length: int) -> None:
         """The next block begins after the first `length` samples of this one."""
-        last = length - 1
-        self._since = int(min(course.since[last] + 1, 2 * FAR)) if course.rests[last] else 0
-        self._direction = float(course.direction[last])
-        self._last_rad = course.theta_rad[max(last - 1, 0) : last + 1].copy()
-        resting = np.flatnonzero(course.rests[:length])
-        if resting.size:
-            self._stop_rad = float(course.theta_rad[resting[-1]])
+        last, number = length - 1, int(dwells.number_at(np.array([length - 1]))[0])
+        self._since = 0
+        if number >= 0:
+            if dwells.rests[last]:
+                self._since = int(min(length - dwells.turned_at[number], 2 * FAR))
+            self._direction = float(dwells.direction[number])
+            self._stop_rad = float(dwells.theta_rad[min(dwells.stop[number] - 1, last)])
+        self._last_rad = dwells.theta_rad[max(last - 1, 0) : length].copy()
 
     def mean(self) -> tuple[FloatArray, Int64Array]:
         """`turns` and `turn_kinds` of `Cells`."""
@@ -87,28 +107,22 @@ class Turns:
             turns[number] = total / count
         return turns, np.array(list(self._courses), dtype=np.int64).reshape(-1, 2)
 
-    def _directions(self, rests: BoolArray, theta_rad: FloatArray) -> FloatArray:
-        """Of the last turn of each sample."""
-        rested = np.concatenate([[self._since > 0], rests[:-1]])
-        begins, ends = np.flatnonzero(rests & ~rested), np.flatnonzero(~rests & rested)
-        direction = np.full(rests.size, self._direction)
-        for begin in begins.tolist():
-            before = ends[ends < begin]
-            stop_rad = theta_rad[before[-1] - 1] if before.size and before[-1] > 0 else self._stop_rad
-            turned = theta_rad[min(begin + self.ahead // 2, rests.size - 1)] - stop_rad
-            direction[begin:] = np.sign(turned) if abs(turned) > _STILL_RAD else direction[begin]
-        return direction
+    def _directions(self, start: Int64Array, stop: Int64Array, theta_rad: FloatArray) -> FloatArray:
+        """Of the turn before each dwell; that of the one before where the platform did not turn."""
+        last_rad, direction = self._stop_rad, self._direction
+        directions = np.empty(start.size)
+        for number, (begin, end) in enumerate(zip(start.tolist(), stop.tolist(), strict=True)):
+            if begin > 0 or self._since == 0:
+                turned = theta_rad[min(begin + self.ahead // 2, theta_rad.size - 1)] - last_rad
+                direction = float(np.sign(turned)) if abs(turned) > _STILL_RAD else direction
+            directions[number], last_rad = direction, theta_rad[end - 1]
+        return directions
 
-    def _add_turns(self, rests: BoolArray, theta_rad: FloatArray) -> None:
+    def _add_turns(self, start: Int64Array, stop: Int64Array, theta_rad: FloatArray) -> None:
         """Add whole turns to the mean ones of their kinds."""
-        begins = np.flatnonzero(rests[1:] & ~rests[:-1]) + 1
-        ends = np.flatnonzero(~rests[1:] & rests[:-1]) + 1
         beside = self.ahead // 2
-        for end in begins.tolist():
-            before = ends[ends < end]
-            if not before.size:
-                continue
-            before_end = end - int(before[-1]) + beside
+        for begin, end in zip(stop[:-1].tolist(), start[1:].tolist(), strict=True):
+            before_end = end - begin + beside
             self.before = self.before or before_end
             first, last = end - self.before, end + beside
             if first < 0 or last > theta_rad.size or abs(before_end - self.before) > 1:
@@ -119,16 +133,6 @@ class Turns:
             self._courses[kind] = total + course, count + 1
 
 
-def _at_stops(theta_rad: FloatArray, rests: BoolArray) -> tuple[BoolArray, BoolArray]:
-    """`still` and `astray` of each sample, from the angle in the middle of its dwell and the nearest to a stop.
-
-    The difference of two angles could not tell: an encoder's last digit changes at rest too.
-    """
-    starts = np.flatnonzero(np.concatenate([[True], rests[1:] != rests[:-1]]))
-    stops = np.append(starts[1:], theta_rad.size)
-    middle_rad = np.repeat(theta_rad[(starts + stops) // 2], stops - starts)
-    still = rests & (np.abs(theta_rad - middle_rad) < _STILL_RAD)
-    away = np.abs(theta_rad - np.pi * np.rint(theta_rad / np.pi))
-    nearest = np.minimum.reduceat(away, starts)
-    astray = np.repeat(nearest > math.radians(OFF_STOP_DEG), stops - starts) & rests
-    return np.asarray(still), np.asarray(astray)
+def _off_stops(theta_rad: FloatArray) -> BoolArray:
+    """Whether angles are away from both stops."""
+    return np.asarray(np.abs(theta_rad - np.pi * np.rint(theta_rad / np.pi)) > math.radians(OFF_STOP_DEG))
