@@ -38,7 +38,7 @@ LEVELS, NOISE_V, FULL_SCALE_V = {"q_a_v": -1.2, "q_b_v": 0.9}, 0.08, 10.0
 CHAINS = Chains(
     {"z": 846.73, "y": 804.32}, {"z": 825.0, "y": 825.0}, {}, {"z": FULL_SCALE_V, "y": FULL_SCALE_V}, 9.81
 )
-MAX_RATIO, MAX_GROWTH_MB, MAX_DIFFERENCE = 100.0, 250.0, 1e-9
+MAX_RATIO, MAX_GROWTH_MB, MAX_DIFFERENCE = 60.0, 250.0, 1e-9
 
 
 def record(sampled: SampledPattern, samples: int) -> dict[str, FloatArray]:

@@ -3,17 +3,47 @@ import pytest
 
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.patterns import named_pattern
-from rigctl.experiments.rotating_platform.observe.run_noise import Scatter, likelihood, run_noise
+from rigctl.experiments.rotating_platform.observe.run_noise import (
+    EXPONENTS,
+    RunNoise,
+    Scatter,
+    joint_covariance,
+    likelihood,
+    run_noise,
+)
 
 NO_BINS = Scatter(np.zeros((0, 600)), np.zeros(0), np.zeros(0))
 
 
+def everything_fitted(groups):
+    return np.eye(4 * groups).reshape(4, groups, 4 * groups)
+
+
 def test_a_run_that_is_fitted_to_its_last_number_tells_nothing_of_its_noise():
     sampled = named_pattern("a", 60.0).sampled(10.0)
-    rounding = 1e-19 * np.random.default_rng(1).standard_normal((4, 2))
-    nothing = likelihood(sampled, 1, rounding, 8, NO_BINS)
+    rounding = 1e-19 * np.random.default_rng(1).standard_normal((4, 6))
+    nothing = likelihood(sampled, 1, rounding, everything_fitted(6), NO_BINS)
     assert nothing.transforms == 0.0
     with pytest.raises(DataError, match="too short to tell their noise"):
         run_noise(nothing, [], 60.0)
-    something = likelihood(sampled, 1, 1e-6 * np.random.default_rng(2).standard_normal((4, 2)), 6, NO_BINS)
+    something = likelihood(sampled, 1, 1e6 * rounding, everything_fitted(6)[:, :, :6], NO_BINS)
     assert run_noise(nothing, [something], 60.0).white > 0.0
+
+
+def test_a_steep_spectrum_is_found_although_tapers_leak_and_lines_are_taken_off():
+    """As densities at the places alone are looked at, it comes out too high at low frequencies."""
+    sampled, groups = named_pattern("c", 60.0).sampled(2.0), 40
+    truth = RunNoise(1.0, np.where(np.isclose(EXPONENTS, 1.6), 5.0, 0.0), 100.0)
+    factor = np.linalg.cholesky(joint_covariance(truth, sampled, 1, range(groups)))
+    line = np.linalg.qr(np.stack([np.ones(groups), np.arange(groups)], axis=1))[0]
+    fitted = np.zeros((4, groups, 8))
+    for output in range(4):
+        fitted[output, :, 2 * output : 2 * output + 2] = line
+    rng, frequency = np.random.default_rng(1), np.array([2e-3, 1e-2])
+    ratios = []
+    for _ in range(160):
+        series = (factor @ rng.standard_normal(4 * groups)).reshape(4, groups)
+        noise = run_noise(likelihood(sampled, 1, series - (series @ line) @ line.T, fitted, NO_BINS), [], 60.0)
+        ratios.append(truth(frequency) / noise(frequency))
+    error = np.std(ratios, axis=0) / np.sqrt(160)
+    assert (np.abs(np.mean(ratios, axis=0) - 1.0) < 3.0 * error).all()

@@ -26,6 +26,7 @@ from rigctl.experiments.rotating_platform.observe.store_reduction import Platfor
 
 _REWEIGHTED = 5
 _FEWEST_GROUPS = 6
+_RANK = 1e-12
 
 
 @dataclass(frozen=True)
@@ -115,13 +116,15 @@ def _likelihood(reducer: Reducer) -> Likelihood:
         coefficients, *_ = np.linalg.lstsq(matrix, (outputs / scale)[seen], rcond=1e-12)
         residuals = outputs - design @ coefficients
     residuals = np.where(seen, residuals, 0.0)
-    rank = int(np.linalg.matrix_rank(design[seen]))
+    columns, sizes, _ = np.linalg.svd(matrix, full_matrices=False)
+    fitted_columns = np.zeros((*outputs.shape, int((sizes > _RANK * sizes[0]).sum())))
+    fitted_columns[seen] = columns[:, : fitted_columns.shape[2]]
     sigma, dof = reducer.bin_scatter()
     return likelihood(
         reducer.sampled,
         reducer.per_group,
         residuals,
-        rank if rank < np.count_nonzero(seen) else residuals.size,
+        fitted_columns,
         Scatter(reducer.bin_weights(), sigma**2 * (dof + 1.0), dof),
     )
 

@@ -1,9 +1,10 @@
 """The noise of a run, estimated from its own periods: white and a power law, averaged over what the data leave open.
 
-The four outputs of successive periods are a stationary series whose cross-spectrum follows from the weights of the
-samples (`covariance`). Whittle's likelihood of its tapered transforms weighs every spectrum of a grid of exponents
-and levels; the mean spectrum gives the covariance. The lowest frequencies, where drifts are, have no say. Other runs
-of the channel in the same recording count as a prior of limited weight, for runs too short to tell by themselves.
+The four outputs of successive periods are a stationary series whose covariances follow from the weights of the
+samples (`covariance`). Whittle's likelihood of its tapered transforms, with what the tapers make of a steep spectrum
+and without what fits took off, weighs every spectrum of a grid of exponents and levels; the mean spectrum gives the
+covariance. The lowest frequencies, where drifts are, have no say. Other runs of the channel in the same recording
+count as a prior of limited weight: they share its sensor.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rigctl.core.arrays import ComplexArray, FloatArray, Int64Array
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.covariance import Sided, covariance
 from rigctl.experiments.rotating_platform.observe.estimators import weights
@@ -28,7 +29,7 @@ RATIOS = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 25)])
 """Of the power law over the white part at `AT_HZ`."""
 
 AT_HZ = 0.01
-PRIOR_TRANSFORMS = 60.0
+PRIOR_TRANSFORMS = 250.0
 """So many transforms the other runs count for at most."""
 
 TAPERS = 3
@@ -36,6 +37,7 @@ _LOWEST_PLACE = 3
 _FINE, _LONG = 1200, 1 << 16
 _NEGLIGIBLE = 1e-4
 _BEYOND_RECORD = 0.2
+_NOTHING_LEFT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -78,33 +80,40 @@ class Scatter:
 
 
 def likelihood(
-    sampled: SampledPattern, per_group: int, series: FloatArray, fitted: int, scatter: Scatter
+    sampled: SampledPattern, per_group: int, series: FloatArray, fitted: FloatArray, scatter: Scatter
 ) -> Likelihood:
-    """Of what is left of the outputs, shape (4, groups), after `fitted` numbers were, and of the bins' `scatter`.
+    """Of what a fit has left of the outputs, shape (4, groups), and of the bins' `scatter`.
 
-    Where as many were fitted as there are outputs, nothing is left but rounding: that tells nothing.
+    `fitted` (4, groups, columns) are orthonormal columns of that fit: what of a wave lies in them is lost. Where all
+    of it does, nothing is left but rounding: that tells nothing.
     """
     groups = series.shape[1]
     shape = (len(EXPONENTS), len(RATIOS))
     lowest = min(_LOWEST_PLACE, max(groups // 6, 1))
-    numbers = np.arange(lowest, groups // 2 + 1 if fitted < series.size else 0)
+    numbers = np.arange(lowest, groups // 2 + 1)
     cost, power = np.zeros(shape), np.zeros(shape)
     count = 0.0
-    if numbers.size:
-        drawn = _transforms(series, numbers)
+    waves = _tapered_waves(groups, lowest)
+    lost = (np.abs(np.tensordot(waves, fitted, axes=([2], [1]))) ** 2).sum(axis=(1, 2, 3))
+    share = 1.0 - lost / (len(series) * (np.abs(waves) ** 2).sum(axis=(1, 2)))
+    share = np.where(share > _NOTHING_LEFT, share, 0.0)
+    if share.any():
+        drawn = np.einsum("jkg,ag->jka", waves, series)
         white, red = _spectra(sampled, per_group, groups, lowest)
         factor = np.linalg.inv(np.linalg.cholesky(white))
-        weight = np.where(numbers * 2 == groups, 0.5, 1.0) / (1.0 + 0.5 / TAPERS)
-        share = max(1.0 - fitted / (4.0 * groups), 0.2)
-        count += 4.0 * share * float(weight.sum())
+        weight = np.where(numbers * 2 == groups, 0.5, 1.0) / (1.0 + 0.5 / TAPERS) * (share > 0.0)
+        count += 4.0 * float(weight @ share)
         for row, density in enumerate(red):
             strength, turn = np.linalg.eigh(factor @ density @ factor.conj().swapaxes(1, 2))
             seen = np.einsum("jab,jka->jkb", turn.conj(), np.einsum("jab,jkb->jka", factor, drawn))
             grown = 1.0 + np.maximum(strength, 0.0)[None] * RATIOS[:, None, None]
             power[row] += np.einsum("j,rja->r", weight, (np.abs(seen) ** 2).mean(axis=1)[None] / grown)
-            cost[row] += share * np.einsum("j,rja->r", weight, np.log(grown))
+            cost[row] += np.einsum("j,rja->r", weight * share, np.log(grown))
+    transform, frequency, share_hz = _transforms(sampled.sample_rate_hz, scatter.weights)
+    seen_power = np.abs(transform) ** 2
+    plain = seen_power @ share_hz
     for row, exponent in enumerate(EXPONENTS):
-        plain, coloured = _variances(sampled.sample_rate_hz, scatter.weights, float(exponent))
+        coloured = seen_power @ (share_hz * (frequency / AT_HZ) ** -exponent)
         expected = plain + RATIOS[:, None] * coloured
         power[row] += (0.5 * scatter.dof * scatter.variance / expected).sum(axis=1)
         cost[row] += (0.5 * scatter.dof * np.log(expected / plain)).sum(axis=1)
@@ -154,22 +163,18 @@ def joint_covariance(noise: RunNoise, sampled: SampledPattern, per_group: int, w
 
 def covariance_within(noise: RunNoise, rate_hz: float, rows: FloatArray) -> FloatArray:
     """Covariance of outputs of a period that do not see a constant, by their weights, shape (outputs, samples)."""
+    transform, frequency, share_hz = _transforms(rate_hz, rows)
+    return np.asarray(((transform.conj() * (share_hz * noise(frequency))) @ transform.T).real)
+
+
+def _transforms(rate_hz: float, rows: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
+    """Of weights, shape (outputs, samples), at twice as many frequencies; these, and the width each stands for."""
     length = 2 * rows.shape[1]
     transform = np.fft.rfft(rows, length)[:, 1:]
     frequency = np.arange(1, transform.shape[1] + 1) * rate_hz / length
-    share = np.full(frequency.size, 2.0 * rate_hz / length)
-    share[-1] *= 0.5
-    return np.asarray(((transform.conj() * (share * noise(frequency))) @ transform.T).real)
-
-
-def _transforms(series: FloatArray, numbers: Int64Array) -> ComplexArray:
-    """Tapered Fourier transforms at the places number / groups, shape (numbers, tapers, 4)."""
-    groups = series.shape[1]
-    at = np.arange(groups)
-    number = np.arange(1, TAPERS + 1)[:, None]
-    tapers = np.sqrt(2.0 / (groups + 1.0)) * np.sin(np.pi * number * (at + 1.0) / (groups + 1.0))
-    waves = np.exp(-2j * np.pi * np.outer(at, numbers / groups))
-    return np.asarray(np.einsum("kg,ag,gj->jka", tapers, series, waves))
+    share_hz = np.full(frequency.size, 2.0 * rate_hz / length)
+    share_hz[-1] *= 0.5
+    return transform, frequency, share_hz
 
 
 def _levels(own: Likelihood, others: Sequence[Likelihood]) -> FloatArray:
@@ -198,24 +203,33 @@ def _step(samples: int, fine: int, most: int) -> int:
 
 
 @lru_cache(maxsize=64)
+def _tapered_waves(groups: int, lowest: int) -> ComplexArray:
+    """Waves at the places j / groups under sine tapers, straight lines taken off, (places, tapers, groups)."""
+    at = np.arange(groups)
+    number = np.arange(1, TAPERS + 1)[:, None]
+    tapers = np.sqrt(2.0 / (groups + 1.0)) * np.sin(np.pi * number * (at + 1.0) / (groups + 1.0))
+    places = np.arange(lowest, groups // 2 + 1) / groups
+    rows = tapers * np.exp(-2j * np.pi * places[:, None, None] * at)
+    line, _ = np.linalg.qr(np.stack([np.ones(groups), at], axis=1))
+    return np.asarray(rows - (rows @ line) @ line.T)
+
+
+@lru_cache(maxsize=64)
 def _spectra(sampled: SampledPattern, per_group: int, groups: int, lowest: int) -> tuple[ComplexArray, ComplexArray]:
-    """Cross-spectra of the outputs at the places j / groups, for white noise (places, 4, 4) and each power law."""
-    rows, rate_hz = _grouped(sampled, per_group)
-    length = rows.shape[1]
-    width_hz = rate_hz / length
-    numbers = np.arange(lowest, groups // 2 + 1)
-    white = np.empty((numbers.size, 4, 4), dtype=np.complex128)
-    red = np.empty((len(EXPONENTS), numbers.size, 4, 4), dtype=np.complex128)
-    harmonic = np.arange(length)
-    for place, number in enumerate(numbers.tolist()):
-        x = number / groups
-        transform = np.fft.fft(rows * np.exp(-2j * np.pi * x * harmonic / length))
-        logs = np.log(np.minimum(harmonic + x, length - harmonic - x) * width_hz / AT_HZ)
-        conjugate = transform.conj()
-        white[place] = width_hz * conjugate @ transform.T
-        for row, exponent in enumerate(EXPONENTS):
-            red[row, place] = width_hz * (conjugate * np.exp(-exponent * logs)) @ transform.T
-    return white, red
+    """What `_tapered_waves` show of the outputs on average: of white noise (places, 4, 4), of each power law.
+
+    Tapers leak: where a density is steep they show more than it is. So these are no densities at the places but sums
+    over the outputs' covariances.
+    """
+    spectrum = np.abs(np.fft.fft(_tapered_waves(groups, lowest), 2 * groups)) ** 2
+    products = np.fft.ifft(spectrum.mean(axis=1))[:, :groups]
+    products[:, 0] *= 0.5
+
+    def shown(exponent: float) -> ComplexArray:
+        half = np.tensordot(products, _lags(sampled, per_group, groups, exponent), axes=1)
+        return np.asarray(half + half.conj().swapaxes(1, 2))
+
+    return shown(0.0), np.stack([shown(float(exponent)) for exponent in EXPONENTS])
 
 
 @lru_cache(maxsize=1024)
@@ -228,13 +242,3 @@ def _lags(sampled: SampledPattern, per_group: int, groups: int, exponent: float)
         return np.asarray((np.asarray(frequency_hz) / AT_HZ) ** -exponent)
 
     return covariance(rows, rate_hz, density, sided=SIDED, lags=groups - 1, from_hz=_BEYOND_RECORD / length_s)
-
-
-def _variances(rate_hz: float, rows: FloatArray, exponent: float) -> tuple[FloatArray, FloatArray]:
-    """Variances of outputs, that do not see a constant, in white noise and for (AT_HZ / f)^exponent."""
-    length = 2 * rows.shape[1]
-    power = np.abs(np.fft.rfft(rows, length)[:, 1:]) ** 2
-    frequency = np.arange(1, power.shape[1] + 1) * rate_hz / length
-    share = np.full(frequency.size, 2.0 * rate_hz / length)
-    share[-1] *= 0.5
-    return power @ share, power @ (share * (frequency / AT_HZ) ** -exponent)
