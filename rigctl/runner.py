@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import importlib.metadata
 import subprocess
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +81,7 @@ def extend(store_path: Path, campaign: CampaignFile, options: Options) -> None:
         plugins = _loaded_for(store, options.plugins, {})
         part = next_part(store, campaign.path, campaign.text, made, _brought(campaign, plugins))
         plan = _plan(campaign, part, plugins)
-        with _reopened(store, plan, campaign, rig_time.latest_s) as (rig, work, control):
+        with _reopened(store, plan, campaign, part) as (rig, work, control):
             begin_part(store, part, rig.clock.now_s())
             _carry_out(store, rig, work, control, options, part)
 
@@ -95,19 +94,17 @@ def resume(store_path: Path, options: Options) -> None:
         part = parts_of(store)[-1]
         campaign = parse_campaign(part.toml, store_path)
         plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins))
-        start_s = partial(rig_time.start_s, part=part.number)
-        with _reopened(store, plan, campaign, start_s) as (rig, work, control):
+        with _reopened(store, plan, campaign, part) as (rig, work, control):
             store.add_event("resumed", {"after": store.status().get("state", "")}, rig_time.latest_s(store))
             _carry_out(store, rig, work, control, options, part)
 
 
 @contextmanager
-def _reopened(
-    store: Store, plan: Plan, campaign: CampaignFile, start_s: Callable[..., float]
-) -> Iterator[tuple[Rig, Work, Control]]:
+def _reopened(store: Store, plan: Plan, campaign: CampaignFile, part: Part) -> Iterator[tuple[Rig, Work, Control]]:
     """The rig a store was made with; a plan it cannot carry out is refused before anything is connected."""
     file = rig_file_of(store, with_world=True)
-    rig = Rig(file, seed=store.header.seed, start_s=start_s(store, virtual=file.rig.clock == "virtual"))
+    start_s = rig_time.start_s(store, part.number, virtual=file.rig.clock == "virtual")
+    rig = Rig(file, seed=store.header.seed, start_s=start_s)
     work = _work(plan, rig, campaign)
     forget_requests(store)
     with in_charge(rig, campaign.on_terminal_lost, work.rest) as control:

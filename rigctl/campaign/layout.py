@@ -9,6 +9,7 @@ from typing import Any
 
 from rigctl.campaign.unit_checks import Columns, UnitFindings
 from rigctl.core.experiments import experiment_named
+from rigctl.core.messages import either
 from rigctl.core.numbers import NotMeasurable, decimal_or_missing
 from rigctl.core.plausible import ABSOLUTE_ZERO_C, ANGLE_MAX_DEG, HOTTEST_C
 
@@ -116,7 +117,7 @@ def one_of(*choices: str) -> Callable[[str], str]:
 
     def parse(text: str) -> str:
         if text not in choices:
-            raise ValueError(", ".join(choices[:-1]) + f" or {choices[-1]}")
+            raise ValueError(either(choices))
         return text
 
     return parse

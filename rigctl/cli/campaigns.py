@@ -14,7 +14,7 @@ from rigctl.campaign.store.store import Store
 from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell
 from rigctl.cli.steering import ask
 from rigctl.core.errors import ConfigError, DataError, ProcedureError, RigError
-from rigctl.files.campaign_file import CampaignFile, read_campaign
+from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import read_rig
 from rigctl.report.terminal import ProgressBar
 
@@ -36,19 +36,13 @@ def run(
     campaign_file = read_campaign(campaign)
     path = store or Path(campaign.stem + ".rig.sqlite")
     plugins = tuple(plugin or ())
-    if path.exists() and not dry and campaign_file.goes_on:
-        if rig is not None or seed is not None:
-            raise ConfigError(
-                f"{path} goes on with the rig and the seed it was made with; leave out --rig and --seed"
-            )
-        _extend(path, campaign_file, plugins, yes=yes)
-        _show_outcome(path, plugins, as_json=as_json)
-        return
-    if rig is None and not campaign_file.rig:
+    extended = path.exists() and not dry and campaign_file.goes_on
+    if extended and (rig is not None or seed is not None):
+        raise ConfigError(f"{path} goes on with the rig and the seed it was made with; leave out --rig and --seed")
+    if not extended and rig is None and not campaign_file.rig:
         raise ConfigError(f"{campaign}: rig is missing; name the rig file or pass --rig")
-    rig_file = read_rig(rig or campaign_file.rig_path)
     if dry:
-        plan = runner.dry_run(campaign_file, rig_file, plugins)
+        plan = runner.dry_run(campaign_file, read_rig(rig or campaign_file.rig_path), plugins)
         if as_json:
             print_json(plan)
         else:
@@ -57,14 +51,11 @@ def run(
         return
     with ProgressBar() as bar:
         options = runner.Options(unattended=yes, seed=seed, display=bar, plugins=plugins)
-        runner.start(campaign_file, rig_file, path, options)
+        if extended:
+            runner.extend(path, campaign_file, options)
+        else:
+            runner.start(campaign_file, read_rig(rig or campaign_file.rig_path), path, options)
     _show_outcome(path, plugins, as_json=as_json)
-
-
-def _extend(store: Path, campaign: CampaignFile, plugins: tuple[Path, ...], *, yes: bool) -> None:
-    """Run a campaign that goes on in the mounting of a store that is there."""
-    with ProgressBar() as bar:
-        runner.extend(store, campaign, runner.Options(unattended=yes, display=bar, plugins=plugins))
 
 
 @app.command()

@@ -157,18 +157,23 @@ class Channel:
 
 
 @runtime_checkable
-class PacedRecorder(Protocol):
-    """Records one row per trigger edge that comes from outside."""
+class Recorder(Protocol):
+    """Records one row per trigger edge."""
 
     name: str
 
     def channels(self) -> tuple[Channel, ...]:
-        """The columns `collect` delivers, in order."""
+        """The columns a record has, in order."""
         ...
 
     def longest_record(self, period_s: float) -> int:
         """Most samples of one record at this period; `LimitError` when it is not that fast. Sends nothing."""
         ...
+
+
+@runtime_checkable
+class PacedRecorder(Recorder, Protocol):
+    """Records one row per trigger edge that comes from outside."""
 
     def arm(self, samples: int, period_s: float) -> None:
         """Clear and wait for `samples` edges, `period_s` apart; `LimitError` if the memory cannot hold them."""
@@ -199,22 +204,12 @@ class StreamedRecorder(PacedRecorder, Protocol):
 
 
 @runtime_checkable
-class PacingRecorder(Protocol):
+class PacingRecorder(Recorder, Protocol):
     """Records on its own sample timer and gives the trigger edges all the others record on."""
-
-    name: str
-
-    def channels(self) -> tuple[Channel, ...]:
-        """The columns `fetch` delivers, in order."""
-        ...
 
     @property
     def first_sample_after_s(self) -> float:
         """From the start to the first sample."""
-        ...
-
-    def longest_record(self, period_s: float) -> int:
-        """Most samples of one record at this period; `LimitError` when it is not that fast. Sends nothing."""
         ...
 
     def start(self, samples: int, period_s: float) -> float:

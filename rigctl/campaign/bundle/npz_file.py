@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import BinaryIO, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.bundle.unpacking import UNREADABLE, open_zip
@@ -18,7 +17,6 @@ from rigctl.core.bounds import COLUMNS, RUN_VALUES, SAMPLES
 from rigctl.core.numbers import MAGNITUDE_MAX, measurable
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
-_PIECE = 1 << 20
 _MEND = "write it with numpy.savez, one array per column"
 
 
@@ -43,11 +41,13 @@ def _column_of(place: Place, member: zipfile.ZipInfo) -> str:
     return name
 
 
-def _header(place: Place, member: zipfile.ZipInfo, file: BinaryIO) -> tuple[int, np.dtype[np.generic]]:
-    """Samples and type, from the first bytes; leaves `file` where the numbers begin."""
-    version = np.lib.format.read_magic(file)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = read(file)
+def _announced(place: Place, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    """The number of samples, from the first bytes."""
+    with archive.open(member) as opened:
+        file = cast("BinaryIO", opened)
+        version = np.lib.format.read_magic(file)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(file)
     name = _column_of(place, member)
     if len(shape) != 1 or dtype.kind not in "fiub" or dtype.itemsize > 8:
         raise place.error(f"column {name} is {len(shape)}-dimensional {dtype}; {_MEND}")
@@ -55,12 +55,7 @@ def _header(place: Place, member: zipfile.ZipInfo, file: BinaryIO) -> tuple[int,
         raise place.error(f"column {name} has {shape[0]} samples, but at most {SAMPLES} are read; split the run")
     if shape[0] * dtype.itemsize > member.file_size:
         raise place.error(f"column {name} promises {shape[0]} samples and holds fewer; {_MEND}")
-    return shape[0], dtype
-
-
-def _announced(place: Place, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    with archive.open(member) as file:
-        return _header(place, member, cast("BinaryIO", file))[0]
+    return shape[0]
 
 
 def _require_equal(place: Place, shapes: Mapping[str, int]) -> None:
@@ -75,12 +70,9 @@ def _require_equal(place: Place, shapes: Mapping[str, int]) -> None:
 
 def _values(place: Place, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> FloatArray:
     with archive.open(member) as file:
-        size, dtype = _header(place, member, cast("BinaryIO", file))
-        values = np.empty(size)
-        at = 0
-        for piece in _pieces(cast("BinaryIO", file), size, dtype):
-            values[at : at + piece.size] = piece
-            at += piece.size
+        values = np.lib.format.read_array(cast("BinaryIO", file), allow_pickle=False).astype(np.float64, copy=False)
+        if file.read(1):
+            raise ValueError("bytes after the last sample")
     if not measurable(values):
         at = int(np.argmax(np.abs(np.nan_to_num(values, nan=0.0)) > MAGNITUDE_MAX))
         raise place.error(
@@ -88,21 +80,6 @@ def _values(place: Place, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> 
             " which nobody can have measured; mend it, or write nan for a missing value"
         )
     return values
-
-
-def _pieces(file: BinaryIO, size: int, dtype: np.dtype[np.generic]) -> Iterator[NDArray[np.generic]]:
-    missing = size * dtype.itemsize
-    while missing:
-        piece = b""
-        while len(piece) < min(_PIECE, missing):
-            more = file.read(min(_PIECE, missing) - len(piece))
-            if not more:
-                raise EOFError("it ends before its last sample")
-            piece += more
-        missing -= len(piece)
-        yield np.frombuffer(piece, dtype)
-    if file.read(1):
-        raise ValueError("bytes after the last sample")
 
 
 def npz_bytes(columns: Mapping[str, FloatArray]) -> bytes:

@@ -127,7 +127,7 @@ def _laser(document: TomlDocument, name: str) -> LaserInfo:
     values = dict(_section(document, keys))
     face = values.pop("face", None)
     if face is not None and face not in FACES:
-        raise document.error((*keys, "face"), f"{face!r} is no face; write {', '.join(FACES[:-1])} or {FACES[-1]}")
+        raise document.error((*keys, "face"), f"{face!r} is no face; write {either(FACES)}")
     tilt = values.pop("tilt_deg", None)
     tilt_deg = None if tilt is None else _number(document, (*keys, "tilt_deg"), tilt)
     if tilt_deg is not None and abs(tilt_deg) >= TILT_MAX_DEG:

@@ -122,7 +122,7 @@ class Recovery:
         """
         if self._control.aborted:
             raise fault
-        self._note(fault, what, apparatus)
+        self._session.event(FAULT, during=what, **fault_data(fault, apparatus))
         if not apparatus.alone:
             self._control.bring_to_rest()
         agreed = self._agreed(fault)
@@ -136,7 +136,7 @@ class Recovery:
             action()
         except Faults as fault:
             self._control.raise_if_aborted()
-            self._note(fault, what, Apparatus())
+            self._session.event(FAULT, during=what, **fault_data(fault, Apparatus()))
             self._control.bring_to_rest()
 
     def _bring_back(self, what: str, apparatus: Apparatus, *, agreed: bool) -> None:
@@ -182,9 +182,6 @@ class Recovery:
         self._session.event(LOST, during=what, **fault_data(fault, apparatus))
         self._session.tell(_advice(fault))
         self._progress.state("paused")
-
-    def _note(self, fault: RigError, what: str, apparatus: Apparatus) -> None:
-        self._session.event(FAULT, during=what, **fault_data(fault, apparatus))
 
     def _agreed(self, fault: RigError) -> bool:
         """Whether a person was needed, and has agreed; False where none was needed."""

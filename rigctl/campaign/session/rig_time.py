@@ -47,7 +47,7 @@ def ended_s(store: Store) -> dict[str, float]:
 
 
 def start_s(store: Store, part: int, *, virtual: bool) -> float:
-    """The rig time at which a rig's own clock sets out when campaign number `part` of a store is resumed."""
+    """The rig time from which a rig's own clock runs when campaign number `part` of a store begins or goes on."""
     if not virtual:
         return latest_s(store)
     recorded = [time_s for key, time_s in ended_s(store).items() if _of(part, key)]
@@ -56,11 +56,11 @@ def start_s(store: Store, part: int, *, virtual: bool) -> float:
     began = [event.rig_time_s for event in store.events("extended") if event.data["part"] == part]
     if began:
         return began[0] or 0.0
-    return latest_s(store) if part > 1 else 0.0  # killed before it could tell when it began
+    return latest_s(store) if part > 1 else 0.0  # not begun, or killed before it could tell when
 
 
-def latest_s(store: Store, *, virtual: bool = True) -> float:  # noqa: ARG001 - any clock goes on from there
-    """The rig time at which a further campaign begins: that of the last event."""
+def latest_s(store: Store) -> float:
+    """The rig time of the last event."""
     return max((event.rig_time_s or 0.0 for event in store.events()), default=0.0)
 
 

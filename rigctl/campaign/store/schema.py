@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import closing, contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -99,8 +99,11 @@ _SIGNS_OF_DAMAGE = ("no such column", "no such table", "already exists", "duplic
 """What SQLite says of statements that are right when the file they are about is not."""
 
 
-class _DatabaseErrors:
-    """Written out, as every row that is appended comes through here: a generator would take three times as long."""
+class database_errors:  # noqa: N801 - used as a function
+    """Turn what SQLite raises about the file into a `DataError` that names it and the mend.
+
+    No generator, which would take three times as long: every row that is appended comes through here.
+    """
 
     __slots__ = ("_path",)
 
@@ -113,11 +116,6 @@ class _DatabaseErrors:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if isinstance(error, sqlite3.DatabaseError):
             raise _as_data_error(self._path, error) from error
-
-
-def database_errors(path: Path) -> AbstractContextManager[None]:
-    """Turn what SQLite raises about the file into a `DataError` that names it and the mend."""
-    return _DatabaseErrors(path)
 
 
 def _as_data_error(path: Path, error: sqlite3.DatabaseError) -> DataError | DamagedStore:
