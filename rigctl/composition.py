@@ -23,10 +23,12 @@ def workbench_of(store: Store, plugins: Sequence[Path] = ()) -> Workbench:
 
 
 @contextmanager
-def opened_workbench(store: Path, plugins: Sequence[Path] = (), *, readonly: bool = False) -> Iterator[Workbench]:
+def opened_workbench(
+    store: Path | str, plugins: Sequence[Path | str] = (), *, readonly: bool = False
+) -> Iterator[Workbench]:
     """The workbench of the store at a path, which is closed at the end."""
-    with Store.open(store, readonly=readonly) as opened:
-        yield workbench_of(opened, plugins)
+    with Store.open(Path(store), readonly=readonly) as opened:
+        yield workbench_of(opened, tuple(map(Path, plugins)))
 
 
 def study_of(store: Store, plugins: Sequence[Plugin] = ()) -> Study:

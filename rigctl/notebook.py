@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import read_rig
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.model.versions import ModelVersion
-from rigctl.workbench.workbench import ALPHA, Workbench
+from rigctl.workbench.workbench import ALPHA
 
 
 class Campaign:
@@ -62,51 +61,44 @@ class Campaign:
 
         `DataError` or `ProcedureError` when the runs do not yet give it.
         """
-        with on_the_bench(store, plugins) as bench:
-            return analysis_of(bench.store.header.experiment, bench.store.path).analyse(bench)
+        with opened_workbench(store, plugins) as workbench:
+            return analysis_of(workbench.store.header.experiment, workbench.store.path).analyse(workbench)
 
     @staticmethod
     def compare(store: Path | str, plugins: Sequence[Path | str] = ()) -> Comparison:
         """A store's current model beside its data: where does it fail?"""
-        with on_the_bench(store, plugins) as bench:
-            return bench.compare()
+        with opened_workbench(store, plugins) as workbench:
+            return workbench.compare()
 
     @staticmethod
     def diagnose(store: Path | str, *, alpha: float = ALPHA, plugins: Sequence[Path | str] = ()) -> Diagnosis:
         """Which physical effect is missing? Adds nothing."""
-        with on_the_bench(store, plugins) as bench:
-            return bench.diagnose(alpha)
+        with opened_workbench(store, plugins) as workbench:
+            return workbench.diagnose(alpha)
 
     @staticmethod
     def add(store: Path | str, *effects: str, plugins: Sequence[Path | str] = ()) -> list[ModelVersion]:
         """Add effects to a store's model, one new version each."""
-        with on_the_bench(store, plugins) as bench:
-            return bench.add(effects)
+        with opened_workbench(store, plugins) as workbench:
+            return workbench.add(effects)
 
     @staticmethod
     def remove(store: Path | str, *effects: str) -> list[ModelVersion]:
         """Take effects out of a store's model, one new version each."""
-        with on_the_bench(store) as bench:
-            return bench.remove(effects)
+        with opened_workbench(store) as workbench:
+            return workbench.remove(effects)
 
     @staticmethod
     def fit(store: Path | str, plugins: Sequence[Path | str] = ()) -> ModelFit:
         """A store's current model, fitted."""
-        with on_the_bench(store, plugins) as bench:
-            return bench.fit()
+        with opened_workbench(store, plugins) as workbench:
+            return workbench.fit()
 
     @staticmethod
     def history(store: Path | str, plugins: Sequence[Path | str] = ()) -> list[dict[str, Any]]:
         """The error ladder, as `rigctl model history --json` gives it."""
-        with on_the_bench(store, plugins) as bench:
-            return bench.history()
-
-
-@contextmanager
-def on_the_bench(store: Path | str, plugins: Sequence[Path | str] = ()) -> Iterator[Workbench]:
-    """A store with its study and its model's versions, to ask more than one thing of; closed at the end."""
-    with opened_workbench(Path(store), _paths(plugins)) as workbench:
-        yield workbench
+        with opened_workbench(store, plugins) as workbench:
+            return workbench.history()
 
 
 def _paths(plugins: Sequence[Path | str]) -> tuple[Path, ...]:

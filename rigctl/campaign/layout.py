@@ -58,36 +58,25 @@ def number(text: str) -> float:
         raise ValueError(f"a number{hint}") from None
 
 
-def not_negative(text: str) -> float:
-    """A number that is 0 or more."""
-    value = number(text)
-    if value < 0:
-        raise ValueError("a number that is not negative")
-    return value
+def _number_that(holds: Callable[[float], bool], expected: str) -> Callable[[str], float]:
+    """A parser of numbers for which something holds."""
+
+    def parse(text: str) -> float:
+        value = number(text)
+        if not holds(value):
+            raise ValueError(expected)
+        return value
+
+    return parse
 
 
-def positive(text: str) -> float:
-    """A number above 0."""
-    value = number(text)
-    if value <= 0:
-        raise ValueError("a number above 0")
-    return value
-
-
-def angle_deg(text: str) -> float:
-    """What a stage can turn to."""
-    value = number(text)
-    if abs(value) > ANGLE_MAX_DEG:
-        raise ValueError(f"an angle in degrees, at most {ANGLE_MAX_DEG:g}")
-    return value
-
-
-def temperature_c(text: str) -> float:
-    """Not below absolute zero."""
-    value = number(text)
-    if not ABSOLUTE_ZERO_C <= value <= HOTTEST_C:
-        raise ValueError(f"a temperature in degrees Celsius, {ABSOLUTE_ZERO_C:g} to {HOTTEST_C:g}")
-    return value
+not_negative = _number_that(lambda value: value >= 0, "a number that is not negative")
+positive = _number_that(lambda value: value > 0, "a number above 0")
+angle_deg = _number_that(lambda value: abs(value) <= ANGLE_MAX_DEG, f"an angle in degrees, at most {ANGLE_MAX_DEG:g}")
+temperature_c = _number_that(
+    lambda value: ABSOLUTE_ZERO_C <= value <= HOTTEST_C,
+    f"a temperature in degrees Celsius, {ABSOLUTE_ZERO_C:g} to {HOTTEST_C:g}",
+)
 
 
 def whole_number(text: str) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 from rigctl.campaign.bundle.sample_file import SampleFile
 from rigctl.campaign.layout import Layout
 from rigctl.campaign.recording import ChannelInfo
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.plausible import possible_range
 from rigctl.core.units import unit_of_column
 
@@ -139,13 +139,14 @@ def _time_base(t_s: FloatArray, step_s: float) -> list[str]:
 
 
 def _missing(file: SampleFile, names: Sequence[str]) -> list[str]:
-    remarks = []
-    for name in names:
-        bad = ~np.isfinite(file.columns[name])
-        if bad.any():
-            first = file.where(int(np.argmax(bad)))
-            remarks.append(f"{name}: {int(bad.sum())} of {bad.size} samples missing, first in {first}")
-    return remarks
+    return [remark for name in names for remark in _counted(file, name, ~np.isfinite(file.columns[name]), "missing")]
+
+
+def _counted(file: SampleFile, name: str, bad: BoolArray, what: str) -> list[str]:
+    """How many samples of a column are `bad`, and where the first is; nothing where none is."""
+    if not bad.any():
+        return []
+    return [f"{name}: {int(bad.sum())} of {bad.size} samples {what}, first in {file.where(int(np.argmax(bad)))}"]
 
 
 def _wholly_missing(file: SampleFile, names: Sequence[str]) -> list[str]:
@@ -165,17 +166,12 @@ def _moving(file: SampleFile) -> FloatArray:
 
 
 def _saturated(file: SampleFile, channels: Mapping[str, ChannelInfo], moving: FloatArray) -> list[str]:
-    remarks = []
+    remarks: list[str] = []
     for name, channel in channels.items():
-        if channel.full_scale is None or name not in file.columns:
-            continue
-        past = (np.abs(file.columns[name]) >= channel.full_scale) & (moving == 0)
-        if past.any():
-            first = file.where(int(np.argmax(past)))
-            remarks.append(
-                f"{name}: {int(past.sum())} of {past.size} samples saturated "
-                f"(full scale {channel.full_scale:g} {channel.unit}), first in {first}"
-            )
+        if channel.full_scale is not None and name in file.columns:
+            past = (np.abs(file.columns[name]) >= channel.full_scale) & (moving == 0)
+            what = f"saturated (full scale {channel.full_scale:g} {channel.unit})"
+            remarks += _counted(file, name, past, what)
     return remarks
 
 

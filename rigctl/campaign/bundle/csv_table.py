@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.recording import flaw_of_column
 from rigctl.core.bounds import COLUMNS, LINE_CHARACTERS
+from rigctl.core.errors import DataError
 from rigctl.core.numbers import NotMeasurable, decimal, decimal_or_missing
 
 _SHORTEST_LINE = 100
@@ -29,6 +30,10 @@ class CsvTable:
         """The fields of one column."""
         index = self.header.index(name)
         return [row[index] for row in self.rows]
+
+    def fields(self, name: str) -> Iterator[tuple[int, str]]:
+        """The same, each with its line."""
+        return zip(self.lines, self.column(name), strict=True)
 
 
 def decode(place: Place, data: bytes) -> str:
@@ -152,11 +157,7 @@ def numbers_or_text(table: CsvTable, name: str) -> tuple[list[float] | list[str]
         except ValueError:
             spoilt.append(index)
     if beyond and not spoilt:
-        raise table.place.error(
-            f"column {name} holds {fields[beyond[0]]}, which nobody can have measured;"
-            " mend it, or leave a missing value empty",
-            table.lines[beyond[0]],
-        )
+        raise not_measurable(table.place, table.lines[beyond[0]], name, fields[beyond[0]])
     spoilt = sorted(spoilt + beyond)
     if not spoilt:
         return numbers, None
@@ -169,3 +170,9 @@ def numbers_or_text(table: CsvTable, name: str) -> tuple[list[float] | list[str]
             table.lines[first],
         )
     )
+
+
+def not_measurable(place: Place, line: int, name: str, field: str) -> DataError:
+    """The error for a number, such as `inf`, that no instrument can have given."""
+    message = f"column {name} holds {field}, which nobody can have measured; mend it, or leave a missing value empty"
+    return place.error(message, line)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -119,14 +119,9 @@ class BundleReader:
         ):
             if name is None:
                 continue
-            if name not in table.header:
-                raise table.place.error(
-                    f"column {name} is missing, which [table] {key} names; {_rename(name, table.header)}", 1
-                )
+            _require_columns(table, [name], f", which [table] {key} names")
             if numeric and name not in samples and seconds_of_stamps(table.column(name)) is None:
-                line, text = next(
-                    (n, t) for n, t in zip(table.lines, table.column(name), strict=True) if not _is_number(t)
-                )
+                line, text = next((n, t) for n, t in table.fields(name) if not _is_number(t))
                 raise table.place.error(
                     f"column {name} holds {text!r}, but [table] {key} needs numbers; leave a missing value empty",
                     line,
@@ -170,9 +165,7 @@ class BundleReader:
 
 def _run_rows(table: CsvTable, layout: Layout, warnings: list[str]) -> list[tuple[str, dict[str, Any]]]:
     """The run_id and the other columns of every row of runs.csv."""
-    for name in ("run_id", *(name for name, field in layout.fields.items() if field.required)):
-        if name not in table.header:
-            raise table.place.error(f"column {name} is missing; {_rename(name, table.header)}", 1)
+    _require_columns(table, ["run_id", *(name for name, field in layout.fields.items() if field.required)])
     run_ids = _run_ids(table)
     columns = {name: _column(table, name, layout, warnings) for name in table.header if name != "run_id"}
     rows = [{name: values[i] for name, values in columns.items()} for i in range(len(run_ids))]
@@ -184,7 +177,7 @@ def _run_rows(table: CsvTable, layout: Layout, warnings: list[str]) -> list[tupl
 
 def _run_ids(table: CsvTable) -> list[str]:
     seen: dict[str, int] = {}
-    for line, run_id in zip(table.lines, table.column("run_id"), strict=True):
+    for line, run_id in table.fields("run_id"):
         if flaw := flaw_of_run_id(run_id):
             raise table.place.error(f"run_id {run_id!r} {flaw}; give the run another", line)
         if run_id in seen:
@@ -202,36 +195,30 @@ def _column(table: CsvTable, name: str, layout: Layout, warnings: list[str]) -> 
     if name == "reason":
         return table.column(name)
     if field is not None:
-        return [
-            _value(table, line, name, field, text) for line, text in zip(table.lines, table.column(name), strict=True)
-        ]
+        return _values(table, name, field)
     values, remark = numbers_or_text(table, name)
     warnings += [remark] if remark else []
     return list(values)
 
 
-def _value(table: CsvTable, line: int, name: str, field: Field, text: str) -> Any:
-    if is_missing(text):
-        if field.required:
+def _values(table: CsvTable, name: str, field: Field) -> list[Any]:
+    values: list[Any] = []
+    for line, text in table.fields(name):
+        missing = is_missing(text)
+        if missing and field.required:
             raise table.place.error(f"{name} is missing; write it", line)
-        return field.missing
-    try:
-        return field.parse(text)
-    except ValueError as expected:
-        raise table.place.error(f"{name} is {text!r}; write {expected}", line) from None
+        try:
+            values.append(field.missing if missing else field.parse(text))
+        except ValueError as expected:
+            raise table.place.error(f"{name} is {text!r}; write {expected}", line) from None
+    return values
 
 
 def _read_patterns(table: CsvTable) -> dict[str, list[Any]]:
     """The columns of patterns.csv: a dwell per row."""
-    for name in PATTERN_COLUMNS:
-        if name not in table.header:
-            raise table.place.error(f"column {name} is missing; {_rename(name, table.header)}", 1)
+    _require_columns(table, PATTERN_COLUMNS)
     columns: dict[str, list[Any]] = {"pattern": table.column("pattern")}
-    for name in PATTERN_COLUMNS[1:]:
-        field = Field(number, required=True)
-        columns[name] = [
-            _value(table, line, name, field, text) for line, text in zip(table.lines, table.column(name), strict=True)
-        ]
+    columns |= {name: _values(table, name, Field(number, required=True)) for name in PATTERN_COLUMNS[1:]}
     for line, sign, start, stop, period in zip(
         table.lines, *(columns[name] for name in ("sign_cos_theta", "start_s", "stop_s", "period_s")), strict=True
     ):
@@ -245,9 +232,12 @@ def _read_patterns(table: CsvTable) -> dict[str, list[Any]]:
     return {**columns, **{n: table.column(n) for n in table.header if n not in PATTERN_COLUMNS}}
 
 
-def _rename(name: str, header: tuple[str, ...]) -> str:
-    near = difflib.get_close_matches(name, header, n=1)
-    return f"rename {near[0]}" if near else f"add it (there are {', '.join(header)})"
+def _require_columns(table: CsvTable, names: Iterable[str], named_by: str = "") -> None:
+    for name in names:
+        if name not in table.header:
+            near = difflib.get_close_matches(name, table.header, n=1)
+            mend = f"rename {near[0]}" if near else f"add it (there are {', '.join(table.header)})"
+            raise table.place.error(f"column {name} is missing{named_by}; {mend}", 1)
 
 
 def _is_number(text: str) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.campaign.bundle.csv_table import check_header, check_width, decode, rows_with_lines
+from rigctl.campaign.bundle.csv_table import check_header, check_width, decode, not_measurable, rows_with_lines
 from rigctl.campaign.bundle.files import BundleFiles
 from rigctl.campaign.bundle.npz_file import read_npz
 from rigctl.campaign.bundle.place import Place
@@ -133,11 +133,7 @@ def _text_among_numbers(place: Place, line: int, fields: list[str], header: list
         try:
             decimal_or_missing(field)
         except NotMeasurable:
-            return place.error(
-                f"column {name} holds {field}, which nobody can have measured;"
-                " mend it, or leave a missing value empty",
-                line,
-            )
+            return not_measurable(place, line, name, field)
         except ValueError:
             return place.error(
                 f"column {name} holds {field!r}, not a number; leave a missing value empty or write nan", line
