@@ -122,8 +122,8 @@ class _Round:
         self._seed = points.seed + len(store.runs())
         self._given = self._bench.version(1).terms
         self._declined: list[str] = []
-        self._found = diagnose(study, self._given, settings.alpha, progress=None)
-        self._settings.tell(f"{self._made} runs: {self._found.verdict} {' '.join(self._effects)}".rstrip())
+        self._diagnosis = diagnose(study, self._given, settings.alpha, progress=None)
+        self._settings.tell(f"{self._made} runs: {self._diagnosis.verdict} {' '.join(self._effects)}".rstrip())
         self._bring_model_up_to_date()
         self._sensitivity = self._judge()
 
@@ -133,19 +133,19 @@ class _Round:
 
     @property
     def _effects(self) -> list[str]:
-        return [term.effect for term in self._found.suggested]
+        return [term.effect for term in self._diagnosis.suggested]
 
     @property
     def _terms(self) -> tuple[Term, ...]:
         """The model the diagnosis ended with."""
-        return self._found.steps[-1].terms
+        return self._diagnosis.steps[-1].terms
 
     def _bring_model_up_to_date(self) -> None:
         """Add what was found, take out what no longer is; ambiguous ones wait until they are told apart."""
         now = self._bench.current
-        wanted = [] if self._found.verdict == "ambiguous" else [t for t in self._terms if t not in self._given]
+        wanted = [] if self._diagnosis.verdict == "ambiguous" else [t for t in self._terms if t not in self._given]
         stale = [t.effect for t in now.terms if t not in self._given and t not in wanted]
-        if stale and self._found.verdict != "ambiguous":
+        if stale and self._diagnosis.verdict != "ambiguous":
             versions.remove_all(self._store, stale)
             self._settings.tell(f"no longer needed: {', '.join(stale)}")
         for term in wanted:
@@ -179,7 +179,7 @@ class _Round:
             ROUND,
             {
                 "runs": self._made,
-                "verdict": self._found.verdict,
+                "verdict": self._diagnosis.verdict,
                 "suggested": self._effects,
                 "next": [dict(run.settings) for run in batch],
             },
@@ -191,22 +191,22 @@ class _Round:
 
     def _separating(self, room: int) -> tuple[Proposal, ...]:
         """Runs that tell rivals apart; none where there are no rivals, or nothing tells them."""
-        if self._found.verdict != "ambiguous":
+        if self._diagnosis.verdict != "ambiguous":
             return ()
-        found = recommend(
+        recommendation = recommend(
             self._study,
             self._given,
-            self._found,
+            self._diagnosis,
             offered=self._points.options,
             seed=self._seed,
             most_runs=room,
         )
-        return found.runs if found.purpose == "separate" else ()
+        return recommendation.runs if recommendation.purpose == "separate" else ()
 
     def outcome(self, rounds: int) -> Outcome:
         """How it ended, the model asked once more as it now stands."""
         version = self._bench.current
-        last = self._found
+        last = self._diagnosis
         if version.terms != self._given:
             last = diagnose(self._study, version.terms, self._settings.alpha)
         versions.keep_diagnosis(self._store, version, self._settings.alpha, last.as_json())
@@ -224,17 +224,17 @@ class _Round:
         )
 
     def _remains(self, last: Diagnosis) -> str:
-        told = []
+        remaining = []
         if self._declined:
-            told.append(f"not added, as you chose: {', '.join(self._declined)}")
+            remaining.append(f"not added, as you chose: {', '.join(self._declined)}")
         if last.unexplained is not None:
-            told.append(f"none of the known effects explains: {last.unexplained.description}")
+            remaining.append(f"none of the known effects explains: {last.unexplained.description}")
         elif last.verdict == "ambiguous":
-            told.append(f"equally good: {', '.join(term.effect for term in last.suggested)}")
+            remaining.append(f"equally good: {', '.join(term.effect for term in last.suggested)}")
         unseen = sorted({each.effect for each in self._sensitivity.parameters if each.share < 1.0})
         if unseen:
-            told.append(f"not excluded as far as a full scan would: {', '.join(unseen)}")
-        return "; ".join(told)
+            remaining.append(f"not excluded as far as a full scan would: {', '.join(unseen)}")
+        return "; ".join(remaining)
 
 
 def _plannable(study: Study, path: Path) -> Plannable:

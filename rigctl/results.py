@@ -26,10 +26,10 @@ def of_workbench(workbench: Workbench) -> dict[str, Any]:
     return analysis_of(store.header.experiment, store.path).result(workbench)
 
 
-def show(path: Path, found: Mapping[str, Any]) -> None:
+def show(path: Path, document: Mapping[str, Any]) -> None:
     """Print a result, beside the campaign file's reference values."""
     with Store.open(path, readonly=True) as store:
-        drawing_of(store.header.experiment, path).show(found, reference_of(store))
+        drawing_of(store.header.experiment, path).show(document, reference_of(store))
 
 
 def reference_of(store: Store) -> dict[str, Any]:

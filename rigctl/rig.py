@@ -145,12 +145,13 @@ class Rig:
 
     def only(self, role: str) -> Any:
         """The one instrument with this role; `ConfigError` when there is none, or more."""
-        found = self.by_role(role)
-        if len(found) != 1:
+        instruments = self.by_role(role)
+        if len(instruments) != 1:
             raise ConfigError(
-                f"{self.file.path}: {len(found)} instruments with role '{role}', needs one; correct [instruments]"
+                f"{self.file.path}: {len(instruments)} instruments with role '{role}', "
+                "needs one; correct [instruments]"
             )
-        return found[0]
+        return instruments[0]
 
     def _make(self, name: str, table: InstrumentTable, driver: Driver) -> Instrument:
         return driver.build(name, driver.settings, self._connect(name, table, driver.declaration), self.clock)
@@ -205,16 +206,16 @@ def simulator_of(declaration: DriverDeclaration) -> SimulatorDeclaration:
     """How this kind of instrument is simulated; `ConfigError`."""
     if not declaration.simulator:
         raise ConfigError(f"there is no simulator of a {declaration.kind}; give its address")
-    found = resolved(declaration.simulator, f"the simulator of '{declaration.kind}'")
-    if not isinstance(found, SimulatorDeclaration):
+    simulator = resolved(declaration.simulator, f"the simulator of '{declaration.kind}'")
+    if not isinstance(simulator, SimulatorDeclaration):
         raise ConfigError(f"{declaration.simulator} is no SimulatorDeclaration; correct `simulator` of its driver")
-    return found
+    return simulator
 
 
 def on_serial_line(table: InstrumentTable) -> bool:
     """True when it has a serial line, real or, in this process or served, simulated."""
-    own = table.simulated and declaration_of(table.driver).serial_baud is not None
-    return own or table.address.startswith("serial:")
+    simulated_line = table.simulated and declaration_of(table.driver).serial_baud is not None
+    return simulated_line or table.address.startswith("serial:")
 
 
 def _driver_of(file: RigFile, where: str, table: InstrumentTable) -> Driver:

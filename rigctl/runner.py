@@ -241,7 +241,7 @@ def _header(
 
 def versions() -> dict[str, str]:
     """Versions of what produced a record: packages, and the commit where the code is a checkout."""
-    found = {name: importlib.metadata.version(name) for name in VERSIONED}
+    by_package = {name: importlib.metadata.version(name) for name in VERSIONED}
     try:
         head = subprocess.run(  # noqa: S603
             ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"],  # noqa: S607
@@ -251,5 +251,5 @@ def versions() -> dict[str, str]:
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired):
-        return found
-    return {**found, "commit": head.stdout.strip()} if head.returncode == 0 else found
+        return by_package
+    return {**by_package, "commit": head.stdout.strip()} if head.returncode == 0 else by_package

@@ -127,8 +127,8 @@ def _addresses_in(text: str) -> dict[str, str] | None:
 
 def _port(address: str) -> int:
     """The port an address fixes on loopback, 0 for any."""
-    found = re.search(r"(?:127\.0\.0\.1|localhost)(?::|::|::hislip0,)(\d+)", address)
-    return int(found.group(1)) if found else 0
+    match = re.search(r"(?:127\.0\.0\.1|localhost)(?::|::|::hislip0,)(\d+)", address)
+    return int(match.group(1)) if match else 0
 
 
 def _url(address: Address) -> str:

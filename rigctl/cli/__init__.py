@@ -34,7 +34,7 @@ def main() -> None:
     try:
         app(standalone_mode=True)
     except RigError as error:
-        _fail("; ".join([_said(error), *getattr(error, "__notes__", [])]), _status(error))
+        _fail("; ".join([_message(error), *getattr(error, "__notes__", [])]), _status(error))
     except KeyboardInterrupt:
         _fail("aborted: interrupted", 130)
     except BrokenPipeError:
@@ -44,11 +44,11 @@ def main() -> None:
     except Exception as error:
         if TRACEBACK in os.environ:
             raise
-        told = f"{type(error).__name__}: {error}"
-        _fail(f"internal error: {told}; please report it with what {TRACEBACK}=1 shows", 1)
+        text = f"{type(error).__name__}: {error}"
+        _fail(f"internal error: {text}; please report it with what {TRACEBACK}=1 shows", 1)
 
 
-def _said(error: RigError) -> str:
+def _message(error: RigError) -> str:
     return f"aborted: {error}" if isinstance(error, Aborted) else str(error)
 
 

@@ -84,15 +84,15 @@ def resume(
 
 def _show_outcome(store: Path, plugins: tuple[Path, ...], *, as_json: bool) -> None:
     try:
-        found = results.of(store, plugins)
+        document = results.of(store, plugins)
     except (ProcedureError, DataError) as error:  # what was measured need not determine a model, or tell its noise
         tell(f"{store}: no result yet: {error}")
         if as_json:
             print_json({"store": str(store), "status": status_of(store), "result": None})
         return
     if as_json:
-        print_json({"store": str(store), "status": status_of(store), "result": found})
+        print_json({"store": str(store), "status": status_of(store), "result": document})
         return
-    results.show(store, {**found, "budget": {}})
+    results.show(store, {**document, "budget": {}})
     more = f"; `rigctl result {store}` shows the uncertainty budget, `rigctl report` the figures"
-    say(f"store: {store}{more if found.get('axes') else ''}")
+    say(f"store: {store}{more if document.get('axes') else ''}")

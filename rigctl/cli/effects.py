@@ -43,15 +43,15 @@ def effects(
             _print_catalogue(known)
         return
     experiment, _, name = effect.rpartition(":")
-    found = [each for each in known if each.id == name and experiment in ("", experiment_of(each).id)]
-    if not found:
+    matching = [each for each in known if each.id == name and experiment in ("", experiment_of(each).id)]
+    if not matching:
         raise unknown_effect(effect, [each.id for each in known])
     if figure is not None:
-        _draw(found[0], figure)
+        _draw(matching[0], figure)
     if as_json:
-        print_json({**_as_json(found[0]), "others": [_as_json(each) for each in found[1:]]})
+        print_json({**_as_json(matching[0]), "others": [_as_json(each) for each in matching[1:]]})
     else:
-        for each in found:
+        for each in matching:
             _print_effect(each)
 
 
@@ -76,10 +76,10 @@ def _as_json(effect: Effect) -> dict[str, Any]:
     }
 
 
-def _print_catalogue(found: Sequence[Effect]) -> None:
-    width = max(len(each.id) for each in found)
+def _print_catalogue(listed: Sequence[Effect]) -> None:
+    width = max(len(each.id) for each in listed)
     experiment = ""
-    for each in found:
+    for each in listed:
         if experiment_of(each).id != experiment:
             experiment = experiment_of(each).id
             say(f"{experiment}:")

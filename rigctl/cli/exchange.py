@@ -109,9 +109,9 @@ def _salvage(store: Path, directory: Path, format_: str, *, as_json: bool) -> No
         raise ConfigError("--salvage writes a bundle; leave out --format")
     if not store.is_file():
         raise ConfigError(f"{store}: no such store; check the name")
-    found = salvage_bundle(store, directory)
-    for line in found.lost:
+    salvaged = salvage_bundle(store, directory)
+    for line in salvaged.lost:
         tell(line)
-    document = {"written": str(directory), "saved": list(found.saved), "lost": list(found.lost)}
-    text = f"saved: {', '.join(found.saved) or 'no run'}\nwritten: {directory}"
+    document = {"written": str(directory), "saved": list(salvaged.saved), "lost": list(salvaged.lost)}
+    text = f"saved: {', '.join(salvaged.saved) or 'no run'}\nwritten: {directory}"
     print_outcome(document, text, as_json=as_json)

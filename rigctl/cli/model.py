@@ -30,8 +30,8 @@ def show(store: StoreFile, as_json: Json = False) -> None:
 def history(store: StoreFile, plugin: Plugins = None, as_json: Json = False) -> None:
     """The error ladder: how well each version describes the data, fitted and held out."""
     with opened_workbench(store, plugin or ()) as workbench:
-        found = workbench.history(tell)
-    (print_json if as_json else print_history)(found)
+        ladder = workbench.history(tell)
+    (print_json if as_json else print_history)(ladder)
 
 
 @app.command()
@@ -48,8 +48,8 @@ def remove(store: StoreFile, effect: Effects, as_json: Json = False) -> None:
         _print_versions([each.as_json() for each in remove_all(opened, effect)], as_json=as_json)
 
 
-def _print_versions(found: list[dict[str, Any]], *, as_json: bool, single: bool = False) -> None:
+def _print_versions(listed: list[dict[str, Any]], *, as_json: bool, single: bool = False) -> None:
     if as_json:
-        print_json(found[0] if single else found)
+        print_json(listed[0] if single else listed)
     else:
-        print_versions(found)
+        print_versions(listed)

@@ -35,21 +35,21 @@ def next_(
     with opened_workbench(store, plugin or ()) as workbench:
         if write is not None:
             planning.require_rig(workbench.store)
-        found = workbench.recommend(tell)
+        recommendation = workbench.recommend(tell)
         if write is not None:
-            if not found.runs:
-                raise DataError(f"{store}: there is nothing to write: {found.words}")
-            effects = workbench.current.effects
-            text = planning.campaign_text(workbench.store, found.runs, f"Next: {found.purpose}", write, effects)
+            if not recommendation.runs:
+                raise DataError(f"{store}: there is nothing to write: {recommendation.words}")
+            title, effects = f"Next: {recommendation.purpose}", workbench.current.effects
+            text = planning.campaign_text(workbench.store, recommendation.runs, title, write, effects)
             write.write_text(text, encoding="utf-8")
     if as_json:
-        print_json({**found.as_json(), "written": None if write is None else str(write)})
+        print_json({**recommendation.as_json(), "written": None if write is None else str(write)})
         return
-    print_recommendation(found.as_json())
+    print_recommendation(recommendation.as_json())
     if write is not None:
-        own = "".join(f" --plugin {path}" for path in plugin or ())
+        plugin_options = "".join(f" --plugin {path}" for path in plugin or ())
         into = store if parse_campaign(text, write).goes_on else write.with_suffix(".rig.sqlite")
-        say(f"written: {write}; measure it with `rigctl run {write} --store {into}{own}`")
+        say(f"written: {write}; measure it with `rigctl run {write} --store {into}{plugin_options}`")
 
 
 @app.command()
@@ -70,11 +70,11 @@ def investigate(
         options = runner.Options(unattended=yes, display=bar, plugins=tuple(plugin or ()))
         settings = Settings(options, _agree if yes else _ask, tell, max_runs=max_runs)
         with ended_by_signals(lambda _: None, campaign_file.on_terminal_lost, leave_s=0.0):
-            found = carry_out(campaign_file, rig_file, store, settings).as_json()
+            outcome = carry_out(campaign_file, rig_file, store, settings).as_json()
     if as_json:
-        print_json({"store": str(store), **found})
+        print_json({"store": str(store), **outcome})
     else:
-        print_outcome(found, str(store))
+        print_outcome(outcome, str(store))
 
 
 def _agree(question: str) -> bool:

@@ -15,8 +15,8 @@ app = typer.Typer(add_completion=False)
 def result(store: StoreFile, plugin: Plugins = None, as_json: Json = False) -> None:
     """What a store amounts to: the sensing axes with their uncertainty, or the fit of a table."""
     tell_if_unchecked(store)
-    found = results.of(store, plugin or ())
+    document = results.of(store, plugin or ())
     if as_json:
-        print_json(found)
+        print_json(document)
     else:
-        results.show(store, found)
+        results.show(store, document)

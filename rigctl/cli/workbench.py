@@ -25,11 +25,11 @@ def compare(
 ) -> None:
     """The current model beside the data: where does it fail?"""
     with opened_workbench(store, plugin or ()) as workbench:
-        found = workbench.compare().as_json()
+        document = workbench.compare().as_json()
         if with_ is not None:
             with opened_workbench(with_, plugin or ()) as other:
-                found["with"] = {"store": str(with_), **workbench.compare_with(other).as_json()}
-    (print_json if as_json else print_comparison)(found)
+                document["with"] = {"store": str(with_), **workbench.compare_with(other).as_json()}
+    (print_json if as_json else print_comparison)(document)
 
 
 @app.command()
@@ -53,12 +53,12 @@ def diagnose(
 
             draft.write_text(drafted(workbench, diagnosis), encoding="utf-8")
             tell(f"written: {draft}; name the physics in it, then `rigctl diagnose {store} --plugin {draft}`")
-        found = diagnosis.as_json()
-    found["model"]["version"] = version.version
+        document = diagnosis.as_json()
+    document["model"]["version"] = version.version
     if as_json:
-        print_json(found)
+        print_json(document)
     else:
-        print_diagnosis(found, str(store))
+        print_diagnosis(document, str(store))
 
 
 @app.command()
@@ -66,5 +66,5 @@ def fit(store: StoreFile, plugin: Plugins = None, as_json: Json = False) -> None
     """Fit the current model and show its parameters."""
     with opened_workbench(store, plugin or ()) as workbench:
         version = workbench.current
-        found = {"version": version.version, **workbench.fit(version).as_json()}
-    (print_json if as_json else print_fit)(found)
+        document = {"version": version.version, **workbench.fit(version).as_json()}
+    (print_json if as_json else print_fit)(document)

@@ -53,8 +53,8 @@ PROCEDURES = Registry("rigctl.procedures", Procedure, PROCEDURE_CONTRACT, lambda
 
 def effects_for(experiment: str) -> list[Effects]:
     """The modules of effects of an experiment, its own first, then others by name."""
-    found = (each for each in EFFECTS.sound() if each.experiment == experiment)
-    return sorted(found, key=lambda each: (each.name != experiment, each.name))
+    modules = (each for each in EFFECTS.sound() if each.experiment == experiment)
+    return sorted(modules, key=lambda each: (each.name != experiment, each.name))
 
 
 def procedure_for(experiment: str, name: object) -> Procedure | None:

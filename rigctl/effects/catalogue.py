@@ -59,7 +59,7 @@ class Effect:
         except RigError:
             raise
         except Exception as error:
-            raise DataError(f"effect '{self.id}' fails{line_of(error, self.file)}: {said(error)}") from error
+            raise DataError(f"effect '{self.id}' fails{line_of(error, self.file)}: {described(error)}") from error
 
     @property
     def file(self) -> str:
@@ -123,15 +123,15 @@ def chosen(experiment: str, ids: Sequence[str], plugins: Sequence[Effect] = ()) 
 
 def line_of(error: Exception, file: str) -> str:
     """Where in a file an error came from, the innermost of its lines: ", line 7", or "" from elsewhere."""
-    found, traceback = "", error.__traceback__
+    line, traceback = "", error.__traceback__
     while traceback is not None:
         if traceback.tb_frame.f_code.co_filename == file:
-            found = f", line {traceback.tb_lineno}"
+            line = f", line {traceback.tb_lineno}"
         traceback = traceback.tb_next
-    return found
+    return line
 
 
-def said(error: Exception) -> str:
+def described(error: Exception) -> str:
     """An error in one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

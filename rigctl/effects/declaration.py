@@ -61,5 +61,5 @@ def _flaw_of_signature(effect: Effect) -> str | None:
 
 
 def _near(name: str, names: Collection[str]) -> str:
-    found = difflib.get_close_matches(name, names, n=1)
-    return f"; is it {found[0]}?" if found else ""
+    nearest = difflib.get_close_matches(name, names, n=1)
+    return f"; is it {nearest[0]}?" if nearest else ""

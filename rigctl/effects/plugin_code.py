@@ -18,7 +18,7 @@ from typing import Any
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, PluginError
 from rigctl.core.messages import one_line
-from rigctl.effects.catalogue import Effect, effects_in, line_of, said
+from rigctl.effects.catalogue import Effect, described, effects_in, line_of
 
 CALL_PATIENCE_S = 60.0
 """A call of an effect takes milliseconds, seconds on days of samples."""
@@ -86,10 +86,10 @@ WATCH = Watch()
 def effects_of(module: ModuleType) -> list[Effect]:
     """What a file defines, each guarded so that it can neither end the program nor keep it waiting."""
     path = module.__file__
-    found = [replace(each, function=_guarded(each, str(path))) for each in effects_in(module)]
-    if not found:
+    effects = [replace(each, function=_guarded(each, str(path))) for each in effects_in(module)]
+    if not effects:
         raise ConfigError(f"{path}: no effect in it: decorate a function with @effect(...) of rigctl.effects")
-    return found
+    return effects
 
 
 def _guarded(effect: Effect, path: str) -> Callable[..., FloatArray]:
@@ -134,7 +134,7 @@ def executed(path: Path, source: bytes) -> ModuleType:
     except PluginError:
         raise
     except Exception as error:  # noqa: BLE001 - whatever a user's file may raise
-        raise ConfigError(one_line(f"{path}{line_of(error, str(path))}: {said(error)}")) from None
+        raise ConfigError(one_line(f"{path}{line_of(error, str(path))}: {described(error)}")) from None
     finally:
         sys.modules.pop(name, None)
     return module

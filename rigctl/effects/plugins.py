@@ -12,7 +12,7 @@ from rigctl.core.errors import ConfigError, PluginError
 from rigctl.core.experiments import EXPERIMENTS
 from rigctl.core.messages import one_line
 from rigctl.core.reading import read_regular
-from rigctl.effects.catalogue import Effect, catalogue, line_of, said
+from rigctl.effects.catalogue import Effect, catalogue, described, line_of
 from rigctl.effects.declaration import flaw_of_declaration
 from rigctl.effects.plugin_code import effects_of, executed
 from rigctl.effects.rehearsal import rehearse
@@ -63,4 +63,4 @@ def _flaw_of_trial(effect: Effect, path: Path) -> str | None:
     except PluginError:
         raise
     except Exception as error:  # noqa: BLE001 - whatever a user's function may raise
-        return f"its function fails{line_of(error, str(path))}: {said(error)}"
+        return f"its function fails{line_of(error, str(path))}: {described(error)}"

@@ -46,10 +46,10 @@ def rehearse(path: Path, source: bytes) -> None:
         text.seek(0)
         status = _performed(path, text, result, printed)
         result.seek(0)
-        told = [json.loads(line) for line in result.read().splitlines()]
-    where = next((each["at"] for each in reversed(told) if "at" in each), "")
-    flaw = next((each["flaw"] for each in told if "flaw" in each), None)
-    if flaw is None and {"done": True} not in told:
+        reports = [json.loads(line) for line in result.read().splitlines()]
+    where = next((each["at"] for each in reversed(reports) if "at" in each), "")
+    flaw = next((each["flaw"] for each in reports if "flaw" in each), None)
+    if flaw is None and {"done": True} not in reports:
         flaw = f"ends the program ({_ended(status)})" if status is not None else f"takes over {PATIENCE_S:g} s"
     if flaw is not None:
         raise PluginError(f"{path}: {where}{flaw}; {_MEND}")

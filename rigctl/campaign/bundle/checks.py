@@ -190,12 +190,12 @@ def _impossible(file: SampleFile) -> list[str]:
 
 def _rate(conditions: Mapping[str, Any], step_s: float) -> list[str]:
     """A sampling rate in runs.csv that the samples do not have."""
-    said = {
+    of_samples = {
         "sample_rate_hz": 1 / step_s if step_s else math.nan,
         "sample_period_s": step_s if step_s else math.nan,
     }
     return [
         f"{name} is {conditions[name]:.6g}, the samples have {measured:.6g}"
-        for name, measured in said.items()
+        for name, measured in of_samples.items()
         if abs(conditions.get(name, math.nan) / measured - 1) > RATE_TOLERANCE
     ]

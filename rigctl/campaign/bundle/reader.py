@@ -81,9 +81,9 @@ class BundleReader:
         findings = check_samples(
             layout, conditions, file, self.header.channels, self.header.constants, declared_valid=declared
         )
-        said = str(row.get("reason", ""))
-        reasons = [said] if said else [] if declared else ["marked invalid in runs.csv"]
-        reasons += [found for found in (*findings.invalid, *findings.remarks) if found not in said]
+        given = str(row.get("reason", ""))
+        reasons = [given] if given else [] if declared else ["marked invalid in runs.csv"]
+        reasons += [found for found in (*findings.invalid, *findings.remarks) if found not in given]
         self._warnings += [f"{file.place.file}: {remark}" for remark in findings.remarks]
         valid = declared and not findings.invalid
         return RunRecord(run_id, run_id, STEP, conditions, valid, "; ".join(reasons))

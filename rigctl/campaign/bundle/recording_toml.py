@@ -60,8 +60,8 @@ def header_to_toml(header: Header) -> str:
         "lasers": {name: _known_first(laser) for name, laser in header.lasers.items()},
     }
     extra = {name: value for name, value in header.extra.items() if name not in _NAMED | _ELSEWHERE}
-    said = {name: value for name, value in named.items() if value not in (None, "", {})}
-    return to_toml({**said, **extra})
+    stated = {name: value for name, value in named.items() if value not in (None, "", {})}
+    return to_toml({**stated, **extra})
 
 
 def _known_first(info: ChannelInfo | LaserInfo) -> dict[str, Any]:

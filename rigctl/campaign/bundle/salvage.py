@@ -9,14 +9,13 @@ from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rigctl.campaign.layout import layout_of
 from rigctl.campaign.recording import READINGS, Header, RunRecord, flaw_of_run_id
 from rigctl.campaign.store import synced
 from rigctl.campaign.store.checksums import ColumnSums, row_sum
 from rigctl.campaign.store.header_json import header_from_json
 from rigctl.campaign.store.ledger import PARTS, Mark
+from rigctl.campaign.store.samples import joined_columns
 from rigctl.campaign.store.schema import first_chunk_id
 from rigctl.campaign.store.sqlite_pages import Cell, Pages, Values
 from rigctl.core.arrays import FloatArray
@@ -138,7 +137,7 @@ class Salvage:
                 sums.add(name, data)
             columns = sums.differing(kept) if kept is not None else []
             if not columns:
-                return _columns(chunks)
+                return joined_columns(chunks)
             flaw = f"its samples are not as they were written ({', '.join(columns)})"
         return flaw
 
@@ -188,10 +187,3 @@ def _header(values: Values) -> Header | None:
         return header_from_json(values[1]) if known else None
     except (ValueError, TypeError, KeyError):
         return None
-
-
-def _columns(chunks: tuple[tuple[str, bytes], ...]) -> Samples:
-    columns: dict[str, list[bytes]] = {}
-    for name, data in chunks:
-        columns.setdefault(name, []).append(data[: len(data) // 8 * 8])
-    return {name: np.frombuffer(b"".join(parts), dtype="<f8").astype(np.float64) for name, parts in columns.items()}

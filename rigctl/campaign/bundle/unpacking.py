@@ -26,9 +26,9 @@ _ENTRY = b"PK\x01\x02"
 
 def gunzipped(place: Place, data: bytes, limit: int, mend: str) -> bytes:
     """A .gz's content; `DataError`, ending in `mend` where it is larger than `limit` bytes."""
-    said = int.from_bytes(data[-4:], "little")
-    if limit < said <= _DEFLATE_RATIO * len(data):
-        raise place.error(f"{amount(said)} unpacked, but at most {amount(limit)} are read; {mend}")
+    announced = int.from_bytes(data[-4:], "little")
+    if limit < announced <= _DEFLATE_RATIO * len(data):
+        raise place.error(f"{amount(announced)} unpacked, but at most {amount(limit)} are read; {mend}")
     packed = io.BytesIO(data)
     content = io.BytesIO()
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 
 import numpy as np
@@ -11,14 +11,14 @@ from rigctl.campaign.store.checked_rows import CheckedRows, Row
 from rigctl.core.arrays import FloatArray
 
 
-def all_samples(rows: CheckedRows, run: Row) -> dict[str, FloatArray]:
-    """Every column, each of shape (samples,), in the order they first came; `DamagedStore`."""
-    chunks: dict[str, list[bytes]] = {}
-    for name, data in rows.samples(run):
-        chunks.setdefault(name, []).append(data)
+def joined_columns(chunks: Iterable[tuple[str, bytes]]) -> dict[str, FloatArray]:
+    """The columns of chunks that come with their names, in the order they first came; half a number is left out."""
+    parts: dict[str, list[bytes]] = {}
+    for name, data in chunks:
+        parts.setdefault(name, []).append(data[: len(data) // 8 * 8])
     return {
-        name: np.frombuffer(bytearray(b"".join(parts)), dtype="<f8").astype(np.float64, copy=False)
-        for name, parts in chunks.items()
+        name: np.frombuffer(bytearray(b"".join(column)), dtype="<f8").astype(np.float64, copy=False)
+        for name, column in parts.items()
     }
 
 

@@ -120,9 +120,9 @@ def _contents(path: Path) -> Buffer:
 
 
 def _page_bytes(main: Buffer, wal: Buffer) -> int:
-    said = [1 if main[16:18] == b"\0\1" else int.from_bytes(main[16:18], "big")] if main[:16] == _MAGIC else []
-    said.append(int.from_bytes(wal[8:12], "big"))
-    return next((size for size in said if 512 <= size <= 65536 and size & (size - 1) == 0), DEFAULT_PAGE_BYTES)
+    sizes = [1 if main[16:18] == b"\0\1" else int.from_bytes(main[16:18], "big")] if main[:16] == _MAGIC else []
+    sizes.append(int.from_bytes(wal[8:12], "big"))
+    return next((size for size in sizes if 512 <= size <= 65536 and size & (size - 1) == 0), DEFAULT_PAGE_BYTES)
 
 
 def _frames(wal: Buffer, page_bytes: int) -> Iterator[tuple[int, int]]:

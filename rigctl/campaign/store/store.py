@@ -21,7 +21,7 @@ from rigctl.campaign.store.entries import Document, Event
 from rigctl.campaign.store.header_json import dumps, header_from_json, utc_now
 from rigctl.campaign.store.opening import create_file, open_file
 from rigctl.campaign.store.run_writer import RunWriter
-from rigctl.campaign.store.samples import all_samples, last_samples, sample_pieces
+from rigctl.campaign.store.samples import joined_columns, last_samples, sample_pieces
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.core.interfaces import Identity
@@ -131,7 +131,7 @@ class Store:
         An interrupted run's columns may differ in length. `DataError` for an unknown run, `DamagedStore` when a
         finished run's are not as they were written.
         """
-        return all_samples(self._rows, self._run(run_id))
+        return joined_columns(self._rows.samples(self._run(run_id)))
 
     def sample_chunks(self, run_id: str) -> Iterator[dict[str, FloatArray]]:
         """The columns of a run piece by piece, as they were written, each piece of one length in all columns.

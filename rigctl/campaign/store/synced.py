@@ -61,8 +61,8 @@ def read(store: Path) -> Mark | None:
 
 
 def _text(mark: Mark) -> str:
-    said = f"{mark.store} {mark.commits}"
-    return f"{said} {zlib.crc32(said.encode()):08x}"
+    position = f"{mark.store} {mark.commits}"
+    return f"{position} {zlib.crc32(position.encode()):08x}"
 
 
 def missing(noted: Mark | None, mark: Mark) -> int:
