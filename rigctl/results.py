@@ -11,6 +11,7 @@ from rigctl.composition import opened_workbench
 from rigctl.experiments.analysis import analysis_of
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.report.drawn import drawing_of
+from rigctl.report.tables.terminal import print_tables
 from rigctl.workbench.workbench import Workbench
 
 
@@ -29,7 +30,8 @@ def of_workbench(workbench: Workbench) -> dict[str, Any]:
 def show(path: Path, document: Mapping[str, Any]) -> None:
     """Print a result, beside the campaign file's reference values."""
     with Store.open(path, readonly=True) as store:
-        drawing_of(store.header.experiment, path).show(document, reference_of(store))
+        tables = drawing_of(store.header.experiment, path).tables(document, reference_of(store))
+        print_tables(table for table in tables if table.printed)
 
 
 def reference_of(store: Store) -> dict[str, Any]:

@@ -70,7 +70,7 @@ def test_the_result_at_a_terminal_and_as_json(store: Path) -> None:
     assert [each["run_id"] for each in told["runs"]] == ["r01", "r02", "r03"]
     assert (told["scans"], told["noise"]) == ([], [])
     shown = run("result", store)
-    assert "gain of the commanded tilt 0.96" in shown
+    assert "gain of the commanded tilt │ 0.96" in " ".join(shown.split())
     assert "Not tested by any modulation: theta-locked-bias, pendulum-reaction." in shown
 
 

@@ -101,7 +101,7 @@ class Analyses:
         if not bench.is_running:  # on the way out
             return
         shows: Mapping[str, Callable[[Any], Awaitable[None] | None]] = {
-            "result": results.show_result,
+            "result": lambda tables_and_pictures: results.show_result(*tables_and_pictures),
             "compare_with": results.show_comparison,
             "model": bench.show_model,
             "fit": bench.show_fit,

@@ -6,7 +6,6 @@ Every function takes and returns what can be sent between processes. Only that p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,25 +15,23 @@ from rigctl.composition import opened_workbench
 from rigctl.core.errors import ConfigError
 from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import read_rig
-from rigctl.report.drawn import DrawingOfNulls, drawing_of
+from rigctl.report.drawn import DrawingForConsole, drawing_of
 from rigctl.report.figures.residuals import axis_label, residual_plate
-from rigctl.report.verdicts import comparison_sentence, inseparable_sentences, transfer_sentence, verdict_sentence
+from rigctl.report.picture import Picture
+from rigctl.report.tables.result_table import ResultTable
+from rigctl.report.verdicts import comparison_sentence
 from rigctl.workbench.verdict.covariates import distinct
 
 Plugins = Sequence[Path]
 Json = dict[str, Any]
 
 
-def result(store: Path, plugins: Plugins) -> Json:
-    """`rigctl result`, with the null vectors of axes as figures 15 to 17 show them, else with the report's tables."""
+def result(store: Path, plugins: Plugins) -> tuple[Sequence[ResultTable], Sequence[Picture]]:
+    """`rigctl result`, and the plots its experiment has for the console."""
     with opened_workbench(store, plugins, readonly=True) as workbench:
-        found = {**results.of_workbench(workbench), "reference": results.reference_of(workbench.store)}
         drawing = drawing_of(workbench.store.header.experiment, store)
-        if isinstance(drawing, DrawingOfNulls):
-            found["planes"] = drawing.null_vectors(workbench)
-        else:
-            found["tables"] = [asdict(table) for table in drawing.draw(workbench, (), ()).tables]
-    return found
+        tables = drawing.tables(results.of_workbench(workbench), results.reference_of(workbench.store))
+        return tables, drawing.pictures(workbench) if isinstance(drawing, DrawingForConsole) else ()
 
 
 def null_search(store: Path, plugins: Plugins) -> Json:
@@ -42,7 +39,7 @@ def null_search(store: Path, plugins: Plugins) -> Json:
     del plugins
     with Store.open(store, readonly=True) as opened:
         drawing = drawing_of(opened.header.experiment, store)
-        return drawing.null_search(opened) if isinstance(drawing, DrawingOfNulls) else {}
+        return drawing.null_search(opened) if isinstance(drawing, DrawingForConsole) else {}
 
 
 def dry_run(campaign: Path, plugins: Plugins) -> Json:
@@ -62,8 +59,7 @@ def model(store: Path, plugins: Plugins) -> Json:
 def fit(store: Path, plugins: Plugins) -> Json:
     """`rigctl fit`."""
     with opened_workbench(store, plugins) as workbench:
-        version = workbench.current
-        return {"version": version.version, **workbench.fit(version).as_json()}
+        return workbench.fit(workbench.current).as_json()
 
 
 def history(store: Path, plugins: Plugins) -> list[Json]:
@@ -73,10 +69,9 @@ def history(store: Path, plugins: Plugins) -> list[Json]:
 
 
 def diagnose(store: Path, plugins: Plugins) -> Json:
-    """`rigctl diagnose`, with its sentences."""
+    """`rigctl diagnose`."""
     with opened_workbench(store, plugins) as workbench:
-        found = workbench.diagnose().as_json()
-    return {**found, "sentence": verdict_sentence(found), "pairs": inseparable_sentences(found["inseparable"])}
+        return workbench.diagnose().as_json()
 
 
 def recommend(store: Path, plugins: Plugins) -> Json:
@@ -97,10 +92,8 @@ def residuals(store: Path, covariate: str, plugins: Plugins) -> Json:
     series: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
         series.setdefault(f"{row.channel} {row.component}".strip(), []).append((row.value, row.residual_sigma))
-    numbers = comparison.as_json()
     return {
-        **numbers,
-        "sentence": comparison_sentence(numbers),
+        "sentence": comparison_sentence(comparison.as_json()),
         "covariates": covariates,
         "covariate": covariate,
         "label": axis_label(covariate),
@@ -111,8 +104,7 @@ def residuals(store: Path, covariate: str, plugins: Plugins) -> Json:
 def compare_with(store: Path, other: Path, plugins: Plugins) -> Json:
     """`rigctl compare --with`."""
     with opened_workbench(store, plugins) as here, opened_workbench(other, plugins) as there:
-        found = {**here.compare_with(there).as_json(), "store": str(other)}
-    return {**found, "sentence": transfer_sentence(found)}
+        return {**here.compare_with(there).as_json(), "store": str(other)}
 
 
 def add(store: Path, effects: Sequence[str], plugins: Plugins) -> list[Json]:

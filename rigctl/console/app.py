@@ -159,7 +159,7 @@ class Console(Shell):
     def _watch(self, store: Path) -> None:
         self.kept.store = str(store.absolute())
         self._view = self._shown_view = None
-        self._panes.results.clear()
+        self.call_later(self._panes.results.clear)
         self._feed.watch(store)
 
     # What threads tell
@@ -220,10 +220,10 @@ class Console(Shell):
     def action_open(self) -> None:
         """Ask which file."""
 
-        def go(path: Path | None) -> None:
+        def go(path: str | None) -> None:
             if path is not None:
                 self._act(f"open {path}")
-                self.action_screen(self._open(path))
+                self.action_screen(self._open(Path(path)))
 
         near = [
             p

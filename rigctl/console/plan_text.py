@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rigctl.report.quantities import duration
+
 
 def plan_told(found: Mapping[str, Any]) -> str:
     """A dry run in words: what is known of every plan, then what its experiment says beyond."""
@@ -21,7 +23,7 @@ def plan_told(found: Mapping[str, Any]) -> str:
         lines.append("accuracy    these runs do not determine theta0")
     if "rig_time_s" in found:
         lines.append(
-            f"rig time    {_duration(found['rig_time_s'])} in a room as noisy as allowed; mounting not counted"
+            f"rig time    {duration(found['rig_time_s'])} in a room as noisy as allowed; mounting not counted"
         )
     known = {"experiment", "procedure", "mountings", "runs_planned", "effects", "theta0_sigma_arcsec", "rig_time_s"}
     for key, value in found.items():
@@ -29,7 +31,3 @@ def plan_told(found: Mapping[str, Any]) -> str:
             several = "\n            ".join(map(str, value)) if isinstance(value, list) else value
             lines.append(f"{key:11} {several}")
     return "\n".join([*lines, "", "Checked against the rig's limits: everything can be reached. Nothing was moved."])
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

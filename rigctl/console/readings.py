@@ -74,7 +74,6 @@ class Strip:
     """The last values of one quantity; times are seconds before now, so at most 0."""
 
     name: str
-    unit: str
     ago_s: Any
     values: Any
 

@@ -75,7 +75,7 @@ class Station:
         for name, values in list(self._values.items()):
             kept = list(values)
             ago_s = np.array([each.taken_s - now_s for each in kept])
-            strips[name] = Strip(name, kept[-1].unit, ago_s, np.array([each.value for each in kept]))
+            strips[name] = Strip(name, ago_s, np.array([each.value for each in kept]))
         return strips
 
     def wake(self) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.status import repeats_in
+from rigctl.campaign.store.store import Store
 from rigctl.core.errors import UNFIT, ConfigError, DataError
 from rigctl.core.experiments import of_readings
 from rigctl.report import html
@@ -17,17 +18,15 @@ from rigctl.report.figures.data import Plate, write_plates
 from rigctl.report.figures.ladder import ladder_plate
 from rigctl.report.figures.ranking import ranking_plate
 from rigctl.report.figures.residuals import residual_plates
-from rigctl.report.quantities import counted, number, probability, quantity
+from rigctl.report.quantities import counted
+from rigctl.report.tables.workbench import channels_table, ladder_table, parameters_table, ranking_table
 from rigctl.report.terminal import repeats_line
-from rigctl.report.terminal_workbench import fails, line_sentence, short_result
 from rigctl.report.verdicts import (
     advice,
-    change_of,
     comparison_sentence,
     inseparable_sentences,
+    line_sentence,
     model_name,
-    named,
-    sizes,
     verdict_sentence,
 )
 from rigctl.workbench.findings import Comparison
@@ -48,28 +47,22 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Evidence:
-    """Everything a report shows; `drawn` is what the experiment adds of its own."""
+    """Everything a report shows; `drawn` is what the experiment adds."""
 
-    store: Path
-    title: str
-    experiment: str
-    runs: int
-    repeated: str
-    data: int
+    store: Store
     rungs: Sequence[Mapping[str, Any]]
     comparisons: Sequence[Comparison]
     diagnosis: Mapping[str, Any]
     fit: Mapping[str, Any]
     ladder: Plate[Any]
-    ranking: Plate[Any] | None
+    rankings: Sequence[Plate[Any]]
     residuals: Sequence[Plate[Any]]
     drawn: Drawn
 
     @property
     def plates(self) -> list[Plate[Any]]:
         """All figures."""
-        ranking = [] if self.ranking is None else [self.ranking]
-        return [self.ladder, *self.residuals, *self.drawn.spectra, *ranking, *self.drawn.plates]
+        return [self.ladder, *self.residuals, *self.drawn.spectra, *self.rankings, *self.drawn.plates]
 
 
 def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell: Tell) -> list[Path]:
@@ -84,7 +77,7 @@ def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell:
         evidence = gather(bench, tell)
         plates, left_out, text = evidence.plates, evidence.drawn.left_out, page(evidence) if out else ""
     else:
-        plates, left_out, text = list(drawn.plates), drawn.left_out, study_page(bench, drawn) if out else ""
+        plates, left_out, text = list(drawn.plates), drawn.left_out, study_page(bench.store, drawn) if out else ""
     written = write_plates(plates, left_out, figures) if figures else []
     if out is not None:
         partial = out.with_name(f".{out.name}.{os.getpid()}")
@@ -107,7 +100,7 @@ def _without_runs(bench: Workbench) -> Drawn | None:
         drawn = drawing_of(bench.store.header.experiment, bench.store.path).draw(bench, (), ())
     except UNFIT:
         return None
-    return drawn if drawn.tables else None
+    return drawn if drawn.result else None
 
 
 def gather(bench: Workbench, tell: Tell) -> Evidence:
@@ -119,22 +112,17 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
     diagnosis = versions.kept_diagnosis(store, current, ALPHA) or bench.diagnose(ALPHA, tell).as_json()
     tell("drawing")
     last = comparisons[-1]
-    lines = [float(term.choice["frequency_hz"]) for term in current.terms if "frequency_hz" in term.choice]
+    lines_hz = [float(term.choice["frequency_hz"]) for term in current.terms if "frequency_hz" in term.choice]
     return Evidence(
-        store=store.path,
-        title=store.header.title,
-        experiment=store.header.experiment,
-        runs=len(last.observations.run_ids),
-        repeated=repeats_line(repeats_in(store)),
-        data=len(last.observations.value),
-        rungs=rungs,
-        comparisons=comparisons,
-        diagnosis=diagnosis,
+        store,
+        rungs,
+        comparisons,
+        diagnosis,
         fit=versions.kept_fit(store, current) or bench.fit(current).as_json(),
         ladder=ladder_plate(rungs),
-        ranking=ranking_plate(diagnosis) if diagnosis["ranking"] else None,
+        rankings=[ranking_plate(diagnosis)] if diagnosis["ranking"] else [],
         residuals=list(residual_plates(comparisons)),
-        drawn=_drawn(bench, lines, last.lines),
+        drawn=_drawn(bench, lines_hz, last.lines),
     )
 
 
@@ -159,77 +147,59 @@ def _side_by_side(bench: Workbench, tell: Tell) -> Iterator[versions.ModelVersio
         yield version
 
 
-def study_page(bench: Workbench, drawn: Drawn) -> str:
+def study_page(store: Store, drawn: Drawn) -> str:
     """The report on a store that has a result and no runs."""
-    store = bench.store
     title = store.header.title or store.path.name
     body = [
         html.heading(title, 1),
         html.paragraph(f"{store.header.experiment}; {store.path.name}", "soft"),
-        *_tables_of(drawn),
+        *_result(store, drawn),
     ]
     return html.page(title, body)
 
 
 def page(evidence: Evidence) -> str:
     """The report as one HTML document."""
-    title = evidence.title or evidence.store.name
-    diagnosis = evidence.diagnosis
-    current = evidence.rungs[-1]
+    store, diagnosis, current = evidence.store, evidence.diagnosis, evidence.rungs[-1]
+    title, name = store.header.title or store.path.name, store.path.name
+    repeated = repeats_line(repeats_in(store))
     body = [
         html.heading(title, 1),
         html.paragraph(
-            f"{evidence.experiment}, {_amount(evidence)}; "
-            f"model version {current['version']}: {model_name(current['effects'])}; {evidence.store.name}",
+            f"{store.header.experiment}, {_amount(evidence)}; "
+            f"model version {current['version']}: {model_name(current['effects'])}; {name}",
             "soft",
         ),
-        *([html.paragraph(f"Runs: {evidence.repeated}.", "soft")] if evidence.repeated else []),
+        *([html.paragraph(f"Runs: {repeated}.", "soft")] if repeated else []),
         html.paragraph(verdict_sentence(diagnosis), f"verdict {diagnosis['verdict']}"),
         html.paragraph("What to do next:", "soft"),
-        html.command(advice(diagnosis, evidence.store.name)),
+        html.command(advice(diagnosis, name)),
         html.heading("Error ladder"),
         *([html.figure(evidence.ladder)] if len(evidence.rungs) > 1 else []),
-        _ladder(evidence.rungs),
+        html.table(ladder_table(evidence.rungs)),
         html.heading("Residuals"),
         *_residuals(evidence),
     ]
     if evidence.drawn.spectra:
         body += [html.heading("What is left in the samples"), *map(html.figure, evidence.drawn.spectra)]
     body += [html.heading("Candidates"), *_candidates(evidence)]
-    body += [html.heading("Result"), *_result(evidence)]
+    body += [html.heading("Result"), *_result(store, evidence.drawn)]
+    body.append(html.table(parameters_table(evidence.fit)))
     return html.page(title, body)
 
 
 def _amount(evidence: Evidence) -> str:
-    if of_readings(evidence.experiment):
-        return counted(evidence.data, "reading")
-    return f"{counted(evidence.data, 'datum', 'data')} of {counted(evidence.runs, 'run')}"
-
-
-def _ladder(rungs: Sequence[Mapping[str, Any]]) -> str:
-    rows = [
-        [
-            str(rung["version"]),
-            change_of(rung),
-            number(rung["chi2_per_dof"]),
-            number(rung["error_fit"]),
-            number(rung["error_held_out"]),
-            "\n".join(f"{name} = {short_result(each)}" for name, each in (rung.get("result") or {}).items()),
-        ]
-        for rung in rungs
-    ]
-    return html.table(["#version", "change", "#χ²/dof", "#error", "#held out", "~result"], rows)
+    observations = evidence.comparisons[-1].observations
+    data, runs = len(observations.value), len(observations.run_ids)
+    if of_readings(evidence.store.header.experiment):
+        return counted(data, "reading")
+    return f"{counted(data, 'datum', 'data')} of {counted(runs, 'run')}"
 
 
 def _residuals(evidence: Evidence) -> Iterator[str]:
     last = evidence.comparisons[-1].as_json()
     yield html.paragraph(comparison_sentence(last))
-    rows = [
-        [c["channel"], c["component"], number(c["rms"]), number(c["noise"]), c["unit"], number(c["chi2"] / c["data"])]
-        for c in last["channels"]
-    ]
-    columns = ["channel", "component", "#rms", "#noise", "unit", "#χ²/n"]
-    yield html.table(columns, rows, [fails(c) for c in last["channels"]])
+    yield html.table(channels_table(last))
     shown = evidence.residuals[:SHOWN_COVARIATES]
     yield from map(html.figure, shown)
     if len(shown) < len(evidence.residuals):
@@ -240,9 +210,9 @@ def _residuals(evidence: Evidence) -> Iterator[str]:
 
 def _candidates(evidence: Evidence) -> Iterator[str]:
     found = evidence.diagnosis
-    if evidence.ranking is not None:
-        yield html.figure(evidence.ranking)
-        yield _ranking(found)
+    if evidence.rankings:
+        yield from map(html.figure, evidence.rankings)
+        yield html.table(ranking_table(found, MAX_RANKS))
     if found["inseparable"]:
         yield html.heading("Cannot be told apart with these data", 3)
         yield html.listing(inseparable_sentences(found["inseparable"]))
@@ -251,50 +221,14 @@ def _candidates(evidence: Evidence) -> Iterator[str]:
         yield html.listing(f"{effect}: {reason}" for effect, reason in found["not_testable"].items())
 
 
-def _ranking(found: Mapping[str, Any]) -> str:
-    ranking = found["ranking"]
-    significant = sum((rank["p_value_corrected"] or 0.0) < found["alpha"] for rank in ranking)
-    shown = ranking[: max(MAX_RANKS, significant)]
-    rows = [
-        [
-            named(rank["effect"], rank["choice"]),
-            "\n".join(size.removeprefix("= ") for size in sizes(rank)),
-            probability(rank["p_value_corrected"]),
-            number(rank["held_out_error_ratio"]),
-            ", ".join(rank["equivalent_to"]),
-        ]
-        for rank in shown
-    ]
-    columns = ["effect", "~size", "#p, corrected", "#held-out error ratio", "cannot be told from"]
-    text = html.table(columns, rows, [rank["effect"] in found["suggested"] for rank in shown])
-    if len(shown) < len(ranking):
-        text += html.paragraph(f"{len(ranking) - len(shown)} more, none of them significant.", "soft")
-    return text
-
-
 def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:
     """Without those that show what an earlier one shows: the paper's figure 12 is that of one of the mountings."""
-    found: list[Plate[Any]] = []
-    for plate in plates:
-        if not any(plate.rows == other.rows for other in found):
-            found.append(plate)
-    return found
+    return [plate for i, plate in enumerate(plates) if all(plate.rows != earlier.rows for earlier in plates[:i])]
 
 
-def _tables_of(drawn: Drawn) -> Iterator[str]:
-    for table in drawn.tables:
-        yield html.paragraph(table.sentence)
-        yield html.table(table.columns, table.rows, table.marked)
+def _result(store: Store, drawn: Drawn) -> Iterator[str]:
+    for table in drawing_of(store.header.experiment, store.path).tables(drawn.result, {}) if drawn.result else ():
+        yield html.paragraph(table.title)
+        yield html.table(table)
     yield from map(html.figure, _distinct(drawn.plates))
     yield html.listing(f"{what}: {reason}" for what, reason in drawn.left_out.items())
-
-
-def _result(evidence: Evidence) -> Iterator[str]:
-    yield from _tables_of(evidence.drawn)
-    yield html.table(
-        ["parameter", "#value"],
-        [
-            [name, quantity(each["value"], each["sigma"], each["unit"])]
-            for name, each in evidence.fit["parameters"].items()
-        ],
-    )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from rigctl.campaign.store.store import Store
 from rigctl.core.experiments import part_of
+from rigctl.report.picture import Picture
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.workbench import Workbench
 
@@ -18,10 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Drawn:
-    """What an experiment adds to a report: its result, tables and figures, and why one is not there."""
+    """What an experiment adds to a report: its result as `--json` prints it, figures, and why one is not there."""
 
     result: Mapping[str, Any] = field(default_factory=dict)
-    tables: Sequence[ResultTable] = ()
     plates: Sequence[Plate[Any]] = ()
     spectra: Sequence[Plate[Any]] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
@@ -30,28 +30,29 @@ class Drawn:
 class Drawing(Protocol):
     """What an experiment shows. The module that its declaration names as `report` has these functions."""
 
-    def show(self, found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-        """Print a result, beside a campaign file's reference values."""
+    def tables(self, found: Mapping[str, Any], reference: Mapping[str, Any]) -> Sequence[ResultTable]:
+        """A result as tables, beside a campaign file's reference values: printed, in a report and in the console."""
         ...
 
     def draw(self, workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
-        """What a report shows; `lines_hz` are lines the model has, `found` those it has not (study.Line).
-
-        Without a result: `DataError`, `ProcedureError`.
-        """
+        """What a report shows; `lines_hz` are lines the model has, `found` those it has not (study.Line)."""
         ...
 
 
 @runtime_checkable
-class DrawingOfNulls(Protocol):
-    """What an experiment shows of nulls beside, in functions of its `report` module where it searches them."""
+class DrawingForConsole(Protocol):
+    """What an experiment plots in the console, where its `report` module has these functions too."""
 
-    def null_vectors(self, workbench: Workbench) -> dict[str, list[dict[str, Any]]]:
-        """The null vectors about their planes, by axis."""
+    def pictures(self, workbench: Workbench) -> Sequence[Picture]:
+        """Plots beside the tables of the result."""
         ...
 
     def null_search(self, store: Store) -> dict[str, Any]:
-        """The null of the last mounting as far as it is known while runs come; empty before there are any."""
+        """The null that is searched, as far as it is known while runs come; empty before there are any.
+
+        `picture` (of the response), `where` (which null), `runs`, `sigma_arcsec` after these runs, and `sigmas` after
+        each of them, where that does not take long.
+        """
         ...
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from html import escape
 from typing import Any
 
 from rigctl.report.figures.data import Plate, svg_element
+from rigctl.report.tables.result_table import ResultTable
 
 _STYLE = """
 :root { color-scheme: light dark;
@@ -27,7 +28,7 @@ table { border-collapse: collapse; font-size: 0.87rem; margin: 0.8rem 0; }
 th, td { padding: 0.2rem 0.7rem 0.2rem 0; text-align: left; vertical-align: top;
          border-bottom: 1px solid var(--rule); }
 th { vertical-align: bottom; } td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
-td.n, td.l { white-space: nowrap; }
+td.n { white-space: nowrap; }
 tr.mark td { background: var(--mark); } code { font-size: 0.95em; }
 svg text { fill: currentColor; }
 @media print {
@@ -38,9 +39,6 @@ svg text { fill: currentColor; }
   svg { max-height: 10.5cm; } figure { margin: 0.8rem 0; }
 }
 """
-
-
-_KINDS = {"#": ' class="n"', "~": ' class="l"'}
 
 
 def page(title: str, body: Iterable[str]) -> str:
@@ -75,21 +73,19 @@ def listing(items: Iterable[str]) -> str:
     return f"<ul>{inside}</ul>" if inside else ""
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[str]], marked: Sequence[bool] = ()) -> str:
-    """A table of plain texts; a # before a column's name: numbers, ~: in one line; `marked` rows stand out.
-
-    A column in which nothing stands is left out.
-    """
-    rows = list(rows)
-    told = [place for place in range(len(columns)) if any(row[place] for row in rows)]
-    columns, rows = [columns[place] for place in told], [[row[place] for place in told] for row in rows]
-    kinds = [_KINDS.get(name[:1], "") for name in columns]
-    head = "".join(f"<th{kind}>{escape(name.lstrip('#~'))}</th>" for kind, name in zip(kinds, columns, strict=True))
+def table(table: ResultTable) -> str:
+    """A table's rows and its notes."""
+    filled = table.filled()
+    kinds = [' class="n"' if name.startswith("#") else "" for name in filled.columns]
+    names = zip(kinds, filled.columns, strict=True)
+    head = "".join(f"<th{kind}>{escape(name.lstrip('#'))}</th>" for kind, name in names)
     body = ""
-    for place, row in enumerate(rows):
+    for row, marked in zip(filled.rows, filled.marks, strict=True):
         cells = "".join(f"<td{kind}>{_lines(cell)}</td>" for kind, cell in zip(kinds, row, strict=True))
-        body += f'<tr class="mark">{cells}</tr>' if place < len(marked) and marked[place] else f"<tr>{cells}</tr>"
-    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+        mark = ' class="mark"' if marked else ""
+        body += f"<tr{mark}>{cells}</tr>"
+    rows = f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    return (rows if body else "") + "".join(paragraph(note, "soft") for note in table.notes)
 
 
 def figure(plate: Plate[Any]) -> str:

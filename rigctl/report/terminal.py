@@ -8,6 +8,8 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from rigctl.report.quantities import duration
+
 
 class ProgressBar:
     """A bar on a terminal, plain lines elsewhere; a terminal that goes away is no reason to stop."""
@@ -59,15 +61,6 @@ class ProgressBar:
                 highlight=False,
                 soft_wrap=True,
             )
-
-
-def duration(seconds: float | None) -> str:
-    """Seconds as a person says them."""
-    if seconds is None:
-        return "?"
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 def repeats_line(repeated: Mapping[str, int]) -> str:

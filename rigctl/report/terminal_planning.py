@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from rigctl.report.quantities import counted, number
+from rigctl.report.tables.result_table import ResultTable
+from rigctl.report.tables.terminal import print_tables
 from rigctl.report.verdicts import Findings, model_name
 
 SHORT = {"theta_deg": "deg", "frequency_hz": "Hz", "amplitude_mm": "mm", "dwell_s": "s", "temperature_c": "C"}
@@ -19,7 +19,7 @@ def print_recommendation(found: Findings) -> None:
     console = Console()
     console.print(found["description"], highlight=False, markup=False)
     if found["runs"]:
-        console.print(runs_table(found["runs"]))
+        print_tables([runs_table(found["runs"])])
 
 
 def print_outcome(found: Findings, store: str) -> None:
@@ -38,16 +38,11 @@ def print_outcome(found: Findings, store: str) -> None:
     console.print("\n".join(lines), highlight=False, markup=False)
 
 
-def runs_table(runs: Sequence[Findings]) -> Table:
+def runs_table(runs: Sequence[Findings]) -> ResultTable:
     """Settings of runs, one row each, in the order in which to make them."""
     names = list(dict.fromkeys(name for run in runs for name in run))
-    table = Table(title="Runs, in this order", title_justify="left", padding=(0, 1))
-    for name in ("", *names):
-        table.add_column(SHORT.get(name, name), justify="right", overflow="fold")
-    for place, run in enumerate(runs, 1):
-        cells = [str(place), *(_shown(run.get(name)) for name in names)]
-        table.add_row(*map(Text, cells))
-    return table
+    rows = [[str(place), *(_shown(run.get(name)) for name in names)] for place, run in enumerate(runs, 1)]
+    return ResultTable("Runs, in this order", ["#", *(f"#{SHORT.get(name, name)}" for name in names)], rows)
 
 
 def _shown(value: object) -> str:

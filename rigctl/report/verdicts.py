@@ -104,6 +104,12 @@ def _alternatives(found: Findings) -> tuple[list[str], list[str]]:
     return needed, choices
 
 
+def line_sentence(line: Findings) -> str:
+    """A line in the samples."""
+    size = quantity(line.get("amplitude"), line.get("sigma"), line.get("unit", ""))
+    return f"A line in the samples of {line['channel']}: {size} at {number(line['frequency_hz'], 5)} Hz."
+
+
 def advice(found: Findings, store: str) -> str:
     """What to do next, as a command line."""
     if found["verdict"] == "ambiguous":

@@ -26,7 +26,7 @@ from rigctl.experiments.rotating_platform.analysis import result
 from rigctl.experiments.rotating_platform.observe.patterns import custom_pattern, named_pattern
 from rigctl.files.campaign_file import read_campaign
 from rigctl.files.rig_file import RigFile, parse_rig, read_rig
-from rigctl.report.experiments.rotating_platform import headline
+from rigctl.report.experiments.rotating_platform import tables
 from simulators.measured import from_file
 
 RIG = "bias-rejection-rig.toml"
@@ -202,14 +202,14 @@ def test_a_scan_and_a_flip_show_what_they_are_for(small: Path) -> None:
         assert amplifier * (up_v + down_v) / 2 == pytest.approx(bias_v, abs=0.01)
     with Store.open(small, readonly=True) as store:
         found = result(workbench_of(store))
-    turned, lines = found["flips"], headline(found)
+    turned, names = found["flips"], [name for name, _ in tables(found, {})[0].rows]
     for channel, gain, amplifier, bias_v in (("z", GAIN_A, 1010.9, 0.2221), ("y", GAIN_B, 990.54, -0.0527)):
         sensor, chain = turned[channel]["sensor"], turned[channel]["chain"]
         assert sensor["gain_v_per_m_s2"]["value"] == pytest.approx(gain / amplifier, rel=1e-4)
         assert chain["gain_v_per_m_s2"]["value"] == pytest.approx(gain, rel=1e-4)
         assert chain["bias_v"]["value"] == pytest.approx(bias_v, abs=0.01)
         assert 0.0 < chain["bias_v"]["sigma"] < 0.01
-        assert any(f"chain of channel {channel}, sensor turned over: scale factor" in line for line in lines)
+        assert f"chain of channel {channel}, sensor turned over: scale factor" in names
     still = scan["moving"] == 0.0
     assert set(np.round(scan["theta_deg"][still], 3)) == {45.0 * i for i in range(8)}
     theta = np.deg2rad(scan["theta_deg"][still])

@@ -55,7 +55,7 @@ def test_screens_look_as_they_did(
         await seat.until(lambda: seat.app._view)
         await seat.press("3")
         await look("results", "Sensing axes")
-        await seat.press("right")
+        await seat.press("right", "right")
         await look("results-scatter", "out of plane")
         await seat.press("1")
         await look("rig", "recorded", "required")

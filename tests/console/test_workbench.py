@@ -59,7 +59,7 @@ def test_the_runs_of_two_stores_are_compared(store: Path, at_console: Any) -> No
         await seat.press("3", "v")
         await seat.sees("Compare with which store?")
         await seat.type("there.rig.sqlite")
-        await seat.sees("σ apart", SLOW_S)
+        await seat.sees("sigmas apart", SLOW_S)
         await seat.sees("with there.rig.sqlite")
 
     at_console(sitting, store)

@@ -14,8 +14,9 @@ import pytest
 
 from rigctl.core.errors import DataError
 from rigctl.experiments.sensing_axis.result.budget import axis_budgets
+from rigctl.report.figures.data import write_plates
 from rigctl.report.figures.sensing_axis.budget import budget_plate
-from rigctl.report.figures.sensing_axis.figures import write_figures
+from rigctl.report.figures.sensing_axis.figures import plates_of
 from rigctl.report.figures.sensing_axis.null_search import representative, response_plate
 from rigctl.report.figures.sensing_axis.plane import plane_plate
 
@@ -42,7 +43,7 @@ def column(rows: list[dict[str, str]], name: str) -> list[float]:
 @pytest.fixture(scope="module")
 def written(two_axes, uncertainties, tmp_path_factory) -> Path:
     directory = tmp_path_factory.mktemp("figures") / "made" / "here"
-    paths = write_figures(two_axes, directory, uncertainties)
+    paths = write_plates(*plates_of(two_axes, uncertainties), directory)
     assert sorted(paths) == sorted(directory.iterdir())
     return directory
 
@@ -216,7 +217,7 @@ def test_bars_are_the_budgets(two_axes, uncertainties, written):
 )
 def test_what_cannot_be_drawn_is_left_out_and_said(case, responses, request, uncertainties, tmp_path):
     result = request.getfixturevalue(case)
-    paths = write_figures(result, tmp_path, uncertainties)
+    paths = write_plates(*plates_of(result, uncertainties), tmp_path)
     expected = responses | {"fig12", "nulls"}
     assert {path.stem for path in paths if path.suffix == ".svg"} == expected
     said = (tmp_path / "figures.md").read_text(encoding="utf-8")
@@ -229,5 +230,5 @@ def test_a_directory_that_cannot_be_written_is_one_line(one_configuration, tmp_p
     in_the_way = tmp_path / "file"
     in_the_way.write_text("")
     with pytest.raises(DataError, match="cannot write the figures there") as raised:
-        write_figures(one_configuration, in_the_way)
+        write_plates(*plates_of(one_configuration), in_the_way)
     assert "\n" not in str(raised.value)

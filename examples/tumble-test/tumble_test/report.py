@@ -14,7 +14,6 @@ from rigctl.report.drawn import Drawn
 from rigctl.report.figures.data import Plate
 from rigctl.report.quantities import quantity
 from rigctl.report.tables.result_table import ResultTable
-from rigctl.report.tables.terminal import print_tables
 from rigctl.workbench.study_base import own_model
 from rigctl.workbench.workbench import Workbench
 from tumble_test.model import TumbleModel
@@ -33,23 +32,18 @@ class Deviation:
     model_ug: float
 
 
-def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-    """Print the coefficients."""
-    del reference
-    print_tables(tables(found))
-
-
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
     """The coefficients, and what is curved in the outputs."""
     del lines_hz, found
     told = result(workbench)
     model = own_model(workbench.study.model(workbench.current.terms), TumbleModel)
     values = [told["parameters"].get(each.name, {"value": each.start})["value"] for each in model.parameters]
-    return Drawn(told, tables(told), [nonlinearity_plate(model, np.array(values))])
+    return Drawn(told, [nonlinearity_plate(model, np.array(values))])
 
 
-def tables(found: Mapping[str, Any]) -> list[ResultTable]:
+def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[ResultTable]:
     """The coefficients, a row for each and a column for each sensor."""
+    del reference
     by_name: dict[str, dict[str, str]] = {}
     for name, each in found["result"].items():
         plain, _, sensor = name.rstrip("]").partition("[")

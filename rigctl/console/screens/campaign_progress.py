@@ -16,7 +16,9 @@ from textual.widgets.tree import TreeNode
 
 from rigctl.campaign.recording import RunRecord
 from rigctl.console.store_view import StoreView
-from rigctl.console.widgets.plot import MARKS, Line, Picture, Plot
+from rigctl.console.widgets.plot import Plot
+from rigctl.report.picture import Line, Picture
+from rigctl.report.quantities import duration
 
 STEPS_S = 1.0
 """The tree of steps is drawn anew at most so often."""
@@ -82,13 +84,12 @@ class ProgressTab(TabPane):
 
     def show_null_search(self, found: Mapping[str, Any]) -> None:
         """The response of the mounting that is measured, as last worked out."""
-        if not found.get("rows"):
+        if not found:
             return
-        where = f"{found['axis']} {found['configuration']} {found['mounting']}"
-        history = self._sigmas.setdefault(where, {})
+        history = self._sigmas.setdefault(found["where"], {})
         history.update(enumerate(found["sigmas"], 1))
         history[found["runs"]] = found["sigma_arcsec"]
-        self.query_one("#null-search", Plot).show(response_picture(where, found["rows"], found["sigma_arcsec"]))
+        self.query_one("#null-search", Plot).show(found["picture"])
         counts = np.array(sorted(history), dtype=float)
         sigmas = np.log10([history[runs] for runs in sorted(history)])
         title = f"log σ(θ0) / arcsec: {found['sigma_arcsec']:.2f}″ after {found['runs']} runs"
@@ -114,26 +115,6 @@ class ProgressTab(TabPane):
         if running:
             tree.root.add_leaf(f"▶ now: {view.status.get('step') or 'preparing'}")
         tree.scroll_end(animate=False)
-
-
-def response_picture(where: str, rows: list[Mapping[str, Any]], sigma_arcsec: float) -> Picture:
-    """Figure 12 for a terminal: one line and mark per frequency, the crossing at zero."""
-    measured = [row for row in rows if row["kind"] == "measured"]
-    frequencies = sorted({row["frequency_hz"] for row in measured})
-    far = max(abs(row["theta_minus_theta0_arcsec"]) for row in measured)
-    reach = max(1.2 * far, 20.0)
-    lines = []
-    for place, frequency in enumerate(frequencies):
-        at_frequency = [row for row in rows if row["frequency_hz"] == frequency]
-        model = [r for r in at_frequency if r["kind"] == "model" and abs(r["theta_minus_theta0_arcsec"]) <= reach]
-        runs = [r for r in at_frequency if r["kind"] == "measured"]
-        for shown, mark, name in ((model, "", ""), (runs, MARKS[place % 6], f"{frequency:.2g} Hz")):
-            x = np.array([row["theta_minus_theta0_arcsec"] for row in shown])
-            y = np.array([row["response_um_s2_per_mm"] for row in shown])
-            if len(x):
-                lines.append(Line(x, y, name, mark, place))
-    title = f"{where}: S/(µm/s²/mm), ±{sigma_arcsec:.2f}″"
-    return Picture(title, tuple(lines), "θ − θ0 / arcsec", x_range=(-reach, reach))
 
 
 def _groups(runs: Sequence[RunRecord]) -> dict[str, dict[str, list[RunRecord]]]:
@@ -173,11 +154,6 @@ def _run_label(run: RunRecord) -> str:
 
 
 def _eta(status: Mapping[str, Any]) -> str:
-    seconds = status.get("eta_s")
     if status.get("state") not in {"running", "paused"}:
         return "ended"
-    if seconds is None:
-        return "time left unknown"
-    if seconds < 120:
-        return f"{seconds:.0f} s left"
-    return f"{seconds / 60:.0f} min left" if seconds < 7200 else f"{seconds / 3600:.1f} h left"
+    return f"{duration(status.get('eta_s'))} left"

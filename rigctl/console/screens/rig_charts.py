@@ -17,8 +17,9 @@ from rigctl.campaign.recording import ChannelInfo
 from rigctl.console.readings import Strip
 from rigctl.console.recorded_instruments import gain_of, toml_of
 from rigctl.console.store_view import StoreView
-from rigctl.console.widgets.plot import Line, Picture, Plot
+from rigctl.console.widgets.plot import Plot
 from rigctl.core.arrays import FloatArray
+from rigctl.report.picture import Line, Picture
 
 CHARTS = ("accelerometer", "lasers", "stage", "angle")
 OF_KIND = {"accelerometer": "accelerometer", "displacement": "lasers", "position": "stage", "angle": "angle"}

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -16,10 +15,13 @@ from textual.widgets import DataTable, Static, TabbedContent, TabPane
 
 from rigctl.console.messages import AnalysisAsked, Noted
 from rigctl.console.widgets.dialogs import PickDialog
-from rigctl.console.widgets.plot import MARKS, Line, Picture, Plot
-from rigctl.report.quantities import number, probability, quantity
+from rigctl.console.widgets.plot import Plot
+from rigctl.report.picture import MARKS, Line, Picture
+from rigctl.report.quantities import number, probability
+from rigctl.report.tables.terminal import rich_table
+from rigctl.report.tables.workbench import ladder_table, parameters_table
 from rigctl.report.terminal_planning import runs_table
-from rigctl.report.verdicts import change_of, comparison_sentence, named, sizes
+from rigctl.report.verdicts import named, sizes, verdict_sentence
 
 Found = Mapping[str, Any]
 MAX_SERIES = 3
@@ -29,11 +31,11 @@ class WorkbenchPane(Vertical):
     """Model, residuals, ranking and ladder of the store that is open."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f", "fit", "Fit"),
-        Binding("g", "diagnose", "Diagnose"),
+        Binding("f", "ask('fit')", "Fit"),
+        Binding("g", "ask('diagnose')", "Diagnose"),
         Binding("a", "add", "Add"),
         Binding("x", "remove", "Remove"),
-        Binding("n", "next", "Next"),
+        Binding("n", "ask('recommend')", "Next"),
         Binding("v", "covariate", "Covariate"),
     ]
 
@@ -79,15 +81,9 @@ class WorkbenchPane(Vertical):
 
     def show_fit(self, found: Found) -> None:
         """`rigctl fit`."""
-        table = Table(box=None, padding=(0, 1), pad_edge=False)
-        for name in ("parameter", "value", "unit"):
-            table.add_column(name, no_wrap=True)
-        for name, each in found["parameters"].items():
-            table.add_row(Text(name), quantity(each["value"], each["sigma"]), each["unit"])
-        held = (
-            f"error {number(found['error_fit'])}, on held-out runs {number(found['error_held_out'])} (1.00 = noise)"
-        )
-        self.query_one("#fit", Static).update(Group(Text(comparison_sentence(found)), Text(held), Text(), table))
+        table = parameters_table(found)
+        shown = Group(*map(Text, table.notes), Text(), rich_table(table, box=None, pad_edge=False))
+        self.query_one("#fit", Static).update(shown)
         self._go("tab-model")
 
     def show_residuals(self, found: Found) -> None:
@@ -110,7 +106,7 @@ class WorkbenchPane(Vertical):
         """`rigctl diagnose`."""
         self._suggested = list(found["suggested"])
         self._ranked = list(found["ranking"])
-        told = Text(found["sentence"])
+        told = Text(verdict_sentence(found))
         if self._suggested:
             told.append(f"  a adds {', '.join(self._suggested)}.", style="bold")
         if found["unexplained"]:
@@ -140,13 +136,9 @@ class WorkbenchPane(Vertical):
 
     def show_history(self, rungs: Sequence[Found]) -> None:
         """`rigctl model history`."""
-        table = Table(box=None, padding=(0, 1), pad_edge=False)
-        for name in ("version", "change", "chi2/dof", "error", "held out"):
-            table.add_column(name, no_wrap=True, justify="left" if name == "change" else "right")
-        for rung in rungs:
-            numbers = (number(rung[key]) for key in ("chi2_per_dof", "error_fit", "error_held_out"))
-            table.add_row(str(rung["version"]), Text(change_of(rung)), *numbers)
-        self.query_one("#ladder", Static).update(table)
+        self.query_one("#ladder", Static).update(
+            rich_table(ladder_table(rungs, results=False), box=None, pad_edge=False)
+        )
         lines = []
         for place, (key, name) in enumerate((("error_fit", "fitted"), ("error_held_out", "held out"))):
             known = [(float(rung["version"]), float(rung[key])) for rung in rungs if rung[key]]
@@ -161,7 +153,8 @@ class WorkbenchPane(Vertical):
         """`rigctl next`."""
         parts: list[RenderableType] = [Text(found["description"])]
         if found["runs"]:
-            parts += [Text(), runs_table(found["runs"])]
+            table = runs_table(found["runs"])
+            parts += [Text(), Text(table.title), rich_table(table)]
         self.query_one("#next", Static).update(Group(*parts))
         self._go("tab-next")
 
@@ -180,23 +173,15 @@ class WorkbenchPane(Vertical):
             return
         rank = self._ranked[row]
         like = f"  cannot be told from {', '.join(rank['equivalent_to'])}" if rank["equivalent_to"] else ""
-        own = f"{100 * rank['keep']:.0f} % of it its own"
-        told = f"{rank['effect']}: chi2 falls by {number(rank['chi2_fall'])}, {own}{like}\n{'; '.join(sizes(rank))}"
-        self.query_one("#rank-detail", Static).update(Text(told))
+        fall = f"chi2 falls by {number(rank['chi2_fall'])}, {100 * rank['keep']:.0f} % of it by no other effect"
+        detail = f"{rank['effect']}: {fall}{like}\n{'; '.join(sizes(rank))}"
+        self.query_one("#rank-detail", Static).update(Text(detail))
 
     # What the operator asks
 
-    def action_fit(self) -> None:
-        """Fit the current model."""
-        self.post_message(AnalysisAsked("fit"))
-
-    def action_diagnose(self) -> None:
-        """Which effect is missing?"""
-        self.post_message(AnalysisAsked("diagnose"))
-
-    def action_next(self) -> None:
-        """What to measure next?"""
-        self.post_message(AnalysisAsked("recommend"))
+    def action_ask(self, what: str) -> None:
+        """Fit the current model, diagnose which effect is missing, or recommend what to measure next."""
+        self.post_message(AnalysisAsked(what))
 
     def action_add(self) -> None:
         """Pick an effect: what is suggested first, then the one under the cursor, then the catalogue."""

@@ -57,48 +57,12 @@ class Tick(Checkbox, inherit_bindings=False):
         return "x" if self.value else " "
 
 
-class OpenDialog(Dialog[Path]):
-    """Which file to open: what is near, and anything else by its path."""
-
-    HINT = "Enter opens  Tab between entry and list  Esc leaves  F8 STOP"
-
-    def __init__(self, title: str, candidates: Sequence[Path]) -> None:
-        super().__init__()
-        self.title = title
-        self._candidates = [str(path) for path in candidates]
-
-    def contents(self) -> ComposeResult:
-        """Entry, fault, list."""
-        yield Input(placeholder="path of a file", compact=True, id="path")
-        yield Static("", classes="refusal")
-        yield OptionList(*self._candidates, compact=True)
-
-    def on_input_changed(self, event: Input.Changed) -> None:
-        """A list that shrinks with what is typed."""
-        shown = [each for each in self._candidates if event.value.lower() in each.lower()] or self._candidates
-        self.query_one(OptionList).set_options(shown)
-        self.query_one(".refusal", Static).update("")
-
-    def on_input_submitted(self, event: Input.Submitted) -> None:
-        """The path, or the only one that matches."""
-        path = Path(event.value).expanduser()
-        matching = [each for each in self._candidates if event.value and event.value.lower() in each.lower()]
-        if path.is_file():
-            self.dismiss(path)
-        elif len(matching) == 1:
-            self.dismiss(Path(matching[0]))
-        else:
-            self.query_one(".refusal", Static).update(Text(f"✗ {event.value or 'nothing'}: no such file"))
-
-    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """The one that was chosen."""
-        self.dismiss(Path(str(event.option.prompt)))
-
-
 class PickDialog(Dialog[str]):
     """One of a list; typing makes it shorter."""
 
     HINT = "type to search  ↓ list  Enter picks  Esc leaves  F8 STOP"
+
+    PLACEHOLDER = "search"
 
     def __init__(self, title: str, options: Sequence[tuple[str, str]]) -> None:
         super().__init__()
@@ -106,8 +70,9 @@ class PickDialog(Dialog[str]):
         self._options = list(options)
 
     def contents(self) -> ComposeResult:
-        """Search and list."""
-        yield Input(placeholder="search", compact=True)
+        """Search, refusal, list."""
+        yield Input(placeholder=self.PLACEHOLDER, compact=True)
+        yield Static("", classes="refusal")
         yield OptionList(*self._shown(""), compact=True)
 
     def _shown(self, typed: str) -> list[Option]:
@@ -123,10 +88,13 @@ class PickDialog(Dialog[str]):
         self.query_one(OptionList).set_options(self._shown(event.value))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """The first that is left."""
+        """Enter in the search."""
         event.stop()
-        shown = self._shown(self.query_one(Input).value)
-        if shown:
+        self.accept(event.value)
+
+    def accept(self, typed: str) -> None:
+        """The first that is left."""
+        if shown := self._shown(typed):
             self.dismiss(shown[0].id)
 
     def on_key(self, event: object) -> None:
@@ -137,6 +105,26 @@ class PickDialog(Dialog[str]):
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """The one that was chosen."""
         self.dismiss(event.option.id)
+
+
+class OpenDialog(PickDialog):
+    """Which file to open: one that is near, or any by its path."""
+
+    HINT = "Enter opens  ↓ list  Esc leaves  F8 STOP"
+    PLACEHOLDER = "path of a file"
+
+    def __init__(self, title: str, near: Sequence[Path]) -> None:
+        super().__init__(title, [(str(path), "") for path in near])
+
+    def accept(self, typed: str) -> None:
+        """The path, or the only one that matches."""
+        path, matching = Path(typed).expanduser(), self._shown(typed)
+        if path.is_file():
+            self.dismiss(str(path))
+        elif typed and len(matching) == 1:
+            self.dismiss(matching[0].id)
+        else:
+            self.query_one(".refusal", Static).update(Text(f"✗ {typed or 'nothing'}: no such file"))
 
 
 class TextDialog(Dialog[str]):
@@ -192,14 +180,17 @@ class StartDialog(Dialog[Launch]):
 
     def contents(self) -> ComposeResult:
         """The options of `rigctl run`."""
-        yield Static("campaign file")
-        yield Input(str(self._launch.campaign), compact=True, select_on_focus=False, id="campaign")
-        yield Static("store to make")
-        yield Input(str(self._launch.store), compact=True, select_on_focus=False, id="store")
-        yield Static("rig file (empty: as the campaign file says)")
-        yield Input(str(self._launch.rig or ""), compact=True, select_on_focus=False, id="rig")
-        yield Static("seed of a simulated world (empty: as its file says)")
-        yield Input("", compact=True, select_on_focus=False, id="seed", restrict=r"\d*")
+        launch = self._launch
+        entries = (
+            ("campaign", "campaign file", launch.campaign),
+            ("store", "store to make", launch.store),
+            ("rig", "rig file (empty: as the campaign file says)", launch.rig or ""),
+            ("seed", "seed of a simulated world (empty: as its file says)", ""),
+        )
+        for name, label, value in entries:
+            yield Static(label)
+            digits = r"\d*" if name == "seed" else None
+            yield Input(str(value), compact=True, select_on_focus=False, id=name, restrict=digits)
         yield Tick("the simulated operator answers (nobody is asked)", compact=True, id="unattended")
         yield Static("", classes="refusal")
 

@@ -15,8 +15,8 @@ from textual.widget import Widget
 
 from rigctl.console.widgets.braille import BLANK, dotted, joined, scaled, thinned
 from rigctl.core.arrays import FloatArray
+from rigctl.report.picture import Line, Picture
 
-MARKS = ("o", "x", "+", "#", "*", "@")
 ON_DARK = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
 ON_LIGHT = ("#0072b2", "#b35900", "#00795a", "#a0527d", "#d55e00", "#2a7fb0")
 """Okabe and Ito's palette, darker on white: each series also has a mark or a name of its own."""
@@ -32,31 +32,6 @@ Palette = tuple[Style, ...]
 _LABEL_WIDTH = 8
 _FLAT = 1e-3
 """Half the height of an axis on which nothing changes."""
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """One series: joined points, or with `mark` single ones; `name` is written in the legend."""
-
-    x: FloatArray
-    y: FloatArray
-    name: str = ""
-    mark: str = ""
-    colour: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """What a plot shows; ranges are found from the data where none are given."""
-
-    title: str
-    lines: tuple[Line, ...] = ()
-    x_label: str = ""
-    x_range: tuple[float, float] | None = None
-    y_range: tuple[float, float] | None = None
-    levels: tuple[tuple[float, str], ...] = ()
-    """Horizontal dotted lines, each with what it means."""
-    empty: str = "no data yet"
 
 
 @dataclass(frozen=True)
@@ -108,8 +83,8 @@ class Plot(Widget):
 
     DEFAULT_CSS = "Plot { height: 1fr; width: 1fr; min-height: 4; }"
 
-    def __init__(self, picture: Picture, *, id: str | None = None, classes: str | None = None) -> None:  # noqa: A002
-        super().__init__(id=id, classes=classes)
+    def __init__(self, picture: Picture, *, id: str | None = None) -> None:  # noqa: A002
+        super().__init__(id=id)
         self.picture = picture
         self._rows: list[Row] = []
         self._strips: list[Strip] = []

@@ -10,28 +10,24 @@ from rigctl.experiments.inflight.analysis import result
 from rigctl.report.drawn import Drawn
 from rigctl.report.quantities import number, quantity
 from rigctl.report.tables.result_table import ResultTable
-from rigctl.report.tables.terminal import print_tables
 from rigctl.workbench.workbench import Workbench
 
 
-def show(result_json: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-    """Print the tables, and remarks on runs."""
+def tables(result_json: Mapping[str, Any], reference: Mapping[str, Any]) -> list[ResultTable]:
+    """Of one calibration, or tables 2 and 3 of the paper of a study of many, ours beside the printed ones."""
     del reference
-    print_tables(result_tables(result_json), result_json.get("remarks", ()))
+    if "table2" in result_json:
+        return [_table2(result_json), _table3(result_json["table3"])]
+    return [calibration_table(result_json)]
 
 
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
-    """The tables of the result with their figures."""
+    """The result with its figures."""
     from rigctl.report.figures.inflight.figures import plates_of
 
     del lines_hz, found
     numbers = result(workbench)
-    return Drawn(numbers, result_tables(numbers), plates_of(numbers))
-
-
-def result_tables(result_json: Mapping[str, Any]) -> list[ResultTable]:
-    """Of `rigctl result --json`, whichever of the two it is."""
-    return study_tables(result_json) if "table2" in result_json else [calibration_table(result_json)]
+    return Drawn(numbers, plates_of(numbers))
 
 
 def calibration_table(result_json: Mapping[str, Any]) -> ResultTable:
@@ -53,12 +49,8 @@ def calibration_table(result_json: Mapping[str, Any]) -> ResultTable:
         f"Calibration: the joint fit of all lines, and the published estimate ({result_json['sweeps']} sweeps). "
         "Systematic is what no session sees, in the same unit."
     )
-    return ResultTable(sentence, ["parameter", "#joint", "#systematic", "#published"], rows, marked)
-
-
-def study_tables(result_json: Mapping[str, Any]) -> list[ResultTable]:
-    """Tables 2 and 3 of the paper, ours beside the printed ones."""
-    return [_table2(result_json), _table3(result_json["table3"])]
+    columns = ["parameter", "#joint", "#systematic", "#published"]
+    return ResultTable(sentence, columns, rows, marked, result_json["remarks"])
 
 
 def _table2(result_json: Mapping[str, Any]) -> ResultTable:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
-
-from rich.console import Console
-from rich.table import Table
 
 from rigctl.core.errors import DataError, ProcedureError
 from rigctl.experiments.rotating_platform.analysis import analyse
@@ -17,23 +15,7 @@ from rigctl.report.quantities import number, quantity
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.workbench import Workbench
 
-_TURNED_OVER = (("gain_v_per_m_s2", "V s2/m"), ("bias_v", "V"))
-
-
-def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-    """Gain, accelerations, wobbles, then a table of the runs; fits 80 columns."""
-    del reference
-    console = Console()
-    for line in headline(found):
-        console.print(line, highlight=False, soft_wrap=True)
-    for each in tables(found):
-        console.print(_table(each))
-    for run in found["runs"]:
-        for remark in run["remarks"]:
-            console.print(remark, highlight=False, soft_wrap=True)
-    for why in found["left_out"].values():
-        console.print(f"left out: {why}", highlight=False, soft_wrap=True)
-    console.print(f"Not tested by any modulation: {', '.join(found['not_tested'])}.", highlight=False, soft_wrap=True)
+_TURNED_OVER = (("gain_v_per_m_s2", "scale factor", "V s2/m"), ("bias_v", "electrical bias", "V"))
 
 
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
@@ -50,29 +32,39 @@ def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) 
         return Drawn(left_out={"figures of the platform": str(error), **why_not, **silent})
     plates, left_out = plates_of(result, believed, scanned, noises)
     numbers = result.as_json()
-    return Drawn(numbers, tables(numbers), plates, left_out={**left_out, **why_not, **silent})
+    return Drawn(numbers, plates, left_out={**left_out, **why_not, **silent})
 
 
-def headline(found: Mapping[str, Any]) -> list[str]:
-    """The recording's own numbers, a line each."""
-    gain = found["tilt_gain"]
-    lines = [f"gain of the commanded tilt {quantity(gain['value'], gain['sigma'])}"]
-    for axis, value in found["accel_m_s2"].items():
-        lines.append(f"acceleration {axis} {quantity(value['value'], value['sigma'], 'm/s2')}")
-    for sensor, value in (found["wobble_rad"] or {}).items():
-        lines.append(f"wobble of sensor {sensor.upper()} {quantity(value['value'], value['sigma'], 'rad')}")
-    for channel, flipped in found.get("flips", {}).items():
-        told = flipped["chain"] or flipped["sensor"]
-        what = f"chain of channel {channel}" if flipped["chain"] else f"channel {channel} without its amplifier"
-        gain, bias = (quantity(told[name]["value"], told[name]["sigma"], unit) for name, unit in _TURNED_OVER)
-        lines.append(f"{what}, sensor turned over: scale factor {gain}, electrical bias {bias}")
-    return lines
-
-
-def tables(found: Mapping[str, Any]) -> list[ResultTable]:
-    """Of the runs: means, then precision in an hour."""
+def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[ResultTable]:
+    """The recording's own numbers; of the runs means, precision in an hour and responses."""
+    del reference
     runs = found["runs"]
-    means = [
+    notes = [remark for run in runs for remark in run["remarks"]]
+    notes += [f"left out: {why}" for why in found["left_out"].values()]
+    notes.append(f"Not tested by any modulation: {', '.join(found['not_tested'])}.")
+    shown = [_recording(found), _means(runs), _precision(runs), _responses(runs)]
+    *others, last = [each for each in shown if each.rows]
+    return [*others, replace(last, notes=notes)]
+
+
+def _recording(found: Mapping[str, Any]) -> ResultTable:
+    gain = found["tilt_gain"]
+    rows = [["gain of the commanded tilt", quantity(gain["value"], gain["sigma"])]]
+    for axis, value in found["accel_m_s2"].items():
+        rows.append([f"acceleration {axis}", quantity(value["value"], value["sigma"], "m/s2")])
+    for sensor, value in (found["wobble_rad"] or {}).items():
+        rows.append([f"wobble of sensor {sensor.upper()}", quantity(value["value"], value["sigma"], "rad")])
+    for channel, flipped in found.get("flips", {}).items():
+        turned = flipped["chain"] or flipped["sensor"]
+        what = f"chain of channel {channel}" if flipped["chain"] else f"channel {channel} without its amplifier"
+        for name, words, unit in _TURNED_OVER:
+            value = quantity(turned[name]["value"], turned[name]["sigma"], unit)
+            rows.append([f"{what}, sensor turned over: {words}", value])
+    return ResultTable("The recording as a whole.", ["quantity", "value"], rows)
+
+
+def _means(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
+    rows = [
         [
             run["run_id"],
             f"{run['pattern']} {run['modulation_period_s']:g} s",
@@ -83,10 +75,11 @@ def tables(found: Mapping[str, Any]) -> list[ResultTable]:
     ]
     columns = ["run", "pattern", "#periods", "#accel z", "#accel y", "#bias z", "#bias y"]
     marked = [run["refitted"] > 0 or run["invalid"] > 0 for run in runs]
-    found_tables = [
-        ResultTable("Means of the runs / 1e-6 m/s2 (refitted periods in brackets).", columns, means, marked)
-    ]
-    precise = [
+    return ResultTable("Means of the runs / 1e-6 m/s2 (refitted periods in brackets).", columns, rows, marked)
+
+
+def _precision(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
+    rows = [
         [
             run["run_id"],
             run["estimator"],
@@ -96,8 +89,11 @@ def tables(found: Mapping[str, Any]) -> list[ResultTable]:
         for run in runs
     ]
     columns = ["run", "estimator", "#z: theory, measured", "#y: theory, measured", "#m0 m1 m2"]
-    found_tables.append(ResultTable("Precision in an hour / 1e-7 m/s2 (99 %).", columns, precise))
-    answers = [
+    return ResultTable("Precision in an hour / 1e-7 m/s2 (99 %).", columns, rows)
+
+
+def _responses(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
+    rows = [
         [
             run["run_id"],
             run["external"],
@@ -108,21 +104,9 @@ def tables(found: Mapping[str, Any]) -> list[ResultTable]:
         for run in runs
         if run["response"]
     ]
-    if answers:
-        columns = ["run", "external", "#accel z p-p", "#bias z p-p", "#start", "#centre", "#end"]
-        sentence = "Peak to peak / m/s2, and by how many minutes the bias lags (stamped at start, centre, end)."
-        found_tables.append(ResultTable(sentence, columns, answers))
-    return found_tables
-
-
-def _table(each: ResultTable) -> Table:
-    table = Table(title=each.sentence, title_justify="left")
-    for column in each.columns:
-        table.add_column(column.lstrip("#"), justify="right" if column.startswith("#") else "left")
-    marked: Sequence[bool] = each.marked or [False] * len(each.rows)
-    for row, mark in zip(each.rows, marked, strict=True):
-        table.add_row(*row, style="bold" if mark else None)
-    return table
+    columns = ["run", "external", "#accel z p-p", "#bias z p-p", "#start", "#centre", "#end"]
+    title = "Peak to peak / m/s2, and by how many minutes the bias lags (stamped at start, centre, end)."
+    return ResultTable(title, columns, rows)
 
 
 def _periods(run: Mapping[str, Any]) -> str:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.table import Table
+import numpy as np
 
 from rigctl.analysis.plane import ARCSEC
 from rigctl.campaign.origin import campaign_of
@@ -21,31 +19,28 @@ from rigctl.experiments.sensing_axis.model.one_mounting import fit_mounting
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration
 from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
 from rigctl.report.drawn import Drawn
-from rigctl.report.quantities import number, quantity
+from rigctl.report.picture import MARKS, Line, Picture
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.workbench import Workbench
 
+if TYPE_CHECKING:  # matplotlib, which a printed result does not need
+    from rigctl.report.figures.sensing_axis.null_search import ResponseRow
+    from rigctl.report.figures.sensing_axis.plane import PlaneRow
+
 FEW = 8
-"""Of so many runs it is also said how well the null was known after each."""
+"""Up to so many runs, the uncertainty of the null after each of them is computed too."""
 
 
-def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-    """Axes and angles, beside the reference values where a campaign file gives some; fits 80 columns."""
-    console = Console()
-    if found.get("quick_check"):
-        _print_quick_check(console, found["quick_check"])
-    if found["axes"]:
-        _print_axes(console, found["axes"], reference)
-    else:
-        console.print(_nulls(found["nulls"]))
-    if found["angles"]:
-        console.print(_angles(found["angles"], reference.get("offset_deg", {})))
-    for name, reason in found.get("missing", {}).items():
-        console.print(f"axis {name}: no result: {reason}", highlight=False, soft_wrap=True)
-    if reference.get("source"):
-        console.print(f"ref: {reference['source']}", style="dim", highlight=False)
-    if found.get("budget"):
-        _print_budget(found["budget"])
+def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[ResultTable]:
+    """Quick check, axes, nulls, angles and budget, as far as there are any, beside the reference values."""
+    shown = [_quick_check(found["quick_check"])] if found.get("quick_check") else []
+    shown += [_axes(found["axes"], reference)] if found["axes"] else []
+    notes = [f"axis {name}: no result: {reason}" for name, reason in found.get("missing", {}).items()]
+    notes += [f"ref: {reference['source']}"] if reference.get("source") else []
+    shown.append(_nulls(found["nulls"], printed=not found["axes"]))
+    shown += [_angles(found["angles"], reference.get("offset_deg", {}))] if found["angles"] else []
+    shown += [ResultTable("", notes=notes, tab="Axes")] if notes else []
+    return [*shown, *(_budget(name, axis) for name, axis in (found.get("budget") or {}).items())]
 
 
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
@@ -61,19 +56,31 @@ def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) 
     except (ProcedureError, DataError) as error:
         return Drawn(spectra=spectra, left_out={"figures of the sensing axes": str(error)})
     numbers = axes.as_json()
-    return Drawn(numbers, _tables(numbers), plates, spectra, left_out)
+    return Drawn(numbers, plates, spectra, left_out)
 
 
-def null_vectors(workbench: Workbench) -> dict[str, list[dict[str, Any]]]:
-    """The null vectors about their planes as figures 15 to 17 show them, by axis."""
+def pictures(workbench: Workbench) -> list[Picture]:
+    """The null vectors about their planes (figures 15 to 17), a plot for each axis."""
     from rigctl.report.figures.sensing_axis.plane import plane_plate
 
     found = analyse(workbench)
     settings = found.fit.model.package.axes
-    return {
-        name: [asdict(row) for row in plane_plate(name, axis, settings[name]).rows]
-        for name, axis in found.axes.items()
-    }
+    return [_out_of_plane(plane_plate(name, axis, settings[name]).rows) for name, axis in found.axes.items()]
+
+
+def _out_of_plane(rows: Sequence[PlaneRow]) -> Picture:
+    lines = []
+    for place, configuration in enumerate(dict.fromkeys(row.configuration for row in rows)):
+        of_configuration = [row for row in rows if row.configuration == configuration]
+        x = np.array([float(row.mounting) for row in of_configuration])
+        y = np.array([row.out_of_plane_arcsec for row in of_configuration])
+        lines.append(Line(x, y, configuration, MARKS[place], place))
+    sigma, required = rows[0].sigma_hc_arcsec, rows[0].requirement_arcsec
+    reach = max(2.2 * sigma, *(abs(row.out_of_plane_arcsec) * 1.1 for row in rows))
+    levels = tuple((n * sigma, label) for n, label in ((2, "+2σ"), (1, "+σ"), (0, "0"), (-1, "−σ"), (-2, "−2σ")))
+    levels += ((required, "required"), (-required, "required"))
+    title = f"{rows[0].axis}: out of plane / arcsec"
+    return Picture(title, tuple(lines), "mounting", y_range=(-reach, reach), levels=levels)
 
 
 def null_search(store: Store) -> dict[str, Any]:
@@ -93,15 +100,29 @@ def null_search(store: Store) -> dict[str, Any]:
 
     fit, null = null_after(len(runs))
     earlier = range(1, len(runs)) if len(runs) <= FEW else ()
+    where, sigma_arcsec = f"{first.axis} {first.configuration} {first.mounting}", null.theta0_sigma_rad / ARCSEC
     return {
         "sigmas": [null_after(count)[1].theta0_sigma_rad / ARCSEC for count in earlier],
-        "axis": first.axis,
-        "configuration": first.configuration,
-        "mounting": first.mounting,
+        "where": where,
         "runs": len(runs),
-        "sigma_arcsec": null.theta0_sigma_rad / ARCSEC,
-        "rows": [asdict(row) for row in response_plate("null", fit, runs).rows],
+        "sigma_arcsec": sigma_arcsec,
+        "picture": _response(f"{where}: S/(µm/s²/mm), ±{sigma_arcsec:.2f}″", response_plate("null", fit, runs).rows),
     }
+
+
+def _response(title: str, rows: Sequence[ResponseRow]) -> Picture:
+    """Figure 12 for a terminal: a line and marks for each frequency, the crossing at zero."""
+    far = max(abs(row.theta_minus_theta0_arcsec) for row in rows if row.kind == "measured")
+    reach = max(1.2 * far, 20.0)
+    lines = []
+    measured_hz = {row.frequency_hz for row in rows if row.frequency_hz and row.kind == "measured"}
+    for place, frequency in enumerate(sorted(measured_hz)):
+        near = [row for row in rows if row.frequency_hz == frequency and abs(row.theta_minus_theta0_arcsec) <= reach]
+        for kind, mark, name in (("model", "", ""), ("measured", MARKS[place % 6], f"{frequency:.2g} Hz")):
+            shown = [row for row in near if row.kind == kind]
+            x = np.array([row.theta_minus_theta0_arcsec for row in shown])
+            lines.append(Line(x, np.array([row.response_um_s2_per_mm for row in shown]), name, mark, place))
+    return Picture(title, tuple(line for line in lines if len(line.x)), "θ − θ0 / arcsec", x_range=(-reach, reach))
 
 
 def _last_mounting(store: Store) -> list[RunRecord]:
@@ -110,60 +131,32 @@ def _last_mounting(store: Store) -> list[RunRecord]:
     return [run for run in records if all(run.conditions.get(k) == records[-1].conditions.get(k) for k in keys)]
 
 
-def _tables(told: Mapping[str, Any]) -> list[ResultTable]:
-    """Sensing axes and the angles between them, as far as there are any."""
-    axes, angles = told["axes"], told["angles"]
-    tables = []
-    if axes:
-        rows = [
-            [
-                name,
-                *(f"{component:+.6f}" for component in axis["coc"]),
-                f"{axis['std_hc_2sigma_arcsec']:.2f}",
-                number(axis["requirement_arcsec"]),
-                str(axis["vectors"]),
-                "pass" if axis["pass"] else "fail",
-            ]
-            for name, axis in axes.items()
-        ]
-        columns = ["axis", "#x", "#y", "#z", "#half-cone / arcsec", "#required / arcsec", "#vectors", "verdict"]
-        sentence = "Sensing axes in the cube's frame, with their half-cone deviation at 2 sigma."
-        tables.append(ResultTable(sentence, columns, rows, [not axis["pass"] for axis in axes.values()]))
-    if angles:
-        rows = [[pair, quantity(angle["deg"], angle["sigma_deg"], "deg")] for pair, angle in angles.items()]
-        tables.append(ResultTable("Angles between the axes.", ["axes", "#angle between them"], rows))
-    return tables
-
-
-def _print_axes(console: Console, found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-    axes = Table(title="Sensing axes in the cube's frame", title_justify="left", padding=(0, 1))
-    for column in ("axis", "x", "y", "z", "std_hc 2s", "theta_m", "n", "ok?"):
-        axes.add_column(column, justify="left" if column in {"axis", "ok?"} else "right", no_wrap=True)
-    printed = reference.get("axes", {})
-    for name, axis in found.items():
-        axes.add_row(
-            name,
-            *(f"{c:+.6f}" for c in axis["coc"]),
-            f'{axis["std_hc_2sigma_arcsec"]:.2f}"',
-            f'{axis["theta_m_arcsec"]:+.3f}"',
-            str(axis["vectors"]),
-            "pass" if axis["pass"] else "FAIL",
-        )
+def _axes(axes: Mapping[str, Any], reference: Mapping[str, Any]) -> ResultTable:
+    rows, printed = [], reference.get("axes", {})
+    for name, axis in axes.items():
+        numbers = [f"{axis['std_hc_2sigma_arcsec']:.2f}", f"{axis['theta_m_arcsec']:+.3f}", str(axis["vectors"])]
+        rows.append([name, *_components(axis["coc"]), *numbers, "pass" if axis["pass"] else "FAIL"])
+        sigmas = [max(axis["covariance"][i][i], 0.0) ** 0.5 for i in range(3)]
+        rows.append([" ±σ", *(f"{sigma:.1e}" for sigma in sigmas), "", "", "", ""])
         if name in printed:
-            std = reference.get("std_hc_2sigma_arcsec", {}).get(name)
-            shown = "" if std is None else f'{std:.2f}"'
-            axes.add_row(" ref", *(f"{c:+.6f}" for c in printed[name]), shown, "", "", "", style="dim")
-    console.print(axes)
-    limits = sorted({axis["requirement_arcsec"] for axis in found.values()})
-    console.print(
-        "std_hc 2s: half-cone deviation at 2 sigma, theta_m: its mean, n: null vectors; "
-        f"pass up to {', '.join(f'{limit:g}' for limit in limits)} arcsec",
-        style="dim",
-        highlight=False,
+            half_cone = reference.get("std_hc_2sigma_arcsec", {}).get(name)
+            shown = "" if half_cone is None else f"{half_cone:.2f}"
+            rows.append([" ref", *_components(printed[name]), shown, "", "", ""])
+    limits = ", ".join(f"{limit:g}" for limit in sorted({axis["requirement_arcsec"] for axis in axes.values()}))
+    note = (
+        "half-cone: half-cone deviation at 2 sigma, mean: its mean, both in arcsec; n: null vectors; "
+        f"pass: half-cone up to {limits} arcsec"
     )
+    columns = ["axis", "#x", "#y", "#z", "#half-cone", "#mean", "#n", "verdict"]
+    marked = [row[-1] == "FAIL" for row in rows]
+    return ResultTable("Sensing axes in the cube's frame", columns, rows, marked, [note], "Axes")
 
 
-def _print_quick_check(console: Console, check: Mapping[str, Any]) -> None:
+def _components(vector: Sequence[float]) -> list[str]:
+    return [f"{component:+.6f}" for component in vector]
+
+
+def _quick_check(check: Mapping[str, Any]) -> ResultTable:
     scale = check["laser_scale"]
     rows = {
         "verdict": "pass" if check["passed"] else "FAIL",
@@ -172,54 +165,48 @@ def _print_quick_check(console: Console, check: Mapping[str, Any]) -> None:
         "reversal (S+ + S-)/(S+ - S-)": f"{check['reversal']:+.2e} +- {check['reversal_sigma']:.1e}",
         "main laser over encoder": "no main head" if scale is None else f"{scale:.5f}",
     }
-    table = Table(title="Quick check", title_justify="left", show_header=False)
-    for name, value in rows.items():
-        table.add_row(name, value)
-    console.print(table)
+    return ResultTable("Quick check", ["quantity", "value"], list(rows.items()), tab="Axes")
 
 
-def _nulls(nulls: list[Mapping[str, Any]]) -> Table:
-    table = Table(title="Nulls", title_justify="left")
-    for column in ("axis", "configuration", "mounting", "theta0/deg", "sigma/arcsec"):
-        table.add_column(column, justify="left" if column in {"axis", "configuration"} else "right")
-    for null in nulls:
-        table.add_row(
+def _nulls(nulls: Sequence[Mapping[str, Any]], *, printed: bool) -> ResultTable:
+    rows = [
+        [
             null["axis"],
             null["configuration"],
             str(null["mounting"]),
             f"{null['theta0_deg']:+.5f}",
             f"{null['theta0_sigma_arcsec']:.2f}",
-        )
-    return table
+        ]
+        for null in nulls
+    ]
+    columns = ["axis", "configuration", "#mounting", "#theta0 / deg", "#sigma / arcsec"]
+    return ResultTable("Nulls", columns, rows, tab="Axes", printed=printed)
 
 
-def _angles(angles: Mapping[str, Any], printed: Mapping[str, float]) -> Table:
-    table = Table(title="Angles between axes", title_justify="left")
-    for column in ("axes", "angle/deg", "|angle - 90|/deg", "sigma/deg", "ref |angle - 90|/deg"):
-        table.add_column(column, justify="left" if column == "axes" else "right")
-    for pair, angle in angles.items():
-        table.add_row(
+def _angles(angles: Mapping[str, Any], printed: Mapping[str, float]) -> ResultTable:
+    rows = [
+        [
             pair,
-            f"{angle['deg']:.4f}",
-            f"{angle['offset_deg']:.4f}",
-            f"{angle['sigma_deg']:.4f}",
+            *(f"{angle[key]:.4f}" for key in ("deg", "offset_deg", "sigma_deg")),
             f"{printed[pair]:.2f}" if pair in printed else "",
-        )
-    return table
+        ]
+        for pair, angle in angles.items()
+    ]
+    columns = ["axes", "#angle / deg", "#|angle - 90| / deg", "#sigma / deg", "#ref / deg"]
+    return ResultTable("Angles between axes", columns, rows, tab="Angles")
 
 
-def _print_budget(budget: Mapping[str, Any]) -> None:
-    """The uncertainty budget of each axis: two angles perpendicular to it, 1 sigma."""
-    console = Console()
-    for name, axis in budget.items():
-        table = Table(title=f"Uncertainty of axis {name} / arcsec", title_justify="left", padding=(0, 1))
-        for column in ("contribution", "type", "input", "1", "2"):
-            table.add_column(column, justify="right" if column in {"1", "2"} else "left")
-        for row in axis["contributions"]:
-            table.add_row(row["name"], row["type"], row["input"], *(f"{x:.3f}" for x in row["arcsec"]))
-        table.add_row("combined", "", "", *(f"{x:.3f}" for x in axis["combined_arcsec"]), style="bold")
-        table.add_row("expanded (95 %)", "", "", *(f"{x:.3f}" for x in axis["expanded_95_arcsec"]), style="bold")
-        console.print(table)
-        inside = ", ".join(f"{part} {x:.2f}" for part, x in axis["included_in_scatter"].items())
-        console.print(f"in the scatter already, per mounting: {inside}", style="dim", highlight=False)
-        console.print(f"Monte Carlo: {axis['monte_carlo']['reason']}", style="dim", highlight=False)
+def _budget(name: str, axis: Mapping[str, Any]) -> ResultTable:
+    """The uncertainty budget of an axis: two angles perpendicular to it, 1 sigma."""
+    rows = [[each["name"], each["type"], each["input"], *_arcsec(each["arcsec"])] for each in axis["contributions"]]
+    rows.append(["combined", "", "", *_arcsec(axis["combined_arcsec"])])
+    rows.append(["expanded (95 %)", "", "", *_arcsec(axis["expanded_95_arcsec"])])
+    inside = ", ".join(f"{part} {arcsec:.2f}" for part, arcsec in axis["included_in_scatter"].items())
+    notes = [f"in the scatter already, per mounting: {inside}", f"Monte Carlo: {axis['monte_carlo']['reason']}"]
+    marked = [False] * (len(rows) - 2) + [True, True]
+    columns = ["contribution", "type", "input", "#1", "#2"]
+    return ResultTable(f"Uncertainty of axis {name} / arcsec", columns, rows, marked, notes, "Budget")
+
+
+def _arcsec(components: Sequence[float]) -> list[str]:
+    return [f"{component:.3f}" for component in components]

@@ -6,14 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigctl.report.drawn import Drawn
-from rigctl.report.terminal_workbench import print_fit
+from rigctl.report.tables.result_table import ResultTable
+from rigctl.report.tables.workbench import parameters_table
 from rigctl.workbench.workbench import Workbench
 
 
-def show(found: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-    """Print the fit."""
+def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[ResultTable]:
+    """The fit."""
     del reference
-    print_fit(found)
+    return [parameters_table(found)]
 
 
 def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:

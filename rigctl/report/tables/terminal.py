@@ -1,27 +1,35 @@
-"""Result tables on a terminal."""
+"""Result tables on a terminal of 80 columns."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from typing import Any
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from rigctl.report.tables.result_table import ResultTable
 
 
-def print_tables(tables: Sequence[ResultTable], remarks: Sequence[str] = ()) -> None:
-    """Tables one after the other, marked rows in bold, then what is to be said besides."""
+def print_tables(tables: Iterable[ResultTable]) -> None:
+    """Tables one after the other: title, rows, notes."""
     console = Console()
     for each in tables:
-        console.print(each.sentence, highlight=False)
-        shown = Table(box=SIMPLE_HEAD, padding=(0, 1))
-        for column in each.columns:
-            shown.add_column(column.lstrip("#~"), justify="right" if column.startswith("#") else "left")
-        for number, row in enumerate(each.rows):
-            marked = number < len(each.marked) and each.marked[number]
-            shown.add_row(*row, style="bold" if marked else None)
-        console.print(shown)
-    for remark in remarks:
-        console.print(remark, highlight=False, soft_wrap=True)
+        if each.title:
+            console.print(each.title, highlight=False, markup=False)
+        if each.rows:
+            console.print(rich_table(each))
+        for note in each.notes:
+            console.print(note, highlight=False, markup=False)
+
+
+def rich_table(table: ResultTable, **look: Any) -> Table:
+    """The rows as rich draws them: numbers to the right, marked rows in bold; `look` is as of `rich.table.Table`."""
+    filled = table.filled()
+    drawn = Table(padding=(0, 1), **look)
+    for name in filled.columns:
+        drawn.add_column(Text(name.lstrip("#")), justify="right" if name.startswith("#") else "left", overflow="fold")
+    for row, marked in zip(filled.rows, filled.marks, strict=True):
+        drawn.add_row(*map(Text, row), style="bold" if marked else None)
+    return drawn

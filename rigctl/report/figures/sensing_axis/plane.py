@@ -90,7 +90,7 @@ def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
     """Two panels: out-of-plane angles by mounting, and the directions in the plane."""
     figure = new_figure(2.9)
     scatter, directions = figure.subplots(1, 2, width_ratios=[1.75, 1.0])
-    for index, (configuration, angles_deg) in enumerate(_by_configuration(rows).items()):
+    for index, configuration in enumerate(dict.fromkeys(row.configuration for row in rows)):
         own = [row for row in rows if row.configuration == configuration]
         look = series_style(index)
         scatter.errorbar(
@@ -104,7 +104,7 @@ def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
             label=configuration,
             zorder=3,
         )
-        _draw_directions(directions, angles_deg, look, configuration)
+        _draw_directions(directions, [row.in_plane_deg for row in own], look, configuration)
     _draw_bands(scatter, rows)
     _frame_directions(directions, rows)
     scatter.set_xlabel("mounting")
@@ -168,11 +168,3 @@ def _quadrants(components: FloatArray) -> tuple[float, float]:
     low = -1.0 if components.min() < -0.5 else 0.0
     high = 1.0 if components.max() > 0.5 or low == 0.0 else 0.0
     return low - 0.15, high + 0.15
-
-
-def _by_configuration(rows: Sequence[PlaneRow]) -> dict[str, list[float]]:
-    """In-plane angles [deg] of each configuration."""
-    angles: dict[str, list[float]] = {}
-    for row in rows:
-        angles.setdefault(row.configuration, []).append(row.in_plane_deg)
-    return angles

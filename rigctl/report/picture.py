@@ -1,0 +1,34 @@
+"""A plot for a terminal, before it is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rigctl.core.arrays import FloatArray
+
+MARKS = ("o", "x", "+", "#", "*", "@")
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One series: joined points, or with `mark` single ones; `name` is written in the legend."""
+
+    x: FloatArray
+    y: FloatArray
+    name: str = ""
+    mark: str = ""
+    colour: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What a plot shows; ranges are found from the data where none are given."""
+
+    title: str
+    lines: tuple[Line, ...] = ()
+    x_label: str = ""
+    x_range: tuple[float, float] | None = None
+    y_range: tuple[float, float] | None = None
+    levels: tuple[tuple[float, str], ...] = ()
+    """Horizontal dotted lines, each with what it means."""
+    empty: str = "no data yet"

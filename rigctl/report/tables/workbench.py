@@ -1,0 +1,104 @@
+"""What the workbench found, as tables; findings come as their JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rigctl.report.quantities import number, probability, quantity
+from rigctl.report.tables.result_table import ResultTable
+from rigctl.report.verdicts import ADEQUATE_P, Findings, change_of, comparison_sentence, model_name, named, sizes
+
+
+def parameters_table(fit: Findings) -> ResultTable:
+    """Parameters of a fit and how well they describe the data."""
+    rows = [[name, quantity(each["value"], each["sigma"]), each["unit"]] for name, each in fit["parameters"].items()]
+    held_out = number(fit["error_held_out"])
+    notes = [
+        comparison_sentence(fit),
+        f"error {number(fit['error_fit'])}, on held-out runs {held_out} (1.00 = noise)",
+    ]
+    return ResultTable(f"Fit of {model_name(fit['effects'])}", ["parameter", "#value", "unit"], rows, notes=notes)
+
+
+def channels_table(comparison: Findings) -> ResultTable:
+    """Residuals by channel; those whose chi-square is too large for their data fail."""
+    rows = [
+        [
+            row["channel"],
+            row["component"],
+            number(row["rms"]),
+            number(row["noise"]),
+            row["unit"],
+            number(row["chi2"] / row["data"]) if row["data"] else "-",
+            "FAILS" if _fails(row) else "",
+        ]
+        for row in comparison["channels"]
+    ]
+    columns = ["channel", "component", "#rms", "#noise", "unit", "#chi2/n", ""]
+    return ResultTable("Residuals by channel", columns, rows, [bool(row[-1]) for row in rows])
+
+
+def _fails(channel: Findings) -> bool:
+    """Whether a channel's chi-square is too large for its data."""
+    from scipy.special import chdtrc  # the console's first paint does not wait for scipy
+
+    return bool(channel["data"]) and float(chdtrc(channel["data"], channel["chi2"])) < ADEQUATE_P
+
+
+def ranking_table(diagnosis: Findings, most: int) -> ResultTable:
+    """Candidates from the most significant down, with sizes: the first `most`, and all that are significant."""
+    ranking, suggested = diagnosis["ranking"], diagnosis["suggested"]
+    shown = [
+        rank
+        for place, rank in enumerate(ranking)
+        if place < most or (rank["p_value_corrected"] or 0.0) < diagnosis["alpha"] or rank["effect"] in suggested
+    ]
+    rows = []
+    for rank in shown:
+        star = "*" if rank["effect"] in suggested else " "
+        lines = [f"{star} {named(rank['effect'], rank['choice'])}", *(f"    {size}" for size in sizes(rank))]
+        lines += [f"    like {', '.join(rank['equivalent_to'])}"] if rank["equivalent_to"] else []
+        numbers = number(rank["chi2_fall"]), number(rank["held_out_error_ratio"])
+        rows.append(["\n".join(lines), probability(rank["p_value_corrected"]), *numbers])
+    notes = ["held out: error after / before, on runs not used in the fit"]
+    if len(shown) < len(ranking):
+        notes.append(f"{len(ranking) - len(shown)} more, none of them significant")
+    columns = ["effect (*: suggested)", "#p corr.", "#chi2 fall", "#held out"]
+    return ResultTable("Candidates", columns, rows, [rank["effect"] in suggested for rank in shown], notes)
+
+
+def ladder_table(rungs: Sequence[Findings], *, results: bool = True) -> ResultTable:
+    """The error ladder: the versions of the model with their errors, and where asked for with their results."""
+    rows = []
+    for rung in rungs:
+        lines = [f"{rung['version']}: {change_of(rung)}"]
+        if results:
+            lines += [f"    leaves {number(e['value'])} {e['unit']} of {c}" for c, e in rung.get("rms", {}).items()]
+            lines += [f"    {name} = {_short(each)}" for name, each in (rung.get("result") or {}).items()]
+        rows.append(
+            ["\n".join(lines), *(number(rung[key]) for key in ("chi2_per_dof", "error_fit", "error_held_out"))]
+        )
+    notes = ["error: rms of the whitened residuals, 1.00 = noise; held out: on blocks not used in the fit"]
+    notes += [f"version {rung['version']}: not fitted: {rung['note']}" for rung in rungs if "note" in rung]
+    columns = ["version", "#chi2/dof", "#error", "#held out"]
+    return ResultTable("Error ladder", columns, rows, notes=notes)
+
+
+def transfer_table(transfer: Findings, least_sigmas: float = 0.0) -> ResultTable:
+    """Parameters fitted here and there that are more than `least_sigmas` apart, or cannot be compared with 0."""
+    rows = []
+    for name, pair in transfer["parameters"].items():
+        apart = pair["sigmas_apart"]
+        if abs(apart or 0.0) >= least_sigmas:
+            here, there = (quantity(pair[side]["value"], pair[side]["sigma"]) for side in ("here", "there"))
+            rows.append([name, here, there, pair["here"]["unit"], "-" if apart is None else f"{apart:+.1f}"])
+    title = "Parameters that differ" if least_sigmas else "Parameters"
+    return ResultTable(title, ["parameter", "here", "there", "unit", "#sigmas apart"], rows)
+
+
+def _short(entry: Any) -> str:
+    """One entry of a result: value, sigma and unit where it has them."""
+    if isinstance(entry, Mapping) and isinstance(entry.get("value"), int | float):
+        return quantity(entry["value"], entry.get("sigma"), entry.get("unit", ""))
+    return str(entry)
