@@ -213,10 +213,6 @@ class Console(Shell):
         if not held and (view is None or not view.alive):
             self._note("STOP: no rig is held here, and no campaign runs", "warning")
 
-    def on_stop_button_pressed(self) -> None:
-        """By mouse."""
-        self.action_stop()
-
     def action_open(self) -> None:
         """Ask which file."""
 

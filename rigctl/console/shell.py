@@ -86,10 +86,6 @@ class Shell(App[None]):
 
     # Screens
 
-    def on_tab_bar_chosen(self, message: TabBar.Chosen) -> None:
-        """By mouse."""
-        self.action_screen(message.screen)
-
     def action_screen(self, name: str) -> None:
         """Show one of the five."""
         if len(self.screen_stack) > 1:
@@ -247,10 +243,6 @@ class Shell(App[None]):
         for screen in list(self.screen_stack):
             if isinstance(screen, QuestionDialog):
                 screen.dismiss(None)
-
-    def on_banner_clicked(self) -> None:
-        """By mouse."""
-        self.action_answer()
 
     def action_answer(self) -> None:
         """What the campaign asks."""

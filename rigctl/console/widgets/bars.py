@@ -8,7 +8,6 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Horizontal
 from textual.events import Click
-from textual.message import Message
 from textual.reactive import reactive
 from textual.widgets import Static
 
@@ -20,16 +19,13 @@ class StopButton(Static):
 
     DEFAULT_CSS = "StopButton { width: 11; text-style: bold; background: $error; color: $stop-text; }"
 
-    class Pressed(Message):
-        """Somebody clicked it."""
-
     def __init__(self) -> None:
         super().__init__(" ■ STOP F8 ", id="stop")
 
-    def on_click(self, event: Click) -> None:
-        """The click is the wish."""
+    async def on_click(self, event: Click) -> None:
+        """STOP."""
         event.stop()
-        self.post_message(self.Pressed())
+        await self.app.run_action("stop")
 
 
 @dataclass(frozen=True)
@@ -79,13 +75,6 @@ class TabBar(Horizontal):
     DEFAULT_CSS = "TabBar { height: 1; } TabBar Static { width: auto; }"
     current = reactive("rig")
 
-    class Chosen(Message):
-        """A screen was clicked."""
-
-        def __init__(self, screen: str) -> None:
-            super().__init__()
-            self.screen = screen
-
     def compose(self) -> ComposeResult:
         """One label each."""
         for name in SCREENS:
@@ -102,10 +91,11 @@ class TabBar(Horizontal):
             for tab in self.query(f"#tab-{name}").results(Static):
                 tab.update(Text(label, style="bold reverse" if name == current else ""))
 
-    def on_click(self, event: Click) -> None:
-        """Which one was it?"""
-        if event.widget is not None and (event.widget.id or "").startswith("tab-"):
-            self.post_message(self.Chosen(str(event.widget.id).removeprefix("tab-")))
+    async def on_click(self, event: Click) -> None:
+        """Show the screen that was clicked."""
+        name = (event.widget.id or "").removeprefix("tab-") if event.widget is not None else ""
+        if name in SCREENS:
+            await self.app.run_action(f"screen('{name}')")
 
 
 class Banner(Static):
@@ -116,14 +106,11 @@ class Banner(Static):
     Banner.shown { display: block; }
     """
 
-    class Clicked(Message):
-        """The operator wants to deal with it."""
-
     def say(self, text: str) -> None:
         """Show a text; none hides it."""
         self.set_class(bool(text), "shown")
         self.update(Text(text))
 
-    def on_click(self) -> None:
+    async def on_click(self) -> None:
         """Deal with it."""
-        self.post_message(self.Clicked())
+        await self.app.run_action("answer")
