@@ -14,10 +14,14 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 
 from rigctl.console.entries import Entry, Listing
+from rigctl.console.messages import Launch
+from rigctl.console.widgets.dialogs import Fault
+from rigctl.core.additions import procedures_for
 from rigctl.core.errors import ConfigError
 from rigctl.core.experiments import measured
-from rigctl.files.campaign_file import CampaignFile, ModelTable, parse_campaign
+from rigctl.files.campaign_file import CampaignFile, ModelTable, parse_campaign, read_campaign
 from rigctl.files.campaign_tables import settings_of
+from rigctl.files.rig_file import read_rig
 from rigctl.files.toml_files import validated
 
 
@@ -63,10 +67,29 @@ class CampaignForm:
         return ""
 
 
+def launch_fault(launch: Launch) -> Fault | None:
+    """What speaks against a launch, as far as the files say at a glance; the rest the campaign's process tells."""
+    try:
+        file = read_campaign(launch.campaign)
+    except ConfigError as error:
+        return Fault("campaign", str(error))
+    if not launch.store.name:
+        return Fault("store", "name the store")
+    if launch.store.exists() and file.procedure.get("mounting") not in {"same", "kept"}:
+        return Fault("store", f"{launch.store} exists already; choose another name")
+    if not launch.store.absolute().parent.is_dir():
+        return Fault("store", f"{launch.store.parent}: no such directory")
+    if launch.rig is None and not file.rig:
+        return Fault("rig", "the campaign file names no rig; name one here")
+    try:
+        read_rig(launch.rig or file.rig_path)
+    except ConfigError as error:
+        return Fault("rig", str(error))
+    return None
+
+
 def entries(text: str) -> list[Entry | Listing]:
     """The keys a campaign file may have, table by table, with what it says; what is not TOML says nothing."""
-    from rigctl.core.additions import procedures_for
-
     data = _tables(text)
     found: list[Entry | Listing] = []
     for table, model in _models(data).items():

@@ -86,7 +86,7 @@ class CampaignPane(Vertical):
 
     def action_begin(self) -> None:
         """Ask how, then start."""
-        from rigctl.console.launch import launch_fault  # what checks the files is imported after the first paint
+        from rigctl.console.form import launch_fault  # what checks the files is imported after the first paint
 
         if (form := self._opened()) is None:
             return
