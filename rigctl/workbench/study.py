@@ -206,6 +206,14 @@ class DeclaresInseparable(Protocol):
 
 
 @runtime_checkable
+class DependsOnUnrecorded(Study, Protocol):
+    """A study with effects that it cannot be asked about where a quantity they depend on was not recorded."""
+
+    def unrecorded(self, model: Model, values: FloatArray) -> FloatArray:
+        """What they could do to the data, whatever that quantity did; columns (n, k), none where all is recorded."""
+
+
+@runtime_checkable
 class ScansBetween(Study, Protocol):
     """A study whose scans have more to choose from than the values that are tried first."""
 

@@ -25,7 +25,9 @@ class EffectChanges:
     """Amplitudes that effects add to all halves of `runs`, each (lines, series); evaluated once per effect."""
 
     def __init__(self, runs: Sequence[ReducedRun]) -> None:
-        self._reducers = [Reducer(run) for run in runs]
+        # An imagined run may be a recorded one once more.
+        self._runs = [id(run.coarse) for run in runs]
+        self._reducers = {id(run.coarse): Reducer(run) for run in runs}
         self._evaluations: dict[tuple[str, tuple[float, ...]], list[ComplexArray]] = {}
         self._units: dict[str, list[list[ComplexArray]] | None] = {}
 
@@ -86,6 +88,6 @@ class EffectChanges:
             if len(self._evaluations) > _MOST_KEPT:
                 self._evaluations.clear()
             parameters = dict(zip(effect.parameters, map(float, values), strict=True))
-            halves = [half for reducer in self._reducers for half in reducer.changes(effect, parameters)]
-            self._evaluations[key] = halves
+            changes = {each: reducer.changes(effect, parameters) for each, reducer in self._reducers.items()}
+            self._evaluations[key] = [half for each in self._runs for half in changes[each]]
         return self._evaluations[key]

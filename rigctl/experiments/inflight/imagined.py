@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.core.arrays import ComplexArray, FloatArray
-from rigctl.experiments.inflight.observe.reduction import ReducedRun, reduce_run
+from rigctl.experiments.inflight.observe.reduction import ReducedRun, halves_of
 from rigctl.experiments.inflight.observe.sessions import Line, Session
 from rigctl.experiments.inflight.observe.weights import amplitudes, templates, weights
 
@@ -70,8 +70,9 @@ def flown_again(run: ReducedRun, run_id: str, settings: Mapping[str, Any]) -> Re
     if wanted == session:
         return replace(run, run_id=run_id)
     conditions = {**run.conditions, **{name: settings[name] for name in STIMULUS_SETTINGS if name in settings}}
-    made = reduce_run(run_id, conditions, _columns(run, wanted), session.orbit_period_s)
-    return replace(made, remarks=run.remarks)
+    coarse = replace(run.coarse, columns=_columns(run, wanted))
+    halves = halves_of(wanted, coarse)
+    return replace(run, run_id=run_id, session=wanted, conditions=conditions, halves=halves, coarse=coarse)
 
 
 def _columns(run: ReducedRun, wanted: Session) -> dict[str, FloatArray]:
@@ -85,13 +86,13 @@ def _columns(run: ReducedRun, wanted: Session) -> dict[str, FloatArray]:
     at_stimulus = np.array([line.orbital == 0 for line in _FOLLOWS])
     ratio = wanted.amplitude / session.amplitude * np.exp(1j * (wanted.phase_rad - session.phase_rad))
     faster = (wanted.frequency_hz / session.frequency_hz) ** 2
-    columns = {"t_s": grid.t_s}
+    columns = {}
     for name, column in grid.columns.items():
         accelerates = name[0] == "m" if session.moves_masses else name.startswith("dw_") and session.name == "dy"
         growth = (ratio * np.where(at_stimulus, faster, 1.0) if accelerates else ratio) ** harmonic
         lines = amplitudes(rows, column)
         changed = _parts(growth * lines) @ after - _parts(lines) @ before
-        columns[name] = np.where(grid.present, column + changed, np.nan)
+        columns[name] = np.where(grid.present, column + changed, 0.0)
     return columns
 
 

@@ -53,7 +53,7 @@ def _components(stretch: Stretch) -> list[tuple[str, str]]:
 
 
 def _covariates(given: Observed) -> dict[str, FloatArray]:
-    """Columns over the halves: when, which half, and every number of runs.csv that varies."""
+    """Columns over the halves: when, which half, and every number of runs.csv that varies, and which session."""
     rows = [(run, place, half) for run in given.runs for place, half in enumerate(run.halves)]
     covariates = {"half": np.array([float(place) for _, place, _ in rows])}
     names = dict.fromkeys(name for run in given.runs for name in run.conditions)
@@ -65,4 +65,8 @@ def _covariates(given: Observed) -> dict[str, FloatArray]:
             column = column + np.array([0.5 * (half.start_s + half.stop_s) for _, _, half in rows])
         if np.isfinite(column).any() and np.nanmax(column) > np.nanmin(column):
             covariates[name] = column
+    sessions = [run.session.name for run, _, _ in rows]
+    for name in dict.fromkeys(sessions) if len(set(sessions)) > 2 else ():
+        # A line of the orbit that differs from session to session follows no number of theirs.
+        covariates[f"session {name}"] = np.array([float(each == name) for each in sessions])
     return covariates

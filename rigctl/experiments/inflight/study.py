@@ -90,6 +90,14 @@ class InflightStudy(CatalogueStudy[FlightData]):
         shared = np.asarray(values[: len(data.baseline.parameters)])
         return [[_candidate(effect, data, shared, beside)] for effect in effects]
 
+    def unrecorded(self, model: Model, values: FloatArray) -> FloatArray:
+        """What the effects that need a temperature could do at the data, where none is recorded; columns (n, k)."""
+        data = own_model(model, InflightModel).data
+        needing = [effect for effect in self.catalogue.values() if "temperature" in effect.needs]
+        shared = np.asarray(values[: len(data.baseline.parameters)])
+        columns = [data.baseline.shift(shared, change) for change in data.of_any_temperature(needing)]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(model.observations.value), 0))
+
     def lines(self, model: Model) -> Sequence[Line]:
         """What the samples show beside the lines: pulses, unsteady noise, and the strongest line between the known.
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+
 from rigctl.analysis.kept import Reduction
 from rigctl.campaign.recording import RunSource
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
+from rigctl.effects.catalogue import Effect
 from rigctl.experiments.inflight.effect_changes import EffectChanges
 from rigctl.experiments.inflight.imagined import flown_again
 from rigctl.experiments.inflight.model.baseline import Baseline
@@ -18,7 +21,9 @@ from rigctl.experiments.inflight.model.residual_samples import RunScan
 from rigctl.experiments.inflight.model.sample_scans import run_scans
 from rigctl.experiments.inflight.observations import observations_of
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
+from rigctl.experiments.inflight.observe.series import temperatures
 from rigctl.experiments.inflight.observe.store_reduction import reduced_without, reduction
+from rigctl.experiments.inflight.observe.weights import templates
 from rigctl.experiments.inflight.sample_findings import relative_noise
 from rigctl.workbench.study import Observations, Proposal
 
@@ -113,6 +118,25 @@ class FlightData:
     def effects(self) -> EffectChanges:
         """What effects do to these lines."""
         return EffectChanges(self.observed.runs)
+
+    def of_any_temperature(self, effects: Sequence[Effect]) -> Iterator[list[ComplexArray]]:
+        """What effects do to the amplitudes of all halves, for temperatures that nobody recorded: any waves at the
+        orbit's frequency and twice that, in each half for itself."""
+        unchanged = [np.zeros_like(each.amplitudes.table) for each in self.baseline.stretches]
+        first = 0
+        for run in self.observed.runs:
+            orbital_hz = run.session.orbital_hz
+            waves = (
+                () if temperatures(run.coarse.columns) else templates(run.coarse.t_s, (orbital_hz, 2.0 * orbital_hz))
+            )
+            for wave in waves:
+                columns = {**run.coarse.columns, "temperature_c": wave}
+                warmed = EffectChanges([replace(run, coarse=replace(run.coarse, columns=columns))])
+                for effect in effects:
+                    for changes in warmed.derivatives(effect, np.zeros(len(effect.parameters))):
+                        for place, change in enumerate(changes, start=first):
+                            yield [*unchanged[:place], change, *unchanged[place + 1 :]]
+            first += len(run.halves)
 
     @cached_property
     def without_pulses(self) -> FlightData:

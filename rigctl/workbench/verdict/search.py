@@ -29,6 +29,7 @@ from rigctl.workbench.verdict.significance import (
     is_significant,
     significant_shape,
 )
+from rigctl.workbench.verdict.unrecorded import imitations
 
 MOST_TERMS = 8
 REFITTED = 4
@@ -169,6 +170,10 @@ class Search:
             self.moves.append(Move(terms, chosen.effect, dropped))
         self._add_lines(self.attempt(self.terms))
         self.unexplained = significant_shape(self.attempt(self.terms), self.alpha)
+        if self.unexplained and (imitated := imitations(self.attempt(self.given), self.suggested, self.alpha)):
+            self.terms = tuple(term for term in self.terms if term not in imitated)
+            self.moves.append(Move(self.terms, None, tuple(term.effect for term in imitated)))
+            self.unexplained = significant_shape(self.attempt(self.terms), self.alpha) or self.unexplained
 
     def _without(self, effect: str) -> Search:
         """The search with one effect barred, which may have taken the place of two others."""

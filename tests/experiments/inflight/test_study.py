@@ -119,6 +119,22 @@ def test_a_bias_that_goes_with_the_temperature_is_named_sized_and_explained(flig
     assert np.all(np.abs(pulls(after, exact(flight))) < 4.0)
 
 
+def test_without_the_thermometer_what_remains_is_unknown_and_nothing_is_suggested_beside_it(flight):
+    """The temperature's wave differs from session to session: a steady force explains a part of what it does."""
+
+    def warm_otherwise(session, t_s, out):
+        phase = 2.0 * len(session) + ord(session[-1])
+        return (1.0 + 0.5 * np.sin(phase)) * warm(session, t_s + 950.0 * phase, out)
+
+    sessions = ("dx", "dz", "dy", "ad11", "ad12", "k2d")
+    sky = flight.Sky(noise=1.2e-12, seed=1, added=warm_otherwise)
+    said = diagnose(InflightStudy(recording(flight, sky=sky, sessions=sessions)), ()).as_json()
+    assert (said["verdict"], said["suggested"]) == ("unknown", [])
+    assert "with session" in said["unexplained"]["description"]
+    assert "or one temperature_c" in said["not_testable"]["thermal-bias"]
+    assert [each["dropped"] for each in said["steps"]] == [[], [], ["magnetic"]]
+
+
 def test_a_line_that_no_effect_makes_is_said_to_be_unknown(flight):
     def odd(session, t_s, out):
         made = np.zeros_like(out)

@@ -76,21 +76,26 @@ def reduce_run(
             f"run {run_id}: samples every {grid.step_s:g} s are too few for a stimulus of {session.frequency_hz:g} Hz"
         )
     try:
-        middle = len(grid.t_s) // HALVES
-        parts = [grid.part(where) for where in (slice(0, middle), slice(middle, None))]
         coarse = thinned(grid)
         return ReducedRun(
             run_id,
             session,
             dict(conditions),
             _stretch(session, grid, session.fitted_lines()),
-            tuple(_stretch(session, part, session.reduced_lines(part.duration_s)) for part in parts),
+            halves_of(session, grid),
             between_lines(session, coarse),
             coarse,
             _remarks(session, grid, conditions),
         )
     except DataError as error:
         raise DataError(f"run {run_id}: {error}") from error
+
+
+def halves_of(session: Session, grid: Grid) -> tuple[ReducedStretch, ...]:
+    """Both halves of a run at all lines that they resolve; `DataError` where samples are too few for that."""
+    middle = len(grid.t_s) // HALVES
+    parts = [grid.part(where) for where in (slice(0, middle), slice(middle, None))]
+    return tuple(_stretch(session, part, session.reduced_lines(part.duration_s)) for part in parts)
 
 
 def _stretch(session: Session, grid: Grid, lines: Sequence[Line]) -> ReducedStretch:
