@@ -164,8 +164,10 @@ def whitened_least_squares(model: Model, noise: Noise, parameters: Sequence[Para
 
 
 def _fit(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float]) -> FitResult:
+    chosen = {f"{term.effect}.{name}" for term in model.terms for name in term.choice}
     parameters = [
-        replace(each, start=0.0, fixed=True)
+        # A period that is not determined stays the one that was chosen; an amplitude is none.
+        replace(each, start=each.start if each.name in chosen else 0.0, fixed=True)
         if each.name in held
         else replace(each, start=start.get(each.name, each.start))
         for each in model.parameters

@@ -42,27 +42,27 @@ def ranking(search: Search, rivals: Sequence[Rival]) -> tuple[Rank, ...]:
 
 
 def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Term, rivals: Sequence[Rival]) -> Rank:
-    without = search.attempt([each for each in search.terms if each != term])
+    without = search.attempt_if_fit([each for each in search.terms if each != term])
     p_value = search.p_of_term(search.terms, term)
     estimates = {
         name: estimate
         for (name, estimate), owner in zip(final.estimates().items(), final.model.owners, strict=True)
         if owner == term.effect
     }
-    scored = without.scored_effect(term.effect)
+    scored = None if without is None else without.scored_effect(term.effect)
     equivalent = [rival.term.effect for rival in rivals if rival.instead_of == term.effect]
-    if scored is not None:
+    if without is not None and scored is not None:
         equivalent += [name for name in equivalent_effects(without, scored) if name not in equivalent]
     return Rank(
         term=term,
         p_value=p_value,
         p_value_corrected=corrected_for(first, p_value),
         parameters=estimates,
-        held_out_error_ratio=held_out_ratio(final, without),
+        held_out_error_ratio=float("nan") if without is None else held_out_ratio(final, without),
         equivalent_to=tuple(equivalent),
-        statistic=without.chi2_with(final.noise) - final.result.chi2,
+        statistic=float("nan") if without is None else without.chi2_with(final.noise) - final.result.chi2,
         keep=float(scored.score.keep.max()) if scored is not None else float("nan"),
-        detectable=_detectable(without, scored, search.alpha) if scored is not None else {},
+        detectable=_detectable(without, scored, search.alpha) if without is not None and scored is not None else {},
     )
 
 

@@ -34,9 +34,9 @@ class Rival:
 def rivals_of(search: Search, term: Term) -> list[Rival]:
     """Other effects that would do instead of a suggested one: with them in, neither it nor more is needed."""
     others = tuple(each for each in search.terms if each != term)
-    without = search.attempt(others)
-    suggested = without.scored_effect(term.effect)
-    if suggested is None:
+    without = search.attempt_if_fit(others)
+    suggested = None if without is None else without.scored_effect(term.effect)
+    if without is None or suggested is None:
         return []
     rivals = []
     for each in without.scored:

@@ -72,7 +72,7 @@ class Search:
         self._known = known
         self._attempts: dict[str, Attempt] = {}
         self._shapes: dict[int, Generic] = {}
-        self._values: dict[str, float] = {}
+        self._values: dict[str, dict[str, float]] = {}
         self.given = tuple(terms)
         self.terms = self.given
         self.moves = [Move(self.given, None, ())]
@@ -82,17 +82,32 @@ class Search:
 
     def attempt(self, terms: Sequence[Term]) -> Attempt:
         """The model with these terms, fitted and scored once."""
-        key = json.dumps(sorted(json.dumps(term.as_json(), sort_keys=True) for term in terms))
+        keys = {term.effect: json.dumps(term.as_json(), sort_keys=True) for term in terms}
+        key = json.dumps(sorted(keys.values()))
         if key not in self._attempts:
-            made = Attempt(self.study, terms, self.seed, self._shapes, self._values, self._known)
+            # Another choice of the same effect is nowhere to start from.
+            start = {
+                name: value for owner in ("", *keys.values()) for name, value in self._values.get(owner, {}).items()
+            }
+            made = Attempt(self.study, terms, self.seed, self._shapes, start, self._known)
             self._attempts[key] = made
-            self._values |= made.values
+            for owner, (name, value) in zip(made.model.owners, made.values.items(), strict=True):
+                self._values.setdefault(keys.get(owner, ""), {})[name] = value
         return self._attempts[key]
 
+<<<<<<< HEAD
     def judged_by(self, known: KnownNoise) -> None:
         """From now on every model is judged by one noise."""
         self._known = known
         self._attempts = {}
+=======
+    def attempt_if_fit(self, terms: Sequence[Term]) -> Attempt | None:
+        """The same; None for terms that these data do not determine together."""
+        try:
+            return self.attempt(terms)
+        except UNFIT:
+            return None
+>>>>>>> e43912f (A period that is not determined keeps its choice, and what cannot be fitted without a term stops no diagnosis)
 
     @property
     def suggested(self) -> tuple[Term, ...]:
@@ -240,9 +255,8 @@ class Search:
     def p_of_term(self, terms: Sequence[Term], term: Term) -> float:
         """P-value of one of the terms given the others, from the fits with and without it."""
         with_it = self.attempt(terms)
-        try:
-            without = self.attempt([each for each in terms if each != term])
-        except UNFIT:  # what cannot be fitted without it needs it
+        without = self.attempt_if_fit([each for each in terms if each != term])
+        if without is None:  # what cannot be fitted without it needs it
             return 0.0
         fall = without.chi2_with(with_it.noise) - with_it.result.chi2
         dimension = sum(owner == term.effect for owner in with_it.model.owners)

@@ -19,7 +19,6 @@ from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Term
 
 _STEP_IN_TYPICAL = 1e-4
-_PERIOD_FACTOR_MAX = 10.0
 
 
 class Piece(Protocol):
@@ -90,7 +89,8 @@ class ColumnPiece:
             names.insert(0 if self.form.first else len(names), f"{self.term.effect}.{self.form.scanned}")
         parameters = [Parameter(name, float(value)) for name, value in zip(names, values, strict=True)]
         if isinstance(self.form, Periodic):
-            parameters[0] = Parameter(names[0], float(values[0]), lower=float(values[0]) / _PERIOD_FACTOR_MAX)
+            lower, upper = self.form.neighbourhood(self.choice["period"])
+            parameters[0] = Parameter(names[0], float(np.clip(values[0], lower, upper)), lower=lower, upper=upper)
         if isinstance(self.form, Step):
             parameters[-1] = Parameter(names[-1], float(values[-1]), fixed=True)
         return parameters

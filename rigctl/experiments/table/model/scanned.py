@@ -80,6 +80,11 @@ class Periodic(_OfColumn):
         points = min(int(np.ceil((high - low) / step)) + 1, points_max)
         return np.asarray(1.0 / (low + step * np.arange(points)[::-1]))
 
+    def neighbourhood(self, period: float) -> tuple[float, float]:
+        """Periods of frequencies no farther away than one more or less in the span, twice the span the longest."""
+        span = self.column.span
+        return 1.0 / (1.0 / period + 1.0 / span), 1.0 / max(1.0 / period - 1.0 / span, 0.5 / span)
+
     def full_choice(self, value: float) -> dict[str, float]:
         """Period and origin."""
         middle = 0.5 * float(self.column.distinct[0] + self.column.distinct[-1])
