@@ -161,3 +161,28 @@ def test_stated_uncertainties_weigh() -> None:
         study({"y": NOISE, "x": X, "e": np.where(np.arange(ROWS) == 2, 0.0, 1.0)}, "b0", sigma="e")
     with pytest.raises(DataError, match="no column f of numbers, which \\[table\\] sigma names"):
         study({"y": NOISE, "x": X}, "b0", sigma="f")
+
+
+def test_a_table_without_columns_of_numbers_is_one_of_levels() -> None:
+    """R's `Rail`: a constant, and words only."""
+    travel = [55, 53, 54, 26, 37, 32, 78, 91, 85, 92, 100, 96, 49, 51, 50, 80, 85, 83]
+    table = study({"y": travel, "rail": [f"rail {i // 3}" for i in range(18)]}, "b0")
+    assert table.model([]).predict(np.array([66.5])).tolist() == [66.5] * 18
+    assert table.observations.value.tolist() == travel
+
+
+def test_a_slow_period_does_not_become_the_trend_and_stop_the_diagnosis() -> None:
+    """As of CO2 at Mauna Loa: a year, its half, and slow structure beside a quadratic trend."""
+    year = 1958.0 + np.arange(240) / 12.0
+    rng = np.random.default_rng(4)
+    slow = np.cumsum(0.12 * rng.standard_normal(240))
+    y = 315.0 + 1.3 * (year - 1958.0) + 2.8 * np.cos(2 * np.pi * year) + 0.8 * np.sin(4 * np.pi * year)
+    table = study({"y": y + slow + 0.2 * rng.standard_normal(240), "year": year}, "b0 + b1 * (year - 1968)")
+    terms = [Term("periodic[year]"), Term("periodic[year]#2", {"period": 39.0, "origin": 1968.0})]
+    fit = fitted(table.model(terms))
+    assert fit is not None
+    assert fit.value("periodic[year]#2.period") <= 2.0 * np.ptp(year)
+    found = diagnose(table, ())
+    periods = [rank.parameters.get(f"{rank.term.effect}.period") for rank in found.ranking[: len(found.suggested)]]
+    near = {round(each.value, 1) for each in periods if each is not None}
+    assert {1.0, 0.5} <= near

@@ -169,7 +169,7 @@ def _fit(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, f
         # A period that is not determined stays the one that was chosen; an amplitude is none.
         replace(each, start=each.start if each.name in chosen else 0.0, fixed=True)
         if each.name in held
-        else replace(each, start=start.get(each.name, each.start))
+        else replace(each, start=float(np.clip(start.get(each.name, each.start), each.lower, each.upper)))
         for each in model.parameters
     ]
     if scanned := scanned_parameters(model):

@@ -139,7 +139,7 @@ def _linear_part(readings: Readings, nonlinear: Mapping[str, float]) -> FloatArr
     expression = readings.expression
     linear = [name for name in expression.parameters if name not in nonlinear]
     origin = {**dict.fromkeys(linear, 0.0), **nonlinear}
-    value, slopes = expression.evaluate(readings.numbers, origin)
+    value, slopes = readings.evaluated(origin)
     which = [expression.parameters.index(name) for name in linear]
     design, target = slopes[:, which], readings.response.values - value
     # NaN compares as false: what is undefined is no better than what is beyond all bounds.

@@ -148,7 +148,14 @@ class Readings:
         for place, shift in (shifts or {}).items():
             name = self.expression.parameters[place]
             given[name] = given[name] + shift
-        return self.expression.evaluate(self.numbers, given)
+        return self.evaluated(given)
+
+    def evaluated(self, given: Mapping[str, float | FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """The expression with these values of its parameters by name, and its derivatives; (n,) and (n, m)."""
+        n = self.response.values.size
+        value, slopes = self.expression.evaluate(self.numbers, given)
+        # Without any column of numbers an expression cannot know how many readings there are.
+        return np.broadcast_to(value, (n,)).copy(), np.broadcast_to(slopes, (n, slopes.shape[1])).copy()
 
     @property
     def order(self) -> Column | None:
