@@ -68,7 +68,9 @@ class TableData:
         return Observations(
             run_ids=readings.labels,
             series=(Series(readings.response.name, "", readings.response.unit),),
-            pools=(NoisePool(readings.response.name, 0.0, readings.spec.order),),
+            pools=(
+                NoisePool(readings.response.name, 0.0, readings.spec.order, stated=readings.spec.sigma is not None),
+            ),
             value=readings.response.values,
             sigma=readings.sigma,
             series_of=none,

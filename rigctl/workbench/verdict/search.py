@@ -95,19 +95,17 @@ class Search:
                 self._values.setdefault(keys.get(owner, ""), {})[name] = value
         return self._attempts[key]
 
-<<<<<<< HEAD
     def judged_by(self, known: KnownNoise) -> None:
         """From now on every model is judged by one noise."""
         self._known = known
         self._attempts = {}
-=======
+
     def attempt_if_fit(self, terms: Sequence[Term]) -> Attempt | None:
         """The same; None for terms that these data do not determine together."""
         try:
             return self.attempt(terms)
         except UNFIT:
             return None
->>>>>>> e43912f (A period that is not determined keeps its choice, and what cannot be fitted without a term stops no diagnosis)
 
     @property
     def suggested(self) -> tuple[Term, ...]:
