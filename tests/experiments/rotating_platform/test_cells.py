@@ -93,6 +93,17 @@ def test_turns_that_end_elsewhere_within_a_sample_are_of_different_kinds(recorde
     assert (found.kind[~own] == found.followed.index((0, 0))).all()
 
 
+def test_turns_are_counted(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    found = cut(samples, believed)
+    first = found.period * 600 + found.first
+    ends = np.flatnonzero((samples["moving"][:-1] > 0.0) & (samples["moving"][1:] == 0.0)) + 1
+    assert np.array_equal(found.turn_number, np.searchsorted(ends, first, side="right"))
+    assert found.turn_number.max() == 48
+    begins_turning = cut({name: values[100:] for name, values in samples.items()}, believed)
+    assert begins_turning.turn_number[0] == 0
+
+
 def test_cells_come_back_from_their_bytes(recorded: tuple[Columns, Chains]) -> None:
     found = cut(*recorded)
     again = Cells.unpacked(Packed.from_bytes(found.packed().to_bytes(compressed=True)))

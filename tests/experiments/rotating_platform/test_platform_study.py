@@ -114,6 +114,25 @@ def test_what_is_hidden_is_named_and_sized(effect: str, sizes: dict[str, float],
     assert rank.held_out_error_ratio < 1.0
 
 
+def test_a_bias_that_creeps_with_every_turn_and_snaps_back_after_seven_is_told_by_their_count() -> None:
+    turned = 0
+
+    def creeps(number: int, samples: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        nonlocal turned
+        del number
+        ends = np.flatnonzero((samples["moving"][:-1] > 0.0) & (samples["moving"][1:] == 0.0)) + 1
+        turns = turned + np.searchsorted(ends, np.arange(samples["t_s"].size), side="right")
+        turned += ends.size
+        return {**samples, "q_a_v": samples["q_a_v"] + 846.73 * 3e-6 * (turns % 7)}
+
+    nature = PlatformSettings(kind="rotating-platform", seed=22)
+    found = diagnose(PlatformStudy(sampled(nature, RUNS[:2], creeps)), ())
+    assert found.verdict == "unknown"
+    assert found.unexplained is not None
+    assert found.unexplained.channel == "m_z"
+    assert found.unexplained.details["covariate"].startswith("turns_modulo_7")
+
+
 def test_a_mask_that_is_too_short_shows_the_sensor_off_its_axis() -> None:
     found = diagnose(study({"off-centre": {"r_sin": 5e-4}}, mask_short_s=0.5), ())
     assert [term.effect for term in found.suggested] == ["off-centre"]

@@ -110,9 +110,20 @@ class Cells:
         return [(way, end) for way, end in self._kinds[0].tolist()]
 
     @cached_property
+    def first(self) -> Int64Array:
+        """Number in its period of the first sample of each cell."""
+        return np.rint(0.5 * (self.centre + self.samples - self.count)).astype(np.int64)
+
+    @cached_property
+    def turn_number(self) -> Int64Array:
+        """How many turns the run has made before each cell, shape (cells,)."""
+        ended = np.where(self.since < FAR, self.period * self.samples + self.first - self.since, -1)
+        ends, number = np.unique(ended, return_inverse=True)
+        return np.asarray(number + (ends[0] >= 0))
+
+    @cached_property
     def _kinds(self) -> tuple[Int64Array, Int64Array]:
-        first = np.rint(0.5 * (self.centre + self.samples - self.count)).astype(np.int64)
-        end = np.where(self.direction != 0.0, (first - self.since) % self.samples, 0)
+        end = np.where(self.direction != 0.0, (self.first - self.since) % self.samples, 0)
         codes, which = np.unique(self.direction.astype(np.int64) * self.samples + end, return_inverse=True)
         way = np.rint(np.floor_divide(codes, self.samples)).astype(np.int64)
         return np.stack([way, codes - way * self.samples], axis=1), which

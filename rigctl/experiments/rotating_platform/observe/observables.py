@@ -31,6 +31,10 @@ SERIES = tuple(
     for component, unit in zip(COMPONENTS, UNITS, strict=True)
 )
 
+TURN_CYCLES = tuple(range(3, 10))
+"""After so many turns something may be as it was: what counts turns and begins anew (of two, stops and directions
+tell)."""
+
 _STRETCHES = 4
 _KNOWN_DOF = 1e6
 
@@ -60,16 +64,17 @@ def stacked(
     pools: list[NoisePool] = []
     factors: list[tuple[IntArray, FloatArray]] = []
     at = 0
+    turned = turns_before(channels)
     for each in channels:
         number = runs.index(each.run.run_id)
         if each.run.run_id in imagined:
             key = (each.run.run_id, "whole", 0)
             if key not in place:
                 place[key] = len(rows)
-                rows.append(_group_row(number, each, 0))
+                rows.append(_group_row(number, each, 0, turned[each.run.run_id]))
             own_rows = [place[key]] * each.value.size
         else:
-            own_rows = _rows_of(number, each, rows, place)
+            own_rows = _rows_of(number, each, turned[each.run.run_id], rows, place)
         first = len(COMPONENTS) * CHANNELS.index(each.channel)
         own_series = [first + output for output in range(4) for _ in each.reducer.groups]
         own_series += [first + 4 + (one.number == BEFORE) for one in each.reducer.bins]
@@ -110,14 +115,16 @@ def stacked(
     )
 
 
-def _rows_of(number: int, each: ChannelRun, rows: list[Row], place: dict[tuple[str, str, int], int]) -> list[int]:
+def _rows_of(
+    number: int, each: ChannelRun, turned: int, rows: list[Row], place: dict[tuple[str, str, int], int]
+) -> list[int]:
     """The row of each observable; those that the other channel has made already are shared."""
     rows_of_run: list[int] = []
     for group in each.reducer.groups.tolist():
         key = (each.run.run_id, "group", group)
         if key not in place:
             place[key] = len(rows)
-            rows.append(_group_row(number, each, group))
+            rows.append(_group_row(number, each, group, turned))
         rows_of_run.append(place[key])
     rows_of_run *= 4
     for one in each.reducer.bins:
@@ -129,22 +136,34 @@ def _rows_of(number: int, each: ChannelRun, rows: list[Row], place: dict[tuple[s
     return rows_of_run
 
 
-def _group_row(number: int, each: ChannelRun, group: int) -> Row:
+def turns_before(channels: Sequence[ChannelRun]) -> dict[str, int]:
+    """By run_id, how many turns the recorded runs before it have made."""
+    runs = {each.run.run_id: each.run for each in channels}
+    in_time = sorted(runs.values(), key=lambda run: _known_start_s(run.conditions))
+    made = np.cumsum([0, *(int(run.cells.turn_number.max()) for run in in_time)])
+    return {run.run_id: int(turns) for run, turns in zip(in_time, made.tolist(), strict=False)}
+
+
+def _known_start_s(conditions: Mapping[str, Any]) -> float:
+    start_s = _start_s(conditions)
+    return start_s if math.isfinite(start_s) else 0.0
+
+
+def _group_row(number: int, each: ChannelRun, group: int, turned: int) -> Row:
+    """Of a group of periods; `turned` is how many turns there were before the run."""
     cells, reducer = each.run.cells, each.reducer
     first = group * reducer.per_group
     last = min(first + reducer.per_group, cells.periods)
     in_group = (cells.period >= first) & (cells.period < last)
     share = cells.count[in_group] / cells.count[in_group].sum()
+    turns = turned + cells.turn_number[in_group]
     middle_s = 0.5 * (first + last) * cells.period_s
     covariates = {
         "time_s": _start_s(each.run.conditions) + middle_s,
         "within_run_s": middle_s - 0.5 * cells.periods * cells.period_s,
-        "c_z_m_s2": float(share @ cells.state[in_group, 0]),
-        "c_y_m_s2": float(share @ cells.state[in_group, 1]),
-        "temperature_c": _temperature(each.run.conditions, float(share @ cells.state[in_group, 2])),
-        "modulation_frequency_hz": 1.0 / cells.period_s,
-        "since_turn_s": math.nan,
-        "stop": math.nan,
+        **_state(each, share @ cells.state[in_group]),
+        "turns": float(share @ turns),
+        **{f"turns_modulo_{cycle}": float(share @ (turns % cycle)) for cycle in TURN_CYCLES},
         **own_columns(each.run.conditions),
     }
     return Row(number, covariates, (_STRETCHES * first) // max(cells.periods, 1))
@@ -153,19 +172,24 @@ def _group_row(number: int, each: ChannelRun, group: int) -> Row:
 def _bin_row(number: int, each: ChannelRun, one: Bin) -> Row:
     cells = each.run.cells
     in_bin = (cells.bin == one.number) & (cells.sign == one.sign)
-    after = AFTER_S[one.number] if one.number != BEFORE else -BEFORE_S
     covariates = {
         "time_s": _start_s(each.run.conditions) + 0.5 * cells.periods * cells.period_s,
-        "within_run_s": math.nan,
-        "c_z_m_s2": float(cells.state[in_bin, 0].mean()),
-        "c_y_m_s2": float(cells.state[in_bin, 1].mean()),
-        "temperature_c": _temperature(each.run.conditions, float(cells.state[in_bin, 2].mean())),
-        "modulation_frequency_hz": 1.0 / cells.period_s,
-        "since_turn_s": after,
+        **_state(each, cells.state[in_bin].mean(axis=0)),
+        "since_turn_s": AFTER_S[one.number] if one.number != BEFORE else -BEFORE_S,
         "stop": float(one.sign),
         **own_columns(each.run.conditions),
     }
     return Row(number, covariates, 0)
+
+
+def _state(each: ChannelRun, state: FloatArray) -> dict[str, float]:
+    """Commands, temperature and modulation of a row whose cells have this mean `Cells.state`."""
+    return {
+        "c_z_m_s2": float(state[0]),
+        "c_y_m_s2": float(state[1]),
+        "temperature_c": _temperature(each.run.conditions, float(state[2])),
+        "modulation_frequency_hz": 1.0 / each.run.cells.period_s,
+    }
 
 
 _FORMAT_COLUMNS = (
