@@ -114,6 +114,17 @@ def test_what_is_hidden_is_named_and_sized(effect: str, sizes: dict[str, float],
     assert rank.held_out_error_ratio < 1.0
 
 
+def test_what_the_baseline_imitates_is_asked_where_the_baseline_is() -> None:
+    """The square of a reading shows by the bias in it: where none was fitted yet, it would be taken for absorbed."""
+    base, found = (fit(study({"quadratic": {"K2": 1.0}}), terms) for terms in ((), (Term("quadratic"),)))
+    size = found.parameters["K2[y]"]
+    assert size.value == pytest.approx(1.0, abs=4.0 * size.sigma)
+    assert size.sigma < 0.2
+    assert found.chi2 < base.chi2 - 25.0
+    moved = found.parameters["accel_y0"].value - base.parameters["accel_y0"].value
+    assert abs(moved) < 3e-6
+
+
 def test_a_bias_that_creeps_with_every_turn_and_snaps_back_after_seven_is_told_by_their_count() -> None:
     turned = 0
 

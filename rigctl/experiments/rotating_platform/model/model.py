@@ -42,11 +42,10 @@ class PlatformModel:
         fixed = () if recorded.tilted else SHARED[:1]
         names = [*SHARED, *(f"{name}[{run_id}]" for name in OF_A_RUN for run_id in runs)]
         units = ["1", "m/s2", "m/s2", *(["m/s2"] * 2 * len(runs)), *(["m/s3"] * 2 * len(runs))]
-        starts = [1.0, 0.0, 0.0, *([0.0] * len(OF_A_RUN) * len(runs))]
         added = [parameter for each in self.placed for parameter in each.parameters]
         self._baseline_size = len(names)
         self.parameters: Sequence[Parameter] = (
-            *(Parameter(n, start, fixed=n in fixed) for n, start in zip(names, starts, strict=True)),
+            *(Parameter(n, start, fixed=n in fixed) for n, start in zip(names, recorded.start.tolist(), strict=True)),
             *(fit_parameter(each) for each in added),
         )
         self.units: Sequence[str] = (*units, *(each.unit for each in added))

@@ -81,6 +81,21 @@ class Recorded:
             added[rows] = each.reducer.of(means[:, 3:], ramps[:, 3:])[:, 0]
         return added
 
+    @cached_property
+    def start(self) -> FloatArray:
+        """The baseline's parameters as the recorded runs have them, each datum for itself, shape (3 + 4 runs,).
+
+        There a fit begins: what an effect does, and whether the baseline imitates it, depends on them.
+        """
+        given, start = self.observations, np.zeros(self.baseline.shape[1])
+        start[0] = 1.0
+        made = np.array([run_id not in self.imagined for run_id in given.run_ids])[given.run_of]
+        weight = made / given.sigma
+        free = slice(0 if self.tilted else 1, None)
+        left = given.value - self.commanded_y - (0.0 if self.tilted else self.baseline[:, 0])
+        start[free] = np.linalg.lstsq(self.baseline[:, free] * weight[:, None], left * weight, rcond=1e-12)[0]
+        return start
+
     def _place(self, kind: str, each: ChannelRun) -> int:
         of_run = OF_A_RUN.index(f"{kind}_{each.channel}")
         return len(SHARED) + of_run * len(self.run_ids) + self.run_ids.index(each.run.run_id)
