@@ -54,7 +54,8 @@ class Observations:
     (runs,) numbers the blocks that are held out together: mountings, else stretches of time. `angle` and `frequency`
     name the covariates, in degrees and hertz, in which the experiment's signals are periodic or go as powers; None
     when it has none. `factors` are Cholesky factors of correlations that are known beforehand: which data (k,), and
-    the lower triangle (k, k), its rows of unit length.
+    the lower triangle (k, k), its rows of unit length. `indicators` are columns over the runs, 1 in a group of runs
+    (a session) and 0 elsewhere: what is left may differ by it, and is then described by it.
     """
 
     run_ids: tuple[str, ...]
@@ -72,10 +73,12 @@ class Observations:
     frequency: str | None = None
     levels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     factors: tuple[tuple[IntArray, FloatArray], ...] = ()
+    indicators: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def of_runs(self, name: str) -> FloatArray:
         """A covariate at every datum, shape (n,)."""
-        return self.covariates[name][self.run_of]
+        column = self.covariates[name] if name in self.covariates else self.indicators[name]
+        return column[self.run_of]
 
 
 @dataclass(frozen=True)

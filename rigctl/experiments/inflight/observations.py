@@ -37,6 +37,7 @@ def observations_of(given: Observed, baseline: Baseline) -> Observations:
         group_of=np.zeros(len(run_of), dtype=np.intp),
         block_of=np.arange(len(baseline.stretches), dtype=np.intp),
         covariates=_covariates(given),
+        indicators=_sessions(given),
     )
 
 
@@ -53,7 +54,7 @@ def _components(stretch: Stretch) -> list[tuple[str, str]]:
 
 
 def _covariates(given: Observed) -> dict[str, FloatArray]:
-    """Columns over the halves: when, which half, and every number of runs.csv that varies, and which session."""
+    """Columns over the halves: when, which half, and every number of runs.csv that varies."""
     rows = [(run, place, half) for run in given.runs for place, half in enumerate(run.halves)]
     covariates = {"half": np.array([float(place) for _, place, _ in rows])}
     names = dict.fromkeys(name for run in given.runs for name in run.conditions)
@@ -65,8 +66,11 @@ def _covariates(given: Observed) -> dict[str, FloatArray]:
             column = column + np.array([0.5 * (half.start_s + half.stop_s) for _, _, half in rows])
         if np.isfinite(column).any() and np.nanmax(column) > np.nanmin(column):
             covariates[name] = column
-    sessions = [run.session.name for run, _, _ in rows]
-    for name in dict.fromkeys(sessions) if len(set(sessions)) > 2 else ():
-        # A line of the orbit that differs from session to session follows no number of theirs.
-        covariates[f"session {name}"] = np.array([float(each == name) for each in sessions])
     return covariates
+
+
+def _sessions(given: Observed) -> dict[str, FloatArray]:
+    """By session, in which halves it is: a line of the orbit that differs between sessions follows no number."""
+    sessions = [run.session.name for run in given.runs for _ in run.halves]
+    names = dict.fromkeys(sessions) if len(set(sessions)) > 2 else ()
+    return {f"session {name}": np.array([float(each == name) for each in sessions]) for name in names}

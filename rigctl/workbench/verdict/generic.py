@@ -275,7 +275,7 @@ def _covariates(given: Observations, rows: IntArray) -> list[str]:
     names = [""]
     used_up = given.angle is not None or given.frequency is not None
     used = [given.of_runs(name)[rows] for name in (given.angle, given.frequency) if name is not None]
-    for name in given.covariates:
+    for name in (*given.covariates, *given.indicators):
         values = given.of_runs(name)[rows]
         if (
             name in (given.angle, given.frequency, *given.levels)
