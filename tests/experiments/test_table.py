@@ -66,7 +66,8 @@ def test_order_makes_stretches_and_block_its_own_blocks() -> None:
     base = {"y": 1.0 + X + NOISE, "x": X, "time_s": shuffled, "day": ["Mon", "Tue"] * 20}
     ordered = TableStudy(_recording(base, order="time_s")).observations
     assert ordered.pools[0].order == "time_s"
-    assert (np.diff(ordered.block_of[np.argsort(shuffled)]) >= 0).all()
+    assert ordered.covariates["time_s"].tolist() == sorted(shuffled)
+    assert (np.diff(ordered.block_of) >= 0).all()
     assert len(set(ordered.block_of.tolist())) == 6
     by_day = TableStudy(_recording(base, block="day")).observations
     assert by_day.block_of.tolist() == [0, 1] * 20

@@ -11,6 +11,7 @@ import pytest
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
+from rigctl.core.repeated_rows import pasted_rows
 from rigctl.core.time_stamps import seconds_of_stamps
 from rigctl.experiments.table.model.model import fitted
 from rigctl.experiments.table.study import TableStudy
@@ -154,7 +155,8 @@ def test_a_column_of_time_stamps_keeps_its_name_and_may_be_the_order() -> None:
 def test_stated_uncertainties_weigh() -> None:
     stated = np.where(np.arange(ROWS) % 2, 0.01, 1.0)
     table = study({"y": 1.0 + stated * NOISE, "x": X, "e": stated}, "b0", sigma="e")
-    assert table.observations.sigma.tolist() == stated.tolist()
+    rows = [int(label.removeprefix("row ")) - 1 for label in table.observations.run_ids]
+    assert table.observations.sigma.tolist() == stated[rows].tolist()
     assert set(table.observations.covariates) == {"x"}
     assert table.model([]).parameters[0].start == pytest.approx(1.0, abs=4 * 0.01 / np.sqrt(ROWS / 2))
     with pytest.raises(DataError, match="row 3: column e holds 0, which is no standard uncertainty"):
@@ -168,7 +170,7 @@ def test_a_table_without_columns_of_numbers_is_one_of_levels() -> None:
     travel = [55, 53, 54, 26, 37, 32, 78, 91, 85, 92, 100, 96, 49, 51, 50, 80, 85, 83]
     table = study({"y": travel, "rail": [f"rail {i // 3}" for i in range(18)]}, "b0")
     assert table.model([]).predict(np.array([66.5])).tolist() == [66.5] * 18
-    assert table.observations.value.tolist() == travel
+    assert sorted(table.observations.value.tolist()) == sorted(travel)
 
 
 def test_a_slow_period_does_not_become_the_trend_and_stop_the_diagnosis() -> None:
@@ -186,3 +188,24 @@ def test_a_slow_period_does_not_become_the_trend_and_stop_the_diagnosis() -> Non
     periods = [rank.parameters.get(f"{rank.term.effect}.period") for rank in found.ranking[: len(found.suggested)]]
     near = {round(each.value, 1) for each in periods if each is not None}
     assert {1.0, 0.5} <= near
+
+
+def test_rows_that_were_pasted_count_once_and_repeats_stay() -> None:
+    y = np.round(1.0 + 0.5 * X + 0.02 * NOISE, 6)
+    twice = np.r_[0:ROWS, 10:30]
+    copies, originals = pasted_rows(y[twice], [X[twice].tolist()])
+    assert copies.tolist() == list(range(ROWS, ROWS + 20))
+    assert originals.tolist() == list(range(10, 30))
+    table = study({"y": y[twice], "x": X[twice]}, "b0 + b1 * x")
+    assert len(table.observations.value) == ROWS
+    coarse = np.round(y[twice] * 5.0) / 5.0
+    repeated = np.round(X[twice]).tolist()
+    assert len(pasted_rows(coarse, [repeated])[0]) == 0
+
+
+def test_a_verdict_does_not_depend_on_the_order_of_rows() -> None:
+    columns = {"y": 1.0 + 0.5 * X + 0.1 * NOISE, "x": X, "z": Z, "head": HEAD.tolist()}
+    shuffled = np.random.default_rng(3).permutation(ROWS)
+    again = {name: np.asarray(values)[shuffled].tolist() for name, values in columns.items()}
+    one, other = (diagnose(study(each, "b0 + b1 * x"), ()) for each in (columns, again))
+    assert [rank.p_value_corrected for rank in one.ranking] == [rank.p_value_corrected for rank in other.ranking]

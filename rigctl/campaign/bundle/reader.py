@@ -21,6 +21,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
 from rigctl.core.numbers import decimal_or_missing, is_missing
 from rigctl.core.plausible import doubt_of_constant
+from rigctl.core.repeated_rows import pasted_rows
 from rigctl.core.time_stamps import seconds_of_stamps
 
 RunWithSamples = tuple[RunRecord, Mapping[str, FloatArray]]
@@ -105,7 +106,25 @@ class BundleReader:
             else:
                 texts[name] = table.column(name)
         self._require_question(table, samples)
+        self._warn_of_pasted_rows(samples, texts)
         yield RunRecord(READINGS, READINGS, STEP, texts), samples
+
+    def _warn_of_pasted_rows(self, samples: Mapping[str, FloatArray], texts: Mapping[str, list[str]]) -> None:
+        assert self.header.table is not None
+        response = self.header.table.response
+        rows = np.flatnonzero(np.isfinite(samples[response]))
+        others: list[list[Any]] = [values[rows].tolist() for name, values in samples.items() if name != response]
+        others += [[text[row] for row in rows.tolist()] for text in texts.values()]
+        copies, originals = pasted_rows(samples[response][rows], others)
+        if len(copies):
+            pairs = [
+                f"row {rows[copy] + 1} is row {rows[of] + 1}" for copy, of in zip(copies, originals, strict=True)
+            ]
+            shown = ", ".join(pairs[:3]) + (f" and {len(pairs) - 3} more" if len(pairs) > 3 else "")
+            self._warnings.append(
+                f"readings.csv: {len(copies)} rows stand in it twice, more than repeats allow ({shown}); they count"
+                " once"
+            )
 
     def _require_question(self, table: CsvTable, samples: Mapping[str, FloatArray]) -> None:
         spec = self.header.table

@@ -15,6 +15,7 @@ from rigctl.core.numbers import MAGNITUDE_MAX, measurable
 from rigctl.core.time_stamps import seconds_of_stamps
 from rigctl.core.units import unit_of_column
 from rigctl.experiments.table.observe.expression import Expression
+from rigctl.experiments.table.observe.rows import readings_of
 from rigctl.experiments.table.observe.syntax import CONSTANTS, flaw
 
 _WINDOW_POINTS, _WINDOW_FINENESS = 1 << 16, 16
@@ -175,7 +176,8 @@ def read(source: RunSource) -> Readings:
     _require_measurable(samples)
     _require_uncertainties(samples, spec)
     expression = _expression(spec, set(samples), set(texts))
-    rows = np.flatnonzero(_usable(samples, expression, spec))
+    needed = [spec.response, *expression.columns, *(name for name in (spec.order, spec.sigma) if name)]
+    rows = readings_of(samples, texts, spec.response, spec.order, needed)
     if rows.size == 0:
         raise DataError("readings.csv: no row has a response and all that the baseline needs; fill in the gaps")
     columns = {
@@ -253,11 +255,6 @@ def _expression(spec: TableSpec, numeric: set[str], texts: set[str]) -> Expressi
                 f" its parameters are {', '.join(expression.parameters)}"
             )
     return expression
-
-
-def _usable(samples: dict[str, FloatArray], expression: Expression, spec: TableSpec) -> IntArray:
-    needed = [spec.response, *expression.columns, *(name for name in (spec.order, spec.sigma) if name)]
-    return np.asarray(np.isfinite([samples[name] for name in needed]).all(axis=0))
 
 
 def _unit(header: Header, name: str) -> str:

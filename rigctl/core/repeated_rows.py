@@ -1,0 +1,100 @@
+"""Rows of a table that stand in it again: pasted, or readings that happen to be the same?
+
+Two readings at the same conditions are equal by chance with a probability that follows from the resolution of the
+response and the scatter of readings; more equal rows than that allows were pasted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from rigctl.core.arrays import FloatArray, IntArray
+
+PASTED_BELOW = 1e-6
+BLOCK, BLOCK_BELOW = 3, 1e-3
+"""So many rows one after the other that stand elsewhere in the same order need less to be called pasted."""
+
+_SCATTER_UNKNOWN = 0.01
+"""Of the response's standard deviation: the scatter taken where no two readings share their conditions."""
+
+_FEW = 3
+_DECIMALS = 12
+
+
+def pasted_rows(response: FloatArray, conditions: Sequence[Sequence[object]]) -> tuple[IntArray, IntArray]:
+    """Rows that were pasted, and of which row each is a copy; both empty where equal rows may be repeats.
+
+    `response` (n,) without missing values, `conditions` all other columns, each of length n.
+    """
+    rows = list(zip(*conditions, strict=True)) if conditions else [()] * len(response)
+    keys = [tuple("" if each != each else each for each in row) for row in rows]
+    firsts: dict[object, int] = {}
+    copies, originals = [], []
+    groups: dict[object, list[int]] = defaultdict(list)
+    for number, (key, value) in enumerate(zip(keys, response.tolist(), strict=True)):
+        groups[key].append(number)
+        first = firsts.setdefault((key, value), number)
+        if first != number:
+            copies.append(number)
+            originals.append(first)
+    none = np.zeros(0, dtype=np.intp)
+    if not copies:
+        return none, none
+    p_value = _p_of_equal(response, list(groups.values()), len(copies))
+    level = BLOCK_BELOW if _longest_block(copies, originals) >= BLOCK else PASTED_BELOW
+    if p_value >= level:
+        return none, none
+    return np.array(copies, dtype=np.intp), np.array(originals, dtype=np.intp)
+
+
+def _p_of_equal(response: FloatArray, groups: list[list[int]], equal: int) -> float:
+    """Probability of so many equal responses among readings at the same conditions."""
+    pairs, square, dof = 0, 0.0, 0
+    for group in groups:
+        values = np.unique(response[group])
+        pairs += len(group) * (len(group) - 1) // 2
+        square += float(np.sum((values - values.mean()) ** 2))
+        dof += len(values) - 1
+    spread = float(response.std())
+    scatter = math.sqrt(square / dof) if dof >= _FEW else _SCATTER_UNKNOWN * spread
+    if not 0.0 < scatter <= spread:
+        return 1.0
+    by_resolution = _resolution(response) / (2.0 * math.sqrt(math.pi) * scatter)
+    by_frequency = _equal_elsewhere(response, groups) * spread / scatter
+    return _binomial_tail(pairs, min(max(by_resolution, by_frequency), 1.0), equal)
+
+
+def _equal_elsewhere(response: FloatArray, groups: list[list[int]]) -> float:
+    """How often responses are equal at different conditions: rounded values, and functions of such, often."""
+    n = len(response)
+    everywhere = float(np.sum(np.unique(response, return_counts=True)[1] ** 2.0))
+    within = sum(float(np.sum(np.unique(response[group], return_counts=True)[1] ** 2.0)) for group in groups)
+    pairs = n**2.0 - sum(len(group) ** 2.0 for group in groups)
+    return (everywhere - within + 1.0) / (pairs + 1.0)
+
+
+def _binomial_tail(trials: int, chance: float, least: int) -> float:
+    from scipy.special import bdtrc
+
+    return float(bdtrc(least - 1, trials, chance))
+
+
+def _resolution(response: FloatArray) -> float:
+    """The largest step of which all values are multiples, to 12 digits of the largest."""
+    largest = float(np.abs(response).max()) or 1.0
+    unit = 10.0 ** (math.floor(math.log10(largest)) - _DECIMALS)
+    whole = np.rint(response / unit).astype(np.int64)
+    return float(np.gcd.reduce(whole[whole != 0])) * unit
+
+
+def _longest_block(copies: list[int], originals: list[int]) -> int:
+    longest = length = 1
+    for place in range(1, len(copies)):
+        follows = copies[place] == copies[place - 1] + 1 and originals[place] == originals[place - 1] + 1
+        length = length + 1 if follows else 1
+        longest = max(longest, length)
+    return longest

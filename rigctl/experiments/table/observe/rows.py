@@ -1,0 +1,36 @@
+"""Which rows of a table are readings, and in which order they are taken: that of their contents, not of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rigctl.core.arrays import FloatArray, IntArray, TextArray
+from rigctl.core.repeated_rows import pasted_rows
+
+
+def readings_of(
+    samples: Mapping[str, FloatArray],
+    texts: Mapping[str, Sequence[str]],
+    response: str,
+    order: str | None,
+    needed: Sequence[str],
+) -> IntArray:
+    """Rows that have all that is `needed`, pasted ones once, sorted by their contents; indices in the file.
+
+    By the column `order` first, then by the others as they stand in the file, words last: blocks that are held out
+    and draws of noise thus do not depend on the order of rows.
+    """
+    rows = np.flatnonzero(np.isfinite([samples[name] for name in needed]).all(axis=0))
+    if not rows.size:
+        return rows
+    others: list[Sequence[object]] = [values[rows].tolist() for name, values in samples.items() if name != response]
+    others += [[text[row] for row in rows.tolist()] for text in texts.values()]
+    rows = np.delete(rows, pasted_rows(samples[response][rows], others)[0])
+    columns = [name for name in samples if name not in (response, order)]
+    first = [] if order is None else [order]
+    # The last key sorts first.
+    keys: list[FloatArray | TextArray] = [samples[name][rows] for name in (*first, *columns, response)]
+    keys += [np.array(text, dtype=np.str_)[rows] for text in texts.values()]
+    return np.asarray(rows[np.lexsort(keys[::-1])], dtype=np.intp)
