@@ -13,6 +13,7 @@ from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.observe.store_reduction import reduction
 from rigctl.experiments.rotating_platform.result.alignment import Value
 from rigctl.experiments.rotating_platform.result.bench_runs import flips, noise_records, scans
+from rigctl.experiments.rotating_platform.result.chain_noise import chain_noise
 from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.verdict.fit import fit
@@ -33,13 +34,11 @@ def result(workbench: Workbench) -> dict[str, Any]:
     """Tilt gain, accelerations, wobbles; of every run means and precision; scans, flips and noise records."""
     store, believed = workbench.store, chains(workbench.store.header)
     scanned, _ = scans(store, believed)
-    noises, _ = noise_records(store)
     turned = flips(store, believed)
     return {
         **analyse(workbench).as_json(),
         "scans": [each.as_json() for each in scanned],
         "flips": {channel: flipped.as_json() for channel, flipped in turned.items()},
-        "noise": [each.as_json() for each in noises],
     }
 
 
@@ -50,4 +49,7 @@ def analyse(workbench: Workbench) -> PlatformResult:
         raise DataError(f"{workbench.store.path}: '{workbench.store.header.experiment}' recordings have no platform")
     found = fit(studied, workbench.current.terms).parameters
     fitted = {name: Value(each.value, each.sigma) for name, each in found.items()}
-    return platform_result(studied.recorded, chains(workbench.store.header), fitted, studied.left_out)
+    header = workbench.store.header
+    records, silent = noise_records(workbench.store)
+    left_out = {**studied.left_out, **silent}
+    return platform_result(studied.recorded, chains(header), fitted, left_out, chain_noise(header, records), records)

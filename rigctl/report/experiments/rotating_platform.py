@@ -9,7 +9,7 @@ from typing import Any
 from rigctl.core.errors import DataError, ProcedureError
 from rigctl.experiments.rotating_platform.analysis import analyse
 from rigctl.experiments.rotating_platform.observe.recorded import chains
-from rigctl.experiments.rotating_platform.result.bench_runs import noise_records, scans
+from rigctl.experiments.rotating_platform.result.bench_runs import scans
 from rigctl.report.drawn import Drawn
 from rigctl.report.quantities import number, quantity
 from rigctl.report.tables.result_table import ResultTable
@@ -25,14 +25,13 @@ def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) 
     del lines_hz, found
     believed = chains(workbench.store.header)
     scanned, why_not = scans(workbench.store, believed)
-    noises, silent = noise_records(workbench.store)
     try:
         result = analyse(workbench)
     except (ProcedureError, DataError) as error:
-        return Drawn(left_out={"figures of the platform": str(error), **why_not, **silent})
-    plates, left_out = plates_of(result, believed, scanned, noises)
+        return Drawn(left_out={"figures of the platform": str(error), **why_not})
+    plates, left_out = plates_of(result, believed, scanned)
     numbers = result.as_json()
-    return Drawn(numbers, plates, left_out={**left_out, **why_not, **silent})
+    return Drawn(numbers, plates, left_out={**left_out, **why_not})
 
 
 def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[ResultTable]:
@@ -42,7 +41,7 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
     notes = [remark for run in runs for remark in run["remarks"]]
     notes += [f"left out: {why}" for why in found["left_out"].values()]
     notes.append(f"Not tested by any modulation: {', '.join(found['not_tested'])}.")
-    shown = [_recording(found), _means(runs), _precision(runs), _responses(runs)]
+    shown = [_recording(found), _means(runs), _precision(found), _responses(runs)]
     *others, last = [each for each in shown if each.rows]
     return [*others, replace(last, notes=notes)]
 
@@ -78,7 +77,7 @@ def _means(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
     return ResultTable("Means of the runs / 1e-6 m/s2 (refitted periods in brackets).", columns, rows, marked)
 
 
-def _precision(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
+def _precision(found: Mapping[str, Any]) -> ResultTable:
     rows = [
         [
             run["run_id"],
@@ -86,10 +85,11 @@ def _precision(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
             *(_of_an_hour(run["precision_1h_m_s2"][channel]) for channel in ("z", "y")),
             f"{run['conditions']['m0']:.1e} {run['conditions']['m1']:.1e} {run['conditions']['m2']:.1e}",
         ]
-        for run in runs
+        for run in found["runs"]
     ]
     columns = ["run", "estimator", "#z: theory, measured", "#y: theory, measured", "#m0 m1 m2"]
-    return ResultTable("Precision in an hour / 1e-7 m/s2 (99 %).", columns, rows)
+    noise = ", ".join(f"{channel}: {each['source']}" for channel, each in found["theory_noise"].items())
+    return ResultTable(f"Precision in an hour / 1e-7 m/s2 (99 %); theory of {noise}.", columns, rows)
 
 
 def _responses(runs: Sequence[Mapping[str, Any]]) -> ResultTable:

@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 from benchmarks.platform_sampler import Columns, SampledRun, sampled
-from rigctl.campaign.recording import ImportReport, Recording, RunRecord
+from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
+from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V, PowerLawNoise
+from rigctl.experiments.rotating_platform.observe.noise_fit import fit_noise
 from rigctl.experiments.rotating_platform.observe.recorded import chains
+from rigctl.experiments.rotating_platform.observe.spectrum import noise_spectrum
 from rigctl.experiments.rotating_platform.result.alignment import Value
-from rigctl.experiments.rotating_platform.result.bench_runs import flips, noise_records, scans
+from rigctl.experiments.rotating_platform.result.bench_runs import NoiseRecord, flips, noise_records, scans
+from rigctl.experiments.rotating_platform.result.chain_noise import EQUATION_1, ChainNoise, chain_noise
 from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.verdict.fit import fit
@@ -33,7 +38,8 @@ def result(
     recording = sampled(nature, runs, spoil)
     study = PlatformStudy(recording)
     found = {name: Value(each.value, each.sigma) for name, each in fit(study, ()).parameters.items()}
-    return platform_result(study.recorded, chains(recording.header), found, study.left_out)
+    noises = chain_noise(recording.header, ())
+    return platform_result(study.recorded, chains(recording.header), found, study.left_out, noises)
 
 
 @pytest.fixture(scope="module")
@@ -214,3 +220,24 @@ def test_a_flip_whose_samples_are_lost_tells_nothing_of_its_channel() -> None:
     }
     found = flips(Recording(header, records, samples, ImportReport(2)), chains(header))
     assert set(found) == {"z"}
+
+
+def test_theory_is_of_the_sensor_that_is_there() -> None:
+    """A noise record says more than the rig file, and the rig file more than the paper."""
+    printed = chain_noise(Header("rotating-platform"), ())
+    assert {each.source for each in printed.values()} == {EQUATION_1}
+    assert printed["z"].noise == Q_FLEX_NOISE_V
+    constants = {"noise_white_q_a": 1e-5, "noise_coefficient_q_a": 2e-8, "noise_exponent_q_a": 1.2}
+    header = Header("rotating-platform", constants=constants)
+    assert chain_noise(header, ())["z"] == ChainNoise(PowerLawNoise(1e-5, 2e-8, 1.2), "constants")
+    assert chain_noise(header, ())["y"].source == EQUATION_1
+    rng = np.random.default_rng(3)
+    drifting = np.cumsum(1e-4 * rng.normal(size=20_000)) + 1e-2 * rng.normal(size=20_000)
+    spectrum = noise_spectrum(drifting, 10.0)
+    record = NoiseRecord("r07", "z", spectrum, fit_noise(spectrum))
+    measured = chain_noise(header, [record])["z"]
+    assert measured == ChainNoise(record.fit.noise, "noise record r07")
+    white = noise_spectrum(rng.normal(size=2000), 10.0)
+    assert chain_noise(header, [NoiseRecord("r08", "z", white, fit_noise(white))])["z"].source == "constants"
+    with pytest.raises(DataError, match="noise_white_q_a, noise_coefficient_q_a, noise_exponent_q_a go together"):
+        chain_noise(Header("rotating-platform", constants={"noise_white_q_a": 1e-5}), ())

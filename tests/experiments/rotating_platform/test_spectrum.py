@@ -78,7 +78,7 @@ def test_the_noise_of_the_paper_is_found_with_true_uncertainties(coloured):
     pulls, deviances = [], []
     for piece in records(coloured, true, 2**15, 40, seed=9):
         fit = fit_noise(noise_spectrum(piece, RATE_HZ))
-        white, coefficient, exponent = fit.sigmas
+        white, coefficient, exponent, _ = fit.sigmas
         pulls.append(
             [
                 (fit.noise.white - true.white) / white,
@@ -105,15 +105,31 @@ def test_the_noise_of_the_paper_is_found_with_true_uncertainties(coloured):
 def test_what_a_record_does_not_show_is_left_out(coloured, noise, shown):
     fit = fit_noise(noise_spectrum(coloured(noise, 2**15, RATE_HZ, seed=2), RATE_HZ))
     assert (fit.noise.white > 0.0, fit.noise.coefficient > 0.0) == shown
-    white, coefficient, exponent = fit.sigmas
+    white, coefficient, exponent, pendulum = fit.sigmas
     assert (math.isfinite(white), math.isfinite(coefficient), math.isfinite(exponent)) == (*shown, shown[1])
+    assert math.isnan(pendulum)
     for value, sigma, true in zip(
         (fit.noise.white, fit.noise.coefficient, fit.noise.exponent),
-        fit.sigmas,
+        fit.sigmas[:3],
         (noise.white, noise.coefficient, noise.exponent),
         strict=True,
     ):
         assert value == pytest.approx(true, abs=4.0 * sigma if math.isfinite(sigma) else 0.0)
+
+
+def test_a_pendulum_that_rises_above_a_fifth_of_a_hertz_is_not_taken_for_white_noise(coloured):
+    """The bench's own: a tenth of the chain's white noise above two hertz."""
+    chain, floor = Q_FLEX_NOISE_V, 3.2e-10
+
+    def density(frequency):
+        return chain(frequency) + floor * np.clip(frequency / 0.2, 1.0, 10.0) ** 4
+
+    fits = [fit_noise(noise_spectrum(piece, RATE_HZ)) for piece in records(coloured, density, 2**17, 8, seed=5)]
+    pulls = [
+        ((fit.noise.white - chain.white) / fit.sigmas[0], (fit.pendulum - floor) / fit.sigmas[3]) for fit in fits
+    ]
+    assert np.abs(np.mean(pulls, axis=0)).max() < 3.0 / math.sqrt(8)
+    assert np.abs(pulls).max() < 4.0
 
 
 def test_the_exact_spectrum_gives_its_parameters_back():

@@ -33,6 +33,13 @@ class PowerLawNoise:
         return PowerLawNoise(self.white / unit**2, self.coefficient / unit**2, self.exponent)
 
 
+def pendulum_rise(frequency_hz: FloatArray) -> FloatArray:
+    """The density of a pendulum's noise over its floor: the amplitude rises as f^2 above 0.2 Hz, to a hundred."""
+    return np.asarray(np.clip(np.asarray(frequency_hz) / PENDULUM_CORNER_HZ, 1.0, 10.0) ** 4)
+
+
+PENDULUM_CORNER_HZ = 0.2
+
 Q_FLEX_NOISE_V = PowerLawNoise(3.1925e-5, 9.052e-8, 1.6384)
 """Noise of a Q-Flex chain at its output [V^2/Hz], eq. 1 of the paper. It is two-sided: only so does it give the
 theoretical precision of table 4, with pattern c of one minute."""

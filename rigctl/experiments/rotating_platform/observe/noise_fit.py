@@ -1,8 +1,9 @@
-"""White noise and a power law fitted to a spectrum by Whittle's likelihood.
+"""White noise, a power law and a pendulum's rise fitted to a spectrum by Whittle's likelihood.
 
 A density is exponentially distributed about its expectation, the mean of several as a gamma: that likelihood, not
 least squares of logarithms, has no bias at the lowest frequencies, where single bins must do. The form is that of
-Lenoir, Christophe, Reynaud, Measurement 46 (2013) 1411, eq. 1.
+Lenoir, Christophe, Reynaud, Measurement 46 (2013) 1411, eq. 1, and what the pendulum under the chain adds where that
+shows: without it the white level would take it up.
 """
 
 from __future__ import annotations
@@ -16,43 +17,50 @@ from scipy.special import digamma
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.noise import PowerLawNoise
+from rigctl.experiments.rotating_platform.observe.noise import PENDULUM_CORNER_HZ, PowerLawNoise, pendulum_rise
 from rigctl.experiments.rotating_platform.observe.spectrum import NoiseSpectrum, expected
 
-# What is free of ln white, ln power law at the reference frequency, exponent; the last two stand for simpler noise.
-_BOTH, _WHITE, _POWER_LAW = (0, 1, 2), (0,), (1, 2)
+# What is free of ln white, ln power law at the reference frequency, exponent, ln pendulum; two are simpler noise.
+_BOTH, _WHITE, _POWER_LAW, _PENDULUM = (0, 1, 2), (0,), (1, 2), 3
 _SLOPES = (0.05, 2.9)
 _STARTS = np.arange(0.2, 2.9, 0.3)
 _STEP = 1e-4
 _MAX_STEPS, _SETTLED = 60, 1e-6
 # Two parameters more gain this much by chance in one record out of a thousand, one in one out of five thousand.
 _BY_CHANCE = 6.9
+_BY_CHANCE_OF_ONE = 5.4
+_SMALL_PENDULUM = 0.05
 _FEWEST_BANDS = 6
 
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """A noise spectrum of eq. 1's form, two-sided.
+    """A noise spectrum of eq. 1's form, two-sided, beside a `pendulum` of this density below its corner.
 
-    `covariance` is that of (white, coefficient, exponent); NaN for a part that the record does not show, which is
-    zero then. It is that of long records: with 50 bins below the corner it is too small by half in variance, with 100
-    and more it is right. `deviance` has the expectation `dof` when the form is right.
+    `covariance` is that of (white, coefficient, exponent, pendulum); NaN for a part that the record does not show,
+    which is zero then. It is that of long records: with 50 bins below the corner it is too small by half in variance,
+    with 100 and more it is right. `deviance` has the expectation `dof` when the form is right.
     """
 
     noise: PowerLawNoise
+    pendulum: float
     covariance: FloatArray
     deviance: float
     dof: float
 
     @property
-    def sigmas(self) -> tuple[float, float, float]:
-        """Standard uncertainties of white level, coefficient and exponent."""
-        white, coefficient, exponent = np.sqrt(np.diag(self.covariance)).tolist()
-        return white, coefficient, exponent
+    def sigmas(self) -> tuple[float, float, float, float]:
+        """Standard uncertainties of white level, coefficient, exponent and pendulum."""
+        white, coefficient, exponent, pendulum = np.sqrt(np.diag(self.covariance)).tolist()
+        return white, coefficient, exponent, pendulum
+
+    def __call__(self, frequency_hz: FloatArray) -> FloatArray:
+        """The density of all parts at positive frequencies."""
+        return np.asarray(self.noise(frequency_hz) + self.pendulum * pendulum_rise(frequency_hz))
 
 
 def fit_noise(spectrum: NoiseSpectrum) -> NoiseFit:
-    """Fit white noise and a power law, or one of them alone where the other does not show.
+    """Fit white noise and a power law, or one of them alone where the other does not show; a pendulum if it does.
 
     Raises `DataError` for fewer than six bands, and for a record without noise.
     """
@@ -66,6 +74,13 @@ def fit_noise(spectrum: NoiseSpectrum) -> NoiseFit:
     for simpler in (_minimum(spectrum, _POWER_LAW), _minimum(spectrum, _WHITE)):
         if simpler.cost < best.cost + _BY_CHANCE:
             best = simpler
+    above = spectrum.density[spectrum.frequency_hz > PENDULUM_CORNER_HZ]
+    if above.size:
+        start = best.parameters.copy()
+        start[_PENDULUM] = np.log(_SMALL_PENDULUM * above.min() / pendulum_rise(spectrum.frequency_hz).max())
+        with_pendulum = _minimum_from(spectrum, (*best.free, _PENDULUM), start, best.reference_hz)
+        if with_pendulum.cost < best.cost - _BY_CHANCE_OF_ONE:
+            best = with_pendulum
     return _result(spectrum, best)
 
 
@@ -82,13 +97,17 @@ def _minimum(spectrum: NoiseSpectrum, free: tuple[int, ...]) -> _Minimum:
     reference_hz = float(np.exp(np.log(spectrum.frequency_hz).mean()))
     starts = _starts(spectrum, free, reference_hz)
     start = min(starts, key=lambda each: _cost(spectrum, each, reference_hz))
+    return _minimum_from(spectrum, free, start, reference_hz)
+
+
+def _minimum_from(spectrum: NoiseSpectrum, free: tuple[int, ...], start: FloatArray, reference_hz: float) -> _Minimum:
     return _scored(spectrum, _Minimum(free, start, _cost(spectrum, start, reference_hz), reference_hz))
 
 
 def _starts(spectrum: NoiseSpectrum, free: tuple[int, ...], reference_hz: float) -> list[FloatArray]:
     """Levels that match the relative densities, for some exponents."""
     if free == _WHITE:
-        return [np.array([np.log(np.average(spectrum.density, weights=spectrum.weight)), -np.inf, 0.0])]
+        return [np.array([np.log(np.average(spectrum.density, weights=spectrum.weight)), -np.inf, 0.0, -np.inf])]
     starts = []
     for exponent in _STARTS:
         shape = expected(spectrum, exponent) * reference_hz**exponent
@@ -97,15 +116,17 @@ def _starts(spectrum: NoiseSpectrum, free: tuple[int, ...], reference_hz: float)
         levels, _ = nnls(columns * root[:, None], np.sqrt(spectrum.weight))
         floor = 1e-3 * spectrum.density.min()
         white = np.log(max(levels[0], floor)) if 0 in free else -np.inf
-        starts.append(np.array([white, np.log(max(levels[1], floor)), exponent]))
+        starts.append(np.array([white, np.log(max(levels[1], floor)), exponent, -np.inf]))
     return starts
 
 
 def _parts(spectrum: NoiseSpectrum, parameters: FloatArray, reference_hz: float) -> FloatArray:
-    """White noise and power law as the bands should show them, shape (2, bands)."""
-    white, level, exponent = parameters
+    """White noise, power law and pendulum as the bands should show them, shape (3, bands)."""
+    white, level, exponent, pendulum = parameters
     power_law = np.exp(level) * reference_hz**exponent * expected(spectrum, exponent)
-    return np.stack([np.full_like(power_law, np.exp(white)), power_law])
+    return np.stack(
+        [np.full_like(power_law, np.exp(white)), power_law, np.exp(pendulum) * pendulum_rise(spectrum.frequency_hz)]
+    )
 
 
 def _cost(spectrum: NoiseSpectrum, parameters: FloatArray, reference_hz: float) -> float:
@@ -115,12 +136,12 @@ def _cost(spectrum: NoiseSpectrum, parameters: FloatArray, reference_hz: float) 
 
 def _gradients(spectrum: NoiseSpectrum, at: _Minimum) -> tuple[FloatArray, FloatArray]:
     """The model and the derivatives of its logarithm by the free parameters, shapes (bands,) and (free, bands)."""
-    white, power_law = _parts(spectrum, at.parameters, at.reference_hz)
-    model = white + power_law
-    step = np.array([0.0, 0.0, _STEP])
+    white, power_law, pendulum = _parts(spectrum, at.parameters, at.reference_hz)
+    model = white + power_law + pendulum
+    step = np.array([0.0, 0.0, _STEP, 0.0])
     above, below = (_parts(spectrum, at.parameters + sign * step, at.reference_hz)[1] for sign in (1.0, -1.0))
     slope = (above - below) / (2.0 * _STEP)
-    return model, np.stack([white, power_law, slope])[list(at.free)] / model
+    return model, np.stack([white, power_law, slope, pendulum])[list(at.free)] / model
 
 
 def _scored(spectrum: NoiseSpectrum, at: _Minimum) -> _Minimum:
@@ -149,12 +170,13 @@ def _result(spectrum: NoiseSpectrum, found: _Minimum) -> NoiseFit:
     model, gradient = _gradients(spectrum, found)
     free = list(found.free)
     information = (gradient * spectrum.weight) @ gradient.T
-    white, level, exponent = np.exp(found.parameters[0]), np.exp(found.parameters[1]), found.parameters[2]
+    white, level, pendulum = np.exp(found.parameters[[0, 1, _PENDULUM]])
+    exponent = found.parameters[2]
     coefficient = level * found.reference_hz**exponent
     # From logarithms of levels, the second at the reference frequency, to eq. 1's numbers.
-    turn = np.diag([white, coefficient, 1.0])
+    turn = np.diag([white, coefficient, 1.0, pendulum])
     turn[1, 2] = coefficient * np.log(found.reference_hz)
-    covariance = np.full((3, 3), np.nan)
+    covariance = np.full((4, 4), np.nan)
     covariance[np.ix_(free, free)] = np.linalg.inv(information)
     turned = turn[np.ix_(free, free)] @ covariance[np.ix_(free, free)] @ turn[np.ix_(free, free)].T
     covariance[np.ix_(free, free)] = turned
@@ -162,4 +184,4 @@ def _result(spectrum: NoiseSpectrum, found: _Minimum) -> NoiseFit:
     deviance = float(spectrum.dof @ (ratio - 1.0 - np.log(ratio)))
     expectation = float(spectrum.dof @ (np.log(0.5 * spectrum.dof) - digamma(0.5 * spectrum.dof)))
     noise = PowerLawNoise(float(white), float(coefficient), float(exponent))
-    return NoiseFit(noise, covariance, deviance, expectation - len(free))
+    return NoiseFit(noise, float(pendulum), covariance, deviance, expectation - len(free))

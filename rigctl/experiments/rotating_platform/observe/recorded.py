@@ -67,7 +67,8 @@ def _seconds(conditions: Mapping[str, Any], name: str) -> float:
     return float(value) if isinstance(value, int | float) and value > 0.0 and math.isfinite(value) else 0.0
 
 
-def _constant(header: Header, name: str) -> float | None:
+def constant(header: Header, name: str) -> float | None:
+    """A constant of a bundle or of the rig file; None where neither has it."""
     if name in header.constants:
         return float(header.constants[name])
     if header.rig_toml is None:
@@ -77,11 +78,11 @@ def _constant(header: Header, name: str) -> float | None:
 
 
 def _known(header: Header, names: Mapping[str, str]) -> dict[str, float]:
-    return {channel: value for channel, name in names.items() if (value := _constant(header, name)) is not None}
+    return {channel: value for channel, name in names.items() if (value := constant(header, name)) is not None}
 
 
 def _needed(header: Header, name: str) -> float:
-    value = _constant(header, name)
+    value = constant(header, name)
     if value is None or not value > 0.0:
         raise DataError(f"[constants] of the recording: {name} is missing or not positive; write it")
     return value

@@ -45,7 +45,7 @@ class Scan:
 
 @dataclass(frozen=True)
 class NoiseRecord:
-    """The spectrum of a noise record in one channel, two-sided, [V2/Hz], and the form of eq. 1 fitted to it."""
+    """The spectrum of a noise record in one channel, two-sided, [V2/Hz], and what is fitted to it."""
 
     run_id: str
     channel: str
@@ -55,8 +55,8 @@ class NoiseRecord:
     def as_json(self) -> dict[str, Any]:
         """Within `rigctl result --json`."""
         noise, sigmas = self.fit.noise, self.fit.sigmas
-        names = ("white_v2_hz", "coefficient_v2_hz", "exponent")
-        values = (noise.white, noise.coefficient, noise.exponent)
+        names = ("white_v2_hz", "coefficient_v2_hz", "exponent", "pendulum_v2_hz")
+        values = (noise.white, noise.coefficient, noise.exponent, self.fit.pendulum)
         return {
             "run_id": self.run_id,
             "channel": self.channel,

@@ -19,6 +19,8 @@ from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
 from rigctl.experiments.rotating_platform.observe.run_noise import SIDED
 from rigctl.experiments.rotating_platform.result.alignment import Value, wobble
+from rigctl.experiments.rotating_platform.result.bench_runs import NoiseRecord
+from rigctl.experiments.rotating_platform.result.chain_noise import ChainNoise
 from rigctl.experiments.rotating_platform.result.run_result import RunResult, run_result, value_json
 
 NOT_TESTED = ("theta-locked-bias", "pendulum-reaction")
@@ -34,6 +36,8 @@ class PlatformResult:
     wobble_rad: Mapping[str, Value] | None
     runs: tuple[RunResult, ...]
     left_out: Mapping[str, str]
+    chain_noise: Mapping[str, ChainNoise]
+    noise_records: tuple[NoiseRecord, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Keys of `rigctl result --json`."""
@@ -44,6 +48,8 @@ class PlatformResult:
             if self.wobble_rad is None
             else {name: value_json(value) for name, value in self.wobble_rad.items()},
             "sided": SIDED,
+            "theory_noise": {channel: noise.as_json() for channel, noise in self.chain_noise.items()},
+            "noise": [each.as_json() for each in self.noise_records],
             "not_tested": list(NOT_TESTED),
             "runs": [run.as_json() for run in self.runs],
             "left_out": dict(self.left_out),
@@ -51,19 +57,27 @@ class PlatformResult:
 
 
 def platform_result(
-    recorded: Recorded, chains: Chains, fitted: Mapping[str, Value], left_out: Mapping[str, str]
+    recorded: Recorded,
+    chains: Chains,
+    fitted: Mapping[str, Value],
+    left_out: Mapping[str, str],
+    noises: Mapping[str, ChainNoise],
+    noise_records: Sequence[NoiseRecord] = (),
 ) -> PlatformResult:
     """The result of a recording; `fitted` are the parameters of its model by name."""
+    believed = {channel: each.noise.in_units_of(chains.gain_v_per_m_s2[channel]) for channel, each in noises.items()}
     by_run: dict[str, list[ChannelRun]] = {}
     for each in recorded.channels:
         by_run.setdefault(each.run.run_id, []).append(each)
-    runs = tuple(run_result(channels, chains) for channels in by_run.values())
+    runs = tuple(run_result(channels, believed) for channels in by_run.values())
     return PlatformResult(
         fitted["tilt_gain"],
         {"y": fitted["accel_y0"], "z": fitted["accel_z0"]},
         _wobbles(runs, chains),
         runs,
         left_out,
+        noises,
+        tuple(noise_records),
     )
 
 

@@ -13,7 +13,7 @@ from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.covariance import covariance, covariance_of_mean
 from rigctl.experiments.rotating_platform.observe.estimates import PeriodEstimates
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator, weights
-from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V
+from rigctl.experiments.rotating_platform.observe.noise import PowerLawNoise
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 from rigctl.experiments.rotating_platform.observe.run_noise import SIDED, RunNoise
 from rigctl.experiments.rotating_platform.result.alignment import Value
@@ -29,7 +29,7 @@ _LAGS = 8
 
 @dataclass(frozen=True)
 class Precision:
-    """Of the mean acceleration in an hour [m/s2]: `theory` by the paper's eq. 1, and by the run's own spectrum."""
+    """Of the mean acceleration in an hour [m/s2]: `theory` by the chain's noise, and by the run's own spectrum."""
 
     theory: float
     by_own_spectrum: float
@@ -65,10 +65,10 @@ def run_means(
 
 
 def run_precision(
-    sampled: SampledPattern, accel: FloatArray, estimator: Estimator, noise: RunNoise, gain: float
+    sampled: SampledPattern, accel: FloatArray, estimator: Estimator, noise: RunNoise, chain: PowerLawNoise
 ) -> Precision:
-    """Precision of a run's mean acceleration in an hour, from `accel`, shape (periods,)."""
-    theory = precision(sampled, Q_FLEX_NOISE_V.in_units_of(gain), HOUR_S, estimator=estimator, sided=SIDED)
+    """Precision of a run's mean acceleration in an hour, from `accel`, shape (periods,), and the `chain`'s noise."""
+    theory = precision(sampled, chain, HOUR_S, estimator=estimator, sided=SIDED)
     rows, rate_hz = _coarse(weights(sampled, estimator)[:1], sampled.sample_rate_hz)
     lags = covariance(rows, rate_hz, noise, sided=SIDED, lags=_LAGS)[:, 0, 0]
     period_s = sampled.pattern.period_s

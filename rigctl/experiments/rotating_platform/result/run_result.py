@@ -14,8 +14,9 @@ from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun
 from rigctl.experiments.rotating_platform.observe.estimates import PeriodEstimates, estimates
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator
 from rigctl.experiments.rotating_platform.observe.mask import outside_guard, usual_mask
+from rigctl.experiments.rotating_platform.observe.noise import PowerLawNoise
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
-from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
 from rigctl.experiments.rotating_platform.result.alignment import Value
 from rigctl.experiments.rotating_platform.result.external import commanded_accel, response_of, without_command
@@ -100,8 +101,11 @@ class RunResult:
         return shown
 
 
-def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
-    """Means, slopes and precisions of one run from both its channels; guard applied as its table was made."""
+def run_result(channels: Sequence[ChannelRun], believed: Mapping[str, PowerLawNoise]) -> RunResult:
+    """Means, slopes and precisions of one run from both its channels; guard applied as its table was made.
+
+    `believed` is the noise of each chain, as an acceleration.
+    """
     run = channels[0].run
     cells = run.cells
     keep = outside_guard(cells, run.guard_s, run.lead_s)
@@ -116,8 +120,7 @@ def run_result(channels: Sequence[ChannelRun], chains: Chains) -> RunResult:
     values, precisions = {}, {}
     for number, channel in enumerate(CHANNELS):
         values[channel] = run_means(sampled, series, number, estimator, noises[channel])
-        gain = chains.gain_v_per_m_s2[channel]
-        precisions[channel] = run_precision(sampled, accel[channel], estimator, noises[channel], gain)
+        precisions[channel] = run_precision(sampled, accel[channel], estimator, noises[channel], believed[channel])
     commanded = commanded_accel(cells)
     return RunResult(
         run,

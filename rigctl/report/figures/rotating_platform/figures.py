@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rigctl.experiments.rotating_platform.observe.recorded import Chains
-from rigctl.experiments.rotating_platform.result.bench_runs import NoiseRecord, Scan
+from rigctl.experiments.rotating_platform.result.bench_runs import Scan
 from rigctl.experiments.rotating_platform.result.result import PlatformResult
 from rigctl.experiments.rotating_platform.result.run_result import RunResult
 from rigctl.report.figures.data import Plate
@@ -17,7 +17,7 @@ from rigctl.report.figures.rotating_platform.precision import precision_plate, t
 
 
 def plates_of(
-    found: PlatformResult, chains: Chains, scans: Sequence[Scan], noises: Sequence[NoiseRecord]
+    found: PlatformResult, chains: Chains, scans: Sequence[Scan]
 ) -> tuple[list[Plate[Any]], dict[str, str]]:
     """Every figure the recording allows, and why another is not there."""
     plates: list[Plate[Any]] = []
@@ -35,8 +35,8 @@ def plates_of(
             left_out[name] = f"no run with an external {external}"
     plates.append(precision_plate(found, chains))
     plates.append(table_plate(found))
-    if noises:
-        plates.append(noise_plate(noises))
+    if found.noise_records:
+        plates.append(noise_plate(found.noise_records))
     else:
         left_out["noise"] = "no noise record"
     return plates, left_out

@@ -34,7 +34,7 @@ def noise_plate(noises: Sequence[NoiseRecord]) -> Plate[NoiseRow]:
         for f, density, fitted, printed in zip(
             each.spectrum.frequency_hz,
             each.spectrum.density,
-            each.fit.noise(each.spectrum.frequency_hz),
+            each.fit(each.spectrum.frequency_hz),
             Q_FLEX_NOISE_V(each.spectrum.frequency_hz),
             strict=True,
         )

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V
 from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, named_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
 from rigctl.experiments.rotating_platform.result import published
@@ -43,7 +42,8 @@ class PrecisionRow:
 
 def precision_plate(found: PlatformResult, chains: Chains) -> Plate[PrecisionRow]:
     """Precision in an hour against the modulation period: measured, theory by pattern, eq. 17, printed."""
-    density = Q_FLEX_NOISE_V.in_units_of(chains.gain_v_per_m_s2["z"])
+    chain = found.chain_noise["z"]
+    density = chain.noise.in_units_of(chains.gain_v_per_m_s2["z"])
     rows = _measured(found.runs)
     for pattern in [name for name in ROTATIONS if name != "c_tm"]:
         for period_s in _CURVE_S.tolist():
@@ -54,8 +54,9 @@ def precision_plate(found: PlatformResult, chains: Chains) -> Plate[PrecisionRow
         rows.append(PrecisionRow("eq. 17", "", "z", "", period_s, None, simple))
     caption = (
         "Precision of the mean acceleration in an hour against the modulation period: from the scatter of each run's "
-        "periods with 99 % intervals, z channel; theory from eq. 1 (two-sided) with the general formula; eq. 17, the "
-        f"simplified formula; and what table 4 prints ({published.SOURCE})."
+        "periods with 99 % intervals, z channel; theory from the chain's noise (two-sided, "
+        f"{chain.source}) with the general formula; eq. 17, the simplified formula; and what table 4 prints "
+        f"({published.SOURCE})."
     )
     return Plate("fig9", caption, [*rows, *_printed()], draw_precision)
 
