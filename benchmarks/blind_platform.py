@@ -30,10 +30,12 @@ from benchmarks.platform_sampler import SampledRun, record, sampled
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.composition import study_of
 from rigctl.core.errors import RigError
-from rigctl.experiments.rotating_platform.model.model import slopes_at_zero
-from rigctl.experiments.rotating_platform.model.placed import placed
+from rigctl.experiments.rotating_platform.model.model import PlatformModel, slopes_at_zero
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.study import PlatformStudy
+from rigctl.workbench.placed import placed
 from rigctl.workbench.study import Term
+from rigctl.workbench.study_base import own_model
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
 from simulators.worlds.platform_settings import PlatformSettings
@@ -112,7 +114,8 @@ def one_sigma(effect: str, short_s: float) -> float:
     given = {names.get(n, n): v for n, v in UNITS[effect].items()}
     own = study.catalogue[effect]
     term = Term(effect, {n: given[n] for n in own.scans})
-    amplitudes, columns = slopes_at_zero(attempt.model, attempt.result.values, placed(own, term), attempt.noise.sigma)
+    model, one = own_model(attempt.model, PlatformModel), placed(own, term, CHANNELS, ())
+    amplitudes, columns = slopes_at_zero(model, attempt.result.values, one, attempt.noise.sigma)
     direction = columns @ np.array([given.get(each.argument, 0.0) for each in amplitudes])
     free = attempt.projector.free(attempt.padded(attempt.noise.whiten(direction[:, None])))
     return 1.0 / float(np.linalg.norm(free))

@@ -13,8 +13,8 @@ import numpy as np
 
 from rigctl.analysis.least_squares import Parameter, Prior
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.effects.catalogue import Effect
-from rigctl.workbench.study import NoisePool, Observations, Series, Term
+from rigctl.workbench.placed import Placed
+from rigctl.workbench.study import NoisePool, Observations, Series
 from tumble_test.observables import Reduced
 from tumble_test.positions import AXES, TumbleRun, case_axes
 
@@ -124,27 +124,6 @@ def _noise(
     return sigma, tuple(factors)
 
 
-class Placed(NamedTuple):
-    """An effect as part of a model: its parameters, `width` of each (1, or one for each sensor)."""
-
-    effect: Effect
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    typical: FloatArray
-    width: int
-
-
-def placed(effect: Effect, sensors: Sequence[str], before: Sequence[Placed]) -> Placed:
-    """An effect for these sensors; a name that one `before` it has gets the effect's id before it."""
-    taken = [name for each in before for name in each.names]
-    labels = [f"[{sensor}]" for sensor in sensors] if effect.scope == "channel" else [""]
-    own = [name + label for name in effect.parameters for label in labels]
-    names = tuple(f"{effect.id}.{name}" if name in taken else name for name in own)
-    units = tuple(unit for unit in effect.parameters.values() for _ in labels)
-    typical = np.repeat([float(effect.typical[name]) for name in effect.parameters], len(labels))
-    return Placed(effect, names, units, typical, len(labels))
-
-
 class TumbleModel:
     """A `rigctl.workbench.study.Model`: coefficients of each sensor, the seat of each mounting, and effects.
 
@@ -152,23 +131,23 @@ class TumbleModel:
     """
 
     def __init__(self, data: Recorded, effects: Sequence[Placed] = (), held: Sequence[bool] = ()) -> None:
-        self.data, self.placed, self.terms = data, tuple(effects), tuple(Term(each.effect.id) for each in effects)
+        self.data, self.placed, self.terms = data, tuple(effects), tuple(each.term for each in effects)
         self.observations = data.observations
-        count, seats, added = len(data.sensors), len(data.seats), [name for each in effects for name in each.names]
+        count, seats, added = len(data.sensors), len(data.seats), [one for each in effects for one in each.parameters]
         of_sensors = [f"{name}[{sensor}]" for name in OF_A_SENSOR for sensor in data.sensors]
         of_seats = [f"seat_{axis}[{number}]" for axis in (1, 2, 3) for *_, number in data.seats]
         self._shared, self.own = len(of_sensors), len(of_sensors) + len(of_seats)
-        typical = [0.1 * abs(size) for each in effects for size in each.typical]
+        typical, units = [0.1 * abs(one.typical) for one in added], [one.unit for one in added]
         self._steps = np.array([*np.repeat(STEPS, count), *[SEAT_STEP_RAD] * 3 * seats, *typical])
-        units = [unit for each in effects for unit in each.units]
         self.units: Sequence[str] = (*np.repeat(UNITS, count).tolist(), *["rad"] * 3 * seats, *units)
-        self.owners: Sequence[str] = (*[""] * self.own, *(each.effect.id for each in effects for _ in each.names))
+        owners = [each.effect.id for each in effects for _ in each.parameters]
+        self.owners: Sequence[str] = (*[""] * self.own, *owners)
         self.local: Sequence[bool] = (*[False] * self._shared, *[True] * 3 * seats, *[False] * len(added))
         starts = np.concatenate([data.gains, np.zeros(len(self._steps) - count)])
         self.held = list(held) or self._untold(starts)
         beliefs = [*[None] * self._shared, *[Prior(0.0, data.bench.seat_rad)] * 3 * seats, *[None] * len(added)]
         fixed = [*self.held, *[False] * len(added)]
-        named = zip([*of_sensors, *of_seats, *added], starts, fixed, beliefs, strict=True)
+        named = zip([*of_sensors, *of_seats, *(one.name for one in added)], starts, fixed, beliefs, strict=True)
         self.parameters: Sequence[Parameter] = tuple(
             Parameter(name, float(start), fixed=held, prior=None if held else prior)
             for name, start, held, prior in named
@@ -198,9 +177,10 @@ class TumbleModel:
     def _with_effects(self, point: str, run: TumbleRun, signal: FloatArray, values: FloatArray) -> FloatArray:
         at = self.own
         for each in self.placed:
-            own, at = values[at : at + len(each.names)].reshape(-1, each.width), at + len(each.names)
+            names, count = each.effect.parameters, len(each.parameters)
+            own, at = values[at : at + count].reshape(len(names), -1), at + count
             if each.effect.on == point:
-                sizes = dict(zip(each.effect.parameters, own[:, self.data.place % each.width], strict=True))
+                sizes = dict(zip(names, own[:, self.data.place % own.shape[1]], strict=True))
                 signal = signal + each.effect(replace(run, signal=signal), **sizes)
         return np.asarray(signal)
 

@@ -17,9 +17,10 @@ from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import columns_of
 from rigctl.workbench.fit_result import analyse as analyse
 from rigctl.workbench.fit_result import result as result
+from rigctl.workbench.placed import Placed, placed
 from rigctl.workbench.study import Candidate, Model, Proposal, Term
 from rigctl.workbench.study_base import CatalogueStudy, own_model, parameters_as_json
-from tumble_test.model import OF_A_SENSOR, Bench, Placed, Recorded, TumbleModel, placed, recorded
+from tumble_test.model import OF_A_SENSOR, Bench, Recorded, TumbleModel, recorded
 from tumble_test.observables import Reduced, reduction
 from tumble_test.positions import OUTS
 
@@ -56,7 +57,7 @@ class TumbleStudy(CatalogueStudy[Recorded]):
         for effect in self.chosen(terms):
             if reason := self.untestable(effect, self._baseline):
                 raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
-            found.append(placed(effect, self.data.sensors, found))
+            found.append(placed(effect, Term(effect.id), self.data.sensors, found))
         return TumbleModel(self.data, found, self._baseline.held)
 
     @cached_property
@@ -81,12 +82,14 @@ class TumbleStudy(CatalogueStudy[Recorded]):
         """One for each effect."""
         here, found = own_model(model, TumbleModel), []
         for effect in effects:
-            one = placed(effect, here.data.sensors, here.placed)
+            one = placed(effect, Term(effect.id), here.data.sensors, here.placed)
             wider = TumbleModel(here.data, (*here.placed, one), here.held)
-            derivative = wider.jacobian(np.concatenate([values, np.zeros(len(one.names))]), len(values))
-            moved = np.abs(derivative * one.typical) > _NOTHING * here.observations.sigma[:, None]
+            derivative = wider.jacobian(np.concatenate([values, np.zeros(len(one.parameters))]), len(values))
+            typical = np.array([each.typical for each in one.parameters])
+            moved = np.abs(derivative * typical) > _NOTHING * here.observations.sigma[:, None]
             seen = derivative * np.any(moved, axis=0)
-            found.append([Candidate(Term(effect.id), one.names, one.units, seen, one.typical)])
+            names, units = zip(*((each.name, each.unit) for each in one.parameters), strict=True)
+            found.append([Candidate(one.term, names, units, seen, typical)])
         return found
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:

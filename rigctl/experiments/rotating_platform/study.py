@@ -13,11 +13,12 @@ from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.rotating_platform.imagined import options
 from rigctl.experiments.rotating_platform.model.model import PlatformModel, slopes_at_zero
-from rigctl.experiments.rotating_platform.model.placed import Placed, placed
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
 from rigctl.experiments.rotating_platform.observe.line_search import found_lines
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.store_reduction import refined_line
 from rigctl.experiments.rotating_platform.study_data import PlatformData, RecordedRuns
+from rigctl.workbench.placed import Placed, placed
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
 from rigctl.workbench.study_base import (
     CatalogueStudy,
@@ -61,7 +62,7 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
             if reason := self._lacking_condition(effect):
                 raise DataError(f"'{effect.id}' cannot be in a model of this recording: {reason}")
             if not effect.scanned:
-                parts.append(placed(effect, by_effect[effect.id], _names_in(parts)))
+                parts.append(placed(effect, by_effect[effect.id], CHANNELS, parts))
         return PlatformModel(self.data.channels(line_frequencies_hz(terms)), parts, terms)
 
     def untestable(self, effect: Effect, model: Model) -> str | None:
@@ -94,7 +95,7 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
     def candidate(self, model: Model, values: FloatArray, term: Term) -> Candidate:
         """An effect that `model` lacks with any values of its choice."""
         here = own_model(model, PlatformModel)
-        one = placed(self.catalogue[term.effect], term, _names_in(here.placed))
+        one = placed(self.catalogue[term.effect], term, CHANNELS, here.placed)
         amplitudes, columns = slopes_at_zero(here, values, one, here.observations.sigma)
         return Candidate(
             term=one.term,
@@ -128,11 +129,6 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
     def extended(self, proposals: Sequence[Proposal]) -> PlatformStudy:
         """This recording and runs that could be made next."""
         return self.with_data(PlatformData(self.data.recorded, proposals))
-
-
-def _names_in(parts: Sequence[Placed]) -> list[str]:
-    """The effects' own names of the parameters that are in a model already."""
-    return [parameter.argument for each in parts for parameter in each.parameters]
 
 
 def _between(scan: Sequence[float], value: float) -> tuple[float, float]:

@@ -15,14 +15,14 @@ import numpy as np
 from rigctl.analysis.least_squares import Parameter
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.model.chain import PlatformRuns
-from rigctl.experiments.rotating_platform.model.placed import (
+from rigctl.experiments.rotating_platform.model.recorded_runs import OF_A_RUN, SHARED, Recorded
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
+from rigctl.workbench.placed import (
     EffectParameter,
     Placed,
     fit_parameter,
     sizes_for,
 )
-from rigctl.experiments.rotating_platform.model.recorded_runs import OF_A_RUN, SHARED, Recorded
-from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.workbench.study import Observations, Term
 
 _SHARED_STEPS = np.array([1e-3, 1e-6, 1e-6])

@@ -12,7 +12,6 @@ from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.rotating_platform.imagined import imagined_cells
 from rigctl.experiments.rotating_platform.model.model import PlatformModel
-from rigctl.experiments.rotating_platform.model.placed import placed
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
 from rigctl.experiments.rotating_platform.observe.cells import AFTER_S, BEFORE, BEFORE_S
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, channel_run
@@ -25,6 +24,7 @@ from rigctl.experiments.rotating_platform.result.published import ACCEL_Y_M_S2, 
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import SOFT, new_figure, panel_letter, series_style
 from rigctl.report.quantities import number
+from rigctl.workbench.placed import placed
 from rigctl.workbench.study import Term
 
 PATTERNS = ("a", "b", "c")
@@ -69,7 +69,7 @@ def signature_plate(effect: Effect) -> Plate[PlatformSignatureRow]:
 
 def _rows(effect: Effect, pattern: str, period_s: float) -> list[PlatformSignatureRow]:
     recorded = _recorded(pattern, period_s, SHORT_S if effect.id in _MASK_SHORT else 0.0)
-    one = placed(effect, Term(effect.id))
+    one = placed(effect, Term(effect.id), CHANNELS, ())
     model = PlatformModel(recorded, [one], [one.term])
     base = [1.0, INTERCEPT_M_S2, ACCEL_Y_M_S2, BIAS_M_S2["z"], BIAS_M_S2["y"], 0.0, 0.0]
     added = model.added(np.array([*base, *(each.typical for each in one.parameters)]))

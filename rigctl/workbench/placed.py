@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from rigctl.analysis.least_squares import Parameter, Prior
 from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.workbench.study import Term
 
 _SCAN_SPREAD = 0.3
@@ -42,8 +41,9 @@ def fit_parameter(each: EffectParameter) -> Parameter:
     return Parameter(each.name, each.start, prior=prior)
 
 
-def placed(effect: Effect, term: Term, taken: Sequence[str] = ()) -> Placed:
-    """An effect as part of a model; names that others have `taken` get its id before them."""
+def placed(effect: Effect, term: Term, channels: Sequence[str], before: Sequence[Placed]) -> Placed:
+    """An effect as part of a model with these channels; names that those `before` it have get its id before them."""
+    taken = [parameter.argument for each in before for parameter in each.parameters]
     parameters: list[EffectParameter] = []
     for name, unit in effect.parameters.items():
         typical = float(effect.typical[name])
@@ -53,7 +53,7 @@ def placed(effect: Effect, term: Term, taken: Sequence[str] = ()) -> Placed:
             parameters.append(EffectParameter(shown, name, "", unit, start, start, scanned=True))
         elif effect.scope == "channel":
             start = 0.1 * typical if effect.scans else 0.0
-            parameters += [EffectParameter(f"{shown}[{c}]", name, c, unit, start, typical) for c in CHANNELS]
+            parameters += [EffectParameter(f"{shown}[{c}]", name, c, unit, start, typical) for c in channels]
         else:
             parameters.append(EffectParameter(shown, name, "", unit, 0.0, typical))
     return Placed(effect, term, tuple(parameters))
