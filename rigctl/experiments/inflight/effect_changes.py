@@ -28,8 +28,8 @@ class EffectChanges:
         # An imagined run may be a recorded one once more.
         self._runs = [id(run.coarse) for run in runs]
         self._reducers = {id(run.coarse): Reducer(run) for run in runs}
-        self._evaluations: dict[tuple[str, tuple[float, ...]], list[ComplexArray]] = {}
-        self._units: dict[str, list[list[ComplexArray]] | None] = {}
+        self._evaluations: dict[tuple[str, tuple[tuple[str, float], ...]], list[ComplexArray]] = {}
+        self._units: dict[tuple[str, ...], list[list[ComplexArray]] | None] = {}
 
     def changes(self, effect: Effect, values: FloatArray) -> list[ComplexArray]:
         """What an effect does to the amplitudes of all halves."""
@@ -66,7 +66,8 @@ class EffectChanges:
 
     def _linear(self, effect: Effect) -> list[list[ComplexArray]] | None:
         """Changes per unit of each parameter; None for an effect that is not linear in them."""
-        if effect.id not in self._units:
+        form = (effect.id, *effect.parameters)
+        if form not in self._units:
             typical = np.array([effect.typical[name] for name in effect.parameters])
             units = [
                 [each / size for each in self._evaluated(effect, one)]
@@ -79,15 +80,15 @@ class EffectChanges:
             ]
             off = sum(float(np.sum(np.abs(a - b) ** 2)) for a, b in zip(whole, summed, strict=True))
             size = sum(float(np.sum(np.abs(a) ** 2)) for a in whole)
-            self._units[effect.id] = units if off <= _LINEAR**2 * size else None
-        return self._units[effect.id]
+            self._units[form] = units if off <= _LINEAR**2 * size else None
+        return self._units[form]
 
     def _evaluated(self, effect: Effect, values: FloatArray) -> list[ComplexArray]:
-        key = (effect.id, tuple(float(value) for value in values))
+        parameters = dict(zip(effect.parameters, map(float, values), strict=True))
+        key = (effect.id, tuple(parameters.items()))
         if key not in self._evaluations:
             if len(self._evaluations) > _MOST_KEPT:
                 self._evaluations.clear()
-            parameters = dict(zip(effect.parameters, map(float, values), strict=True))
             changes = {each: reducer.changes(effect, parameters) for each, reducer in self._reducers.items()}
             self._evaluations[key] = [half for each in self._runs for half in changes[each]]
         return self._evaluations[key]

@@ -1,8 +1,8 @@
 """Effects of an in-flight calibration, in SI, in the order in which they act.
 
-What acts alike on both masses does not show: their difference is compared, and a parameter with `_d` is half of mass
-1 less mass 2. T is the gravity gradient, n the orbit's angular frequency, Delta the way from mass 1 to mass 2. Sizes
-are those plausible for the instrument of Hardy et al. (arXiv 1707.07630).
+What acts alike on both masses does not show: their difference is compared. A parameter with `_d` is half of mass 1
+less mass 2, one with `_c` the mean of both. T is the gravity gradient, n the orbit's angular frequency, Delta the way
+from mass 1 to mass 2. Sizes are those plausible for the instrument of Hardy et al. (arXiv 1707.07630).
 """
 
 from __future__ import annotations
@@ -20,6 +20,17 @@ if TYPE_CHECKING:
     from rigctl.experiments.inflight.model.flight import FlightRun
 
 LIGHT_M_S, EARTH_ORBIT_M_S = 299792458.0, 29780.0
+
+OF_EACH: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "thermal-off-centring": ("axis", ("beta_y", "beta_z")),
+    "thermal-bias": ("sensor", ("lambda_c",)),
+    "thermal-gain": ("sensor", ("kappa_c", "level_c")),
+    "cross-quadratic": ("mass", ("k_xy_c",)),
+}
+"""Effects with a coefficient of each axis, sensor or mass: of what, and the parameters that it takes besides. They
+are asked about without these first, and with them where the data ask for it."""
+
+Value = FloatArray | float
 
 
 def _without_lines(
@@ -122,17 +133,15 @@ def gravity_j2(
 @effect(
     "thermal-off-centring",
     on="off_centring_m",
-    parameters={"beta": "m/K"},
-    typical={"beta": 1e-7},
+    parameters={"beta": "m/K", "beta_y": "m/K", "beta_z": "m/K"},
+    typical={"beta": 1e-7, "beta_y": 1e-7, "beta_z": 1e-7},
     source="expansion of the electrodes' holder; plausible 1e-8 to 1e-5 m/K",
     needs=("temperature",),
 )
-def thermal_off_centring(run: FlightRun, beta: FloatArray) -> FloatArray:
-    """The masses' centres part with the temperature: Txx times it, at f_orb and 3 f_orb."""
+def thermal_off_centring(run: FlightRun, beta: Value, beta_y: Value = 0.0, beta_z: Value = 0.0) -> FloatArray:
+    """The masses' centres move apart with the temperature: Txx times it, at f_orb and 3 f_orb."""
     warmer = run.temperature.mean(axis=0)
-    made = np.zeros_like(run.signal)
-    made[0] = beta * (warmer - warmer.mean())
-    return made
+    return np.asarray(np.multiply.outer(np.array([beta, beta_y, beta_z]), warmer - warmer.mean()))
 
 
 @effect(
@@ -230,30 +239,34 @@ moved_mass_reaction = _without_lines(
 @effect(
     "thermal-bias",
     on="measured_m_s2",
-    parameters={"lambda_d": "m/(s2 K)"},
-    typical={"lambda_d": 2e-9},
+    parameters={"lambda_d": "m/(s2 K)", "lambda_c": "m/(s2 K)"},
+    typical={"lambda_d": 2e-9, "lambda_c": 2e-9},
     source="4e-9 m/s2/K of a sensor, 7e-11 of its electronics",
     needs=("temperature",),
 )
-def thermal_bias(run: FlightRun, lambda_d: FloatArray) -> FloatArray:
+def thermal_bias(run: FlightRun, lambda_d: Value, lambda_c: Value = 0.0) -> FloatArray:
     """The sensors' bias goes with their temperature: a line at f_orb, and at 2 f_orb one that Dx and Dz take up."""
-    return run.along_x(lambda_d * run.temperature[0], -lambda_d * run.temperature[1])
+    return run.along_x((lambda_c + lambda_d) * run.temperature[0], (lambda_c - lambda_d) * run.temperature[1])
 
 
 @effect(
     "thermal-gain",
     on="measured_m_s2",
-    parameters={"kappa_d": "1/K", "level_d": "m/(s2 K)"},
-    typical={"kappa_d": 1e-4, "level_d": 1e-12},
-    source="1e-6 to 1e-4 /K; `level_d` is what the gain does to the constant acceleration, which nobody knows",
+    parameters={"kappa_d": "1/K", "level_d": "m/(s2 K)", "kappa_c": "1/K", "level_c": "m/(s2 K)"},
+    typical={"kappa_d": 1e-4, "level_d": 1e-12, "kappa_c": 1e-4, "level_c": 1e-12},
+    source="1e-6 to 1e-4 /K; `level` is what the gain does to the constant acceleration, which nobody knows",
     needs=("temperature",),
 )
-def thermal_gain(run: FlightRun, kappa_d: FloatArray, level_d: FloatArray) -> FloatArray:
+def thermal_gain(
+    run: FlightRun, kappa_d: Value, level_d: Value, kappa_c: Value = 0.0, level_c: Value = 0.0
+) -> FloatArray:
     """The sensors' gain goes with their temperature: sidebands of the stimulus, f_orb away."""
     varying = run.measured[:, 0] - run.measured[:, 0].mean(axis=1, keepdims=True)
     warmer = run.temperature - run.temperature.mean(axis=1, keepdims=True)
-    first, second = (kappa_d * varying + level_d) * warmer
-    return run.along_x(first, -second)
+    return run.along_x(
+        ((kappa_c + kappa_d) * varying[0] + (level_c + level_d)) * warmer[0],
+        ((kappa_c - kappa_d) * varying[1] + (level_c - level_d)) * warmer[1],
+    )
 
 
 @effect(
@@ -285,14 +298,14 @@ def cubic_electrode(run: FlightRun, k3_1: FloatArray, k3_2: FloatArray) -> Float
 @effect(
     "cross-quadratic",
     on="measured_m_s2",
-    parameters={"k_xy_d": "s2/m"},
-    typical={"k_xy_d": 100.0},
+    parameters={"k_xy_d": "s2/m", "k_xy_c": "s2/m"},
+    typical={"k_xy_d": 100.0, "k_xy_c": 100.0},
     source="100 s2/m",
 )
-def cross_quadratic(run: FlightRun, k_xy_d: FloatArray) -> FloatArray:
+def cross_quadratic(run: FlightRun, k_xy_d: Value, k_xy_c: Value = 0.0) -> FloatArray:
     """Acceleration along Y changes the gain along X: with what is constant along X, a part of a_d12."""
-    product = k_xy_d * run.measured[:, 0] * run.measured[:, 1]
-    return run.along_x(product[0], -product[1])
+    product = run.measured[:, 0] * run.measured[:, 1]
+    return run.along_x((k_xy_c + k_xy_d) * product[0], (k_xy_c - k_xy_d) * product[1])
 
 
 @effect(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import Effect
+from rigctl.experiments.inflight.effects import OF_EACH
 from rigctl.experiments.inflight.imagined import other_stimuli
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.series import temperatures
@@ -59,7 +61,8 @@ class InflightStudy(CatalogueStudy[FlightData]):
 
     def model(self, terms: Sequence[Term]) -> InflightModel:
         """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
-        effects = self.chosen(terms)
+        of_each = {term.effect: bool(term.choice) for term in terms}
+        effects = [forms(effect)[-1 if of_each[effect.id] else 0][1] for effect in self.chosen(terms)]
         named = {effect.id for effect in effects}
         if len(named) < len(terms):
             raise ConfigError("an effect is in the model twice; name it once")
@@ -83,12 +86,15 @@ class InflightStudy(CatalogueStudy[FlightData]):
         return _untestable(effect, own_model(model, InflightModel).data)
 
     def candidates_for(self, effects: Sequence[Effect], model: Model, values: FloatArray) -> list[list[Candidate]]:
-        """One candidate per effect."""
+        """One candidate per effect; of one with coefficients of each sensor, mass or axis both forms."""
         data = own_model(model, InflightModel).data
         present = {term.effect for term in model.terms}
         beside = [effect for effect in self.catalogue.values() if effect.id in present]
         shared = np.asarray(values[: len(data.baseline.parameters)])
-        return [[_candidate(effect, data, shared, beside)] for effect in effects]
+        return [
+            [_candidate(Term(each.id, choice), each, data, shared, beside) for choice, each in forms(effect)]
+            for effect in effects
+        ]
 
     def unrecorded(self, model: Model, values: FloatArray) -> FloatArray:
         """What the effects that need a temperature could do at the data, where none is recorded; columns (n, k)."""
@@ -135,11 +141,23 @@ class InflightStudy(CatalogueStudy[FlightData]):
         return INSEPARABLE
 
 
-def _candidate(effect: Effect, data: FlightData, shared: FloatArray, beside: Sequence[Effect]) -> Candidate:
+def forms(effect: Effect) -> list[tuple[dict[str, str], Effect]]:
+    """An effect with the fewest parameters, and with a coefficient of each sensor, mass or axis where it has those;
+    each with the choice that a term of it has."""
+    if effect.id not in OF_EACH:
+        return [({}, effect)]
+    what, further = OF_EACH[effect.id]
+    fewest = {name: unit for name, unit in effect.parameters.items() if name not in further}
+    return [({}, replace(effect, parameters=fewest)), ({"of": f"each {what}"}, effect)]
+
+
+def _candidate(
+    term: Term, effect: Effect, data: FlightData, shared: FloatArray, beside: Sequence[Effect]
+) -> Candidate:
     nothing = np.zeros(len(effect.parameters))
     columns = [data.baseline.shift(shared, each) for each in data.effects.derivatives(effect, nothing)]
     return Candidate(
-        term=Term(effect.id),
+        term=term,
         names=tuple(shown_name(effect, name, beside) for name in effect.parameters),
         units=tuple(effect.parameters.values()),
         derivative=np.stack(columns, axis=1),

@@ -85,14 +85,17 @@ class Attempt(FittedModel):
 
     @cached_property
     def scored(self) -> list[Scored]:
-        """Every candidate with its score, of a scanned effect the choice with the largest statistic only.
+        """Every candidate with its score, of an effect with several choices the one with the largest statistic only,
+        less what its parameters cost where they differ in number.
 
         What stands out is looked for between the values of the scan too.
         """
+        price = float(np.log(len(self.result.residuals)))
         best: dict[str, Scored] = {}
         for candidate, score in zip(self.candidates, self.scores, strict=True):
             held = best.get(candidate.term.effect)
-            if held is None or score.statistic > held.score.statistic:
+            more = 0 if held is None else len(candidate.names) - len(held.candidate.names)
+            if held is None or score.statistic - more * price > held.score.statistic:
                 best[candidate.term.effect] = Scored(candidate, score)
         return [self._refined(each) for each in best.values()]
 

@@ -7,6 +7,7 @@ from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.effects.catalogue import catalogue
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.study import InflightStudy
+from rigctl.report.verdicts import named
 
 ORBIT_S, STEP_S = 5950.0, 4.0
 N = 2 * np.pi / ORBIT_S
@@ -66,6 +67,14 @@ def hotter(session, t_s, out):
 
 DONE = {
     "thermal-bias": (lambda s, t, out: along_x(3e-10 * warm(t), -3e-10 * warm(t), out), {"lambda_d": 3e-10}),
+    "thermal-bias (of each sensor)": (
+        lambda s, t, out: along_x(5e-10 * warm(t), -1e-10 * warm(t), out),
+        {"lambda_d": 3e-10, "lambda_c": 2e-10},
+    ),
+    "cross-quadratic (of each mass)": (
+        lambda s, t, out: along_x(9e3 * out[0, 0] * out[0, 1], -1e3 * out[1, 0] * out[1, 1], out),
+        {"k_xy_d": 5e3, "k_xy_c": 4e3},
+    ),
     "bias-drift": (
         lambda s, t, out: along_x(2e-17 * t - 3e-22 * t**2, -2e-17 * t + 3e-22 * t**2, out),
         {"rate_d": 2e-17, "curvature_d": -3e-22},
@@ -109,14 +118,12 @@ def plain(flight, instrument):
 def test_data_move_as_the_derivative_says(flight, instrument, plain, name):
     added, sizes = DONE[name]
     changed = study(flight, instrument, added).data.observations.value - plain.data.observations.value
-    effect = catalogue("inflight-calibration")[name]
-    values = np.array([sizes.get(parameter, 0.0) for parameter in effect.parameters])
     model = plain.model(())
     start = np.array([each.start for each in model.parameters])
     start[: len(NAMES)] = [flight.small_signal(instrument)[each] for each in NAMES]
     candidates, _ = plain.candidates(model, start)
-    (candidate,) = [each for each in candidates if each.term.effect == name]
-    predicted = candidate.derivative @ values
+    (candidate,) = [each for each in candidates if named(each.term.effect, each.term.choice) == name]
+    predicted = candidate.derivative @ [sizes.get(parameter, 0.0) for parameter in candidate.names]
     assert np.abs(predicted).max() > 1e-14
     assert changed == pytest.approx(predicted, abs=0.03 * np.abs(predicted).max())
 

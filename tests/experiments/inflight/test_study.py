@@ -11,6 +11,7 @@ from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.result.result import calibration
 from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fit import fit
 
@@ -117,6 +118,34 @@ def test_a_bias_that_goes_with_the_temperature_is_named_sized_and_explained(flig
     assert before.error_fit > 1.5
     assert after.error_fit < 1.15
     assert np.all(np.abs(pulls(after, exact(flight))) < 4.0)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "choice", "sizes"),
+    [
+        (1e-10, 1e-10, {}, {"lambda_d": 1e-10}),
+        (2e-10, 0.5e-10, {"of": "each sensor"}, {"lambda_d": 1.25e-10, "lambda_c": 0.75e-10}),
+    ],
+)
+def test_each_sensor_has_a_coefficient_of_its_own_where_the_data_ask_for_it(flight, first, second, choice, sizes):
+    def sensors(t_s):
+        waves = [WARM_K * np.sin(2 * np.pi * harmonic * t_s / 5950.0) for harmonic in (3, 4)]
+        return {f"temperature_{mass}_k": 290.0 + wave for mass, wave in zip((1, 2), waves, strict=True)}
+
+    def biased(_, t_s, out):
+        made, temperatures = np.zeros_like(out), sensors(t_s)
+        made[0, 0] = first * (temperatures["temperature_1_k"] - 290.0)
+        made[1, 0] = -second * (temperatures["temperature_2_k"] - 290.0)
+        return made
+
+    sky = flight.Sky(noise=1.2e-12, seed=1, added=biased)
+    study = InflightStudy(recording(flight, sky=sky, columns=sensors, sessions=("dx", "dz", "ad11")))
+    scored = Attempt(study, ()).scored_effect("thermal-bias")
+    assert scored.candidate.term == Term("thermal-bias", choice)
+    fitted = fit(study, (scored.candidate.term,)).parameters
+    for name, size in sizes.items():
+        assert fitted[name].value == pytest.approx(size, abs=4.0 * fitted[name].sigma)
+        assert fitted[name].sigma < 0.2 * size
 
 
 def test_without_the_thermometer_what_remains_is_unknown_and_nothing_is_suggested_beside_it(flight):
