@@ -10,12 +10,6 @@ import pytest
 
 from tests.foreign.sessions import CHECKS
 
-NOT_TOLD_YET = {
-    "noise": "compare, diagnose, fit and history have no key noise yet",
-    "measures": "history has no rms, minus_2_log_l and held_out_log_score yet",
-    "promise": "diagnose has no key joint_fit yet",
-}
-
 
 def cases(
     names: Iterable[str],
@@ -31,7 +25,7 @@ def cases(
     found = []
     for name in names:
         for check in CHECKS:
-            reason = stops.get(name) or wrong.get(name, {}).get(check) or NOT_TOLD_YET.get(check)
+            reason = stops.get(name) or wrong.get(name, {}).get(check)
             marks = [pytest.mark.xfail(strict=True, reason=reason)] if reason else []
             if name in slow and "RIGCTL_FOREIGN" not in os.environ:
                 marks = [pytest.mark.skip(reason="slow: make foreign")]

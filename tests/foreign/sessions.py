@@ -136,11 +136,12 @@ def compare_and_diagnose_agree(session: Session) -> None:
 
 
 def noise_is_one(session: Session) -> None:
-    """compare, diagnose, fit and history state the same noise, before and after an effect is added."""
-    commands = (session.compare, session.diagnose, session.after, session.fit, session.history[-1])
-    noise = [stated["noise"] for stated in commands]
-    assert noise[0], "no noise is stated"
-    assert all(entry == noise[0] for entry in noise), f"the noise is stated differently: {noise}"
+    """compare and diagnose state the same noise; so do compare, fit and every version of the history afterwards."""
+    before = [session.compare["noise"], session.diagnose["noise"]]
+    afterwards = [stated["noise"] for stated in (session.after, session.fit, *session.history)]
+    assert before[0], "no noise is stated"
+    for stated in (before, afterwards):
+        assert all(entry == stated[0] for entry in stated), f"the noise is stated differently: {stated}"
 
 
 def falls(rungs: list[float], name: str) -> None:

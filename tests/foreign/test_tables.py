@@ -26,19 +26,14 @@ MADE = {
     "turning-point": (tables.turning_point, 1),
 }
 
-BATCHES = "batches are no part of the noise told"
+FIXED_LEVELS = "the batches are an effect of fixed levels instead of a variance component of the noise"
 
 WRONG_TODAY = {
-    "batches-1": {
-        "named": "slope[load_n by lot] beside level[lot]",
-        "value": BATCHES,
-        "ladder": "error_fit rises, 1.50, 0.97, 1.00",
-    },
-    "batches-2": {"value": BATCHES},
-    "batches-3": {"value": BATCHES},
-    "gravimeter": {"value": BATCHES},
-    "pasted-3": {"named": "periodic[load_n]", "agree": "compare passes, diagnose finds a period"},
-    "triad": {"ladder": "error_fit rises, 3.1, 1.9, 1.2, 14, 8.2, 4.5, 1.0"},
+    "batches-1": {"value": FIXED_LEVELS},
+    "batches-2": {"value": FIXED_LEVELS},
+    "batches-3": {"value": FIXED_LEVELS},
+    "gravimeter": {"value": FIXED_LEVELS, "promise": "b0 is fitted half a sigma from what was promised"},
+    "pasted-3": {"named": "periodic[load_n]"},
 }
 """What the program gets wrong, by table and check: whoever mends it takes the entry away."""
 
