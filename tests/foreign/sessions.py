@@ -7,6 +7,7 @@ falls, a fit that keeps what diagnose promised). A check raises AssertionError w
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from rigctl.cli import app
 ALPHA = 0.01
 CHI2_TOLERANCE = 0.01
 PARAMETER_TOLERANCE_SIGMA = 0.1
+NUMBERS_ALIKE = 1e-6
 
 Json = dict[str, Any]
 
@@ -135,13 +137,22 @@ def compare_and_diagnose_agree(session: Session) -> None:
         assert p_value >= ALPHA, f"compare with {session.suggested}: p = {p_value:.2g}"
 
 
+def alike(one: Any, other: Any) -> bool:
+    """Equal, numbers to NUMBERS_ALIKE."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(alike, one, other))
+    return math.isclose(one, other, rel_tol=NUMBERS_ALIKE) if isinstance(one, float) else bool(one == other)
+
+
 def noise_is_one(session: Session) -> None:
     """compare and diagnose state the same noise; so do compare, fit and every version of the history afterwards."""
     before = [session.compare["noise"], session.diagnose["noise"]]
     afterwards = [stated["noise"] for stated in (session.after, session.fit, *session.history)]
     assert before[0], "no noise is stated"
     for stated in (before, afterwards):
-        assert all(entry == stated[0] for entry in stated), f"the noise is stated differently: {stated}"
+        assert all(alike(entry, stated[0]) for entry in stated), f"the noise is stated differently: {stated}"
 
 
 def falls(rungs: list[float], name: str) -> None:
