@@ -33,7 +33,6 @@ WRONG_TODAY = {
     "batches-2": {"value": FIXED_LEVELS},
     "batches-3": {"value": FIXED_LEVELS},
     "gravimeter": {"value": FIXED_LEVELS, "promise": "b0 is fitted half a sigma from what was promised"},
-    "pasted-3": {"named": "periodic[load_n]"},
 }
 """What the program gets wrong, by table and check: whoever mends it takes the entry away."""
 
