@@ -135,6 +135,17 @@ class LineScan:
         if run is not None:
             self._sum(group, run, -1.0)
 
+    def aliases_hz(self, frequency_hz: float) -> tuple[float, ...]:
+        """The next true frequencies that every sampling rate folds to this one."""
+        slowest, width_hz = self.rates_hz[0], 1.0 / self.longest_s
+        same = []
+        for k in range(1, 40):
+            for true in (k * slowest - frequency_hz, k * slowest + frequency_hz):
+                folded = [abs(true - round(true / rate) * rate) for rate in self.rates_hz]
+                if all(abs(each - frequency_hz) < width_hz for each in folded):
+                    same.append(float(true))
+        return tuple(same[:4])
+
     def _sum(self, group: tuple[str, int], run: ScannedRun, sign: float) -> None:
         if not self.step_hz:
             self.step_hz = run.step_hz

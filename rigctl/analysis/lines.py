@@ -142,7 +142,9 @@ class _Test:
         )
         sigma = float(np.sqrt(seen) / self.squares[at] / (2.0 * amplitude))
         frequency_hz += shift * self.scan.step_hz
-        return FoundLine(frequency_hz, amplitude, sigma, p_value, self._held_out(at), self._aliases(frequency_hz))
+        return FoundLine(
+            frequency_hz, amplitude, sigma, p_value, self._held_out(at), self.scan.aliases_hz(frequency_hz)
+        )
 
     def _shape_of_powers(self, at: int) -> tuple[float, float]:
         """p of Bartlett's statistic for exponential powers (small: a line) and for a line's (small: none)."""
@@ -184,18 +186,6 @@ class _Test:
                 unexplained += n * (power - 1.0 - square * float(pool.sensitivity[at]))
             left += abs(unexplained)
         return float(np.sqrt((runs + left) / before)) if before > 0.0 else 1.0
-
-    def _aliases(self, frequency_hz: float) -> tuple[float, ...]:
-        """The next frequencies that every sampling rate folds to this one."""
-        slowest = self.scan.rates_hz[0]
-        width = 1.0 / self.scan.longest_s
-        same = []
-        for k in range(1, 40):
-            for true in (k * slowest - frequency_hz, k * slowest + frequency_hz):
-                folded = [abs(true - round(true / rate) * rate) for rate in self.scan.rates_hz]
-                if all(abs(each - frequency_hz) < width for each in folded):
-                    same.append(float(true))
-        return tuple(same[:4])
 
     def leave_out(self, at: int) -> None:
         """Close the frequencies a line at `at` spreads to, and take its side lobes off."""

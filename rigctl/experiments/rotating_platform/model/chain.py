@@ -6,7 +6,7 @@ All cells of all runs of a recording are predicted at once, channel by channel: 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -80,13 +80,13 @@ class PlatformRuns:
         """`speed_squared` and `turning` with the motion `delay_s` later than the samples say."""
         if not self.cells:
             return self.speed_squared, self.turning
-        return _joined([_about_turns(each, _Late(delay_s)) for each in self.cells])
+        return _two(np.concatenate([_about_turns(each, delay_s=delay_s) for each in self.cells], axis=1))
 
     def ringing(self, cutoff_hz: float) -> tuple[FloatArray, FloatArray]:
         """What an elliptic filter with its pass band up to `cutoff_hz` makes of `speed_squared` and `turning`."""
         if not self.cells:
             return self.speed_squared, self.turning
-        return _joined([_about_turns(each, _Ringing(cutoff_hz)) for each in self.cells])
+        return _two(np.concatenate([_about_turns(each, cutoff_hz=cutoff_hz) for each in self.cells], axis=1))
 
     def at(self, **changes: Any) -> PlatformRuns:
         """The same runs at another point of the chain."""
@@ -102,7 +102,7 @@ def off_stop(cells: Cells) -> FloatArray:
     """
     seen = cells.state[:, 3:5].T
     known = np.isin(cells.kind, list(_courses(cells))) & (cells.since_s < BESIDE_S)
-    return np.where(seen.any(axis=0) & known, _about_turns(cells, _Late(0.0)), seen)
+    return np.where(seen.any(axis=0) & known, _about_turns(cells), seen)
 
 
 def _decay(cells: Cells, time_s: float) -> FloatArray:
@@ -126,40 +126,15 @@ def _ends_s(cells: Cells) -> FloatArray:
     return np.asarray(ends_s[cells.kind])
 
 
-@dataclass(frozen=True)
-class _Late:
-    delay_s: float
-
-    def __call__(self, motion: Motion, times_s: FloatArray) -> FloatArray:
-        return motion.forces(times_s - self.delay_s)
-
-    @property
-    def lasts_s(self) -> float:
-        return BESIDE_S + self.delay_s
-
-
-@dataclass(frozen=True)
-class _Ringing:
-    cutoff_hz: float
-
-    def __call__(self, motion: Motion, times_s: FloatArray) -> FloatArray:
-        return motion.filtered(self.cutoff_hz, times_s)
-
-    @property
-    def lasts_s(self) -> float:
-        return min(_RINGS_S, 60.0 / self.cutoff_hz)
-
-
-def _joined(parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    both = np.concatenate(parts, axis=1)
+def _two(both: FloatArray) -> tuple[FloatArray, FloatArray]:
     return both[0], both[1]
 
 
-def _about_turns(cells: Cells, seen: Callable[[Motion, FloatArray], FloatArray]) -> FloatArray:
-    """Means over the cells of what `seen` makes of the motion after each turn, shape (2, cells)."""
+def _about_turns(cells: Cells, delay_s: float = 0.0, cutoff_hz: float | None = None) -> FloatArray:
+    """Means over the cells of the forces of the motion after each turn, late or behind a filter; shape (2, cells)."""
     means = np.zeros((2, cells.since.size))
     for number, course in _courses(cells).items():
-        sums = _sums_after(course.tobytes(), cells.turn_before, cells.sample_rate_hz, seen)
+        sums = _sums_after(course.tobytes(), cells.turn_before, cells.sample_rate_hz, delay_s, cutoff_hz)
         last = sums.shape[1] - 1
         rows = np.flatnonzero((cells.kind == number) & (cells.since < last))
         stop = np.minimum(cells.since[rows] + cells.count[rows].astype(np.int64), last)
@@ -184,9 +159,10 @@ def _motion(turn: bytes, before: int, rate_hz: float) -> Motion:
 
 
 @lru_cache(maxsize=1024)
-def _sums_after(turn: bytes, before: int, rate_hz: float, seen: Any) -> FloatArray:
+def _sums_after(turn: bytes, before: int, rate_hz: float, delay_s: float, cutoff_hz: float | None) -> FloatArray:
     """Running sums over the samples after the mask's end, shape (2, samples + 1)."""
     motion = _motion(turn, before, rate_hz)
-    samples = math.ceil(seen.lasts_s * rate_hz)
-    values = seen(motion, (np.arange(samples) + 0.5) / rate_hz)
+    lasts_s = BESIDE_S + delay_s if cutoff_hz is None else min(_RINGS_S, 60.0 / cutoff_hz)
+    times_s: FloatArray = np.asarray((np.arange(math.ceil(lasts_s * rate_hz)) + 0.5) / rate_hz)
+    values = motion.forces(times_s - delay_s) if cutoff_hz is None else motion.filtered(cutoff_hz, times_s)
     return np.concatenate([np.zeros((2, 1)), np.cumsum(values, axis=1)], axis=1)

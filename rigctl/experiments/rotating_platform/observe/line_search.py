@@ -68,7 +68,9 @@ def _line_at(at: int, p_value: float, halves: FloatArray, scan: LineScan) -> Fou
             left += halves[test, 0, at] + abs(halves[test, 1, at] - halves[test, 0, at] - known * halves[test, 3, at])
             before += halves[test, 1, at]
     ratio = math.sqrt(left / before) if before > 0.0 else 1.0
-    return FoundLine((at + shift) * scan.step_hz, amplitude, sigma, p_value, ratio, _aliases(at * scan.step_hz, scan))
+    return FoundLine(
+        (at + shift) * scan.step_hz, amplitude, sigma, p_value, ratio, scan.aliases_hz(at * scan.step_hz)
+    )
 
 
 def _log_tail(power: FloatArray, count: FloatArray) -> FloatArray:
@@ -79,14 +81,3 @@ def _log_tail(power: FloatArray, count: FloatArray) -> FloatArray:
     far = power > 10.0 * count + 100.0
     beyond = (count - 1.0) * np.log(np.maximum(power, 1.0)) - power - special.gammaln(count)
     return np.where(far, beyond, log_tail)
-
-
-def _aliases(frequency_hz: float, scan: LineScan) -> tuple[float, ...]:
-    """The next true frequencies that look the same at every sampling rate there was."""
-    slowest, width = scan.rates_hz[0], 1.0 / scan.longest_s
-    same = []
-    for k in range(1, 20):
-        for true in (k * slowest - frequency_hz, k * slowest + frequency_hz):
-            if all(abs(abs(true - round(true / rate) * rate) - frequency_hz) < width for rate in scan.rates_hz):
-                same.append(float(true))
-    return tuple(same[:4])

@@ -11,6 +11,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.columns import COLUMNS
 from rigctl.experiments.rotating_platform.observe.cells import AFTER_S, BEFORE, BEFORE_S
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
@@ -192,23 +193,8 @@ def _state(each: ChannelRun, state: FloatArray) -> dict[str, float]:
     }
 
 
-_FORMAT_COLUMNS = (
-    "pattern",
-    "modulation_period_s",
-    "sample_rate_hz",
-    "external",
-    "v_z_v",
-    "external_period_s",
-    "g_sign",
-    "temperature_c",
-    "start_s",
-    "guard_s",
-    "lead_s",
-    "rotation_s",
-    "external_period_asked_s",
-    "v_y_v",
-    "periods",
-)
+_FORMAT_COLUMNS = {*COLUMNS.fields, "lead_s", "rotation_s", "external_period_asked_s", "v_y_v", "periods"}
+_FORMAT_COLUMNS |= {"guard_s", "start_s", "temperature_c"}
 
 
 def own_columns(conditions: Mapping[str, Any]) -> dict[str, float]:

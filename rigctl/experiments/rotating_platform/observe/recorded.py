@@ -52,19 +52,13 @@ def chains(header: Header) -> Chains:
     )
 
 
-def guard_of(conditions: Mapping[str, Any]) -> float:
-    """The guard time after each turn that a run's table was made with [s]; 0 where nothing is said."""
-    return _seconds(conditions, "guard_s")
-
-
-def lead_of(conditions: Mapping[str, Any]) -> float:
-    """The time before each motion that a run's table masks with it [s]; 0 where nothing is said."""
-    return _seconds(conditions, "lead_s")
-
-
-def _seconds(conditions: Mapping[str, Any], name: str) -> float:
-    value = conditions.get(name, 0.0)
-    return float(value) if isinstance(value, int | float) and value > 0.0 and math.isfinite(value) else 0.0
+def guards_of(conditions: Mapping[str, Any]) -> dict[str, float]:
+    """`guard_s` after each turn and `lead_s` before it that a run's table was made with; 0 where nothing is said."""
+    given = {name: conditions.get(name, 0.0) for name in ("guard_s", "lead_s")}
+    return {
+        name: float(value) if isinstance(value, int | float) and value > 0.0 and math.isfinite(value) else 0.0
+        for name, value in given.items()
+    }
 
 
 def constant(header: Header, name: str) -> float | None:

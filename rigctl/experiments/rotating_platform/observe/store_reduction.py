@@ -19,7 +19,7 @@ from rigctl.experiments.rotating_platform.observe.cutter import cells_of
 from rigctl.experiments.rotating_platform.observe.line_spectra import Spectra, spectra
 from rigctl.experiments.rotating_platform.observe.lines import line_amplitudes, refined, without_lines
 from rigctl.experiments.rotating_platform.observe.patterns import MODULATED
-from rigctl.experiments.rotating_platform.observe.recorded import COMMANDS, Chains, chains, guard_of, lead_of
+from rigctl.experiments.rotating_platform.observe.recorded import COMMANDS, Chains, chains, guards_of
 
 VERSION = 11
 """Of what is kept: counted up whenever cutter.py would give other numbers."""
@@ -34,14 +34,9 @@ class PlatformRun:
     cells: Cells
 
     @property
-    def guard_s(self) -> float:
-        """The guard its table was made with [s]."""
-        return guard_of(self.conditions)
-
-    @property
-    def lead_s(self) -> float:
-        """What its table masks before each motion [s]."""
-        return lead_of(self.conditions)
+    def guards_s(self) -> dict[str, float]:
+        """What its table masks after and before each turn (`recorded.guards_of`)."""
+        return guards_of(self.conditions)
 
 
 @runtime_checkable
@@ -147,8 +142,7 @@ def _cells(source: RunSource, record: RunRecord, believed: Chains, lines_hz: Seq
             believed,
             float(given["modulation_period_s"]),
             float(given["sample_rate_hz"]),
-            guard_s=guard_of(given),
-            lead_s=lead_of(given),
+            **guards_of(given),
         )
 
     try:

@@ -84,7 +84,7 @@ class RunResult:
             "sample_rate_hz": self.sampled.sample_rate_hz,
             "external": asked.get("external") or "constant",
             "estimator": self.estimator,
-            "guard_s": self.run.guard_s,
+            "guard_s": self.run.guards_s["guard_s"],
             "periods": len(self.series),
             "refitted": self.refitted,
             "invalid": self.invalid,
@@ -108,7 +108,7 @@ def run_result(channels: Sequence[ChannelRun], believed: Mapping[str, PowerLawNo
     """
     run = channels[0].run
     cells = run.cells
-    keep = outside_guard(cells, run.guard_s, run.lead_s)
+    keep = outside_guard(cells, **run.guards_s)
     sampled = usual_mask(cells, keep)
     balance = conditions(sampled)
     asked = run.conditions.get("estimator") == "joint-ls"
