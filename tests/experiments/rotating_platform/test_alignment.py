@@ -65,7 +65,6 @@ def test_sigmas_of_fits_are_the_scatter_of_what_they_find(given):
     assert values.mean(axis=0) == pytest.approx(truth, abs=4.0 * values.std(axis=0).max() / math.sqrt(2000))
     covariance = np.mean([fit.covariance for fit in fits], axis=0)
     assert covariance == pytest.approx(np.cov(values.T), rel=0.1)
-    assert np.mean([fit.chi2 for fit in fits]) == pytest.approx(6.0, rel=0.05)
 
 
 @settings(deadline=None, max_examples=50)
@@ -134,7 +133,6 @@ def test_two_directions_suffice_where_their_sigmas_are_known():
     found = flip([1, -1], np.array([1.1, -0.9]), 1.0, np.array([1e-3, 1e-3]))
     assert found.value("gain_v_per_m_s2") == pytest.approx(1.0)
     assert found.sigma("gain_v_per_m_s2") == pytest.approx(1e-3 / math.sqrt(2.0))
-    assert found.dof == 0
 
 
 def test_sigmas_of_the_axes_are_their_scatter_for_uneven_angles_too():

@@ -75,7 +75,7 @@ def test_bins_are_means_over_sine_tapers():
 
 def test_the_noise_of_the_paper_is_found_with_true_uncertainties(coloured):
     true = Q_FLEX_NOISE_V
-    pulls, deviances = [], []
+    pulls = []
     for piece in records(coloured, true, 2**15, 40, seed=9):
         fit = fit_noise(noise_spectrum(piece, RATE_HZ))
         white, coefficient, exponent, _ = fit.sigmas
@@ -86,12 +86,10 @@ def test_the_noise_of_the_paper_is_found_with_true_uncertainties(coloured):
                 (fit.noise.exponent - true.exponent) / exponent,
             ]
         )
-        deviances.append(fit.deviance / fit.dof)
     assert np.abs(np.mean(pulls, axis=0)).max() < 3.0 / math.sqrt(40)
     # One that stopped on its way would be off by tens of sigmas.
     assert np.abs(pulls).max() < 4.5
     assert np.std(pulls, axis=0) == pytest.approx(np.ones(3), abs=0.25)
-    assert np.mean(deviances) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.parametrize(
@@ -138,7 +136,6 @@ def test_the_exact_spectrum_gives_its_parameters_back():
     exact = true.white + true.coefficient * expected(spectrum, true.exponent)
     fit = fit_noise(type(spectrum)(**{**vars(spectrum), "density": exact}))
     assert (fit.noise.white, fit.noise.coefficient, fit.noise.exponent) == pytest.approx((3e-5, 9e-8, 1.7), rel=1e-4)
-    assert fit.deviance == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_few_lost_samples_do_no_harm():

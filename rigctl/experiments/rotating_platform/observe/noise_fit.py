@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.special import digamma
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
@@ -39,14 +38,12 @@ class NoiseFit:
 
     `covariance` is that of (white, coefficient, exponent, pendulum); NaN for a part that the record does not show,
     which is zero then. It is that of long records: with 50 bins below the corner it is too small by half in variance,
-    with 100 and more it is right. `deviance` has the expectation `dof` when the form is right.
+    with 100 and more it is right.
     """
 
     noise: PowerLawNoise
     pendulum: float
     covariance: FloatArray
-    deviance: float
-    dof: float
 
     @property
     def sigmas(self) -> tuple[float, float, float, float]:
@@ -167,7 +164,7 @@ def _scored(spectrum: NoiseSpectrum, at: _Minimum) -> _Minimum:
 
 
 def _result(spectrum: NoiseSpectrum, found: _Minimum) -> NoiseFit:
-    model, gradient = _gradients(spectrum, found)
+    _, gradient = _gradients(spectrum, found)
     free = list(found.free)
     information = (gradient * spectrum.weight) @ gradient.T
     white, level, pendulum = np.exp(found.parameters[[0, 1, _PENDULUM]])
@@ -180,8 +177,5 @@ def _result(spectrum: NoiseSpectrum, found: _Minimum) -> NoiseFit:
     covariance[np.ix_(free, free)] = np.linalg.inv(information)
     turned = turn[np.ix_(free, free)] @ covariance[np.ix_(free, free)] @ turn[np.ix_(free, free)].T
     covariance[np.ix_(free, free)] = turned
-    ratio = spectrum.density / model
-    deviance = float(spectrum.dof @ (ratio - 1.0 - np.log(ratio)))
-    expectation = float(spectrum.dof @ (np.log(0.5 * spectrum.dof) - digamma(0.5 * spectrum.dof)))
     noise = PowerLawNoise(float(white), float(coefficient), float(exponent))
-    return NoiseFit(noise, float(pendulum), covariance, deviance, expectation - len(free))
+    return NoiseFit(noise, float(pendulum), covariance)

@@ -18,7 +18,7 @@ import numpy as np
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.covariance import Sided, covariance
-from rigctl.experiments.rotating_platform.observe.estimators import weights
+from rigctl.experiments.rotating_platform.observe.estimators import coarser, weights
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 
 SIDED: Sided = 2
@@ -190,16 +190,9 @@ def _levels(own: Likelihood, others: Sequence[Likelihood]) -> FloatArray:
 @lru_cache(maxsize=64)
 def _grouped(sampled: SampledPattern, per_group: int) -> tuple[FloatArray, float]:
     """The joint fit's weights of a group of periods on a coarse enough time base, and its rate."""
-    fine = weights(sampled, "joint-ls")
-    step = _step(sampled.samples, max(_FINE, 1), max(_LONG // per_group, _FINE // 8))
-    coarse = fine.reshape(4, sampled.samples // step, step).sum(axis=2)
-    return np.tile(coarse, (1, per_group)) / per_group, sampled.sample_rate_hz / step
-
-
-def _step(samples: int, fine: int, most: int) -> int:
-    """How many samples become one: the fewest that divide a period and leave at most so many."""
-    divisors = [d for d in range(1, samples + 1) if samples % d == 0 and samples // d <= min(fine, most)]
-    return divisors[0]
+    most = min(_FINE, max(_LONG // per_group, _FINE // 8))
+    coarse, rate_hz = coarser(weights(sampled, "joint-ls"), sampled.sample_rate_hz, most)
+    return np.tile(coarse, (1, per_group)) / per_group, rate_hz
 
 
 @lru_cache(maxsize=64)

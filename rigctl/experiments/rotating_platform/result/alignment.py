@@ -26,15 +26,12 @@ _MAX_CONDITION = 1e8
 class Fitted:
     """Parameters of a linear fit in the order of `names` with their covariance.
 
-    Sigmas are those given with the data, `chi2` tells if they were true; where none were given they are the scatter
-    of the `dof` residuals, and `chi2` is `dof`.
+    Sigmas are those given with the data; where none were given they are the scatter of the residuals.
     """
 
     names: tuple[str, ...]
     values: FloatArray
     covariance: FloatArray
-    chi2: float
-    dof: int
 
     def value(self, name: str) -> float:
         """A parameter."""
@@ -138,9 +135,8 @@ def _fit(
     left, size, right = np.linalg.svd(columns * weight[:, None] / _sizes(columns), full_matrices=False)
     inverse = (right.T / size) / _sizes(columns)[:, None]
     values_of_fit = inverse @ (left.T @ (values * weight))
-    chi2 = float((((values - columns @ values_of_fit) * weight) ** 2).sum())
-    scale = chi2 / dof if sigma is None else 1.0
-    return Fitted(names, values_of_fit, scale * inverse @ inverse.T, float(dof) if sigma is None else chi2, dof)
+    scale = float(((values - columns @ values_of_fit) ** 2).sum()) / dof if sigma is None else 1.0
+    return Fitted(names, values_of_fit, scale * inverse @ inverse.T)
 
 
 def _sizes(columns: FloatArray) -> FloatArray:

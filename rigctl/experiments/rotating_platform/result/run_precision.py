@@ -12,7 +12,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.covariance import covariance, covariance_of_mean
 from rigctl.experiments.rotating_platform.observe.estimates import PeriodEstimates
-from rigctl.experiments.rotating_platform.observe.estimators import Estimator, weights
+from rigctl.experiments.rotating_platform.observe.estimators import Estimator, coarser, weights
 from rigctl.experiments.rotating_platform.observe.noise import PowerLawNoise
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 from rigctl.experiments.rotating_platform.observe.run_noise import SIDED, RunNoise
@@ -25,6 +25,7 @@ LEVEL = 0.99
 OUTPUTS = ("accel", "accel_slope", "bias", "bias_slope")
 _BEYOND_RECORD = 0.2
 _LAGS = 8
+_FINE = 6000
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def run_means(
     valid = np.isfinite(series.accel_mean[:, number])
     if not valid.any():
         return dict.fromkeys(OUTPUTS, Value(math.nan, math.nan))
-    rows, rate_hz = _coarse(weights(sampled, estimator), sampled.sample_rate_hz)
+    rows, rate_hz = coarser(weights(sampled, estimator), sampled.sample_rate_hz, _FINE)
     periods = int(valid.sum())
     from_hz = _BEYOND_RECORD / (len(series) * sampled.pattern.period_s)
     spread = covariance_of_mean(rows, rate_hz, noise, periods, sided=SIDED, from_hz=from_hz)
@@ -69,7 +70,7 @@ def run_precision(
 ) -> Precision:
     """Precision of a run's mean acceleration in an hour, from `accel`, shape (periods,), and the `chain`'s noise."""
     theory = precision(sampled, chain, HOUR_S, estimator=estimator, sided=SIDED)
-    rows, rate_hz = _coarse(weights(sampled, estimator)[:1], sampled.sample_rate_hz)
+    rows, rate_hz = coarser(weights(sampled, estimator)[:1], sampled.sample_rate_hz, _FINE)
     lags = covariance(rows, rate_hz, noise, sided=SIDED, lags=_LAGS)[:, 0, 0]
     period_s = sampled.pattern.period_s
     own_spectrum = math.sqrt(float(lags[0]) * period_s / HOUR_S)
@@ -78,13 +79,3 @@ def run_precision(
     except DataError:
         measured = None
     return Precision(theory, own_spectrum, measured)
-
-
-def _coarse(rows: FloatArray, rate_hz: float) -> tuple[FloatArray, float]:
-    """Weights on a coarser time base, where a period has very many samples."""
-    samples = rows.shape[1]
-    step = next(d for d in range(1, samples + 1) if samples % d == 0 and samples // d <= _FINE)
-    return rows.reshape(len(rows), samples // step, step).sum(axis=2), rate_hz / step
-
-
-_FINE = 6000
