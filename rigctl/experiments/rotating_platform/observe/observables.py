@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.campaign.layout import COMMON_FIELDS
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.columns import COLUMNS
 from rigctl.experiments.rotating_platform.observe.cells import AFTER_S, BEFORE, BEFORE_S
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
@@ -193,8 +193,20 @@ def _state(each: ChannelRun, state: FloatArray) -> dict[str, float]:
     }
 
 
-_FORMAT_COLUMNS = {*COLUMNS.fields, "lead_s", "rotation_s", "external_period_asked_s", "v_y_v", "periods"}
-_FORMAT_COLUMNS |= {"guard_s", "start_s", "temperature_c"}
+_FORMAT_COLUMNS = {
+    *COMMON_FIELDS,
+    *(
+        "pattern",
+        "modulation_period_s",
+        "sample_rate_hz",
+        "external",
+        "v_z_v",
+        "v_y_v",
+        "external_period_s",
+        "g_sign",
+    ),
+    *("guard_s", "lead_s", "rotation_s", "external_period_asked_s", "periods"),
+}
 
 
 def own_columns(conditions: Mapping[str, Any]) -> dict[str, float]:
