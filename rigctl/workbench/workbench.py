@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigctl.campaign.store.store import Store
-from rigctl.core.errors import ConfigError, DataError
+from rigctl.core.errors import UNFIT, ConfigError, DataError
 from rigctl.effects.catalogue import unknown_effect
 from rigctl.workbench.findings import Comparison, Diagnosis, ModelFit
 from rigctl.workbench.model import versions
@@ -91,7 +91,7 @@ class Workbench:
         from rigctl.workbench.verdict.compare import compared
 
         chosen = version or self.current
-        return compared(self._attempt(chosen), chosen.version)
+        return compared(self._attempt(chosen), self.account(), chosen.version)
 
     @one_thread
     def compare_with(self, other: Workbench) -> Transfer:
@@ -106,7 +106,7 @@ class Workbench:
         from rigctl.workbench.verdict.fit import fitted
 
         chosen = version or self.current
-        found = fitted(self._attempt(chosen), self._optimum(chosen), self._warnings(chosen))
+        found = fitted(self._attempt(chosen), self.account(), self._optimum(chosen), self._warnings(chosen))
         versions.keep_fit(self.store, chosen, found.as_json())
         self._keep_account()
         return found
@@ -180,10 +180,14 @@ class Workbench:
     def _with_next(self, found: Diagnosis) -> Diagnosis:
         """What to measure where something is ambiguous; `recommend` tells it of everything else, in longer time."""
         from rigctl.workbench.next.recommend import recommend
+        from rigctl.workbench.next.recommendation import Recommendation
 
         if found.verdict != "ambiguous":
             return found
-        further = recommend(self.study, found.terms, found, allowed=self._allowed())
+        try:
+            further = recommend(self.study, found.terms, found, allowed=self._allowed())
+        except UNFIT as error:  # the verdict stands, whatever could be measured next
+            further = Recommendation("none", (), f"Nothing is known of what to measure next: {error}.")
         return replace(found, next_measurement=further.as_json())
 
     @one_thread

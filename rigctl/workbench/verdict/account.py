@@ -38,6 +38,14 @@ class Account:
         """A model judged by this noise."""
         return Attempt(study, terms, start=start, known=self.known)
 
+    def next_term(self, attempt: Attempt) -> Term | None:
+        """What a search would add to a model first; None where it finds nothing that helps."""
+        if self.search is not None and self.search.given == attempt.terms:
+            return next((term for term in self.search.suggested), None)
+        search = Search(attempt.study, attempt.terms, LEVEL, attempt.seed, lambda _: None, self.known)
+        search.adopt(attempt)
+        return search.next_term()
+
     def as_document(self) -> dict[str, Any]:
         """What `recalled` needs."""
         return {"terms": [term.as_json() for term in self.richest.terms], "start": self.richest.values}
@@ -57,9 +65,10 @@ def account_of(
     search.run()
     lines = {id(line.term) for line in search.lines}
     richest = search.attempt([term for term in search.terms if id(term) not in lines])
-    known = _known(richest)
-    search.judged_by(known)
-    return Account(richest, known, search)
+    told = recalled(study, Account(richest, None).as_document())
+    assert told.known is not None
+    search.judged_by(told.known, told.richest)
+    return Account(told.richest, told.known, search)
 
 
 def recalled(study: Study, document: Mapping[str, Any]) -> Account:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rigctl.workbench.verdict.account import LEVEL, Account
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.significance import (
     CATALOGUE_SHARE,
@@ -12,18 +13,21 @@ from rigctl.workbench.verdict.significance import (
 )
 
 
-def adequacy(attempt: Attempt) -> float:
+def adequacy(attempt: Attempt, account: Account) -> float:
     """The probability that noise alone leaves something as striking; NaN without degrees of freedom.
 
     Asked are chi-square as a whole, every effect of the catalogue and every plain shape, at the shares of the level
-    that a diagnosis gives them: what one finds, the other does not call noise.
+    that a diagnosis gives them: what one finds, the other does not call noise. An effect that a search would not add,
+    for it predicts held-out data no better, counts for nothing here too.
     """
     if attempt.result.dof <= 0:
         return float("nan")
-    effects = [attempt.corrected(p_of_scored(attempt, each)) for each in attempt.scored]
-    asked = [
+    effects = min((attempt.corrected(p_of_scored(attempt, each)) for each in attempt.scored), default=1.0)
+    if effects < CATALOGUE_SHARE * LEVEL and account.next_term(attempt) is None:
+        effects = 1.0
+    asked = (
         attempt.chi2_p_value() / LINES_SHARE,
-        min(effects, default=1.0) / CATALOGUE_SHARE,
+        effects / CATALOGUE_SHARE,
         p_of_shape(attempt) / SHAPES_SHARE,
-    ]
+    )
     return min(1.0, *asked)

@@ -59,7 +59,7 @@ class Attempt(FittedModel):
     ) -> None:
         self.study = study
         self.terms = tuple(terms)
-        self._seed = seed
+        self.seed = seed
         model = study.model(self.terms)
         given = model.observations
         if not len(given.value):
@@ -118,7 +118,7 @@ class Attempt(FittedModel):
     @cached_property
     def n_eff(self) -> float:
         """How many independent trials the catalogue amounts to."""
-        return trials([score.basis for score in self.scores], np.random.default_rng([self._seed, 1]))
+        return trials([score.basis for score in self.scores], np.random.default_rng([self.seed, 1]))
 
     def _refined(self, scored: Scored) -> Scored:
         """The choice with the largest statistic between its neighbours in the scan, one name after another."""
@@ -189,12 +189,12 @@ class Attempt(FittedModel):
     @cached_property
     def bootstrap(self) -> Bootstrap:
         """What the smallest p-values would be with nothing hidden, the noise estimated each time."""
-        return bootstrap(self, self.candidates, self.scores, self.estimator, self.generic, self._seed)
+        return bootstrap(self, self.candidates, self.scores, self.estimator, self.generic, self.seed)
 
     @cached_property
     def best_shape(self) -> Best | None:
         """The strongest of them in what is left."""
-        return self.generic.best(self.noise, self.projector, np.random.default_rng([self._seed, 2]))
+        return self.generic.best(self.noise, self.projector, np.random.default_rng([self.seed, 2]))
 
     def corrected(self, p_value: float) -> float:
         """A p-value of the catalogue, for the trials."""

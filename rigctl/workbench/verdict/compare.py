@@ -11,7 +11,7 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.findings import ChannelFit, Comparison, Outlier, Trend
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
-from rigctl.workbench.verdict.account import account_of
+from rigctl.workbench.verdict.account import Account, account_of
 from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.covariates import distinct
@@ -28,10 +28,11 @@ _OF_A_LINE = ("channel", "frequency_hz", "amplitude", "sigma", "unit", "p_value"
 @one_thread
 def compare(study: Study, terms: Sequence[Term], version: int = 1) -> Comparison:
     """Residuals of the fitted model against the noise, per series, run and covariate."""
-    return compared(account_of(study, [terms]).attempt(study, terms), version)
+    account = account_of(study, [terms])
+    return compared(account.attempt(study, terms), account, version)
 
 
-def compared(attempt: Attempt, version: int) -> Comparison:
+def compared(attempt: Attempt, account: Account, version: int) -> Comparison:
     """What a fitted attempt leaves."""
     given, left = attempt.model.observations, attempt.whitened()
     channels = []
@@ -56,7 +57,7 @@ def compared(attempt: Attempt, version: int) -> Comparison:
         terms=attempt.terms,
         chi2=attempt.result.chi2,
         dof=attempt.result.dof,
-        p_value=adequacy(attempt),
+        p_value=adequacy(attempt, account),
         channels=tuple(channels),
         worst=tuple(_outlier(attempt, int(where), float(left[where])) for where in worst),
         trends=_trends(attempt),

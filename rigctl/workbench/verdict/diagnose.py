@@ -37,6 +37,7 @@ def diagnose(
     alike = [rival for term in search.suggested for rival in rivals_of(search, term)]
     rivals = [each for each in alike if not each.wider]
     first, final = search.attempt(search.given), search.attempt(search.terms)
+    suggested = _suggested(search, rivals)
     unexplained = None
     if search.unexplained is not None:
         score = final.projector.score(final.whitened_columns(search.unexplained.described_columns))
@@ -45,7 +46,7 @@ def diagnose(
         verdict=_verdict(search, rivals, unexplained),
         alpha=alpha,
         terms=search.given,
-        suggested=_by_significance(search, rivals),
+        suggested=suggested,
         ranking=ranking(search, alike),
         inseparable=inseparable_effects(first),
         unexplained=unexplained,
@@ -53,7 +54,7 @@ def diagnose(
         steps=tuple(_steps(search)),
         n_eff=first.n_eff,
         noise=noise_entries(first),
-        joint_fit=_joint_fit(search) if search.suggested else None,
+        joint_fit=_joint_fit(search, suggested) if suggested else None,
     )
 
 
@@ -69,11 +70,20 @@ def _searched(
     return search
 
 
-def _joint_fit(search: Search) -> JointFit:
-    """What the search ended with, as `fit` fits it."""
-    first, final = search.attempt(search.given), search.attempt(search.terms)
+def _suggested(search: Search, rivals: Sequence[Rival]) -> tuple[Term, ...]:
+    """What was found, with rivals of other classes where all of it can be fitted together."""
+    together = _by_significance(search, rivals)
+    each_once = len({term.effect for term in together}) == len(together)
+    if each_once and search.attempt_if_fit((*search.given, *together)) is not None:
+        return together
+    return _by_significance(search, ())
+
+
+def _joint_fit(search: Search, suggested: Sequence[Term]) -> JointFit:
+    """What is suggested as `fit` fits it."""
+    first, final = search.attempt(search.given), search.attempt((*search.given, *suggested))
     return JointFit(
-        terms=search.suggested,
+        terms=tuple(suggested),
         chi2_fall=first.result.chi2 - final.result.chi2,
         minus_2_log_l=maximum_likelihood(final, final.estimator).minus_2_log_l,
         parameters=final.estimates(),
@@ -103,7 +113,9 @@ def _by_significance(search: Search, rivals: Sequence[Rival]) -> tuple[Term, ...
 
 def _simplest_of_classes(search: Search, term: Term, alternatives: Sequence[Term]) -> list[Term]:
     """One of each class of alternatives: fewest parameters, then the catalogue's order."""
-    without = search.attempt([each for each in search.terms if each != term])
+    without = search.attempt_if_fit([each for each in search.terms if each != term])
+    if without is None:
+        return [term]
     scores = {each.candidate.term.effect: each for each in without.scored}
     order = list(search.study.effects())
 
@@ -135,7 +147,9 @@ def _p_of(search: Search, term: Term) -> float:
 def _steps(search: Search) -> list[Step]:
     steps = []
     for move in search.moves:
-        attempt = search.attempt(move.terms)
+        attempt = search.attempt_if_fit(move.terms)
+        if attempt is None:
+            continue
         steps.append(
             Step(
                 move.terms,

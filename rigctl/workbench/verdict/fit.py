@@ -9,7 +9,7 @@ import numpy as np
 from rigctl.workbench.findings import ModelFit, Rms
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
-from rigctl.workbench.verdict.account import account_of
+from rigctl.workbench.verdict.account import Account, account_of
 from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.likelihood import Optimum, maximum_likelihood
@@ -19,10 +19,13 @@ from rigctl.workbench.verdict.noise_entries import noise_entries
 @one_thread
 def fit(study: Study, terms: Sequence[Term]) -> ModelFit:
     """Fit baseline and terms to all valid runs; `ProcedureError` when the runs do not determine them."""
-    return fitted(account_of(study, [terms]).attempt(study, terms))
+    account = account_of(study, [terms])
+    return fitted(account.attempt(study, terms), account)
 
 
-def fitted(attempt: Attempt, optimum: Optimum | None = None, warnings: Sequence[str] = ()) -> ModelFit:
+def fitted(
+    attempt: Attempt, account: Account, optimum: Optimum | None = None, warnings: Sequence[str] = ()
+) -> ModelFit:
     """What a fitted attempt amounts to; `optimum` is where its likelihood is largest, by default looked for."""
     result = attempt.result
     most_likely = optimum or maximum_likelihood(attempt, attempt.estimator)
@@ -31,7 +34,7 @@ def fitted(attempt: Attempt, optimum: Optimum | None = None, warnings: Sequence[
         parameters=attempt.estimates(),
         chi2=result.chi2,
         dof=result.dof,
-        p_value=adequacy(attempt),
+        p_value=adequacy(attempt, account),
         error_fit=attempt.error(),
         error_held_out=attempt.held_out.error(),
         residuals=attempt.whitened(),

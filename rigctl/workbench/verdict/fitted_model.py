@@ -10,7 +10,7 @@ import numpy as np
 
 from rigctl.analysis.least_squares import FitResult, Parameter, least_squares
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.core.errors import ProcedureError
+from rigctl.core.errors import UNFIT, ProcedureError
 from rigctl.workbench.findings import Estimate
 from rigctl.workbench.study import Model
 from rigctl.workbench.verdict.absorbed import absorbed_parameters
@@ -142,8 +142,17 @@ def fit_with_given_noise(model: Model, start: Mapping[str, float], noise: Noise 
     noise = noise or Noise(given.sigma, np.full(len(given.value), np.inf), given.factors, ())
     # Another choice of the same name is nowhere to start from.
     usable = {name: value for name, value in start.items() if name not in scanned}
-    held = absorbed_parameters(model, noise, scanned, usable)
-    return FittedModel(model, noise, held, _fit(model, noise, held, usable))
+    try:
+        return _fitted_from(model, noise, scanned, usable)
+    except UNFIT:
+        if not usable:
+            raise
+        return _fitted_from(model, noise, scanned, {})  # where another model ended may be nowhere to start from
+
+
+def _fitted_from(model: Model, noise: Noise, scanned: frozenset[str], start: Mapping[str, float]) -> FittedModel:
+    held = absorbed_parameters(model, noise, scanned, start)
+    return FittedModel(model, noise, held, _fit(model, noise, held, start))
 
 
 def scanned_parameters(model: Model) -> frozenset[str]:

@@ -39,16 +39,21 @@ def _entry(
         channel=series.channel,
         component=series.component,
         model=_MODELS[correlation.kind],
-        sigma=float(np.sqrt(np.mean(noise.total_sigma()[rows] ** 2))),
+        sigma=_told(float(np.sqrt(np.mean(noise.total_sigma()[rows] ** 2)))),
         unit=series.unit,
         dof=sum(known.values()),
         order=first.order,
         source=_source(first),
-        scale=float(np.median(noise.sigma[rows] / given.sigma[rows])) if stated else 1.0,
-        exponent=correlation.shape if correlation.kind == "power" else None,
-        time_constant=correlation.shape if correlation.kind == "exp" else None,
-        correlated_share=correlation.ratio / (1.0 + correlation.ratio),
+        scale=_told(float(np.median(noise.sigma[rows] / given.sigma[rows]))) if stated else 1.0,
+        exponent=_told(correlation.shape) if correlation.kind == "power" else None,
+        time_constant=_told(correlation.shape) if correlation.kind == "exp" else None,
+        correlated_share=_told(correlation.ratio / (1.0 + correlation.ratio)),
     )
+
+
+def _told(value: float) -> float:
+    """To six digits: beyond, fits from different starts differ."""
+    return float(f"{value:.6g}")
 
 
 def _source(pool: NoisePool) -> str:

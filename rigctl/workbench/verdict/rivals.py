@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigctl.core.errors import UNFIT
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.noise import orthonormal
@@ -54,11 +53,10 @@ def rivals_of(search: Search, term: Term) -> list[Rival]:
 
 def _substituted(search: Search, others: tuple[Term, ...], rival: Scored, suggested: Scored) -> Attempt | None:
     """The model with the rival instead; None when the suggested effect, or anything else, is needed beside it."""
-    try:
-        instead = search.attempt((*others, rival.candidate.term))
-        beside = instead.scored_effect(suggested.candidate.term.effect)
-    except UNFIT:
+    instead = search.attempt_if_fit((*others, rival.candidate.term))
+    if instead is None:
         return None
+    beside = instead.scored_effect(suggested.candidate.term.effect)
     if beside is not None and beside.score.dimension and beside.score.p_value < RIVAL_LEVEL * search.alpha:
         return None
     return instead if is_adequate(instead, search.alpha) else None

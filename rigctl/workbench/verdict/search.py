@@ -83,7 +83,7 @@ class Search:
     def attempt(self, terms: Sequence[Term]) -> Attempt:
         """The model with these terms, fitted and scored once."""
         keys = {term.effect: json.dumps(term.as_json(), sort_keys=True) for term in terms}
-        key = json.dumps(sorted(keys.values()))
+        key = _key(terms)
         if key not in self._attempts:
             # Another choice of the same effect is nowhere to start from.
             start = {
@@ -95,10 +95,18 @@ class Search:
                 self._values.setdefault(keys.get(owner, ""), {})[name] = value
         return self._attempts[key]
 
-    def judged_by(self, known: KnownNoise) -> None:
-        """From now on every model is judged by one noise."""
+    def next_term(self) -> Term | None:
+        """What the search would add to the terms it has: significant, and better on held-out data."""
+        return self._choose(self.attempt(self.terms))
+
+    def judged_by(self, known: KnownNoise, richest: Attempt) -> None:
+        """From now on every model is judged by one noise, which the `richest` told."""
         self._known = known
-        self._attempts = {}
+        self._attempts = {_key(richest.terms): richest}
+
+    def adopt(self, attempt: Attempt) -> None:
+        """A model that was fitted already."""
+        self._attempts[_key(attempt.terms)] = attempt
 
     def attempt_if_fit(self, terms: Sequence[Term]) -> Attempt | None:
         """The same; None for terms that these data do not determine together."""
@@ -220,9 +228,8 @@ class Search:
 
     def _refitted_cost(self, attempt: Attempt, scored: Scored) -> float:
         """Chi-square after the full fit, with the price of dimensions and choices; infinite when it is singular."""
-        try:
-            trial = self.attempt((*attempt.terms, scored.candidate.term))
-        except UNFIT:
+        trial = self.attempt_if_fit((*attempt.terms, scored.candidate.term))
+        if trial is None:
             return float("inf")
         # One noise for all: the sigma of each trial is its own guess.
         price = 2.0 * (0.5 * scored.score.statistic - attempt.evidence(scored))
@@ -268,3 +275,7 @@ class Search:
             if line.term not in self.terms and len(self.suggested) < MOST_TERMS:
                 self.terms = (*self.terms, line.term)
                 self.moves.append(Move(self.terms, line.term.effect, ()))
+
+
+def _key(terms: Sequence[Term]) -> str:
+    return json.dumps(sorted(json.dumps(term.as_json(), sort_keys=True) for term in terms))
