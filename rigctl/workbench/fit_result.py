@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from rigctl.workbench.findings import ModelFit
-from rigctl.workbench.verdict.fit import fit
 from rigctl.workbench.workbench import Workbench
 
 
 def analyse(workbench: Workbench) -> ModelFit:
     """A store's data fitted with its current model; `DataError`, `ProcedureError`."""
-    return fit(workbench.study, workbench.current.terms)
+    return workbench.fitted()
 
 
 def result(workbench: Workbench) -> dict[str, Any]:

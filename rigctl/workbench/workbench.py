@@ -101,12 +101,17 @@ class Workbench:
         return transfer(self.study, other.study, self.current.terms)
 
     @one_thread
-    def fit(self, version: ModelVersion | None = None) -> ModelFit:
-        """Fit a version, by default the current one, and keep the outcome."""
+    def fitted(self, version: ModelVersion | None = None) -> ModelFit:
+        """A version, by default the current one, fitted to the runs."""
         from rigctl.workbench.verdict.fit import fitted
 
         chosen = version or self.current
-        found = fitted(self._attempt(chosen), self.account(), self._optimum(chosen), self._warnings(chosen))
+        return fitted(self._attempt(chosen), self.account(), self._optimum(chosen), self._warnings(chosen))
+
+    def fit(self, version: ModelVersion | None = None) -> ModelFit:
+        """The same, and keep the outcome."""
+        chosen = version or self.current
+        found = self.fitted(chosen)
         versions.keep_fit(self.store, chosen, found.as_json())
         self._keep_account()
         return found

@@ -32,7 +32,7 @@ WRONG_TODAY = {
     "batches-1": {"value": FIXED_LEVELS},
     "batches-2": {"value": FIXED_LEVELS},
     "batches-3": {"value": FIXED_LEVELS},
-    "gravimeter": {"value": FIXED_LEVELS, "promise": "b0 is fitted half a sigma from what was promised"},
+    "gravimeter": {"value": FIXED_LEVELS},
 }
 """What the program gets wrong, by table and check: whoever mends it takes the entry away."""
 
