@@ -15,7 +15,7 @@ def imitations(attempt: Attempt, suggested: Sequence[Term], alpha: float) -> lis
     Where something unknown remains with them in the model, they explain a part of it and are no effect that is there.
     `attempt` has none of them.
     """
-    if not isinstance(attempt.study, DependsOnUnrecorded):
+    if not suggested or not isinstance(attempt.study, DependsOnUnrecorded):
         return []
     columns = attempt.study.unrecorded(attempt.model, attempt.result.values)
     if not columns.shape[1]:
