@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from rigctl.experiments.rotating_platform.imagined import options
 from rigctl.experiments.rotating_platform.model.model import PlatformModel, slopes_at_zero
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
 from rigctl.experiments.rotating_platform.observe.line_search import found_lines
+from rigctl.experiments.rotating_platform.observe.observables import TURN_CYCLES
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.store_reduction import refined_line
 from rigctl.experiments.rotating_platform.study_data import PlatformData, RecordedRuns
@@ -39,6 +40,17 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
     """A recording of modulated runs."""
 
     experiment = "rotating-platform"
+    expressions: ClassVar[Mapping[str, str]] = {
+        "time_s": "run.t",
+        "within_run_s": "run.within",
+        "c_z_m_s2": "run.c_z",
+        "c_y_m_s2": "run.c_y",
+        "temperature_c": "run.temperature",
+        "modulation_frequency_hz": "1.0 / run.period",
+        "stop": "run.cos",
+        "turns": "run.turns",
+        **{f"turns_modulo_{cycle}": f"run.turns % {cycle}" for cycle in TURN_CYCLES},
+    }
 
     def reduced_source(self) -> PlatformData:
         """The recorded runs; each set of lines taken off their samples is reduced when it is asked for."""

@@ -33,6 +33,7 @@ def trial_run(point: str) -> PlatformRuns:
         cos=sign,
         sin=scattered(-1e-3, 1e-3),
         since=scattered(0.0, 20.0),
+        turns=np.arange(cells, dtype=np.float64),
         direction=-sign,
         speed_squared=scattered(0.0, 1e-2),
         turning=scattered(-1e-2, 1e-2),

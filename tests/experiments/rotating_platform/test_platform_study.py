@@ -137,11 +137,16 @@ def test_a_bias_that_creeps_with_every_turn_and_snaps_back_after_seven_is_told_b
         return {**samples, "q_a_v": samples["q_a_v"] + 846.73 * 3e-6 * (turns % 7)}
 
     nature = PlatformSettings(kind="rotating-platform", seed=22)
-    found = diagnose(PlatformStudy(sampled(nature, RUNS[:2], creeps)), ())
+    creeping = PlatformStudy(sampled(nature, RUNS[:2], creeps))
+    found = diagnose(creeping, ())
     assert found.verdict == "unknown"
     assert found.unexplained is not None
     assert found.unexplained.channel == "m_z"
-    assert found.unexplained.details["covariate"].startswith("turns_modulo_7")
+    covariate = found.unexplained.details["covariate"]
+    assert covariate.startswith("turns_modulo_7")
+    run = creeping.recorded.chain["z"]
+    assert PlatformStudy.expressions[covariate.partition("^")[0]] == "run.turns % 7"
+    assert run.turns[-1] == turned
 
 
 def test_a_mask_that_is_too_short_shows_the_sensor_off_its_axis() -> None:

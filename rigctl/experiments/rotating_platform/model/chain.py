@@ -30,10 +30,11 @@ class PlatformRuns:
 
     Arrays have the shape (cells,), NaN where unknown. `channel` is "z" (sensor A) or "y" (sensor B); `t` the time of
     the recording, `within` that from the middle of the run; `cos` and `sin` of the angle, `direction` that of the
-    last turn (+1, -1; 0 before the first), `since` the time since it (infinite before), `speed_squared` and `turning`
-    the square of the angular rate and the angular acceleration while it counts although the platform moves.
-    `a_y` and `a_z` are the laboratory's accelerations, `c_y` and `c_z` what was commanded, `along` and `across` the
-    acceleration along the sensing axis and at a right angle to it, `period` that of the modulation.
+    last turn (+1, -1; 0 before the first), `since` the time since it (infinite before), `turns` how many there were
+    in the recorded runs so far, `speed_squared` and `turning` the square of the angular rate and the angular
+    acceleration while it counts although the platform moves. `a_y` and `a_z` are the laboratory's accelerations,
+    `c_y` and `c_z` what was commanded, `along` and `across` the acceleration along the sensing axis and at a right
+    angle to it, `period` that of the modulation.
     """
 
     channel: str
@@ -42,6 +43,7 @@ class PlatformRuns:
     cos: FloatArray
     sin: FloatArray
     since: FloatArray
+    turns: FloatArray
     direction: FloatArray
     speed_squared: FloatArray
     turning: FloatArray

@@ -14,7 +14,7 @@ from scipy import sparse
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.model.chain import PlatformRuns, off_stop
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, baseline_columns, bias_columns
-from rigctl.experiments.rotating_platform.observe.observables import own_columns, stacked
+from rigctl.experiments.rotating_platform.observe.observables import own_columns, stacked, turns_before
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.workbench.study import Observations
 
@@ -122,6 +122,7 @@ class Recorded:
     def _chain(self, channel: str) -> PlatformRuns:
         runs = [each for each in self.channels if each.channel == channel]
         cells = [each.run.cells for each in runs]
+        before = turns_before(self.channels)
         moving = np.concatenate([off_stop(each) for each in cells], axis=1)
 
         def joined(of: Callable[[ChannelRun], FloatArray]) -> FloatArray:
@@ -137,6 +138,7 @@ class Recorded:
             cos=np.concatenate([each.geometry[:, 0] for each in cells]),
             sin=np.concatenate([each.geometry[:, 1] for each in cells]),
             since=np.concatenate([each.since_s for each in cells]),
+            turns=joined(lambda each: np.asarray(before[each.run.run_id] + each.run.cells.turn_number, np.float64)),
             direction=np.concatenate([each.direction for each in cells]),
             speed_squared=moving[0],
             turning=moving[1],
