@@ -74,7 +74,7 @@ def _equal_elsewhere(response: FloatArray, groups: list[list[int]]) -> float:
     everywhere = float(np.sum(np.unique(response, return_counts=True)[1] ** 2.0))
     within = sum(float(np.sum(np.unique(response[group], return_counts=True)[1] ** 2.0)) for group in groups)
     pairs = n**2.0 - sum(len(group) ** 2.0 for group in groups)
-    return (everywhere - within + 1.0) / (pairs + 1.0)
+    return float((everywhere - within + 1.0) / (pairs + 1.0))
 
 
 def _binomial_tail(trials: int, chance: float, least: int) -> float:

@@ -44,6 +44,19 @@ class NoisePool:
 
 
 @dataclass(frozen=True)
+class SharedOffset:
+    """Data that share an unknown offset where they share a value of the column `name`: a batch, a station.
+
+    `level_of` (n,) numbers the values; `share` is the offsets' standard deviation in units of the total one. The
+    correlation itself is among the `Observations.factors`.
+    """
+
+    name: str
+    level_of: IntArray
+    share: float
+
+
+@dataclass(frozen=True)
 class Observations:
     """What was measured, reduced: n data in runs and series.
 
@@ -73,6 +86,7 @@ class Observations:
     frequency: str | None = None
     levels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     factors: tuple[tuple[IntArray, FloatArray], ...] = ()
+    offsets: tuple[SharedOffset, ...] = ()
     indicators: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def of_runs(self, name: str) -> FloatArray:

@@ -209,3 +209,28 @@ def test_a_verdict_does_not_depend_on_the_order_of_rows() -> None:
     again = {name: np.asarray(values)[shuffled].tolist() for name, values in columns.items()}
     one, other = (diagnose(study(each, "b0 + b1 * x"), ()) for each in (columns, again))
     assert [rank.p_value_corrected for rank in one.ranking] == [rank.p_value_corrected for rank in other.ranking]
+
+
+def test_readings_of_a_batch_share_an_offset() -> None:
+    """R's `Rail`, and Snedecor's wafers: published standard deviations, by restricted maximum likelihood."""
+    travel = [55, 53, 54, 26, 37, 32, 78, 91, 85, 92, 100, 96, 49, 51, 50, 80, 85, 83]
+    table = study({"y": travel, "rail": [f"rail {i // 3}" for i in range(18)]}, "b0")
+    found = diagnose(table, ())
+    assert named(found) == []
+    assert "share an offset" in found.not_testable["level[rail]"]
+    (offset,) = table.observations.offsets
+    ratio = offset.share / np.sqrt(1.0 - offset.share**2)
+    assert ratio == pytest.approx(24.805 / 4.0208, rel=1e-3)
+
+
+def test_an_effect_that_varies_between_batches_only_is_judged_by_the_batches() -> None:
+    """Twelve batches of five readings with conditions of their own: independent readings would show an effect."""
+    names = 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        batch = np.repeat(np.arange(12), 5)
+        humidity = rng.uniform(30.0, 60.0, 12)[batch]
+        y = rng.normal(0.0, 0.3, 12)[batch] + rng.normal(0.0, 0.1, 60)
+        columns = {"y": y, "humidity": humidity, "lot": [f"L{each:02d}" for each in batch]}
+        names += bool(named(diagnose(study(columns, "b0"), ())))
+    assert names == 0

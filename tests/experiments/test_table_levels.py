@@ -76,14 +76,16 @@ def test_residuals_are_compared_by_words() -> None:
     assert found.observations.levels["operator"] == ("Ada", "Ben", "Cy")
 
 
-def test_many_words_are_each_looked_at() -> None:
-    """Ten benches, one of which is off: five bins of codes would mix it with its neighbours."""
+def test_many_words_share_a_scatter() -> None:
+    """Ten benches, one of which is off: five words or more are a scatter between them, and part of the noise."""
     bench = np.array([f"b{i % 10}" for i in range(ROWS)])
     table = study(operator=np.where(bench == "b3", "Ben", bench))
-    first = compare(table, ()).trends[0]
-    assert first.covariate == "operator"
-    # 0.05 in a tenth of the readings is 1.5 sigma rms in all; halved by a neighbour it were 1.1.
-    assert 1.35 < first.rms_explained < 2.0
+    (offset,) = table.observations.offsets
+    assert offset.name == "operator"
+    assert offset.share > 0.7
+    assert "operator" not in {
+        trend.covariate for trend in compare(table, ()).trends if trend.p_value_corrected < 0.01
+    }
 
 
 def test_words_are_no_polynomials() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group
 from rigctl.workbench.study import Candidate, NotTestable, Term
 
+Whitener = Callable[[FloatArray], FloatArray]
+"""Of columns (n, k), or of one (n,)."""
+
+_ALL_BUT_LITTLE = 0.95
 _SPANNED = 1e-7
 """A function is spanned by the model when less than this share of its norm lies outside."""
 
@@ -79,12 +83,20 @@ def has_another_name(form: Form, spanned: FloatArray) -> str:
         return ""
     column = form.column.name
     slope, curvature = form.basis(form.choices()[0]).T
-    level = np.ones(slope.size)
     if _is_spanned((slope - slope.mean())[:, None], spanned):
         return f"the model has a slope in {column} already, beside which it is power2[{column}]"
-    line = span_of(np.stack([level, slope], axis=1))
+    line = span_of(np.stack([np.ones(slope.size), slope], axis=1))
     bend = curvature - line @ (line.T @ curvature)
     return f"the model has a curvature in {column} already" if _is_spanned(bend[:, None], spanned) else ""
+
+
+def is_a_square(form: Form, white_jacobian: FloatArray, white_residual: FloatArray, white: Whitener) -> bool:
+    """Whether a turning point is all but the square of the column, p C**2, which is said more simply."""
+    if not isinstance(form, Turning):
+        return False
+    spanned, column = span_of(white_jacobian), form.column.values
+    whole = _explained(white(form.basis(form.choices()[0])), spanned, white_residual)
+    return _explained(white(column[:, None] ** 2), spanned, white_residual) >= _ALL_BUT_LITTLE * whole
 
 
 def plugin_candidate(piece: PluginPiece, signal: FloatArray) -> Candidate | NotTestable:
@@ -114,6 +126,12 @@ def _trivial_space(form: Form, spanned: FloatArray) -> FloatArray:
     """A basis of the simple functions beside which a form is what remains, as far as the model spans them."""
     trivial = [each for each in form.trivial() if _is_spanned(each[:, None], spanned)]
     return span_of(np.stack(trivial, axis=1)) if trivial else np.zeros((len(spanned), 0))
+
+
+def _explained(functions: FloatArray, spanned: FloatArray, residual: FloatArray) -> float:
+    """Square sum of the residual that functions explain beside the model."""
+    span = span_of(functions - spanned @ (spanned.T @ functions))
+    return float(np.sum((span.T @ residual) ** 2))
 
 
 def _is_spanned(functions: FloatArray, spanned: FloatArray) -> bool:

@@ -50,6 +50,7 @@ def _is_own(slope: FloatArray, columns: Sequence[Column]) -> bool:
 
 
 def _parallel(one: FloatArray, other: FloatArray) -> bool:
+    one, other = (each / (float(np.abs(each).max()) or 1.0) for each in (one, other))
     lengths = float(np.linalg.norm(one) * np.linalg.norm(other))
     return bool(abs(one @ other) >= (1.0 - _PARALLEL) * lengths)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from rigctl.experiments.table.candidates import (
     candidate_of,
     group_candidate,
     has_another_name,
+    is_a_square,
     plugin_candidate,
     scan_candidates,
 )
@@ -25,7 +27,7 @@ from rigctl.experiments.table.model.model import TableModel, fitted
 from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece, PluginPiece
 from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.start import POINTS_MAX, place, solve, span_of
-from rigctl.experiments.table.model.words import Group
+from rigctl.experiments.table.model.words import Group, Level
 from rigctl.experiments.table.proposals import options
 from rigctl.experiments.table.study_data import TableData
 from rigctl.workbench.study import (
@@ -37,6 +39,7 @@ from rigctl.workbench.study import (
     Term,
 )
 from rigctl.workbench.study_base import StudyBase, parameters_as_json
+from rigctl.workbench.verdict.offsets import in_units
 
 _RESTARTS = 8
 _GRID_POINTS, _GRID_LEAST = 1500, 100
@@ -114,7 +117,9 @@ class TableStudy(StudyBase[TableData]):
                 continue
             reason = why_not(effect, self.data.readings)
             if isinstance(effect, Form) and not reason:
-                reason = has_another_name(effect, spanned)
+                reason = (
+                    has_another_name(effect, spanned) or self._shared(effect) or self._simpler(effect, jacobian, left)
+                )
             if reason:
                 untestable.append(NotTestable(base, reason))
             elif isinstance(effect, Group):
@@ -144,6 +149,17 @@ class TableStudy(StudyBase[TableData]):
     def extended(self, proposals: Sequence[Proposal]) -> TableStudy:
         """These readings and some more, which mean nothing but where they are taken."""
         return self.with_data(self.data.with_proposals(proposals))
+
+    def _shared(self, form: Form) -> str:
+        """Why levels of words are part of the noise; "" where they are not."""
+        if isinstance(form, Level) and self.data.ratios.get(form.category.name, 0.0) > 0.0:
+            return f"readings of one {form.category.name} share an offset, which is part of the noise"
+        return ""
+
+    def _simpler(self, form: Form, jacobian: FloatArray, left: FloatArray) -> str:
+        weigh = partial(in_units, self.observations, np.arange(left.size))
+        square = is_a_square(form, weigh(jacobian), weigh(left), weigh)
+        return "the square of the column alone shows the same" if square else ""
 
     def _choices(self, form: Scanned) -> list[Choice]:
         points = max(_GRID_POINTS // max(len(self.data.readings.columns), 1), _GRID_LEAST)

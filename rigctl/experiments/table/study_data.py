@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
+from rigctl.experiments.table.batches import Ratios, correlation, ratios_of, shared_offsets
 from rigctl.experiments.table.catalogue import generic
 from rigctl.experiments.table.model.form import TableEffect
 from rigctl.experiments.table.model.start import baseline_start
@@ -27,15 +28,18 @@ class TableData:
     readings: Readings
     start: FloatArray
     imagined: bool = False
+    ratios: Ratios = field(default_factory=dict)
+    """Of columns whose readings share offsets."""
 
     @classmethod
     def of(cls, source: RunSource) -> TableData:
         """The readings of a recording; `DataError` for a question they cannot be asked."""
         readings = read(source)
         data = cls(readings, baseline_start(readings))
-        if readings.spec.sigma or declares_noise(source.header, readings.response.name):
-            return data
-        return cls(replace(readings, sigma=data.scatter()), data.start)
+        if not readings.spec.sigma and not declares_noise(source.header, readings.response.name):
+            data = cls(replace(readings, sigma=data.scatter()), data.start)
+        signal, slopes = data.baseline
+        return replace(data, ratios=ratios_of(data.readings, readings.response.values - signal, slopes, data.generic))
 
     def with_proposals(self, proposals: Sequence[Proposal]) -> TableData:
         """These readings and some more, which mean nothing but where they are taken."""
@@ -64,6 +68,7 @@ class TableData:
         readings = self.readings
         n = readings.response.values.size
         none = np.zeros(n, dtype=np.intp)
+        offsets = shared_offsets(readings, self.ratios)
         grouped = [category for category in readings.categories.values() if category.names_groups]
         return Observations(
             run_ids=readings.labels,
@@ -80,4 +85,6 @@ class TableData:
             block_of=readings.block_of,
             covariates={**readings.numbers, **{category.name: category.codes for category in grouped}},
             levels={category.name: category.levels for category in grouped},
+            factors=correlation(offsets, n),
+            offsets=offsets,
         )

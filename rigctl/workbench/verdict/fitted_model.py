@@ -83,11 +83,12 @@ class FittedModel:
     @cached_property
     def projector(self) -> Projector:
         """What the fitted parameters leave free."""
-        return Projector(self.jacobian, self.left, self.noise.dof, len(self.result.residuals))
+        return Projector(self.jacobian, self.left, self.noise.dof, len(self.result.residuals), self.noise.between)
 
     def projector_with(self, columns: FloatArray) -> Projector:
         """The same with whitened columns (n + priors, k) among what is fitted."""
-        return Projector(np.hstack([self.jacobian, columns]), self.left, self.noise.dof, len(self.result.residuals))
+        jacobian = np.hstack([self.jacobian, columns])
+        return Projector(jacobian, self.left, self.noise.dof, len(self.result.residuals), self.noise.between)
 
     def padded(self, columns: FloatArray) -> FloatArray:
         """Zero rows for the priors below."""

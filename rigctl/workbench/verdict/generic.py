@@ -179,7 +179,8 @@ class Generic:
         seen = free > ABSORBED**2
         constant_statistic = np.where(seen, rest**2 / np.where(seen, free, 1.0), 0.0)
         known = noise.dof[rows][np.isfinite(noise.dof[rows])]
-        dof = float(np.median(known)) if known.size else np.inf
+        # A shape may vary between shared offsets only: the fewest degrees of freedom count.
+        dof = min([float(np.median(known)) if known.size else np.inf, *(few for _, few in noise.between)])
         return _Scored(
             statistic,
             np.maximum(dimension, 1),

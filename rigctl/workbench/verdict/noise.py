@@ -43,6 +43,8 @@ class Noise:
     dof: FloatArray
     factors: tuple[tuple[IntArray, FloatArray], ...]
     correlations: tuple[Correlation, ...]
+    between: tuple[tuple[FloatArray, float], ...] = ()
+    """Of offsets that data share, what varies only between them, whitened, (n, k), and their degrees of freedom."""
 
     def whiten(self, columns: FloatArray) -> FloatArray:
         """W columns, shape (n,) or (n, k): independent, of unit variance where `columns` are this noise."""

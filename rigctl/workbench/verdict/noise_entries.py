@@ -35,11 +35,12 @@ def _entry(
     correlation = correlations.get(pools[0], Correlation("", 0.0))
     known = {pool: float(noise.dof[rows[given.pool_of[rows] == pool][0]]) for pool in pools}
     stated = first.dof > 0.0 or first.stated
+    sigma = float(np.sqrt(np.mean(noise.total_sigma()[rows] ** 2)))
     return NoiseEntry(
         channel=series.channel,
         component=series.component,
         model=_MODELS[correlation.kind],
-        sigma=_told(float(np.sqrt(np.mean(noise.total_sigma()[rows] ** 2)))),
+        sigma=_told(sigma),
         unit=series.unit,
         dof=sum(known.values()),
         order=first.order,
@@ -48,6 +49,7 @@ def _entry(
         exponent=_told(correlation.shape) if correlation.kind == "power" else None,
         time_constant=_told(correlation.shape) if correlation.kind == "exp" else None,
         correlated_share=_told(correlation.ratio / (1.0 + correlation.ratio)),
+        batches={offset.name: _told(offset.share * sigma) for offset in given.offsets},
     )
 
 

@@ -16,6 +16,7 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.noise_pool import Pool
+from rigctl.workbench.verdict.offsets import in_units, with_offsets
 
 
 class NoiseEstimator:
@@ -51,7 +52,12 @@ class NoiseEstimator:
     @property
     def saturated(self) -> FloatArray | None:
         """Basis of all that was projected out, (n, p), where one pool of independent noise holds all data."""
-        if len(self._pools) != 1 or self.correlated or len(self._pools[0].where) < len(self._dof):
+        if (
+            len(self._pools) != 1
+            or self.correlated
+            or self._given.offsets
+            or len(self._pools[0].where) < len(self._dof)
+        ):
             return None
         return self._pools[0].basis
 
@@ -74,12 +80,12 @@ class NoiseEstimator:
         factors = list(self._given.factors)
         correlations = []
         for pool in self._pools:
-            scale, weighted = pool.estimate(residuals[pool.where] / self._given.sigma[pool.where])
+            scale, weighted = pool.estimate(in_units(self._given, pool.where, residuals[pool.where]))
             sigma[pool.where] *= scale
             dof[pool.where] = pool.dof
             correlations.append(max(weighted, key=lambda pair: pair[0])[1])
             factors += pool.factors(weighted)
-        return Noise(sigma, dof, tuple(factors), tuple(correlations))
+        return with_offsets(self._given, Noise(sigma, dof, tuple(factors), tuple(correlations)))
 
     def likeliest(self, left: FloatArray, now: Noise) -> Noise:
         """The noise of residuals (n,) by ordinary maximum likelihood: scale and correlation in the form that pools
@@ -87,7 +93,7 @@ class NoiseEstimator:
         sigma, factors, correlations = now.sigma.copy(), list(self._given.factors), []
         for pool, correlation in zip(self._pools, now.correlations, strict=True):
             weights = self._given.sigma[pool.where]
-            scale, likelier = pool.likeliest(left[pool.where] / weights, correlation)
+            scale, likelier = pool.likeliest(in_units(self._given, pool.where, left[pool.where]), correlation)
             sigma[pool.where] = weights * scale
             correlations.append(likelier)
             factors += pool.factors([(1.0, likelier)])

@@ -12,6 +12,7 @@ from scipy.linalg import qr, solve_triangular
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import Correlation, orthonormal
+from rigctl.workbench.verdict.offsets import in_units
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 """Variance of the correlated part over the white part."""
@@ -57,9 +58,8 @@ class Pool:
         self.where = where
         self._group = given.group_of[where]
         self._at = _usable(given.of_runs(order)[where]) if order is not None else None
-        weights = given.sigma[where][:, None]
-        fitted = above_rounding(required, where, given.sigma)
-        self.basis = saturated(fitted / weights, [columns / weights for columns in possible(where)])
+        fitted = in_units(given, where, above_rounding(required, where, given.sigma))
+        self.basis = saturated(fitted, [in_units(given, where, columns) for columns in possible(where)])
         self.dof = max(len(where) - self.basis.shape[1], _FLOOR_DOF)
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)

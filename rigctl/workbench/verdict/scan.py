@@ -37,7 +37,7 @@ def scores_of_choices(projector: Projector, columns: FloatArray, dimension: int)
     estimate = np.where(seen, np.einsum("kij,kj->ki", root, along) / scale, 0.0)
     sigma = np.where(seen, np.sqrt(np.sum(root**2, axis=2)) / scale, np.inf)
     statistic, dimensions = np.sum(along**2, axis=1), determined.sum(axis=1)
-    dof = projector.dof_of_each(np.sum(bases**2, axis=2))
+    dof = projector.dof_of_each(bases)
     dof = np.where(dimensions > 0, dof, np.inf)
     p_values = np.where(dimensions > 0, p_of(statistic, dimensions, dof), 1.0)
     return [

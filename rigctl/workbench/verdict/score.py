@@ -48,11 +48,19 @@ class Score:
 class Projector:
     """The projection M orthogonal to the derivatives by the fitted parameters, for whitened data at a fit."""
 
-    def __init__(self, jacobian: FloatArray, residuals: FloatArray, dof: FloatArray, data: int) -> None:
+    def __init__(
+        self,
+        jacobian: FloatArray,
+        residuals: FloatArray,
+        dof: FloatArray,
+        data: int,
+        between: Sequence[tuple[FloatArray, float]] = (),
+    ) -> None:
         self.basis = orthonormal(jacobian, UNDETERMINED)
         self.left = self.free(residuals)
         self.data = data
         self._dof = dof
+        self._between = between
 
     def free(self, columns: FloatArray) -> FloatArray:
         """M columns."""
@@ -80,17 +88,21 @@ class Projector:
 
     def dof_of(self, basis: FloatArray) -> float:
         """Degrees of freedom of the noise that a statistic on `basis` meets (Satterthwaite)."""
-        return float(self.dof_of_each(np.sum(basis**2, axis=1)[:, None])[0])
+        return float(self.dof_of_each(basis[:, None, :])[0])
 
-    def dof_of_each(self, shares: FloatArray) -> FloatArray:
-        """The same for many bases, `shares` (n, k) the square sum of each row of each."""
-        share = shares[: self.data]
+    def dof_of_each(self, bases: FloatArray) -> FloatArray:
+        """The same for many bases (n, k, d); of what varies between shared offsets, these are the degrees."""
+        share = np.sum(bases[: self.data] ** 2, axis=2)
         known = np.isfinite(self._dof)
         spread = np.zeros(share.shape[1])
         for dof in np.unique(self._dof[known]):
             spread += np.sum(share[self._dof == dof], axis=0) ** 2 / dof
+        total = np.sum(share, axis=0)
+        for frame, dof in self._between:
+            inside = np.einsum("ng,nkd->gkd", frame, bases[: self.data], optimize=True)
+            spread = np.maximum(spread, np.sum(inside**2, axis=(0, 2)) ** 2 / dof)
         none = spread > 0.0
-        return np.where(none, np.sum(share, axis=0) ** 2 / np.where(none, spread, 1.0), np.inf)
+        return np.where(none, total**2 / np.where(none, spread, 1.0), np.inf)
 
 
 def p_of(statistic: FloatArray | float, dimension: IntArray | float, dof: FloatArray | float) -> FloatArray:

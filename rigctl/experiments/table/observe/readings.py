@@ -185,6 +185,10 @@ def read(source: RunSource) -> Readings:
         for name, values in samples.items()
     }
     response = columns.pop(spec.response)
+    batches = [name for name in spec.batch if name in columns]
+    numbered = {
+        name: Category(name, np.array([f"{each:g}" for each in columns.pop(name).values])) for name in batches
+    }
     stated = columns.pop(spec.sigma).values if spec.sigma else None
     if rows.size > 1 and not response.standard_deviation > np.finfo(float).tiny:
         raise DataError(
@@ -192,6 +196,7 @@ def read(source: RunSource) -> Readings:
             " it with more digits or in a smaller unit"
         )
     categories = {name: Category(name, np.array(text, dtype=np.str_)[rows]) for name, text in texts.items()}
+    categories |= numbered
     return Readings(
         spec,
         response,

@@ -1,0 +1,87 @@
+"""Variance components by restricted maximum likelihood: readings that share unknown offsets.
+
+y = X b + sum_k Z_k u_k + e with independent u_k ~ N(0, r_k sigma^2) and e ~ N(0, sigma^2) (Patterson and Thompson,
+Biometrika 58, 1971). With X projected out, the likelihood needs the Gram matrix of the Z alone, whose size is that of
+the levels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import optimize, special
+
+from rigctl.core.arrays import FloatArray, IntArray
+
+Cost = Callable[[FloatArray], float]
+
+_LOG_RATIO = (-12.0, 16.0)
+_STARTS = (0.1, 1.0, 10.0)
+_SIMPLEX: Any = {"xatol": 1e-4, "fatol": 1e-8, "maxiter": 400}
+
+
+@dataclass(frozen=True)
+class Components:
+    """`ratios` r_k of the offsets' variances to that of single readings, `sigma` of the latter.
+
+    `p_values` are those of each component's likelihood ratio, the others in; half of the null's mass is at zero.
+    """
+
+    ratios: FloatArray
+    sigma: float
+    p_values: FloatArray
+
+
+def variance_components(residuals: FloatArray, design: FloatArray, levels: Sequence[IntArray]) -> Components:
+    """Components of residuals (n,) of which an orthonormal `design` (n, p) is free; `levels` (n,) count from 0."""
+    indicators = [np.equal.outer(level, np.arange(level.max() + 1)).astype(np.float64) for level in levels]
+    sizes = np.array([each.shape[1] for each in indicators])
+    joined = np.hstack(indicators)
+    left = residuals - design @ (design.T @ residuals)
+    inside = design.T @ joined
+    gram, along = joined.T @ joined - inside.T @ inside, joined.T @ left
+    square, dof = float(left @ left), len(residuals) - design.shape[1]
+
+    def cost(ratios: FloatArray) -> float:
+        quadratic, determinant = _quadratic(ratios)
+        return float(dof * np.log(quadratic) + determinant)
+
+    def _quadratic(ratios: FloatArray) -> tuple[float, float]:
+        root = np.sqrt(np.repeat(ratios, sizes))
+        factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * gram * root)
+        turned = np.linalg.solve(factor, root * along)
+        quadratic = max(square - float(turned @ turned), np.finfo(float).tiny)
+        return quadratic, 2.0 * float(np.sum(np.log(np.diag(factor))))
+
+    found = _least(cost, len(levels))
+    falls = [
+        cost(np.insert(_least(_without(cost, place), len(levels) - 1), place, 0.0)) - cost(found)
+        for place in range(len(levels))
+    ]
+    p_values = np.array([0.5 * special.chdtrc(1, fall) if fall > 0.0 else 1.0 for fall in falls])
+    return Components(found, float(np.sqrt(_quadratic(found)[0] / dof)), p_values)
+
+
+def _without(cost: Cost, place: int) -> Cost:
+    return lambda ratios: cost(np.insert(ratios, place, 0.0))
+
+
+def _least(cost: Cost, count: int) -> FloatArray:
+    """Ratios of least cost, zero among what is tried."""
+    none = np.zeros(count)
+    if not count:
+        return none
+
+    def of_logs(logs: FloatArray) -> float:
+        return cost(np.exp(np.clip(logs, *_LOG_RATIO)))
+
+    tried = [none]
+    for start in _STARTS:
+        at = np.full(count, np.log(start), dtype=np.float64)
+        minimum = optimize.minimize(of_logs, at, method="Nelder-Mead", options=_SIMPLEX)
+        tried.append(np.exp(np.clip(minimum.x, *_LOG_RATIO)))
+    best = min(tried, key=cost)
+    return np.where(best > 1e-5, best, 0.0)

@@ -1,0 +1,31 @@
+"""Offsets that data share (batches, stations), as the noise estimate takes them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.workbench.study import Observations
+from rigctl.workbench.verdict.noise import Noise, orthonormal
+
+
+def in_units(given: Observations, where: IntArray, columns: FloatArray) -> FloatArray:
+    """Columns at some of the data in units of the given sigma; without shared offsets, where all data are there."""
+    scaled = np.asarray(columns / (given.sigma[where] if columns.ndim == 1 else given.sigma[where][:, None]))
+    if given.offsets and len(where) == len(given.value):
+        for members, factor in given.factors:
+            scaled[members] = solve_triangular(factor, scaled[members], lower=True, check_finite=False)
+    return scaled
+
+
+def with_offsets(given: Observations, noise: Noise) -> Noise:
+    """The noise, told what varies only between the offsets that data share."""
+    between = []
+    for offset in given.offsets:
+        levels = int(offset.level_of.max()) + 1
+        indicators = np.equal.outer(offset.level_of, np.arange(levels)).astype(np.float64)
+        between.append((orthonormal(noise.whiten(indicators), 1e-9), float(max(levels - 1, 1))))
+    return replace(noise, between=tuple(between)) if between else noise
