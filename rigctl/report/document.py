@@ -28,6 +28,7 @@ from rigctl.report.verdicts import (
     line_sentence,
     model_name,
     verdict_sentence,
+    warning_sentences,
 )
 from rigctl.workbench.findings import Comparison
 from rigctl.workbench.model import versions
@@ -171,6 +172,7 @@ def page(evidence: Evidence) -> str:
             "soft",
         ),
         *([html.paragraph(f"Runs: {repeated}.", "soft")] if repeated else []),
+        *map(html.paragraph, _warned(evidence.rungs)),
         html.paragraph(verdict_sentence(diagnosis), f"verdict {diagnosis['verdict']}"),
         html.paragraph("What to do next:", "soft"),
         html.command(advice(diagnosis, name)),
@@ -186,6 +188,13 @@ def page(evidence: Evidence) -> str:
     body += [html.heading("Result"), *_result(store, evidence.drawn)]
     body.append(html.table(parameters_table(evidence.fit)))
     return html.page(title, body)
+
+
+def _warned(rungs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What speaks against the current version, and which is the last that nothing speaks against."""
+    warned = warning_sentences(rungs[-1:])
+    sound = [rung["version"] for rung in rungs if not rung.get("warnings")]
+    return [*warned, f"Nothing speaks against version {sound[-1]}."] if warned and sound else warned
 
 
 def _amount(evidence: Evidence) -> str:

@@ -23,8 +23,10 @@ from rigctl.report.verdicts import (
     line_sentence,
     model_name,
     named,
+    noise_sentence,
     transfer_sentence,
     verdict_sentence,
+    warning_sentences,
 )
 
 RANKS = 6
@@ -43,6 +45,7 @@ def print_comparison(found: Findings) -> None:
     worst = [[row["run_id"], row["channel"], row["component"], f"{row['sigma']:+.1f}"] for row in found["worst"]]
     shown = [
         _text(f"Model version {model['version']}: {model_name(model['effects'])}", comparison_sentence(found)),
+        _text(noise_sentence(found)),
         channels_table(found),
         ResultTable("Farthest from the model", ["run", "channel", "component", "#sigma"], worst),
         _trends(found["trends"]),
@@ -72,7 +75,7 @@ def _trends(trends: Sequence[Findings]) -> ResultTable:
 
 def print_diagnosis(found: Findings, store: str) -> None:
     """The verdict first, what to do next, then what it rests on."""
-    shown = [_text(verdict_sentence(found), f"Next: {advice(found, store)}")]
+    shown = [_text(verdict_sentence(found), f"Next: {advice(found, store)}", noise_sentence(found))]
     shown += [ranking_table(found, RANKS)] if found["ranking"] else []
     shown.append(_listed("Cannot be told apart with these data", _inseparable(found)))
     untestable = [f"{effect}: {reason}" for effect, reason in found["not_testable"].items()]
@@ -104,16 +107,21 @@ def print_versions(versions: Sequence[Findings]) -> None:
 
 def print_history(rungs: Sequence[Findings]) -> None:
     """The error ladder."""
-    print_tables([ladder_table(rungs)])
+    print_tables([*_warnings(rungs), ladder_table(rungs)])
 
 
 def print_fit(found: Findings) -> None:
     """Parameters and how well they describe the data."""
-    print_tables([parameters_table(found)])
+    print_tables([*_warnings([found]), parameters_table(found)])
+
+
+def _warnings(rungs: Sequence[Findings]) -> list[ResultTable]:
+    told = warning_sentences(rungs)
+    return [_text(*told)] if told else []
 
 
 def _text(*lines: str) -> ResultTable:
-    return ResultTable("", notes=lines)
+    return ResultTable("", notes=[line for line in lines if line])
 
 
 def _listed(title: str, lines: Iterable[str]) -> ResultTable:

@@ -41,6 +41,29 @@ def comparison_sentence(found: Findings) -> str:
     return f"The model describes the data within their noise: {figures}."
 
 
+def noise_sentence(found: Findings) -> str:
+    """How large the noise is, of what kind, and from what that is known: the same in every command."""
+    entries = found.get("noise") or []
+    told = [_noise(each) for each in entries if each["source"] != "samples"]
+    if spectra := len(entries) - len(told):
+        told.append(f"{counted(spectra, 'series', 'series')} as the runs' own samples tell")
+    return f"Noise: {'; '.join(told)}." if told else ""
+
+
+def _noise(entry: Findings) -> str:
+    name = f"{entry['channel']} {entry['component']}".strip()
+    along = f" along {entry['order']}" if entry["order"] and entry["model"] != "white" else ""
+    size = f"{number(entry['sigma'])} {entry['unit']}".strip()
+    how = f", as stated times {number(entry['scale'])}" if entry["source"] == "stated" else ""
+    return f"{name} {entry['model']}{along}, {size} from {number(entry['dof'])} degrees of freedom{how}"
+
+
+def warning_sentences(rungs: Sequence[Findings]) -> list[str]:
+    """What speaks against versions of the model."""
+    told = ((rung, warning) for rung in rungs for warning in rung.get("warnings") or ())
+    return [f"Warning, version {rung['version']}: {warning}." for rung, warning in told]
+
+
 def transfer_sentence(found: Findings) -> str:
     """Does a model fitted to one store hold for another?"""
     own, transferred = found["error_own"], found["error_transferred"]

@@ -132,7 +132,7 @@ def test_a_tables_ladder_and_parameters_are_the_fits(pontius: tuple[Page, set[st
     assert values == {
         "b0": "(6.7 ± 1.1)e-04",
         "b1": "(7.3206 ± 0.0016)e-07",
-        "power2[load_lb]": "(-3.161 ± 0.049)e-15 in/lb2",
+        "power2[load_lb]": "(-3.161 ± 0.050)e-15 in/lb2",
     }
 
 

@@ -16,7 +16,7 @@ from rigctl.experiments.rotating_platform.result.bench_runs import flips, noise_
 from rigctl.experiments.rotating_platform.result.chain_noise import chain_noise
 from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
-from rigctl.workbench.verdict.fit import fit
+from rigctl.workbench.verdict.fit import parameters_of
 from rigctl.workbench.workbench import Workbench
 
 
@@ -47,7 +47,7 @@ def analyse(workbench: Workbench) -> PlatformResult:
     studied = workbench.study
     if not isinstance(studied, PlatformStudy):
         raise DataError(f"{workbench.store.path}: '{workbench.store.header.experiment}' recordings have no platform")
-    found = fit(studied, workbench.current.terms).parameters
+    found = parameters_of(studied, workbench.current.terms)
     fitted = {name: Value(each.value, each.sigma) for name, each in found.items()}
     header = workbench.store.header
     records, silent = noise_records(workbench.store)

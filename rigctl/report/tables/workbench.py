@@ -7,7 +7,16 @@ from typing import Any
 
 from rigctl.report.quantities import number, probability, quantity
 from rigctl.report.tables.result_table import ResultTable
-from rigctl.report.verdicts import ADEQUATE_P, Findings, change_of, comparison_sentence, model_name, named, sizes
+from rigctl.report.verdicts import (
+    ADEQUATE_P,
+    Findings,
+    change_of,
+    comparison_sentence,
+    model_name,
+    named,
+    noise_sentence,
+    sizes,
+)
 
 
 def parameters_table(fit: Findings) -> ResultTable:
@@ -17,6 +26,7 @@ def parameters_table(fit: Findings) -> ResultTable:
     notes = [
         comparison_sentence(fit),
         f"error {number(fit['error_fit'])}, on held-out runs {held_out} (1.00 = noise)",
+        *filter(None, [noise_sentence(fit)]),
     ]
     return ResultTable(f"Fit of {model_name(fit['effects'])}", ["parameter", "#value", "unit"], rows, notes=notes)
 
@@ -80,6 +90,7 @@ def ladder_table(rungs: Sequence[Findings], *, results: bool = True) -> ResultTa
             ["\n".join(lines), *(number(rung[key]) for key in ("chi2_per_dof", "error_fit", "error_held_out"))]
         )
     notes = ["error: rms of the whitened residuals, 1.00 = noise; held out: on blocks not used in the fit"]
+    notes += [noise_sentence(rungs[-1])] if rungs and rungs[-1].get("noise") else []
     notes += [f"version {rung['version']}: not fitted: {rung['note']}" for rung in rungs if "note" in rung]
     columns = ["version", "#chi2/dof", "#error", "#held out"]
     return ResultTable("Error ladder", columns, rows, notes=notes)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rigctl.workbench.findings import ModelFit, Rms
+from rigctl.workbench.findings import Estimate, ModelFit, Rms
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.account import Account, account_of
@@ -21,6 +21,12 @@ def fit(study: Study, terms: Sequence[Term]) -> ModelFit:
     """Fit baseline and terms to all valid runs; `ProcedureError` when the runs do not determine them."""
     account = account_of(study, [terms])
     return fitted(account.attempt(study, terms), account)
+
+
+@one_thread
+def parameters_of(study: Study, terms: Sequence[Term]) -> dict[str, Estimate]:
+    """Parameters by name, where nothing else is asked and no noise comes from the scatter."""
+    return Attempt(study, terms).estimates()
 
 
 def fitted(
