@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -96,7 +96,7 @@ def stacked(
                 continue
             series_of.append(len(COMPONENTS) * CHANNELS.index(channel) + COMPONENTS.index(SPECTRUM))
             pool_of.append(len(pools) - 1)
-            run_of.append(next(i for i, row in enumerate(rows) if row.run == number))
+            run_of.append(_whole_run(number, rows))
             value.append(np.array([peak]))
             sigma.append(np.ones(1))
     alone = len(runs) == 1
@@ -135,6 +135,14 @@ def _rows_of(
             rows.append(_bin_row(number, each, one))
         rows_of_run.append(place[key])
     return rows_of_run
+
+
+def _whole_run(number: int, rows: list[Row]) -> int:
+    """A row of a whole run, at its first: a spectrum is of no turn."""
+    first = next(row for row in rows if row.run == number)
+    known = {name: value for name, value in first.covariates.items() if not name.startswith("turns")}
+    rows.append(replace(first, covariates=known))
+    return len(rows) - 1
 
 
 def turns_before(channels: Sequence[ChannelRun]) -> dict[str, int]:
