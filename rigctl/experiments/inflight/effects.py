@@ -254,18 +254,19 @@ def thermal_bias(run: FlightRun, lambda_d: Value, lambda_c: Value = 0.0) -> Floa
     on="measured_m_s2",
     parameters={"kappa_d": "1/K", "level_d": "m/(s2 K)", "kappa_c": "1/K", "level_c": "m/(s2 K)"},
     typical={"kappa_d": 1e-4, "level_d": 1e-12, "kappa_c": 1e-4, "level_c": 1e-12},
-    source="1e-6 to 1e-4 /K; `level` is what the gain does to the constant acceleration, which nobody knows",
+    source="1e-6 to 1e-4 /K; `level` takes off the sensor's bias, which the gain leaves alone",
     needs=("temperature",),
 )
 def thermal_gain(
     run: FlightRun, kappa_d: Value, level_d: Value, kappa_c: Value = 0.0, level_c: Value = 0.0
 ) -> FloatArray:
     """The sensors' gain goes with their temperature: sidebands of the stimulus, f_orb away."""
-    varying = run.measured[:, 0] - run.measured[:, 0].mean(axis=1, keepdims=True)
+    # Levels count: where one mass is held they differ from those of other sessions.
+    output = run.measured[:, 0]
     warmer = run.temperature - run.temperature.mean(axis=1, keepdims=True)
     return run.along_x(
-        ((kappa_c + kappa_d) * varying[0] + (level_c + level_d)) * warmer[0],
-        ((kappa_c - kappa_d) * varying[1] + (level_c - level_d)) * warmer[1],
+        ((kappa_c + kappa_d) * output[0] + (level_c + level_d)) * warmer[0],
+        ((kappa_c - kappa_d) * output[1] + (level_c - level_d)) * warmer[1],
     )
 
 
