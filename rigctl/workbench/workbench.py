@@ -91,7 +91,9 @@ class Workbench:
         from rigctl.workbench.verdict.compare import compared
 
         chosen = version or self.current
-        return compared(self._attempt(chosen), self.account(), chosen.version)
+        found = compared(self._attempt(chosen), self.account(), chosen.version)
+        self._keep_account()
+        return found
 
     @one_thread
     def compare_with(self, other: Workbench) -> Transfer:
@@ -120,7 +122,9 @@ class Workbench:
         """A version fitted, once: the runs of a workbench are those it found."""
         account = self.account()
         if version.version not in self._attempts:
-            self._attempts[version.version] = account.attempt(self.study, version.terms, version.start)
+            self._attempts[version.version] = account.attempt(
+                self.study, version.terms, version.start, versions.still_held(self.store, version)
+            )
         return self._attempts[version.version]
 
     def _optimum(self, version: ModelVersion) -> Optimum:
@@ -160,7 +164,7 @@ class Workbench:
         return self._account[1]
 
     def _keep_account(self) -> None:
-        if versions.kept_account(self.store, self._files) is None:
+        if not self.store.readonly and versions.kept_account(self.store, self._files) is None:
             versions.keep_account(self.store, self._files, self.account().as_document())
 
     @property

@@ -113,6 +113,14 @@ def test_a_fit_is_kept_for_its_version_and_its_runs(store: Store) -> None:
     assert versions.kept_fit(store, first) is None
 
 
+def test_what_a_diagnosis_held_stays_held_until_the_runs_change(store: Store) -> None:
+    version = versions.extend(store, ROLL, fitted=({"rho1": 1e-4, "b": 0.0}, ["b"]))
+    assert version.start == {"rho1": 1e-4, "b": 0.0}
+    assert versions.still_held(store, version) == {"b"}
+    store.mark("2", valid=False, reason="a truck")
+    assert versions.still_held(store, version) == frozenset()
+
+
 def test_a_new_term_puts_every_fit_out_of_date_for_it_tells_of_the_noise(store: Store) -> None:
     first = versions.current(store)
     versions.keep_fit(store, first, {"chi2_per_dof": 1.5})

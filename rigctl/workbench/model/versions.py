@@ -50,7 +50,7 @@ class ModelVersion:
     """A model as it once was: `added` and `removed` are what it differs in from version `parent`.
 
     `plugins` are the files that brought a term, by its effect. `start` are the parameters by name where a diagnosis
-    had fitted these very terms, if one had.
+    had fitted these very terms, if one had, and `held` those that it held at zero with the runs of the key `runs`.
     """
 
     version: int
@@ -61,6 +61,8 @@ class ModelVersion:
     removed: str | None = None
     plugins: Mapping[str, PluginFile] = field(default_factory=dict)
     start: Mapping[str, float] | None = None
+    held: tuple[str, ...] = ()
+    runs: str = ""
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -134,19 +136,26 @@ def _version(number: int, document: Document) -> ModelVersion:
         data["removed"],
         {effect: PluginFile(**plugin) for effect, plugin in data["plugins"].items()},
         data.get("start"),
+        tuple(data.get("held", ())),
+        data.get("runs", ""),
     )
 
 
 def extend(
-    store: Store, term: Term, plugin: PluginFile | None = None, start: Mapping[str, float] | None = None
+    store: Store,
+    term: Term,
+    plugin: PluginFile | None = None,
+    fitted: tuple[Mapping[str, float], Sequence[str]] | None = None,
 ) -> ModelVersion:
-    """A new version with one more term, which `plugin` brought, and where its fit starts; `ConfigError` when the term
-    is there already."""
+    """A new version with one more term, which `plugin` brought; `ConfigError` when the term is there already.
+
+    `fitted` are the parameters where its fit starts, and those of them that are held.
+    """
     last = current(store)
     if term in last.terms:
         raise there_already(term.effect)
     plugins = {**last.plugins, term.effect: plugin} if plugin else last.plugins
-    return _keep(store, last, (*last.terms, term), plugins, added=term.effect, start=start)
+    return _keep(store, last, (*last.terms, term), plugins, added=term.effect, fitted=fitted)
 
 
 def remove(store: Store, effect: str) -> ModelVersion:
@@ -171,8 +180,9 @@ def _keep(
     plugins: Mapping[str, PluginFile],
     added: str | None = None,
     removed: str | None = None,
-    start: Mapping[str, float] | None = None,
+    fitted: tuple[Mapping[str, float], Sequence[str]] | None = None,
 ) -> ModelVersion:
+    known = {} if fitted is None else {"start": dict(fitted[0]), "held": list(fitted[1]), "runs": runs_key(store)}
     store.add_document(
         VERSION,
         {
@@ -181,7 +191,7 @@ def _keep(
             "added": added,
             "removed": removed,
             "plugins": {effect: vars(plugin) for effect, plugin in plugins.items()},
-            **({} if start is None else {"start": dict(start)}),
+            **known,
         },
     )
     return current(store)
@@ -206,9 +216,19 @@ def require_present(version: ModelVersion, effects: Sequence[str]) -> None:
 def data_key(store: Store) -> str:
     """Names the data, the program and the terms of all versions, which tell the noise together: what was worked out
     under another key is out of date."""
-    runs = [record.run_id for record in store.runs(valid_only=True)]
     terms = {json.dumps(term.as_json(), sort_keys=True) for version in versions(store) for term in version.terms}
-    return hashlib.sha256(json.dumps([_code(), runs, sorted(terms)]).encode()).hexdigest()
+    return hashlib.sha256(json.dumps([_code(), runs_key(store), sorted(terms)]).encode()).hexdigest()
+
+
+def runs_key(store: Store) -> str:
+    """Names the runs that are valid now."""
+    runs = [record.run_id for record in store.runs(valid_only=True)]
+    return hashlib.sha256(json.dumps(runs).encode()).hexdigest()
+
+
+def still_held(store: Store, version: ModelVersion) -> frozenset[str]:
+    """Parameters that a version holds at zero; with other runs it is asked anew which these are."""
+    return frozenset(version.held) if version.held and version.runs == runs_key(store) else frozenset()
 
 
 @functools.cache

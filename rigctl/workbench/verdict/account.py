@@ -34,9 +34,15 @@ class Account:
     known: KnownNoise | None
     search: Search | None = None
 
-    def attempt(self, study: Study, terms: Sequence[Term], start: Mapping[str, float] | None = None) -> Attempt:
-        """A model judged by this noise."""
-        return Attempt(study, terms, start=start, known=self.known)
+    def attempt(
+        self,
+        study: Study,
+        terms: Sequence[Term],
+        start: Mapping[str, float] | None = None,
+        held: frozenset[str] = frozenset(),
+    ) -> Attempt:
+        """A model judged by this noise; `held` parameters stay at zero."""
+        return Attempt(study, terms, start=start, known=self.known, held=held)
 
     def next_term(self, attempt: Attempt) -> Term | None:
         """What a search would add to a model first; None where it finds nothing that helps."""

@@ -56,6 +56,7 @@ class Attempt(FittedModel):
         shapes: dict[int, Generic] | None = None,
         start: Mapping[str, float] | None = None,
         known: KnownNoise | None = None,
+        held: frozenset[str] = frozenset(),
     ) -> None:
         self.study = study
         self.terms = tuple(terms)
@@ -65,7 +66,7 @@ class Attempt(FittedModel):
         if not len(given.value):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
         noise = None if known is None else known.noise_of(given)
-        first = fit_with_given_noise(model, start or {}, noise)
+        first = fit_with_given_noise(model, start or {}, noise, held)
         self.candidates, self.not_testable = study.candidates(model, first.result.values)
         self.generic = ({} if shapes is None else shapes).setdefault(id(given), Generic(given))
         if known is not None and noise is not None:

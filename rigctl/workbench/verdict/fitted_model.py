@@ -137,22 +137,27 @@ class FittedModel:
         return float(white @ white + pulls @ pulls)
 
 
-def fit_with_given_noise(model: Model, start: Mapping[str, float], noise: Noise | None = None) -> FittedModel:
-    """Fit a model from `start`, by name, with `noise`, by default as its observations state it; `ProcedureError`."""
+def fit_with_given_noise(
+    model: Model, start: Mapping[str, float], noise: Noise | None = None, held: frozenset[str] = frozenset()
+) -> FittedModel:
+    """Fit a model from `start`, by name, with `noise`, by default as its observations state it; `ProcedureError`.
+
+    `held` parameters stay at zero, by default those that others imitate.
+    """
     given, scanned = model.observations, scanned_parameters(model)
     noise = noise or Noise(given.sigma, np.full(len(given.value), np.inf), given.factors, ())
     # Another choice of the same name is nowhere to start from.
     usable = {name: value for name, value in start.items() if name not in scanned}
     try:
-        return _fitted_from(model, noise, scanned, usable)
+        return _fitted_from(model, noise, held or absorbed_parameters(model, noise, scanned, usable), usable)
     except UNFIT:
         if not usable:
             raise
-        return _fitted_from(model, noise, scanned, {})  # where another model ended may be nowhere to start from
+        # Where another model ended may be nowhere to start from.
+        return _fitted_from(model, noise, absorbed_parameters(model, noise, scanned, {}), {})
 
 
-def _fitted_from(model: Model, noise: Noise, scanned: frozenset[str], start: Mapping[str, float]) -> FittedModel:
-    held = absorbed_parameters(model, noise, scanned, start)
+def _fitted_from(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float]) -> FittedModel:
     return FittedModel(model, noise, held, _fit(model, noise, held, start))
 
 

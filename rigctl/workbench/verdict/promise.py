@@ -17,12 +17,15 @@ MOST_ABOVE = 1.01
 _STANDARD_ERRORS = 1.0
 
 
-def joint_fit(diagnosis: Mapping[str, Any] | None, added: Sequence[Term]) -> dict[str, float] | None:
-    """The parameters by name where a diagnosis (its JSON) had fitted exactly these terms; None when it had not."""
+def joint_fit(
+    diagnosis: Mapping[str, Any] | None, added: Sequence[Term]
+) -> tuple[dict[str, float], list[str]] | None:
+    """The parameters by name where a diagnosis (its JSON) had fitted exactly these terms, and those of them that it
+    had held; None when it had not."""
     joint = (diagnosis or {}).get("joint_fit")
     if not joint or sorted(map(repr, joint["terms"])) != sorted(repr(term.as_json()) for term in added):
         return None
-    return {name: float(each["value"]) for name, each in joint["parameters"].items()}
+    return {name: float(each["value"]) for name, each in joint["parameters"].items()}, list(joint["held"])
 
 
 def warnings(attempt: Attempt, parent: Attempt | None, promised: Mapping[str, float] | None) -> list[str]:
