@@ -70,13 +70,22 @@ def pulls(trial: Trial, session: Session) -> dict[str, float]:
     return found
 
 
+def displaced(trial: Trial, session: Session) -> set[str]:
+    """Effects of one head that were named with another one."""
+    names = list(session.fit["parameters"])
+    of_heads = {stem: name for name, (stem, *_) in KNOWN.items() if name.startswith("laser")}
+    absent = {part for part in trial.parameters if fitted_name(part, trial.design.axis, names) is None}
+    return {of_heads[part[:-3]] for part in absent if part[:-3] in of_heads}
+
+
 def scored(trial: Trial, session: Session) -> Json:
     """What was said beside what is right."""
     alike = classes(session.diagnose)
     known = set(trial.hidden) & set(KNOWN)
     allowed = known.union(*(COMPANIONS.get(name, set()) for name in known))
     unknown = bool(set(trial.hidden) & set(UNKNOWN))
-    named = [name for name in known if any(name in members for members in alike.values())]
+    missed = displaced(trial, session)
+    named = [name for name in known - missed if any(name in members for members in alike.values())]
     invented = [name for name, members in alike.items() if not members & allowed]
     return {
         "hidden": {name: round(size, 1) for name, size in trial.hidden.items()},
@@ -130,6 +139,7 @@ def summary(trials: list[Json]) -> str:
         f"one effect named      {rate(sum(t['all_named'] for t in single), len(single))}",
         f"nothing invented      {rate(sum(not t['invented'] for t in known), len(known))}",
         f"unknown said          {rate(sum(t['unknown_said'] for t in unknown), len(unknown))}",
+        f"a name beside it      {rate(sum(bool(t['invented']) for t in unknown), len(unknown))}",
         f"unknown said wrongly  {rate(sum(t['unknown_said'] for t in known), len(known))}",
         f"stopped               {len(trials) - len(ended)} of {len(trials)}",
     ]
