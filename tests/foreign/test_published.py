@@ -24,25 +24,19 @@ SLOW = {"air-passengers", "beaver", "hd-164922", "lynx", "mauna-loa", "orange", 
 STOPS_TODAY: dict[str, str] = {}
 """Data sets that some command does not get through: every check fails."""
 
-FIXED_LEVELS = "the batches are an effect of fixed levels instead of a variance component of the noise"
-
 WRONG_TODAY = {
     "attenuation": {
         "named": "step[distance_km] and periodic[magnitude]",
         "value": "the fit is of a step and a period",
     },
     "beaver": {"named": "adequate, all taken for correlated noise", "value": "no effect, so one level"},
-    "dyestuff": {"named": "level[batch], the column named in batch", "value": FIXED_LEVELS},
     "indometh": {"named": "inverse[time_h], no second exponential", "value": "k of one exponential beside it"},
-    "morley": {"value": FIXED_LEVELS},
     "nile-ordered": {"named": "adequate, no word of the step", "value": "no step"},
     "orange": {
         "value": "mid_d beside a period",
         "noise": "another minimum of the logistic once the effects are in the model",
         "promise": "another minimum of the logistic once the effects are in the model",
     },
-    "oxide": {"named": "level[wafer], a column named in batch", "value": FIXED_LEVELS},
-    "rail": {"value": FIXED_LEVELS},
     "seat-belts": {"named": "adequate, all taken for correlated noise", "value": "no step"},
     "trees": {"named": "unknown, nothing suggested", "value": "nothing suggested"},
     "women": {"named": "periodic[height_in]", "value": "the fit is of a period"},

@@ -26,13 +26,10 @@ MADE = {
     "turning-point": (tables.turning_point, 1),
 }
 
-FIXED_LEVELS = "the batches are an effect of fixed levels instead of a variance component of the noise"
-
 WRONG_TODAY = {
-    "batches-1": {"value": FIXED_LEVELS},
-    "batches-2": {"value": FIXED_LEVELS},
-    "batches-3": {"value": FIXED_LEVELS},
-    "gravimeter": {"value": FIXED_LEVELS},
+    "gravimeter": {
+        "measures": "rms rises by 1e-5: it holds the stations' offsets, 32 mgal, which no version takes out"
+    },
 }
 """What the program gets wrong, by table and check: whoever mends it takes the entry away."""
 
