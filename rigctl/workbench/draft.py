@@ -12,6 +12,7 @@ from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from rigctl.core.errors import DataError
 from rigctl.core.experiments import experiment_named
 from rigctl.core.units import power, ratio, unit_of_column
 from rigctl.workbench.findings import Diagnosis, Unexplained
-from rigctl.workbench.study import Observations, Study
+from rigctl.workbench.study import Observations
+from rigctl.workbench.study_base import StudyBase
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.workbench import Workbench
 
@@ -47,8 +49,11 @@ def drafted(workbench: Workbench, found: Diagnosis) -> str:
     experiment = experiment_named(workbench.store.header.experiment)
     scope = "channel" if "channel" in experiment.scopes else "recording"
     study = workbench.study
+    forms_of = type(study)
+    if not issubclass(forms_of, StudyBase):
+        raise DataError(f"experiment '{study.experiment}' says nothing of drafts; draft the effect by hand")
     given = study.model(found.terms).observations
-    forms = list(_forms(experiment.points, study, unexplained, _reference(given, unexplained)))
+    forms = list(_forms(experiment.points, forms_of, unexplained, _reference(given, unexplained)))
     texts = [_text(f"{_TRIED}-{number}", each, 1.0, scope, unexplained) for number, each in enumerate(forms)]
     with TemporaryDirectory() as directory:
         file = Path(directory) / "forms.py"
@@ -82,7 +87,9 @@ def _reference(given: Observations, unexplained: Unexplained) -> float:
     return float(f"{np.nanmean(values):.3g}")
 
 
-def _forms(points: Sequence[str], study: Study, unexplained: Unexplained, reference: float) -> Iterator[Form]:
+def _forms(
+    points: Sequence[str], study: type[StudyBase[Any]], unexplained: Unexplained, reference: float
+) -> Iterator[Form]:
     """At every point, with and without the harmonic of the angle."""
     name, _, degree = str(unexplained.details["covariate"]).partition("^")
     factor, counted = "", ""

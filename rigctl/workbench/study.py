@@ -187,14 +187,6 @@ class Study(Protocol):
     """An experiment's recording, as the workbench sees it."""
 
     @property
-    @property
-    def expressions(self) -> Mapping[str, str]:
-        """How the function of an effect writes a covariate, where that is no column of the laboratory's own."""
-
-    @property
-    def drafts(self) -> Sequence[str]:
-        """What an effect without a name may be proportional to, at any point, as expressions of `run`."""
-
     def experiment(self) -> str:
         """Its id, as in recording.toml."""
 

@@ -29,7 +29,9 @@ class StudyBase(ABC, Generic[Data]):
 
     experiment: str
     expressions: ClassVar[Mapping[str, str]] = {}
+    """How the function of an effect writes a covariate, where that is no column of the laboratory's own."""
     drafts: ClassVar[Sequence[str]] = ("1.0", "run.signal")
+    """What an effect without a name may be proportional to, at any point, as expressions of `run`."""
 
     def __init__(self, source: RunSource, plugins: Sequence[Plugin] = (), data: Data | None = None) -> None:
         self.source = source
