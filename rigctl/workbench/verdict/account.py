@@ -71,16 +71,16 @@ def account_of(
     search.run()
     lines = {id(line.term) for line in search.lines}
     richest = search.attempt([term for term in search.terms if id(term) not in lines])
-    told = recalled(study, Account(richest, None).as_document())
+    told = recalled(study, Account(richest, None).as_document(), seed)
     assert told.known is not None
     search.judged_by(told.known, told.richest)
     return Account(told.richest, told.known, search)
 
 
-def recalled(study: Study, document: Mapping[str, Any]) -> Account:
+def recalled(study: Study, document: Mapping[str, Any], seed: int = 0) -> Account:
     """The account that a store keeps."""
     terms = [Term(each["effect"], each["choice"]) for each in document["terms"]]
-    richest = Attempt(study, terms, start=document["start"])
+    richest = Attempt(study, terms, seed, start=document["start"])
     return Account(richest, _known(richest) if richest.estimator.from_scatter else None)
 
 
