@@ -141,6 +141,15 @@ class Model(Protocol):
         """d predict / d values, shape (n, m)."""
 
 
+@runtime_checkable
+class ExactlyLinear(Protocol):
+    """A model that knows which of its parameters no effect of second order goes with."""
+
+    @property
+    def exactly_linear(self) -> frozenset[str]:
+        """Names of parameters in which predictions are linear by definition."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A term that might be added: how the data would change with its parameters, starting from none of it.

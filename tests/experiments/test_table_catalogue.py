@@ -18,6 +18,7 @@ from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.verdict.fit import fit
 
 ROWS = 60
 RNG = np.random.default_rng(11)
@@ -100,10 +101,10 @@ def test_puromycin_s_velocity_differs_by_state() -> None:
     assert named(found) == ["group[vm by state]"]
     size = found.ranking[0].parameters["group[vm by state].untreated-treated"]
     assert abs(size.value - -42.03) < 0.1
-    fit = fitted(table.model(found.suggested))
-    assert fit is not None
-    assert fit.value("vm") == pytest.approx(208.63, abs=0.01)
-    assert fit.value("km") == pytest.approx(0.0579, abs=1e-4)
+    minimum = fitted(table.model(found.suggested))
+    assert minimum is not None
+    assert minimum.value("vm") == pytest.approx(208.63, abs=0.01)
+    assert minimum.value("km") == pytest.approx(0.0579, abs=1e-4)
 
 
 ECKERLE4_NM = (
@@ -181,9 +182,9 @@ def test_a_slow_period_does_not_become_the_trend_and_stop_the_diagnosis() -> Non
     y = 315.0 + 1.3 * (year - 1958.0) + 2.8 * np.cos(2 * np.pi * year) + 0.8 * np.sin(4 * np.pi * year)
     table = study({"y": y + slow + 0.2 * rng.standard_normal(240), "year": year}, "b0 + b1 * (year - 1968)")
     terms = [Term("periodic[year]"), Term("periodic[year]#2", {"period": 39.0, "origin": 1968.0})]
-    fit = fitted(table.model(terms))
-    assert fit is not None
-    assert fit.value("periodic[year]#2.period") <= 2.0 * np.ptp(year)
+    minimum = fitted(table.model(terms))
+    assert minimum is not None
+    assert minimum.value("periodic[year]#2.period") <= 2.0 * np.ptp(year)
     found = diagnose(table, ())
     periods = [rank.parameters.get(f"{rank.term.effect}.period") for rank in found.ranking[: len(found.suggested)]]
     near = {round(each.value, 1) for each in periods if each is not None}
@@ -234,3 +235,14 @@ def test_an_effect_that_varies_between_batches_only_is_judged_by_the_batches() -
         columns = {"y": y, "humidity": humidity, "lot": [f"L{each:02d}" for each in batch]}
         names += bool(named(diagnose(study(columns, "b0"), ())))
     assert names == 0
+
+
+def test_a_square_far_from_zero_is_fitted() -> None:
+    """R's `women`: heights from 58 to 72 in, whose square is a line but for a two-hundredth."""
+    height = np.arange(58.0, 73.0)
+    weight = [115, 117, 120, 123, 126, 129, 132, 135, 139, 142, 146, 150, 154, 159, 164]
+    square = fit(study({"y": weight, "height": height}, "b0 + b1 * height"), [Term("power2[height]")])
+    assert square.parameters["power2[height]"].value == pytest.approx(0.08306, abs=1e-5)
+    year = np.linspace(1950.0, 2020.0, ROWS)
+    bent = study({"y": 1e-3 * (year - 1980.0) ** 2 + 0.1 * NOISE, "year": year}, "b0 + b1 * year")
+    assert "power2[year]" in named(diagnose(bent, ()))

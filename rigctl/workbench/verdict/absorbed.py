@@ -8,11 +8,13 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
-from rigctl.workbench.study import Model
+from rigctl.workbench.study import ExactlyLinear, Model
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.score import ABSORBED
 
 _ROUNDING = 1e-14
+_OF_EXACT = 1e-5
+"""Share below which a parameter that enters exactly linearly is absorbed: a square of years is almost a line."""
 
 
 def absorbed_parameters(
@@ -33,11 +35,13 @@ def absorbed_parameters(
         for place, owner in enumerate(model.owners)
         if owner and not model.parameters[place].fixed and names[place] not in scanned
     ]
+    exact = model.exactly_linear if isinstance(model, ExactlyLinear) else frozenset()
+    least_keep = np.array([_OF_EXACT if name in exact else ABSORBED for name in names])
     held: list[int] = []
     while free:
         keep = _kept_shares(gram, np.setdiff1d(np.flatnonzero(size > 0.0), held), len(size))
-        least = min(reversed(free), key=lambda place: keep[place])
-        if keep[least] >= ABSORBED:
+        least = min(reversed(free), key=lambda place: keep[place] / least_keep[place])
+        if keep[least] >= least_keep[least]:
             break
         held.append(least)
         free.remove(least)

@@ -10,7 +10,8 @@ import numpy as np
 from rigctl.analysis.least_squares import FitResult, Parameter
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.model.descent import descend
-from rigctl.experiments.table.model.pieces import GroupPiece, Piece
+from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece
+from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Observations, Term
@@ -53,6 +54,18 @@ class TableModel:
         return ["" for _ in self.readings.expression.parameters] + [
             piece.term.effect for piece in self.pieces for _ in piece.units
         ]
+
+    @property
+    def exactly_linear(self) -> frozenset[str]:
+        """Of terms whose shape is fixed."""
+        fixed = {
+            piece.term.effect
+            for piece in self.pieces
+            if isinstance(piece, ColumnPiece) and not isinstance(piece.form, Scanned)
+        }
+        return frozenset(
+            each.name for each, owner in zip(self.parameters, self.owners, strict=True) if owner in fixed
+        )
 
     @property
     def local(self) -> Sequence[bool]:
