@@ -184,7 +184,7 @@ def test_nothing_runs_the_file_but_the_user(explained: dict[str, Any]) -> None:
 
 def test_ladders_of_the_page_are_those_of_the_program(hidden: dict[str, Any], explained: dict[str, Any]) -> None:
     page = (ROOT / "docs" / "workbench.md").read_text(encoding="utf-8")
-    said = re.findall(r"^  (\d): (?:\+ )?([\w+ -]+?) {2,}(\S+) {2,}(\S+) {2,}(\S+) *$", page, re.MULTILINE)
+    said = re.findall(r"^│ (\d): (?:\+ )?([\w+ -]+?) +│ +(\S+) │ +(\S+) │ +(\S+) │$", page, re.MULTILINE)
     expected = [*hidden["ladder"], *explained["ladder"]]
     assert len(said) == len(expected)
     for (_, change, _, fit, held_out), (added, error_fit, error_held_out) in zip(said, expected, strict=True):
