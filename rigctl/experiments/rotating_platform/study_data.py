@@ -74,7 +74,6 @@ class PlatformData:
                 made,
                 channels=(*made.channels, *further),
                 imagined=frozenset(each.run.run_id for each in further),
-                peaks=None,
             )
         return self._extended[lines_hz]
 

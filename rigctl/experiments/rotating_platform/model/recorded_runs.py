@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from scipy import sparse
@@ -45,8 +44,19 @@ class Recorded:
     @cached_property
     def rows(self) -> list[slice]:
         """Where in the vector each channel of a run stands."""
-        bounds = np.cumsum([0, *(each.value.size for each in self.channels)])
-        return [slice(int(a), int(b)) for a, b in pairwise(bounds)]
+        starts = np.cumsum([0, *(each.value.size for each in self.channels)])[:-1]
+        starts[self._measured :] += self._spectra
+        return [slice(int(a), int(a) + each.value.size) for a, each in zip(starts, self.channels, strict=True)]
+
+    @cached_property
+    def _measured(self) -> int:
+        """How many channels were measured: those of imagined runs come after them."""
+        return sum(each.run.run_id not in self.imagined for each in self.channels)
+
+    @cached_property
+    def _spectra(self) -> int:
+        """How many data are of spectra: they stand after what was measured."""
+        return len(self.observations.value) - sum(each.value.size for each in self.channels)
 
     @cached_property
     def baseline(self) -> FloatArray:
@@ -167,8 +177,8 @@ class Recorded:
                 each.reducer.operator if each.channel == channel else sparse.csr_matrix((each.value.size, 0))
                 for each in self.channels
             ]
-            rest = sparse.csr_matrix((len(self.observations.value) - self.rows[-1].stop, 0))
-            operators[channel] = sparse.csr_matrix(sparse.block_diag([*parts, rest]))
+            parts.insert(self._measured, sparse.csr_matrix((self._spectra, 0)))
+            operators[channel] = sparse.csr_matrix(sparse.block_diag(parts))
         return operators
 
     def reduced(self, added: Mapping[str, FloatArray]) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -52,53 +53,52 @@ class Row:
 def stacked(
     channels: Sequence[ChannelRun], imagined: Collection[str] = (), peaks: Mapping[str, float] | None = None
 ) -> Observations:
-    """The vector of all observables, then those of the spectra; `DataError` when there is none.
+    """The vector of all observables of recorded runs, their spectra, then `imagined` runs; `DataError` without any.
 
-    An `imagined` run is one row of covariates. `peaks`, by run and channel, are the highest of a spectrum, in sigma.
+    An imagined run is one row of covariates. `peaks`, by run and channel, are the highest of a spectrum, in sigma.
     """
     if not channels:
         raise DataError("no valid run could be reduced: there is nothing to fit")
     rows: list[Row] = []
     place: dict[tuple[str, str, int], int] = {}
     runs = list(dict.fromkeys(each.run.run_id for each in channels))
-    series_of, run_of, pool_of = [], [], []
+    series_of: list[int] = []
+    run_of: list[int] = []
+    pool_of: list[int] = []
     pools: list[NoisePool] = []
+    value: list[FloatArray] = []
+    sigma: list[FloatArray] = []
     factors: list[tuple[IntArray, FloatArray]] = []
-    at = 0
     turned = turns_before(channels)
-    for each in channels:
-        number = runs.index(each.run.run_id)
-        if each.run.run_id in imagined:
-            key = (each.run.run_id, "whole", 0)
-            if key not in place:
-                place[key] = len(rows)
-                rows.append(_group_row(number, each, 0, turned[each.run.run_id]))
-            own_rows = [place[key]] * each.value.size
-        else:
-            own_rows = _rows_of(number, each, turned[each.run.run_id], rows, place)
+
+    def take(each: ChannelRun, own_rows: list[int]) -> None:
         first = len(COMPONENTS) * CHANNELS.index(each.channel)
-        own_series = [first + output for output in range(4) for _ in each.reducer.groups]
-        own_series += [first + 4 + (one.number == BEFORE) for one in each.reducer.bins]
-        name = f"{each.run.run_id} {READ[each.channel]}"
-        pools.append(NoisePool(name, each.noise.dof))
-        run_of += own_rows
-        series_of += own_series
-        pool_of += [len(pools) - 1] * len(own_rows)
-        factors.append((np.arange(at, at + len(own_rows)), each.factor))
-        at += len(own_rows)
-    sigma = [each.sigma for each in channels]
-    value = [each.value for each in channels]
-    for channel in CHANNELS:
-        pools.append(NoisePool(f"{READ[channel]} spectrum", _KNOWN_DOF))
-        for number, run_id in enumerate(runs):
-            peak = (peaks or {}).get(f"{run_id} {channel}")
-            if peak is None:
-                continue
+        factors.append((np.arange(len(run_of), len(run_of) + len(own_rows)), each.factor))
+        series_of.extend(first + output for output in range(4) for _ in each.reducer.groups)
+        series_of.extend(first + 4 + (one.number == BEFORE) for one in each.reducer.bins)
+        pool_of.extend([len(pools)] * len(own_rows))
+        pools.append(NoisePool(f"{each.run.run_id} {READ[each.channel]}", each.noise.dof))
+        run_of.extend(own_rows)
+        value.append(each.value)
+        sigma.append(each.sigma)
+
+    for each in (one for one in channels if one.run.run_id not in imagined):
+        take(each, _rows_of(runs.index(each.run.run_id), each, turned[each.run.run_id], rows, place))
+    for channel, (number, run_id) in product(CHANNELS, enumerate(runs)):
+        if number == 0:
+            pools.append(NoisePool(f"{READ[channel]} spectrum", _KNOWN_DOF))
+        if (peak := (peaks or {}).get(f"{run_id} {channel}")) is not None:
             series_of.append(len(COMPONENTS) * CHANNELS.index(channel) + COMPONENTS.index(SPECTRUM))
             pool_of.append(len(pools) - 1)
             run_of.append(_whole_run(number, rows))
             value.append(np.array([peak]))
             sigma.append(np.ones(1))
+    for each in (one for one in channels if one.run.run_id in imagined):
+        key = (each.run.run_id, "whole", 0)
+        if key not in place:
+            place[key] = len(rows)
+            rows.append(_group_row(runs.index(each.run.run_id), each, 0, turned[each.run.run_id]))
+        take(each, [place[key]] * each.value.size)
     alone = len(runs) == 1
     return Observations(
         run_ids=tuple(runs[row.run] for row in rows),
