@@ -22,11 +22,11 @@ from twin import CAMPAIGNS, twin
 from procedures.sensing_axis import sensing_axes
 from procedures.sensing_axis.campaign import plan as plan_of
 from rigctl.analysis.plane import ARCSEC
+from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
 from rigctl.experiments.sensing_axis.result.result import AxisResult
 from rigctl.experiments.sensing_axis.result.result import sensing_axes as axes_of
-from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.files.campaign_file import read_campaign
-from rigctl.workbench.study import Term
 
 
 def campaign(seed: int) -> list[dict[str, float | str | int]]:
@@ -34,8 +34,9 @@ def campaign(seed: int) -> list[dict[str, float | str | int]]:
     plan = plan_of(read_campaign(CAMPAIGNS / "isa-flight-model.toml"))
     with twin(seed) as t:
         sensing_axes.run(t.session, t.bench, plan)
-        terms = [Term(effect.id) for effect in plan.effects]
-        result = axes_of(SensingAxisStudy(t.store).model(terms).inner)
+        # The twin's store has no rig file: the bench says what is mounted where.
+        runs = reduction(t.store).runs
+        result = axes_of(RecordingModel(runs, t.bench.package, t.bench.heads, t.bench.g_m_s2, plan.effects))
         sensors = t.rig.simulation.nature.sensors
         return [row(seed, axis, np.array(sensors[name].true_axis)) for name, axis in result.axes.items()]
 
