@@ -142,6 +142,13 @@ def test_a_drafted_effect_has_the_form_of_what_was_hidden_and_brings_the_ladder_
     assert fit["error_held_out"] == pytest.approx(1.0, abs=0.05)
 
 
+def test_what_no_column_explains_of_a_table_is_drafted_too(at_a_desk: Path) -> None:
+    rigctl("import", str(ROOT / "tests" / "foreign" / "data" / "galton"), "--store", "galton.rig.sqlite")
+    found = rigctl("diagnose", "galton.rig.sqlite", "--draft", "families.py")
+    assert found["verdict"] == "unknown"
+    assert rigctl("effects", "drafted", "--plugin", "families.py")["on"] == "response"
+
+
 def test_ten_lines_make_the_model_adequate(explained: dict[str, Any]) -> None:
     assert explained["diagnose"]["verdict"] == "adequate"
     assert explained["diagnose"]["unexplained"] is None

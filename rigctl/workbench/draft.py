@@ -44,8 +44,8 @@ class Form:
 def drafted(workbench: Workbench, found: Diagnosis) -> str:
     """The text of a plug-in with one effect; `DataError` where nothing is unexplained, or no form explains it."""
     unexplained = found.unexplained
-    if unexplained is None:
-        raise DataError(f"{workbench.store.path}: nothing is left unexplained, so there is nothing to draft")
+    if unexplained is None or "covariate" not in unexplained.details:
+        raise DataError(f"{workbench.store.path}: nothing is left that the runs' conditions describe")
     experiment = experiment_named(workbench.store.header.experiment)
     scope = "channel" if "channel" in experiment.scopes else "recording"
     study = workbench.study
@@ -100,7 +100,7 @@ def _forms(
         counted = power(unit_of_column(name), float(degree or 1))
     harmonic = int(unexplained.details["harmonic_of_angle"])
     for point in points:
-        unit = next(unit for suffix, unit in _UNIT_OF_POINT.items() if point.endswith(suffix))
+        unit = next((unit for suffix, unit in _UNIT_OF_POINT.items() if point.endswith(suffix)), "1")
         for base in study.drafts:
             size_unit = "1" if base == "run.signal" else unit
             size_unit = ratio(size_unit, counted) if counted else size_unit
