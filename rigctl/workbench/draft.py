@@ -6,7 +6,7 @@ every point, as something added and as a factor of the signal there, and the for
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -18,7 +18,7 @@ import numpy as np
 
 from rigctl.core.errors import DataError
 from rigctl.core.experiments import experiment_named
-from rigctl.core.units import power, ratio, unit_of_column
+from rigctl.core.units import known_unit, power, ratio, unit_of_column
 from rigctl.workbench.findings import Diagnosis, Unexplained
 from rigctl.workbench.study import Observations
 from rigctl.workbench.study_base import StudyBase
@@ -53,7 +53,8 @@ def drafted(workbench: Workbench, found: Diagnosis) -> str:
     if not issubclass(forms_of, StudyBase):
         raise DataError(f"experiment '{study.experiment}' says nothing of drafts; draft the effect by hand")
     given = study.model(found.terms).observations
-    forms = list(_forms(experiment.points, forms_of, unexplained, _reference(given, unexplained)))
+    units = {point: _unit_of_point(point, given, unexplained) for point in experiment.points}
+    forms = list(_forms(units, forms_of, unexplained, _reference(given, unexplained)))
     texts = [_text(f"{_TRIED}-{number}", each, 1.0, scope, unexplained) for number, each in enumerate(forms)]
     with TemporaryDirectory() as directory:
         file = Path(directory) / "forms.py"
@@ -87,10 +88,17 @@ def _reference(given: Observations, unexplained: Unexplained) -> float:
     return float(f"{np.nanmean(values):.3g}")
 
 
+def _unit_of_point(point: str, given: Observations, unexplained: Unexplained) -> str:
+    """As the point's name says; one without a unit in its name is what was measured itself."""
+    measured = next((series.unit for series in given.series if series.channel == unexplained.channel), "")
+    unit = next((unit for suffix, unit in _UNIT_OF_POINT.items() if point.endswith(suffix)), measured)
+    return unit if known_unit(unit) else "1"
+
+
 def _forms(
-    points: Sequence[str], study: type[StudyBase[Any]], unexplained: Unexplained, reference: float
+    units: Mapping[str, str], study: type[StudyBase[Any]], unexplained: Unexplained, reference: float
 ) -> Iterator[Form]:
-    """At every point, with and without the harmonic of the angle."""
+    """At every point with its unit, with and without the harmonic of the angle."""
     name, _, degree = str(unexplained.details["covariate"]).partition("^")
     factor, counted = "", ""
     if name:
@@ -99,8 +107,7 @@ def _forms(
         factor = f"{away}**{degree} * " if degree else f"{away} * "
         counted = power(unit_of_column(name), float(degree or 1))
     harmonic = int(unexplained.details["harmonic_of_angle"])
-    for point in points:
-        unit = next((unit for suffix, unit in _UNIT_OF_POINT.items() if point.endswith(suffix)), "1")
+    for point, unit in units.items():
         for base in study.drafts:
             size_unit = "1" if base == "run.signal" else unit
             size_unit = ratio(size_unit, counted) if counted else size_unit
