@@ -30,6 +30,12 @@ def change_of(version: Findings) -> str:
     return " + ".join(version["effects"]) or "baseline"
 
 
+def rms_unit(rungs: Sequence[Findings]) -> str | None:
+    """The unit of what a ladder's versions leave, "" for none, where there is but one channel; else None."""
+    channels = {(channel, each["unit"]) for rung in rungs for channel, each in (rung.get("rms") or {}).items()}
+    return channels.pop()[1] if len(channels) == 1 else None
+
+
 def comparison_sentence(found: Findings) -> str:
     """Does the model describe the data?"""
     p, reduced, dof = found["p_value"], found["chi2_per_dof"], found["dof"]
@@ -83,13 +89,13 @@ def verdict_sentence(found: Findings) -> str:
             "over all trials together."
         )
     if found["verdict"] == "unknown":
-        return f"{_beyond(found['unexplained'])}.{_not_enough(suggested)}"
+        return f"{_beyond(found['unexplained'])}.{_not_enough(_placed(suggested, found))}"
     if found["verdict"] == "ambiguous":
         needed, alternatives = _alternatives(found)
-        certain = f"{_missing(needed)}. " if needed else ""
+        certain = f"{_missing(_placed(needed, found))}. " if needed else ""
         what = "What is left is" if needed else "The data are"
         return f"{certain}{what} explained, but by more than one effect equally: {'; '.join(alternatives)}."
-    return f"{_missing(suggested)}."
+    return f"{_missing(_placed(suggested, found))}."
 
 
 def _beyond(unexplained: Findings | None) -> str:
@@ -103,6 +109,18 @@ def _not_enough(suggested: Sequence[str]) -> str:
     if not suggested:
         return ""
     return f" {_missing(suggested)}, and {'they do' if len(suggested) > 1 else 'it does'} not suffice."
+
+
+def _placed(effects: Sequence[str], found: Findings) -> list[str]:
+    """Effects with the fitted value of what was scanned, such as a period, where there is one."""
+    ranks = {rank["effect"]: rank for rank in found["ranking"]}
+    told = []
+    for effect in effects:
+        rank = ranks.get(effect, {"choice": {}, "parameters": {}})
+        at = [(key, rank["parameters"].get(f"{effect}.{key}")) for key in rank["choice"]]
+        values = [f"{key} {number(size['value'], 4)} {size['unit']}".rstrip() for key, size in at if size]
+        told.append(f"{effect} ({', '.join(values)})" if values else effect)
+    return told
 
 
 def _missing(suggested: Sequence[str]) -> str:
@@ -152,6 +170,15 @@ def named(effect: str, choice: Mapping[str, Any]) -> str:
         f"{key} {number(value, 5) if isinstance(value, float) else value}" for key, value in choice.items()
     )
     return f"{effect} ({told})"
+
+
+def fixed_choice(rank: Findings) -> dict[str, Any]:
+    """What was chosen of a candidate, without what is fitted and listed among its parameters, and zero origins."""
+    return {
+        key: value
+        for key, value in rank["choice"].items()
+        if f"{rank['effect']}.{key}" not in rank["parameters"] and (key, value) != ("origin", 0.0)
+    }
 
 
 def sizes(rank: Findings) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -111,18 +112,20 @@ def test_a_tables_report_tells_of_readings_and_of_nothing_that_a_table_has_not(
     page, figures = pontius
     assert "Calibration of a load cell: a line is not enough" in page.sections
     assert "table, 40 readings; model version 2: baseline + power2[load_lb]" in " ".join(page.sections.values())
-    assert figures == {"ladder", "residuals_load_lb", "ranking"}
-    assert page.figures == 3
+    assert figures == {"ladder", "residuals_load_lb", "ranking", "term_power2_load_lb"}
+    assert page.figures == 4
     assert "What is left in the samples" not in page.sections
     assert page.table("channel", "rms", "noise", "unit", "chi2/n")[0]["channel"] == "deflection_in"
 
 
 def test_a_tables_ladder_and_parameters_are_the_fits(pontius: tuple[Page, set[str]]) -> None:
     page, _ = pontius
-    first, second = page.table("version", "chi2/dof", "error", "held out")
-    assert first["version"].startswith("1: baseline    leaves 0.00")
-    assert second["version"].startswith("2: + power2[load_lb]    leaves 0.00")
-    assert "    b0 = " in second["version"]
+    first, second = page.table("version", "rms/in", "chi2/dof", "error", "held out")
+    assert first["version"].startswith("1: baseline    b0 = ")
+    assert second["version"].startswith("2: + power2[load_lb]    b0 = ")
+    # NIST's residual standard deviation of the quadratic, 2.05177424076185e-04 of 37 degrees of freedom.
+    assert float(second["rms/in"]) == pytest.approx(2.05177424076185e-4 * (37.0 / 40.0) ** 0.5, rel=0.01)
+    assert float(first["rms/in"]) > 10.0 * float(second["rms/in"])
     assert float(first["error"]) > 10.0
     assert float(second["held out"]) == pytest.approx(0.98, abs=0.03)
     values = {
@@ -237,3 +240,49 @@ def test_mountings_are_counted_in_whole_numbers() -> None:
     figure = draw_nulls([NullRow("X", "flag", 4, 0.13, 0.35)])
     low, high = figure.axes[1].get_xlim()
     assert [tick for tick in figure.axes[1].get_xticks() if low <= tick <= high] == [4.0]
+
+
+@pytest.fixture(scope="module")
+def wave(tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, Path]:
+    """A wave of 3 m/s and 40 d in a year of velocities, its term added: the page, and where the figures are."""
+    place = tmp_path_factory.mktemp("wave")
+    bundle = place / "bundle"
+    bundle.mkdir()
+    (bundle / "recording.toml").write_text(
+        'format = 1\nexperiment = "table"\n[table]\nresponse = "velocity_m_s"\nbaseline = "b0"\n'
+        '[channels.velocity_m_s]\nunit = "m/s"\n'
+    )
+    day = np.linspace(0.0, 365.0, WAVE_ROWS)
+    velocity = WAVE_M_S * np.sin(2.0 * np.pi * day / 40.0 + 0.3) + np.random.default_rng(4).normal(0.0, 1.0, day.size)
+    rows = "\n".join(f"{v!r},{d!r}" for v, d in zip(velocity.tolist(), day.tolist(), strict=True))
+    (bundle / "readings.csv").write_text(f"velocity_m_s,day\n{rows}\n")
+    import_bundle(bundle, place / "wave.rig.sqlite").close()
+    with Store.open(place / "wave.rig.sqlite") as opened:
+        bench = workbench_of(opened)
+        bench.add(["periodic[day]"])
+        write_report(bench, place / "r.html", place / "figures", lambda _: None)
+    return Page((place / "r.html").read_text(encoding="utf-8")), place / "figures"
+
+
+WAVE_ROWS, WAVE_M_S = 90, 3.0
+
+
+def test_a_wave_is_shown_by_its_phase_with_its_amplitude(wave: tuple[Page, Path]) -> None:
+    page, figures = wave
+    _, second = page.table("version", "rms/(m/s)", "chi2/dof", "error", "held out")
+    told = re.search(r"periodic\[day\]\.amplitude = (\S+) ± (\S+) m/s", second["version"])
+    assert told is not None
+    amplitude, sigma = map(float, told.groups())
+    assert sigma == pytest.approx((2.0 / WAVE_ROWS) ** 0.5, rel=0.25)  # of a sine in white noise of 1 m/s
+    assert abs(amplitude - WAVE_M_S) < 4.0 * sigma
+    with (figures / "term_periodic_day.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    phase, reading, term = (np.array([float(row[key]) for row in rows]) for key in ("value", "reading", "term"))
+    assert len(rows) == WAVE_ROWS
+    assert np.all((phase >= 0.0) & (phase < 1.0))
+    design = np.stack([np.cos(2.0 * np.pi * phase), np.sin(2.0 * np.pi * phase)], axis=1)
+    quadratures, left, *_ = np.linalg.lstsq(design, term, rcond=None)
+    assert np.hypot(*quadratures) == pytest.approx(amplitude, abs=0.005)
+    assert float(np.sum(left)) < 1e-18
+    # The scatter about the wave is the noise: chi-square of 90 readings less 4 parameters, within 4 of its sigmas.
+    assert float(np.sum((reading - term) ** 2)) == pytest.approx(WAVE_ROWS - 4, abs=4.0 * (2.0 * WAVE_ROWS) ** 0.5)

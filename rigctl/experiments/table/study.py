@@ -23,7 +23,7 @@ from rigctl.experiments.table.candidates import (
 )
 from rigctl.experiments.table.catalogue import base_of, next_id, why_not
 from rigctl.experiments.table.model.form import Choice, Form
-from rigctl.experiments.table.model.model import TableModel, fitted
+from rigctl.experiments.table.model.model import TableModel, as_result, fitted
 from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece, PluginPiece
 from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.start import POINTS_MAX, place, solve, span_of
@@ -38,7 +38,7 @@ from rigctl.workbench.study import (
     Proposal,
     Term,
 )
-from rigctl.workbench.study_base import StudyBase, parameters_as_json
+from rigctl.workbench.study_base import StudyBase
 from rigctl.workbench.verdict.offsets import in_units
 
 _RESTARTS = 8
@@ -139,8 +139,9 @@ class TableStudy(StudyBase[TableData]):
         return candidates, untestable
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
-        """The parameters: they are what a calibration is for."""
-        return parameters_as_json(model, values, covariance)
+        """The parameters, which are what a calibration is for, and the amplitude of what is periodic."""
+        assert isinstance(model, TableModel)
+        return as_result(model, values, covariance)
 
     def options(self) -> list[Proposal]:
         """Values of the columns at which the next readings might be taken."""

@@ -37,6 +37,11 @@ class Plate(Generic[Row]):
         return [svg, table]
 
 
+def file_name(text: str) -> str:
+    """The name of a covariate or an effect as part of a file's."""
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in text).rstrip("_")
+
+
 def svg_document(plate: Plate[Any]) -> str:
     """The figure as the text of an SVG file."""
     text = io.StringIO()

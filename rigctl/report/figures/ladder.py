@@ -6,38 +6,74 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import INK, SOFT, new_figure, series_style
-from rigctl.report.verdicts import change_of
+from rigctl.report.verdicts import change_of, rms_unit
 
 
 @dataclass(frozen=True)
 class LadderRow:
-    """One version; errors are rms of whitened residuals, 1.00 = noise, None where there is none."""
+    """One version; errors are rms of whitened residuals, 1.00 = noise, None where there is none.
+
+    `rms` is that of the residuals in `unit`, None where there are several channels.
+    """
 
     version: int
     change: str
     error_fit: float | None
     error_held_out: float | None
+    rms: float | None
+    unit: str
 
 
 def ladder_plate(rungs: Sequence[Mapping[str, Any]]) -> Plate[LadderRow]:
     """Make the figure from `rigctl model history`."""
-    rows = [LadderRow(r["version"], change_of(r), r["error_fit"], r["error_held_out"]) for r in rungs]
+    unit = rms_unit(rungs)
+    rows = [
+        LadderRow(r["version"], change_of(r), r["error_fit"], r["error_held_out"], _rms(r, unit), unit or "")
+        for r in rungs
+    ]
     caption = (
         "Error of each model version: rms of the residuals in units of their noise, on the runs the version was "
         "fitted to and on runs that were held out of the fit. 1.00 is noise."
     )
+    if unit is not None:
+        caption += " On the right the rms of the residuals in the unit of the readings."
     return Plate("ladder", caption, rows, draw_ladder)
 
 
+def _rms(rung: Mapping[str, Any], unit: str | None) -> float | None:
+    return (
+        next((float(each["value"]) for each in (rung.get("rms") or {}).values()), None) if unit is not None else None
+    )
+
+
 def draw_ladder(rows: Sequence[LadderRow]) -> Figure:
-    """A row per version, the first on top."""
+    """A row per version, the first on top; beside it the rms in the readings' unit, where they have one channel."""
     figure = new_figure(0.75 + 0.28 * len(rows))
-    axes = figure.subplots()
+    beside = any(row.rms is not None for row in rows)
+    panels = figure.subplots(1, 2 if beside else 1, sharey=True, squeeze=False)[0]
+    _draw_errors(panels[0], rows)
+    if beside:
+        _draw_rms(panels[1], rows)
+    return figure
+
+
+def _draw_rms(axes: Axes, rows: Sequence[LadderRow]) -> None:
+    look = series_style(2)
+    points = [(row.rms, i) for i, row in enumerate(rows) if row.rms is not None]
+    axes.plot(*zip(*points, strict=True), look.marker, color=look.color, linestyle=look.line)
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel(f"rms of the residuals{f' / ({rows[0].unit})' if rows[0].unit else ''}")
+    axes.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
+    axes.tick_params(axis="y", length=0.0)
+
+
+def _draw_errors(axes: Axes, rows: Sequence[LadderRow]) -> None:
     for index, (name, label) in enumerate(
         (("error_fit", "runs of the fit"), ("error_held_out", "held-out runs")),
     ):
@@ -58,4 +94,3 @@ def draw_ladder(rows: Sequence[LadderRow]) -> Figure:
     axes.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)
     axes.tick_params(axis="y", length=0.0)
     axes.legend(loc="best")
-    return figure

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from rigctl.core.units import name_and_unit
-from rigctl.report.figures.data import Plate
+from rigctl.report.figures.data import Plate, file_name
 from rigctl.report.figures.style import SOFT, new_figure, series_style
 from rigctl.workbench.findings import Comparison
 from rigctl.workbench.verdict.covariates import distinct
@@ -74,7 +74,7 @@ def residual_plate(covariate: str, comparisons: Sequence[Comparison]) -> Plate[R
         f"up to {MAX_SERIES} series, the worst under the first version. Band: ±{LINEAR_SIGMA:g} sigma; beyond it the "
         "scale is logarithmic."
     )
-    return Plate(f"residuals_{_file_name(covariate)}", caption, rows, draw_residuals)
+    return Plate(f"residuals_{file_name(covariate)}", caption, rows, draw_residuals)
 
 
 def _rows(covariate: str, comparison: Comparison) -> Iterator[ResidualRow]:
@@ -167,7 +167,3 @@ def axis_label(covariate: str) -> str:
     """A covariate with its unit set apart, where its name promises one."""
     name, unit = name_and_unit(covariate)
     return f"{name.replace('_', ' ')} / {unit.replace('degC', '°C')}" if unit else covariate
-
-
-def _file_name(covariate: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in covariate)

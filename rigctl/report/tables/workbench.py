@@ -12,16 +12,20 @@ from rigctl.report.verdicts import (
     Findings,
     change_of,
     comparison_sentence,
+    fixed_choice,
     model_name,
     named,
     noise_sentence,
+    rms_unit,
     sizes,
 )
 
 
 def parameters_table(fit: Findings) -> ResultTable:
     """Parameters of a fit and how well they describe the data."""
-    rows = [[name, quantity(each["value"], each["sigma"]), each["unit"]] for name, each in fit["parameters"].items()]
+    derived = {name: each for name, each in fit["result"].items() if _is_estimate(each)}
+    estimates = fit["parameters"] | {name: derived[name] for name in derived if name not in fit["parameters"]}
+    rows = [[name, quantity(each["value"], each["sigma"]), each["unit"]] for name, each in estimates.items()]
     held_out = number(fit["error_held_out"])
     notes = [
         comparison_sentence(fit),
@@ -67,7 +71,7 @@ def ranking_table(diagnosis: Findings, most: int) -> ResultTable:
     rows = []
     for rank in shown:
         star = "*" if rank["effect"] in suggested else " "
-        lines = [f"{star} {named(rank['effect'], rank['choice'])}", *(f"    {size}" for size in sizes(rank))]
+        lines = [f"{star} {named(rank['effect'], fixed_choice(rank))}", *(f"    {size}" for size in sizes(rank))]
         lines += [f"    like {', '.join(rank['equivalent_to'])}"] if rank["equivalent_to"] else []
         numbers = number(rank["chi2_fall"]), number(rank["held_out_error_ratio"])
         rows.append(["\n".join(lines), probability(rank["p_value_corrected"]), *numbers])
@@ -80,19 +84,20 @@ def ranking_table(diagnosis: Findings, most: int) -> ResultTable:
 
 def ladder_table(rungs: Sequence[Findings], *, results: bool = True) -> ResultTable:
     """The error ladder: the versions of the model with their errors, and where asked for with their results."""
-    rows = []
+    rows, unit = [], rms_unit(rungs)
     for rung in rungs:
-        lines = [f"{rung['version']}: {change_of(rung)}"]
+        lines, left = [f"{rung['version']}: {change_of(rung)}"], rung.get("rms") or {}
+        if results and unit is None:
+            lines += [f"    leaves {number(e['value'])} {e['unit']} of {c}" for c, e in left.items()]
         if results:
-            lines += [f"    leaves {number(e['value'])} {e['unit']} of {c}" for c, e in rung.get("rms", {}).items()]
             lines += [f"    {name} = {_short(each)}" for name, each in (rung.get("result") or {}).items()]
-        rows.append(
-            ["\n".join(lines), *(number(rung[key]) for key in ("chi2_per_dof", "error_fit", "error_held_out"))]
-        )
+        numbers = [number(rung[key]) for key in ("chi2_per_dof", "error_fit", "error_held_out")]
+        rows.append(["\n".join(lines), *([_only_rms(left)] if unit is not None else []), *numbers])
     notes = ["error: rms of the whitened residuals, 1.00 = noise; held out: on blocks not used in the fit"]
     notes += [noise_sentence(rungs[-1])] if rungs and rungs[-1].get("noise") else []
     notes += [f"version {rung['version']}: not fitted: {rung['note']}" for rung in rungs if "note" in rung]
-    columns = ["version", "#chi2/dof", "#error", "#held out"]
+    rms = [] if unit is None else [f"#rms/({unit})" if "/" in unit else f"#rms/{unit}" if unit else "#rms"]
+    columns = ["version", *rms, "#chi2/dof", "#error", "#held out"]
     return ResultTable("Error ladder", columns, rows, notes=notes)
 
 
@@ -106,6 +111,14 @@ def transfer_table(transfer: Findings, least_sigmas: float = 0.0) -> ResultTable
             rows.append([name, here, there, pair["here"]["unit"], "-" if apart is None else f"{apart:+.1f}"])
     title = "Parameters that differ" if least_sigmas else "Parameters"
     return ResultTable(title, ["parameter", "here", "there", "unit", "#sigmas apart"], rows)
+
+
+def _only_rms(left: Findings) -> str:
+    return next((number(each["value"]) for each in left.values()), "-")
+
+
+def _is_estimate(entry: Any) -> bool:
+    return isinstance(entry, Mapping) and {"value", "sigma", "unit"} <= entry.keys()
 
 
 def _short(entry: Any) -> str:

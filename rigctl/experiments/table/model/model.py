@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Observations, Term
+from rigctl.workbench.study_base import parameters_as_json
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,10 @@ class TableModel:
         """What the baseline predicts, its groups considered, shape (n,)."""
         return self._baseline(values)[0]
 
+    def with_values(self, values: FloatArray) -> list[tuple[Piece | GroupPiece, FloatArray]]:
+        """Each term with its own part of the parameters."""
+        return list(zip(self.pieces, self._split(values)[1], strict=True))
+
     def _baseline(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         shifts: dict[int, FloatArray] = {}
         for group, part in self._groups(values):
@@ -101,21 +107,44 @@ class TableModel:
         return self.readings.baseline(self._split(values)[0], shifts)
 
     def _groups(self, values: FloatArray) -> list[tuple[Group, FloatArray]]:
-        parts = zip(self.pieces, self._split(values)[1], strict=True)
-        return [(piece.group, part) for piece, part in parts if isinstance(piece, GroupPiece)]
+        return [(piece.group, part) for piece, part in self.with_values(values) if isinstance(piece, GroupPiece)]
 
     @property
     def _group_sizes(self) -> list[int]:
         return [len(piece.units) for piece in self.pieces if isinstance(piece, GroupPiece)]
 
     def _adding(self, values: FloatArray) -> list[tuple[Piece, FloatArray]]:
-        parts = zip(self.pieces, self._split(values)[1], strict=True)
-        return [(piece, part) for piece, part in parts if not isinstance(piece, GroupPiece)]
+        return [(piece, part) for piece, part in self.with_values(values) if not isinstance(piece, GroupPiece)]
 
     def _split(self, values: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
         sizes = [len(self.readings.expression.parameters), *(len(piece.units) for piece in self.pieces)]
         baseline_values, *parts = np.split(np.asarray(values, dtype=np.float64), np.cumsum(sizes)[:-1])
         return baseline_values, parts
+
+
+def as_result(model: TableModel, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+    """The parameters as JSON by name; of what is periodic the amplitude, where it is more than its uncertainty.
+
+    An amplitude does not depend on where the phase is counted from, as cos and sin do.
+    """
+    result, shown = parameters_as_json(model, values, covariance), dict[str, Any]()
+    names = list(result)
+    for name, estimate in result.items():
+        stem, _, part = name.rpartition(".")
+        if part not in {"cos", "sin"}:
+            shown[name] = estimate
+        elif part == "cos":
+            at = [names.index(name), names.index(f"{stem}.sin")]
+            quadratures: FloatArray = np.asarray(values)[at]
+            amplitude = float(np.linalg.norm(quadratures))
+            variance = float(quadratures @ covariance[np.ix_(at, at)] @ quadratures)
+            spread = max(variance, 0.0) ** 0.5
+            if amplitude**2 > spread:  # below it the linear propagation says nothing
+                told = {"value": amplitude, "sigma": spread / amplitude, "unit": estimate["unit"]}
+                shown[f"{stem}.amplitude"] = told
+            else:
+                shown |= {each: result[each] for each in (name, f"{stem}.sin")}
+    return shown
 
 
 def fitted(model: TableModel) -> FitResult | None:
