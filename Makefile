@@ -10,7 +10,7 @@ STORE := out/isa-flight-model.rig.sqlite
 RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 
-.PHONY: setup flight-model test lint types imports pytest foreign false-alarms reliability reliability-ci reliability-full clean
+.PHONY: setup flight-model test lint types imports pytest foreign samples false-alarms reliability reliability-ci reliability-full clean
 
 setup: $(READY)
 
@@ -47,6 +47,10 @@ foreign: setup
 # Tables in which nothing is hidden, 400 of each kind of noise: hours. Interrupted, give it again: what has been tried is not tried again.
 false-alarms: setup
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.foreign.false_alarms --out out/false-alarms.jsonl
+
+# What the pages show beside what the program prints now; WRITE=--write renews the pages.
+samples: setup
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m tests.doc_samples docs/workbench.md docs/table.md $(WRITE)
 
 # What is promised under faults, tried: docs/reliability.md. Half an hour on two cores.
 reliability: setup

@@ -19,7 +19,7 @@ from rigctl.report.figures.ladder import ladder_plate
 from rigctl.report.figures.ranking import ranking_plate
 from rigctl.report.figures.residuals import residual_plates
 from rigctl.report.quantities import counted
-from rigctl.report.tables.workbench import channels_table, ladder_table, parameters_table, ranking_table
+from rigctl.report.tables.workbench import channels_table, ladder_table, parameters_table, ranking_table, rms_tables
 from rigctl.report.terminal import repeats_line
 from rigctl.report.verdicts import (
     advice,
@@ -178,7 +178,7 @@ def page(evidence: Evidence) -> str:
         html.command(advice(diagnosis, name)),
         html.heading("Error ladder"),
         *([html.figure(evidence.ladder)] if len(evidence.rungs) > 1 else []),
-        html.table(ladder_table(evidence.rungs)),
+        *map(html.table, [ladder_table(evidence.rungs), *rms_tables(evidence.rungs)]),
         html.heading("Residuals"),
         *_residuals(evidence),
     ]

@@ -12,6 +12,7 @@ from rigctl.report.tables.workbench import (
     ladder_table,
     parameters_table,
     ranking_table,
+    rms_tables,
     transfer_table,
 )
 from rigctl.report.verdicts import (
@@ -107,7 +108,7 @@ def print_versions(versions: Sequence[Findings]) -> None:
 
 def print_history(rungs: Sequence[Findings]) -> None:
     """The error ladder."""
-    print_tables([*_warnings(rungs), ladder_table(rungs)])
+    print_tables([*_warnings(rungs), ladder_table(rungs), *rms_tables(rungs)])
 
 
 def print_fit(found: Findings) -> None:

@@ -23,8 +23,8 @@ from rigctl.report.verdicts import (
 
 def parameters_table(fit: Findings) -> ResultTable:
     """Parameters of a fit and how well they describe the data."""
-    derived = {name: each for name, each in fit["result"].items() if _is_estimate(each)}
-    estimates = fit["parameters"] | {name: derived[name] for name in derived if name not in fit["parameters"]}
+    of_effects = {name: each for name, each in fit["result"].items() if name.rpartition(".")[0] in fit["effects"]}
+    estimates = dict(fit["parameters"]) | of_effects
     rows = [[name, quantity(each["value"], each["sigma"]), each["unit"]] for name, each in estimates.items()]
     held_out = number(fit["error_held_out"])
     notes = [
@@ -87,8 +87,6 @@ def ladder_table(rungs: Sequence[Findings], *, results: bool = True) -> ResultTa
     rows, unit = [], rms_unit(rungs)
     for rung in rungs:
         lines, left = [f"{rung['version']}: {change_of(rung)}"], rung.get("rms") or {}
-        if results and unit is None:
-            lines += [f"    leaves {number(e['value'])} {e['unit']} of {c}" for c, e in left.items()]
         if results:
             lines += [f"    {name} = {_short(each)}" for name, each in (rung.get("result") or {}).items()]
         numbers = [number(rung[key]) for key in ("chi2_per_dof", "error_fit", "error_held_out")]
@@ -96,9 +94,30 @@ def ladder_table(rungs: Sequence[Findings], *, results: bool = True) -> ResultTa
     notes = ["error: rms of the whitened residuals, 1.00 = noise; held out: on blocks not used in the fit"]
     notes += [noise_sentence(rungs[-1])] if rungs and rungs[-1].get("noise") else []
     notes += [f"version {rung['version']}: not fitted: {rung['note']}" for rung in rungs if "note" in rung]
-    rms = [] if unit is None else [f"#rms/({unit})" if "/" in unit else f"#rms/{unit}" if unit else "#rms"]
+    rms = [] if unit is None else [_over("#rms", unit)]
     columns = ["version", *rms, "#chi2/dof", "#error", "#held out"]
     return ResultTable("Error ladder", columns, rows, notes=notes)
+
+
+def rms_tables(rungs: Sequence[Findings]) -> list[ResultTable]:
+    """What each version leaves of each channel, where the ladder itself has no room for it."""
+    channels = {channel: each["unit"] for rung in rungs for channel, each in (rung.get("rms") or {}).items()}
+    if len(channels) < 2:
+        return []
+    left = [rung.get("rms") or {} for rung in rungs]
+    rows = [
+        [str(rung["version"]), *(number(each[channel]["value"]) if channel in each else "-" for channel in channels)]
+        for rung, each in zip(rungs, left, strict=True)
+    ]
+    columns = ["version", *(_over(f"#{channel}", unit) for channel, unit in channels.items())]
+    return [ResultTable("Rms of the residuals", columns, rows)]
+
+
+def _over(name: str, unit: str) -> str:
+    """A column's heading with the unit of its numbers."""
+    if not unit:
+        return name
+    return f"{name}/({unit})" if "/" in unit else f"{name}/{unit}"
 
 
 def transfer_table(transfer: Findings, least_sigmas: float = 0.0) -> ResultTable:
@@ -115,10 +134,6 @@ def transfer_table(transfer: Findings, least_sigmas: float = 0.0) -> ResultTable
 
 def _only_rms(left: Findings) -> str:
     return next((number(each["value"]) for each in left.values()), "-")
-
-
-def _is_estimate(entry: Any) -> bool:
-    return isinstance(entry, Mapping) and {"value", "sigma", "unit"} <= entry.keys()
 
 
 def _short(entry: Any) -> str:
