@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 from rigctl.analysis.least_squares import Parameter
+from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray, IntArray
 
 
@@ -154,15 +155,23 @@ class ExactlyLinear(Protocol):
 class Candidate:
     """A term that might be added: how the data would change with its parameters, starting from none of it.
 
-    `derivative` has shape (n, d) and is taken at the current fit with the term's parameters at zero, in their own
-    units; what the choice fixes (the frequency of a line) is no parameter here. `typical` (d,) are plausible sizes.
+    `columns` (n, d), or a scan of which this is one of the choices, at `place`. `typical` (d,) are plausible sizes.
     """
 
     term: Term
     names: tuple[str, ...]
     units: tuple[str, ...]
-    derivative: FloatArray
+    columns: FloatArray | Scan
     typical: FloatArray
+    place: int = 0
+
+    @property
+    def derivative(self) -> FloatArray:
+        """At the current fit with the term's parameters at zero, in their own units, shape (n, d).
+
+        What the choice fixes (the frequency of a line) is no parameter here.
+        """
+        return self.columns.columns[:, self.place] if isinstance(self.columns, Scan) else self.columns
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ def _candidate(
         term=term,
         names=tuple(shown_name(effect, name, beside) for name in effect.parameters),
         units=tuple(effect.parameters.values()),
-        derivative=np.stack(columns, axis=1),
+        columns=np.stack(columns, axis=1),
         typical=np.array([effect.typical[name] for name in effect.parameters]),
     )
 

@@ -113,7 +113,7 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
             term=one.term,
             names=tuple(each.name for each in amplitudes),
             units=tuple(each.unit for each in amplitudes),
-            derivative=columns,
+            columns=columns,
             typical=np.array([each.typical for each in amplitudes]),
         )
 

@@ -72,6 +72,6 @@ def _candidate(
         term=Term(effect.id, {"head": head} if head else {}),
         names=tuple(names),
         units=tuple(whole.units[column] for column in columns),
-        derivative=slopes[:, columns],
+        columns=slopes[:, columns],
         typical=np.array(typical),
     )

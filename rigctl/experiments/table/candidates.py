@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.table.model.form import Choice, Form
@@ -41,27 +42,45 @@ def candidate_of(form: Form, term: Term, response_unit: str, spanned: FloatArray
     )
 
 
+class Scans:
+    """The scans of a table's effects, each made once: they depend on the data, and on which trivial functions the
+    model spans, not on its fit. A grid has so many `points`."""
+
+    def __init__(self, points: int) -> None:
+        self._points = points
+        self._choices: dict[str, list[Choice]] = {}
+        self._made: dict[tuple[str, tuple[bool, ...]], Scan] = {}
+
+    def choices(self, form: Scanned) -> list[Choice]:
+        """What a form is tried with."""
+        if form.id not in self._choices:
+            self._choices[form.id] = [form.full_choice(float(value)) for value in form.grid(self._points)]
+        return self._choices[form.id]
+
+    def scan(self, form: Scanned, spanned: FloatArray) -> Scan:
+        """A form with each of its choices, without the trivial functions that the model spans."""
+        trivial = form.trivial()
+        held = tuple(_is_spanned(each[:, None], spanned) for each in trivial)
+        if (form.id, held) not in self._made:
+            space = _span([each for each, is_held in zip(trivial, held, strict=True) if is_held], len(spanned))
+            stack = form.scan(self.choices(form))
+            columns = stack.reshape(len(stack), -1)
+            for _ in range(2 if space.shape[1] else 0):
+                columns = columns - space @ (space.T @ columns)
+            self._made[form.id, held] = Scan(columns.reshape(stack.shape))
+        return self._made[form.id, held]
+
+
 def scan_candidates(
-    form: Scanned,
-    effect: str,
-    choices: Sequence[Choice],
-    response_unit: str,
-    spanned: FloatArray,
-    residual: FloatArray,
+    form: Scanned, effect: str, scans: Scans, response_unit: str, spanned: FloatArray, residual: FloatArray
 ) -> list[Candidate]:
     """A scanned form with each of its choices: what `candidate_of` does for one."""
-    stack = form.scan(choices)
-    n, count, parameters = stack.shape
-    space = _trivial_space(form, spanned)
-    columns = stack.reshape(n, -1)
-    for _ in range(2 if space.shape[1] else 0):
-        columns = columns - space @ (space.T @ columns)
-    sizes = np.maximum(_rms(columns), np.finfo(np.float64).tiny).reshape(count, parameters)
-    stack = columns.reshape(n, count, parameters)
-    names, units, left = tuple(f"{effect}{name}" for name in form.names()), form.units(response_unit), _rms(residual)
+    scan = scans.scan(form, spanned)
+    names, units = tuple(f"{effect}{name}" for name in form.names()), form.units(response_unit)
+    typical = _rms(residual) / np.maximum(scan.rms, np.finfo(np.float64).tiny)
     return [
-        Candidate(Term(effect, choice), names, units, stack[:, place], left / sizes[place])
-        for place, choice in enumerate(choices)
+        Candidate(Term(effect, choice), names, units, scan, typical[place], place)
+        for place, choice in enumerate(scans.choices(form))
     ]
 
 
@@ -124,8 +143,11 @@ def _without_trivial(form: Form, parts: list[FloatArray], spanned: FloatArray) -
 
 def _trivial_space(form: Form, spanned: FloatArray) -> FloatArray:
     """A basis of the simple functions beside which a form is what remains, as far as the model spans them."""
-    trivial = [each for each in form.trivial() if _is_spanned(each[:, None], spanned)]
-    return span_of(np.stack(trivial, axis=1)) if trivial else np.zeros((len(spanned), 0))
+    return _span([each for each in form.trivial() if _is_spanned(each[:, None], spanned)], len(spanned))
+
+
+def _span(functions: Sequence[FloatArray], rows: int) -> FloatArray:
+    return span_of(np.stack(functions, axis=1)) if functions else np.zeros((rows, 0))
 
 
 def _explained(functions: FloatArray, spanned: FloatArray, residual: FloatArray) -> float:

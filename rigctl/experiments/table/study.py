@@ -22,7 +22,7 @@ from rigctl.experiments.table.candidates import (
     scan_candidates,
 )
 from rigctl.experiments.table.catalogue import base_of, next_id, why_not
-from rigctl.experiments.table.model.form import Choice, Form
+from rigctl.experiments.table.model.form import Form
 from rigctl.experiments.table.model.model import TableModel, as_result, fitted
 from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece, PluginPiece
 from rigctl.experiments.table.model.scanned import Scanned
@@ -42,7 +42,6 @@ from rigctl.workbench.study_base import StudyBase
 from rigctl.workbench.verdict.offsets import in_units
 
 _RESTARTS = 8
-_GRID_POINTS, _GRID_LEAST = 1500, 100
 
 
 class TableStudy(StudyBase[TableData]):
@@ -125,8 +124,7 @@ class TableStudy(StudyBase[TableData]):
             elif isinstance(effect, Group):
                 candidates.append(group_candidate(effect, jacobian, left))
             elif isinstance(effect, Scanned):
-                choices = self._choices(effect)
-                candidates += scan_candidates(effect, next_id(base, taken), choices, unit, spanned, left)
+                candidates += scan_candidates(effect, next_id(base, taken), self.data.scans, unit, spanned, left)
             elif isinstance(effect, Form):
                 candidates += [
                     candidate_of(effect, Term(base, choice), unit, spanned, left) for choice in effect.choices()
@@ -161,10 +159,6 @@ class TableStudy(StudyBase[TableData]):
         weigh = partial(in_units, self.observations, np.arange(left.size))
         square = is_a_square(form, weigh(jacobian), weigh(left), weigh)
         return "the square of the column alone shows the same" if square else ""
-
-    def _choices(self, form: Scanned) -> list[Choice]:
-        points = max(_GRID_POINTS // max(len(self.data.readings.columns), 1), _GRID_LEAST)
-        return [form.full_choice(float(value)) for value in form.grid(min(points, POINTS_MAX))]
 
     def _piece(self, term: Term, before: Sequence[Piece | GroupPiece]) -> Piece | GroupPiece:
         if term.effect in self.catalogue:

@@ -11,14 +11,16 @@ import numpy as np
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.batches import Ratios, correlation, ratios_of, shared_offsets
+from rigctl.experiments.table.candidates import Scans
 from rigctl.experiments.table.catalogue import generic
 from rigctl.experiments.table.model.form import TableEffect
-from rigctl.experiments.table.model.start import baseline_start
+from rigctl.experiments.table.model.start import POINTS_MAX, baseline_start
 from rigctl.experiments.table.observe.readings import Readings, declares_noise, read
 from rigctl.experiments.table.proposals import with_proposals
 from rigctl.workbench.study import NoisePool, Observations, Proposal, Series
 
 _ROUNDING = 1e-13
+_GRID_POINTS, _GRID_LEAST = 1500, 100
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,11 @@ class TableData:
     def generic(self) -> dict[str, TableEffect]:
         """The catalogue made from the columns."""
         return generic(self.readings, self.baseline[1])
+
+    @cached_property
+    def scans(self) -> Scans:
+        """The catalogue's scans; the more columns, the fewer points has each."""
+        return Scans(min(max(_GRID_POINTS // max(len(self.readings.columns), 1), _GRID_LEAST), POINTS_MAX))
 
     @cached_property
     def baseline(self) -> tuple[FloatArray, FloatArray]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import optimize
 
+from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
 from rigctl.workbench.study import Candidate, ScansBetween, Study, Term
@@ -20,8 +21,9 @@ from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
 from rigctl.workbench.verdict.noise_pool import above_rounding
-from rigctl.workbench.verdict.scan import TOGETHER, by_own_noise, scores_of_choices
-from rigctl.workbench.verdict.score import Score, corrected, p_of, trials
+from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
+from rigctl.workbench.verdict.score import Score, corrected, p_of
+from rigctl.workbench.verdict.trials import trials
 
 ROUNDS = 2
 """Fit, noise from what is left, fit again with that noise."""
@@ -33,6 +35,7 @@ _SCAN_TOLERANCE = 1e-4
 _SCANNED = 3
 _PART = 1e-3
 _WELL_KNOWN = 500.0
+_ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -91,14 +94,24 @@ class Attempt(FittedModel):
 
         What stands out is looked for between the values of the scan too.
         """
+        return [self._refined(each) for each in self._best_choices(range(len(self._groups))).values()]
+
+    def _best_choices(self, groups: Iterable[int]) -> dict[str, Scored]:
+        """Of each effect in these groups."""
         price = float(np.log(len(self.result.residuals)))
         best: dict[str, Scored] = {}
-        for candidate, score in zip(self.candidates, self.scores, strict=True):
-            held = best.get(candidate.term.effect)
-            more = 0 if held is None else len(candidate.names) - len(held.candidate.names)
-            if held is None or score.statistic - more * price > held.score.statistic:
-                best[candidate.term.effect] = Scored(candidate, score)
-        return [self._refined(each) for each in best.values()]
+        for number in groups:
+            for candidate, score in zip(self._groups[number], self._scores_of_group(number), strict=True):
+                held = best.get(candidate.term.effect)
+                more = 0 if held is None else len(candidate.names) - len(held.candidate.names)
+                if held is None or score.statistic - more * price > held.score.statistic:
+                    best[candidate.term.effect] = Scored(candidate, score)
+        return best
+
+    def dof_of(self, effect: str) -> float:
+        """Degrees of freedom of the noise that the test of a candidate meets; infinite for what is none."""
+        groups = [number for number, group in enumerate(self._groups) if group[0].term.effect == effect]
+        return min((each.score.dof for each in self._best_choices(groups).values()), default=np.inf)
 
     def scored_effect(self, effect: str) -> Scored | None:
         """The candidate of one effect; None where it is none."""
@@ -119,7 +132,10 @@ class Attempt(FittedModel):
     @cached_property
     def n_eff(self) -> float:
         """How many independent trials the catalogue amounts to."""
-        return trials([score.basis for score in self.scores], np.random.default_rng([self.seed, 1]))
+        groups = [self._scored_group(number) for number in range(len(self._groups))]
+        scans = [each for each in groups if isinstance(each, ScanScores)]
+        bases = [score.basis for each in groups if not isinstance(each, ScanScores) for score in each]
+        return trials(bases, scans, len(self.left), self.seed)
 
     def _refined(self, scored: Scored) -> Scored:
         """The choice with the largest statistic between its neighbours in the scan, one name after another."""
@@ -143,25 +159,45 @@ class Attempt(FittedModel):
             best = max(best, with_value(minimum.x), key=lambda each: each.score.statistic)
         return best
 
-    @cached_property
+    @property
     def scores(self) -> list[Score]:
-        """Of every candidate, in their order; the choices of a long scan together."""
-        scores: list[Score] = []
-        for _, group in itertools.groupby(self.candidates, key=lambda each: (each.term.effect, len(each.names))):
-            choices = list(group)
-            scores += (
-                self._scores_of_scan(choices) if len(choices) >= TOGETHER else [self._score(each) for each in choices]
-            )
-        return scores
+        """Of every candidate, in their order."""
+        return [score for number in range(len(self._groups)) for score in self._scores_of_group(number)]
 
-    def _scores_of_scan(self, choices: Sequence[Candidate]) -> list[Score]:
-        columns = self.whitened_columns(np.hstack([each.derivative for each in choices]))
-        scores, frame = scores_of_choices(self.projector, columns, len(choices[0].names)), self.estimator.saturated
-        return (
-            scores
-            if frame is None
-            else by_own_noise(scores, frame, self.left[: len(frame)], float(self.noise.dof[0]))
-        )
+    @cached_property
+    def _groups(self) -> list[list[Candidate]]:
+        """The candidates effect by effect, choices with as many parameters together."""
+        groups = itertools.groupby(self.candidates, key=lambda each: (each.term.effect, len(each.names)))
+        return [list(group) for _, group in groups]
+
+    def _scores_of_group(self, number: int) -> list[Score]:
+        scored = self._scored_group(number)
+        return scored.scores if isinstance(scored, ScanScores) else scored
+
+    def _scored_group(self, number: int) -> ScanScores | list[Score]:
+        """A group scored once, and when it is asked for; the choices of a long scan together."""
+        if number not in self._scored_groups:
+            group = self._groups[number]
+            self._scored_groups[number] = (
+                self._scores_of_scan(group) if len(group) >= TOGETHER else [self._score(each) for each in group]
+            )
+        return self._scored_groups[number]
+
+    @cached_property
+    def _scored_groups(self) -> dict[int, ScanScores | list[Score]]:
+        return {}
+
+    def _scores_of_scan(self, choices: Sequence[Candidate]) -> ScanScores:
+        scan, sigma, frame = choices[0].columns, self.model.observations.sigma, self.estimator.saturated
+        own = None if frame is None else OwnNoise(frame, float(self.noise.dof[0]))
+        scale = None if self.noise.factors else _common_ratio(sigma, self.noise.sigma)
+        if not isinstance(scan, Scan):
+            scan = Scan(np.stack([each.derivative for each in choices], axis=1))
+        if scale is None:
+            return ScanScores(self.projector, scan.whitened(self.noise, self.noise.whiten), 1.0, own)
+        # The same columns in every model, but for one factor.
+        unit = scan.whitened(self.model.observations, lambda columns: columns / sigma[:, None])
+        return ScanScores(self.projector, unit, scale, own)
 
     def _score(self, candidate: Candidate) -> Score:
         score, frame = self.projector.score(self.columns(candidate)), self.estimator.saturated
@@ -228,3 +264,9 @@ def _with_estimated_noise(fitted: FittedModel, estimator: NoiseEstimator) -> Fit
     for _ in range(ROUNDS if estimator.from_scatter else 1):
         fitted = fitted.with_noise(estimator.estimate(fitted.unexplained()))
     return fitted
+
+
+def _common_ratio(stated: FloatArray, estimated: FloatArray) -> float | None:
+    """The factor between given and estimated sigmas where it is the same for all; None where not."""
+    ratio = estimated / stated
+    return 1.0 / float(ratio[0]) if np.ptp(ratio) <= _ROUNDING * ratio[0] else None

@@ -6,6 +6,7 @@ through their Gram matrices only: a draw costs some products of small matrices.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -85,7 +86,8 @@ def bootstrap(
     shapes = generic.main_columns(scatter)
     plain = np.zeros((data, shapes.shape[1]))
     plain[scatter] = shapes
-    tried = [*(candidate.derivative for candidate in candidates), *plain.T[:, :, None]]
+    asked = _asked(candidates)
+    tried = [*(candidates[number].derivative for number in asked), *plain.T[:, :, None]]
     widths = np.array([columns.shape[1] for columns in tried], dtype=np.intp)
     jacobian, columns = fitted.model.jacobian(fitted.result.values), np.hstack([np.zeros((data, 0)), *tried])
     known = np.setdiff1d(np.arange(len(fitted.left)), scatter)
@@ -106,11 +108,21 @@ def bootstrap(
             left,
         )
     effects: dict[str, list[tuple[FloatArray, int, float]]] = {}
-    for number, (candidate, score) in enumerate(zip(candidates, scores, strict=True)):
-        choices = effects.setdefault(candidate.term.effect, [])
-        if len(choices) < _CHOICES:
-            choices.append((drawn[:, number], int(dimensions[number]), score.dof))
-    return Bootstrap(effects, drawn[:, len(candidates) :], float(np.min(noise.dof[scatter])))
+    for place, number in enumerate(asked):
+        choices = effects.setdefault(candidates[number].term.effect, [])
+        choices.append((drawn[:, place], int(dimensions[place]), scores[number].dof))
+    return Bootstrap(effects, drawn[:, len(asked) :], float(np.min(noise.dof[scatter])))
+
+
+def _asked(candidates: Sequence[Candidate]) -> list[int]:
+    """Places of the candidates whose statistics are drawn: the first choices of each effect."""
+    counts: Counter[str] = Counter()
+    asked = []
+    for number, candidate in enumerate(candidates):
+        counts[candidate.term.effect] += 1
+        if counts[candidate.term.effect] <= _CHOICES:
+            asked.append(number)
+    return asked
 
 
 def _law(drawn: FloatArray, dimension: int, dof: float) -> Law:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import Noise
-from rigctl.workbench.verdict.score import ABSORBED, Projector, corrected, p_of, smallest_p, trials_of
+from rigctl.workbench.verdict.score import ABSORBED, Projector, corrected, p_of, smallest_p
+from rigctl.workbench.verdict.trials import trials_of
 
 ANGLE_HARMONICS = 4
 POLYNOMIAL = 6

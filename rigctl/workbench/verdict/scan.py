@@ -1,84 +1,155 @@
 """Score tests of many choices of one effect at once: the periods, rates and places of a scan.
 
-What `score.Projector.score` does for one candidate, with one product of matrices for all of them.
+What `score.Projector.score` does for one candidate, by moments: with u the whitened columns of a choice at unit
+length and B a basis of what is fitted, the Gram matrix of what B leaves of them is u'u - (B'u)'(B'u). Nothing of the
+size of the data is made for a choice.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rigctl.core.arrays import FloatArray
-from rigctl.workbench.verdict.score import ABSORBED, Projector, Score, p_of
+from rigctl.analysis.unit_columns import UnitColumns
+from rigctl.core.arrays import BoolArray, FloatArray, IntArray
+from rigctl.workbench.verdict.score import ABSORBED, Projector, Score, p_of, smallest_p
 
 TOGETHER = 32
 """So many choices of an effect are scored together."""
 
+_AT_ONCE = 250
 
-def scores_of_choices(projector: Projector, columns: FloatArray, dimension: int) -> list[Score]:
-    """Scores of candidates whose whitened columns (n, choices x dimension) stand side by side."""
-    n, choices = len(columns), columns.shape[1] // dimension
-    size = np.linalg.norm(columns, axis=0)
-    unit = columns / np.where(size > 0.0, size, 1.0)
-    free = projector.free(unit)
-    keep = np.linalg.norm(free, axis=0)
-    keep, size = keep.reshape(choices, dimension), size.reshape(choices, dimension)
-    stack = np.where(keep > ABSORBED, free.reshape(n, choices, dimension), 0.0)
-    gram = np.einsum("nki,nkj->kij", stack, stack, optimize=True)
-    square, vectors = np.linalg.eigh(gram)
+
+@dataclass(frozen=True)
+class OwnNoise:
+    """The scale of the noise as it is once a candidate is in, for what an effect explains inflates it before.
+
+    `frame` (n, p) spans all that is projected out where the noise is estimated, `dof` are the degrees of freedom of
+    its scale.
+    """
+
+    frame: FloatArray
+    dof: float
+
+
+class ScanScores:
+    """The scores of an effect's choices, whose whitened columns are `unit` ones times `scale`."""
+
+    def __init__(self, projector: Projector, unit: UnitColumns, scale: float, own: OwnNoise | None) -> None:
+        self._unit, self._projector = unit, projector
+        data = projector.data
+        self._fitted, left = projector.basis[:data], projector.left[:data]
+        vectors, rank = [self._fitted, left[:, None]], self._fitted.shape[1]
+        if own is not None:
+            vectors += [own.frame, (left - own.frame @ (own.frame.T @ left))[:, None]]
+        products = unit.along(np.hstack(vectors))
+        self._shadow, to_left = products[:rank], products[rank]
+        gram = unit.gram - np.einsum("mki,mkj->kij", self._shadow, self._shadow, optimize=True)
+        self._keep = np.sqrt(np.maximum(np.einsum("kii->ki", gram), 0.0))
+        self._seen = self._keep > ABSORBED
+        self._root, self._determined = _inverse_root(gram, self._seen)
+        self._along = np.einsum("kij,ki->kj", self._root, to_left)
+        self._dof = self._dof_of_each()
+        self._p_values: FloatArray = np.asarray(p_of(self.statistic, self.dimension, self._dof))
+        if own is not None:
+            self._judge_by_own_noise(own, products[rank + 1 : -1], products[-1])
+        self.scores = self._as_scores(unit.size * scale)
+
+    @property
+    def statistic(self) -> FloatArray:
+        """T of each choice."""
+        return np.asarray(np.sum(self._along**2, axis=1))
+
+    @property
+    def dimension(self) -> IntArray:
+        """Of each choice."""
+        return np.asarray(self._determined.sum(axis=1), dtype=np.intp)
+
+    def smallest_p(self, draws: NDArray[np.float32], name: object) -> FloatArray:
+        """The smallest p over the choices in each draw of noise (draws, n + priors) of this `name`."""
+        data = self._projector.data
+        along = self._unit.along_draws(np.ascontiguousarray(draws[:, :data]), name)
+        fitted = draws @ self._projector.basis.astype(np.float32)
+        shadow = self._shadow.astype(np.float32).reshape(len(self._shadow), -1)
+        form = np.einsum("kij,klj->kil", self._root, self._root).astype(np.float32)
+        smallest, used = [], self.dimension > 0
+        for first in range(0, len(draws), _AT_ONCE):
+            rows = slice(first, first + _AT_ONCE)
+            free = along[rows] - (fitted[rows] @ shadow).reshape(-1, *along.shape[1:])
+            smallest.append(smallest_p(_quadratic(free, form)[:, used], self.dimension[used]))
+        return np.concatenate(smallest)
+
+    def _dof_of_each(self) -> FloatArray:
+        one = self._projector.one_dof
+        dof = np.full(len(self._along), one) if one is not None else self._projector.dof_of_each(self._bases())
+        return np.where(self.dimension > 0, dof, np.inf)
+
+    def _bases(self) -> FloatArray:
+        stack = self._unit.stack - np.einsum("nm,mki->nki", self._fitted, self._shadow, optimize=True)
+        return np.asarray(np.einsum("nki,kij->nkj", stack, self._root, optimize=True))
+
+    def _basis(self, place: int) -> FloatArray:
+        """Of one choice, (n + priors, dimension)."""
+        basis = self._projector.basis
+        free = -basis @ self._shadow[:, place]
+        free[: self._projector.data] += self._unit.column(place)
+        return np.asarray(free @ self._root[place][:, self._determined[place]])
+
+    def _judge_by_own_noise(self, own: OwnNoise, in_frame: FloatArray, to_outside: FloatArray) -> None:
+        """P-values with the scale that the noise has with each choice in, from products (p, k, d)."""
+        fitted, left = self._fitted, self._projector.left[: self._projector.data]
+        outside = left - own.frame @ (own.frame.T @ left)
+        explained = to_outside - np.einsum("m,mki->ki", outside @ fitted, self._shadow)
+        inside = in_frame - np.einsum("pm,mki->pki", own.frame.T @ fitted, self._shadow, optimize=True)
+        inside = np.einsum("pki,kij->pkj", inside, self._root, optimize=True)
+        below = np.einsum("rm,mki->rki", self._projector.basis[self._projector.data :], self._shadow)
+        below = np.einsum("rki,kij->rkj", below, self._root)
+        taken = np.maximum(self._determined - np.sum(below**2, axis=0) - np.sum(inside**2, axis=0), 0.0)
+        taken = np.sum(np.where(self._determined, taken, 0.0), axis=1)
+        explained = np.sum(np.einsum("ki,kij->kj", explained, self._root) ** 2, axis=1)
+        used = (self.dimension > 0) & (own.dof - taken >= 1.0)
+        rest = np.where(used, own.dof - taken, 1.0)
+        scale = np.maximum(own.dof - explained, 1e-9 * own.dof) / rest
+        p_values = p_of(self.statistic / scale, self.dimension, rest)
+        self._dof = np.where(used, rest, self._dof)
+        self._p_values = np.where(used, p_values, self._p_values)
+
+    def _as_scores(self, size: FloatArray) -> list[Score]:
+        scale = np.where(size > 0.0, size, 1.0)
+        seen = self._seen & (self.dimension > 0)[:, None]
+        estimate = np.where(seen, np.einsum("kij,kj->ki", self._root, self._along) / scale, 0.0)
+        sigma = np.where(seen, np.sqrt(np.sum(self._root**2, axis=2)) / scale, np.inf)
+        numbers = zip(
+            self.statistic.tolist(),
+            self.dimension.tolist(),
+            self._dof.tolist(),
+            np.where(self.dimension > 0, self._p_values, 1.0).tolist(),
+            strict=True,
+        )
+        return [
+            Score(*each, self._keep[k], estimate[k], sigma[k], partial(self._basis, k))
+            for k, each in enumerate(numbers)
+        ]
+
+
+def _inverse_root(gram: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """What makes columns with these Gram matrices (k, d, d) orthonormal, (k, d, d), and which are determined."""
+    both = seen[:, :, None] & seen[:, None, :]
+    square, vectors = np.linalg.eigh(np.where(both, gram, 0.0))
     s = np.sqrt(np.maximum(square, 0.0))
     determined = (s > ABSORBED * s[:, -1:]) & (s[:, -1:] > 0.0)
     root = np.where(determined[:, None, :], vectors / np.where(determined, s, 1.0)[:, None, :], 0.0)
-    bases = np.einsum("nki,kij->nkj", stack, root, optimize=True)
-    along = np.einsum("nkj,n->kj", bases, projector.left, optimize=True)
-    scale = np.where(size > 0.0, size, 1.0)
-    seen = (keep > ABSORBED) & determined.any(axis=1, keepdims=True)
-    estimate = np.where(seen, np.einsum("kij,kj->ki", root, along) / scale, 0.0)
-    sigma = np.where(seen, np.sqrt(np.sum(root**2, axis=2)) / scale, np.inf)
-    statistic, dimensions = np.sum(along**2, axis=1), determined.sum(axis=1)
-    dof = projector.dof_of_each(bases)
-    dof = np.where(dimensions > 0, dof, np.inf)
-    p_values = np.where(dimensions > 0, p_of(statistic, dimensions, dof), 1.0)
-    return [
-        Score(
-            float(statistic[k]),
-            int(dimensions[k]),
-            float(dof[k]),
-            float(p_values[k]),
-            keep[k],
-            estimate[k],
-            sigma[k],
-            bases[:, k, determined[k]],
-        )
-        for k in range(choices)
-    ]
+    return np.asarray(root), np.asarray(determined)
 
 
-def by_own_noise(scores: list[Score], frame: FloatArray, left: FloatArray, dof: float) -> list[Score]:
-    """Scores with the scale of the noise as it is once each is in: what an effect explains inflates it before.
-
-    `frame` (data, p) spans all that is projected out where the noise is estimated, `left` (data,) are the whitened
-    residuals, `dof` the degrees of freedom of their scale.
-    """
-    data = len(frame)
-    bases = np.hstack([score.basis[:data] for score in scores])
-    if not bases.shape[1]:
-        return scores
-    inside = frame.T @ bases
-    outside = left - frame @ (frame.T @ left)
-    explained = np.append((outside @ bases) ** 2, 0.0)
-    taken = np.append(np.maximum(np.sum(bases**2, axis=0) - np.sum(inside**2, axis=0), 0.0), 0.0)
-    dimensions = np.array([score.dimension for score in scores])
-    first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
-    # An effect without dimensions takes the sum of the next one's first column: it is not used.
-    explained, taken = np.add.reduceat(explained, first), np.add.reduceat(taken, first)
-    used = (dimensions > 0) & (dof - taken >= 1.0)
-    rest = np.where(used, dof - taken, 1.0)
-    scale = np.maximum(dof - explained, 1e-9 * dof) / rest
-    statistics = np.array([score.statistic for score in scores])
-    p_values = p_of(statistics / scale, dimensions, rest)
-    return [
-        replace(score, dof=float(rest[k]), p_value=float(p_values[k])) if used[k] else score
-        for k, score in enumerate(scores)
-    ]
+def _quadratic(columns: NDArray[np.float32], form: NDArray[np.float32]) -> NDArray[np.float32]:
+    """x' F x of each choice: columns (draws, k, d), forms (k, d, d)."""
+    d = columns.shape[2]
+    total = np.zeros(columns.shape[:2], dtype=np.float32)
+    for i in range(d):
+        for j in range(i, d):
+            total += (form[:, i, j] * (1.0 if i == j else 2.0)) * columns[:, :, i] * columns[:, :, j]
+    return total

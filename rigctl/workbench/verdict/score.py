@@ -7,8 +7,9 @@ is to first order the fall of chi-square after adding the candidate and fitting 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +22,6 @@ from rigctl.workbench.verdict.noise import orthonormal
 ABSORBED = 1e-2
 """Share of a column that no fitted parameter imitates, below which effects of second order dominate."""
 
-DRAWS = 2000
-_AT_ONCE = 250
-QUANTILE = 0.02
 UNDETERMINED = 1e-8
 
 
@@ -32,7 +30,7 @@ class Score:
     """The score test of one candidate.
 
     `statistic` T with `dimension` d and the noise's `dof`; `keep` per parameter; `estimate` and `sigma` (d,) at first
-    order, 0 and infinity for parameters that are absorbed. `basis` Q has shape (n, d); d is 0 when all is absorbed.
+    order, 0 and infinity for parameters that are absorbed; `of` gives the basis.
     """
 
     statistic: float
@@ -42,7 +40,12 @@ class Score:
     keep: FloatArray
     estimate: FloatArray
     sigma: FloatArray
-    basis: FloatArray
+    of: Callable[[], FloatArray]
+
+    @cached_property
+    def basis(self) -> FloatArray:
+        """Q, shape (n, d); d is 0 when all is absorbed."""
+        return self.of()
 
 
 class Projector:
@@ -61,6 +64,7 @@ class Projector:
         self.data = data
         self._dof = dof
         self._between = between
+        self.one_dof = float(dof[0]) if not between and dof.size and np.all(dof == dof[0]) else None
 
     def free(self, columns: FloatArray) -> FloatArray:
         """M columns."""
@@ -74,7 +78,7 @@ class Projector:
         seen = np.flatnonzero(keep > ABSORBED)
         estimate, sigma = np.zeros(len(size)), np.full(len(size), np.inf)
         if not len(seen):
-            return Score(0.0, 0, np.inf, 1.0, keep, estimate, sigma, np.zeros((len(columns), 0)))
+            return Score(0.0, 0, np.inf, 1.0, keep, estimate, sigma, lambda: np.zeros((len(columns), 0)))
         left, s, right = svd(free[:, seen] / size[seen])
         determined = s > ABSORBED * s[0]
         basis = left[:, determined]
@@ -84,7 +88,8 @@ class Projector:
         sigma[seen] = np.sqrt(np.sum(root**2, axis=1)) / size[seen]
         statistic, dimension = float(along @ along), int(determined.sum())
         dof = self.dof_of(basis)
-        return Score(statistic, dimension, dof, float(p_of(statistic, dimension, dof)), keep, estimate, sigma, basis)
+        p_value = float(p_of(statistic, dimension, dof))
+        return Score(statistic, dimension, dof, p_value, keep, estimate, sigma, lambda: basis)
 
     def dof_of(self, basis: FloatArray) -> float:
         """Degrees of freedom of the noise that a statistic on `basis` meets (Satterthwaite)."""
@@ -113,33 +118,6 @@ def p_of(statistic: FloatArray | float, dimension: IntArray | float, dof: FloatA
     return np.asarray(np.where(np.isfinite(dof), special.fdtrc(d, nu, np.asarray(statistic) / d), exact))
 
 
-def trials(bases: Sequence[FloatArray], rng: np.random.Generator) -> float:
-    """How many independent trials a set of correlated ones amounts to.
-
-    Noise is drawn in the span of all bases Q; 1 - (1 - p)^n is matched to the smallest p at its 2 % quantile.
-    """
-    wide = [basis for basis in bases if basis.shape[1]]
-    if not wide:
-        return 1.0
-    dimensions = np.array([basis.shape[1] for basis in wide])
-    span = np.hstack(wide)
-    first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
-    if span.shape[1] > len(span):  # they span all there is
-        return trials_of(np.concatenate(list(_smallest_of_many(span.astype(np.float32), first, dimensions, rng))))
-    frame = orthonormal(span, 1e-6) if span.shape[1] > 1 else span
-    draws = rng.standard_normal((DRAWS, frame.shape[1])) @ (frame.T @ span)
-    return trials_of(smallest_p(np.add.reduceat(draws**2, first, axis=1), dimensions))
-
-
-def _smallest_of_many(
-    span: NDArray[np.float32], first: IntArray, dimensions: IntArray, rng: np.random.Generator
-) -> Iterator[FloatArray]:
-    """Smallest p of each draw of noise (n,), so many draws at once as take little memory."""
-    for _ in range(DRAWS // _AT_ONCE):
-        draws = rng.standard_normal((_AT_ONCE, len(span)), dtype=np.float32) @ span
-        yield smallest_p(np.add.reduceat(np.square(draws, out=draws), first, axis=1), dimensions)
-
-
 def smallest_p(statistics: NDArray[np.floating], dimensions: IntArray) -> FloatArray:
     """Smallest p of each draw, from statistics (draws, trials)."""
     smallest = np.ones(len(statistics))
@@ -147,13 +125,6 @@ def smallest_p(statistics: NDArray[np.floating], dimensions: IntArray) -> FloatA
         largest = statistics[:, dimensions == d].max(axis=1)
         smallest = np.minimum(smallest, special.chdtrc(d, largest))
     return smallest
-
-
-def trials_of(smallest: FloatArray) -> float:
-    """Independent trials whose smallest p has the 2 % quantile of these."""
-    # Where every trial is absorbed by the model, all of them are 1.
-    level = min(float(np.quantile(smallest, QUANTILE)), 1.0 - 1e-16)
-    return max(float(np.log1p(-QUANTILE) / np.log1p(-level)), 1.0)
 
 
 def corrected(p_value: float, n_eff: float) -> float:

@@ -265,8 +265,7 @@ class Search:
             return 0.0
         fall = without.chi2_with(with_it.noise) - with_it.result.chi2
         dimension = sum(owner == term.effect for owner in with_it.model.owners)
-        same = [each.score.dof for each in without.scored if each.candidate.term.effect == term.effect]
-        return float(p_of(max(fall, 0.0), max(dimension, 1), min(same, default=np.inf)))
+        return float(p_of(max(fall, 0.0), max(dimension, 1), without.dof_of(term.effect)))
 
     def _add_lines(self, attempt: Attempt) -> None:
         significant = [line for line in self.study.lines(attempt.model) if line.p_value < LINES_SHARE * self.alpha]

@@ -1,0 +1,69 @@
+"""Functions of the data with each of many choices, by their moments: what a scan of a period or a place needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.core.arrays import FloatArray
+
+
+class UnitColumns:
+    """Columns (n, choices, d) brought to unit length; `size` (choices, d) is what they had.
+
+    What is asked of them are sums over the rows, so that a choice costs no array of its own.
+    """
+
+    def __init__(self, columns: FloatArray) -> None:
+        n, self.choices, self.dimension = columns.shape
+        self.size = np.linalg.norm(columns, axis=0)
+        self._columns = (columns / np.where(self.size > 0.0, self.size, 1.0)).reshape(n, -1)
+        self._drawn: tuple[object, NDArray[np.float32]] | None = None
+
+    @cached_property
+    def gram(self) -> FloatArray:
+        """Products of each choice's columns with each other, (choices, d, d)."""
+        stack = self._columns.reshape(-1, self.choices, self.dimension)
+        return np.asarray(np.einsum("nki,nkj->kij", stack, stack, optimize=True))
+
+    def along(self, vectors: FloatArray) -> FloatArray:
+        """Products with vectors (n, q), shape (q, choices, d)."""
+        return (vectors.T @ self._columns).reshape(-1, self.choices, self.dimension)
+
+    def along_draws(self, draws: NDArray[np.float32], name: object) -> NDArray[np.float32]:
+        """Products with draws of noise (draws, n), shape (draws, choices, d); kept for the last by `name`."""
+        if self._drawn is None or self._drawn[0] != name:
+            self._drawn = name, draws @ self._columns.astype(np.float32)
+        return self._drawn[1].reshape(-1, self.choices, self.dimension)
+
+    def column(self, place: int) -> FloatArray:
+        """Of one choice, (n, d)."""
+        return self._columns.reshape(-1, self.choices, self.dimension)[:, place]
+
+    @property
+    def stack(self) -> FloatArray:
+        """Of all choices, (n, choices, d)."""
+        return self._columns.reshape(-1, self.choices, self.dimension)
+
+
+class Scan:
+    """Derivatives of the data by an effect's parameters with each of its choices, `columns` (n, choices, d)."""
+
+    def __init__(self, columns: FloatArray) -> None:
+        self.columns = columns
+        self._white: tuple[object, UnitColumns] | None = None
+
+    @cached_property
+    def rms(self) -> FloatArray:
+        """Of each column, (choices, d)."""
+        return np.asarray(np.sqrt(np.mean(self.columns**2, axis=0)))
+
+    def whitened(self, noise: object, whiten: Callable[[FloatArray], FloatArray]) -> UnitColumns:
+        """The columns whitened by `whiten`, at unit length; kept for as long as the same `noise` is asked for."""
+        if self._white is None or self._white[0] is not noise:
+            flat = self.columns.reshape(len(self.columns), -1)
+            self._white = noise, UnitColumns(whiten(flat).reshape(self.columns.shape))
+        return self._white[1]
