@@ -47,3 +47,28 @@ def test_a_steep_spectrum_is_found_although_tapers_leak_and_lines_are_taken_off(
         ratios.append(truth(frequency) / noise(frequency))
     error = np.std(ratios, axis=0) / np.sqrt(160)
     assert (np.abs(np.mean(ratios, axis=0) - 1.0) < 3.0 * error).all()
+
+
+def test_a_run_of_a_few_periods_has_its_channels_level():
+    """Alone, three periods give the level to a factor of some two, and whatever is small there looks large."""
+    sampled = named_pattern("b", 300.0).sampled(2.0)
+    truth = RunNoise(1.0, np.where(np.isclose(EXPONENTS, 1.6), 2.0, 0.0), 100.0)
+    rng = np.random.default_rng(2)
+
+    def drawn(groups, level):
+        factor = np.linalg.cholesky(joint_covariance(truth, sampled, 1, range(groups)))
+        line = np.linalg.qr(np.stack([np.ones(groups), np.arange(groups)], axis=1))[0]
+        fitted = np.zeros((4, groups, 8))
+        for output in range(4):
+            fitted[output, :, 2 * output : 2 * output + 2] = line
+        series = np.sqrt(level) * (factor @ rng.standard_normal(4 * groups)).reshape(4, groups)
+        return likelihood(sampled, 1, series - (series @ line) @ line.T, fitted, NO_BINS)
+
+    at_hz = np.array([1.0 / 300.0])
+    others = [drawn(24, 1.0) for _ in range(6)]
+    short = [run_noise(drawn(3, 1.0), others, 300.0) for _ in range(30)]
+    ratios = np.array([noise(at_hz)[0] / truth(at_hz)[0] for noise in short])
+    assert np.abs(np.log(ratios)).max() < np.log(2.0)
+    # What differs in noise is not forced on one level: nine times the power, of a run long enough to tell.
+    noisy = run_noise(drawn(24, 9.0), others, 300.0)
+    assert noisy(at_hz)[0] / truth(at_hz)[0] > 6.0

@@ -20,7 +20,7 @@ from rigctl.experiments.rotating_platform.observe.residuals import residual_bloc
 
 _LEVEL_BINS = 401
 _LOWEST = 2.5
-_NOTCH = 0.8
+_LEAST_LEFT = 0.75
 _BANDS, _FEWEST_IN_BAND = 24, 30
 _SCAN, _PEAKS = "scan", "peaks"
 
@@ -64,14 +64,17 @@ def _scanned(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> dict[st
             # What every period has alike comes of the turns and is no line.
             table = block.left[channel].reshape(len(block.whole), -1)
             alike = (table.sum(axis=0) / usable) * block.whole[:, None]
-            part = _part((table - alike).ravel(), kept, cells)
+            part = _part((table - alike).ravel(), kept, cells, block.whole)
             if part is not None:
                 parts[channel].append(part)
     return parts
 
 
-def _part(left: FloatArray, kept: float, cells: Cells) -> ScannedRun | None:
-    """One stretch's powers in units of their level, as the mean of the neighbours' logarithms."""
+def _part(left: FloatArray, kept: float, cells: Cells, whole: FloatArray) -> ScannedRun | None:
+    """One stretch's powers in units of their level, as the mean of the neighbours' logarithms.
+
+    `whole` are the periods that count, shape (periods,): their mean has been taken off `left`.
+    """
     rate_hz = cells.sample_rate_hz
     duration_s = left.size / rate_hz
     step_hz = 2.0 ** math.floor(math.log2(0.5 / duration_s))
@@ -80,13 +83,15 @@ def _part(left: FloatArray, kept: float, cells: Cells) -> ScannedRun | None:
     power = np.abs(np.fft.rfft(left, length)[:MAX_BINS]) ** 2
     if kept < 1.0 or power.size < 2 * _LEVEL_BINS or not power.any():
         return None
-    power *= (2.0 / kept) ** 2
+    # Of a steady wave the periods' mean holds what their phases agree in.
+    starts = np.zeros(left.size)
+    starts[:: cells.samples] = whole / whole.sum()
+    remains = 1.0 - np.abs(np.fft.rfft(starts, length)[:MAX_BINS]) ** 2
+    power *= (2.0 / kept) ** 2 / np.maximum(remains, 1.0 - _LEAST_LEFT)
     frequency: FloatArray = np.asarray(np.arange(power.size) * step_hz)
     logs = np.log(np.maximum(power, np.finfo(float).tiny)) - special.digamma(1.0)
-    # Where the periods' mean was taken off there is nothing left to look at.
-    apart_hz = np.abs(frequency - np.rint(frequency * cells.period_s) / cells.period_s)
     seen = (frequency > _LOWEST / cells.period_s) & (frequency < 0.5 * rate_hz - 2.0 / duration_s)
-    use: FloatArray = np.asarray(seen & (apart_hz > _NOTCH / duration_s), dtype=np.float64)
+    use: FloatArray = np.asarray(seen & (remains > _LEAST_LEFT), dtype=np.float64)
     if use.sum() < 2 * _LEVEL_BINS:
         return None
     slope, use = _slope(frequency, logs, use)
@@ -95,6 +100,7 @@ def _part(left: FloatArray, kept: float, cells: Cells) -> ScannedRun | None:
     inverse = np.exp(-slope - smooth / np.maximum(share, 1e-9)) * use
     normal = power * inverse
     logarithm = np.log(np.maximum(normal, np.finfo(float).tiny)) * use
+    inverse = inverse * remains
     return ScannedRun(step_hz, duration_s, rate_hz, np.stack([use, normal, logarithm, inverse]))
 
 

@@ -4,7 +4,8 @@ The four outputs of successive periods are a stationary series whose covariances
 samples (`covariance`). Whittle's likelihood of its tapered transforms, with what the tapers make of a steep spectrum
 and without what fits took off, weighs every spectrum of a grid of exponents and levels; the mean spectrum gives the
 covariance. The lowest frequencies, where drifts are, have no say. Other runs of the channel in the same recording
-count as a prior of limited weight: they share its sensor.
+count as a prior of limited weight, since they share its sensor: of the form, and of the level as far as their own
+levels are alike.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy import special
 
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
@@ -34,6 +36,8 @@ PRIOR_TRANSFORMS = 250.0
 
 TAPERS = 3
 _LOWEST_PLACE = 3
+_FOR_A_TRANSFORM = 4.0
+_USUAL_BETWEEN = 0.1
 _FINE, _LONG = 1200, 1 << 16
 _NEGLIGIBLE = 1e-4
 _BEYOND_RECORD = 0.2
@@ -126,23 +130,66 @@ def likelihood(
 
 def run_noise(own: Likelihood, others: Sequence[Likelihood], period_s: float) -> RunNoise:
     """The noise of a run, given what the other runs of its channel say."""
-    log = own.log.copy()
-    known = sum(each.transforms for each in others)
-    if known > 0.0:
-        log += min(1.0, PRIOR_TRANSFORMS / known) * np.sum([each.log for each in others], axis=0)
+    known = [each for each in others if each.transforms > 0.0]
+    transforms = sum(each.transforms for each in known)
+    if own.transforms + transforms == 0.0:
+        raise DataError("the runs are too short to tell their noise: record more periods")
+    log = np.zeros(own.log.shape)
+    if known:
+        log += min(1.0, PRIOR_TRANSFORMS / transforms) * np.sum([each.log for each in known], axis=0)
+    white, log_level, count = _level(own, known)
+    log += log_level
     weight = np.exp(log - log.max())
     weight[:, 0] /= len(EXPONENTS)
     weight = np.where(weight > _NEGLIGIBLE * weight.max(), weight, 0.0)
     share = weight / weight.sum()
-    white = _levels(own, others)
     at = np.log(white * (1.0 + RATIOS * (AT_HZ * period_s) ** EXPONENTS[:, None]))
     spread = float((share * (at - float((share * at).sum())) ** 2).sum())
-    transforms = max(own.transforms, 0.5)
     return RunNoise(
         white=float((share * white).sum()),
         red=np.asarray((share * white * RATIOS).sum(axis=1)),
-        dof=2.0 / (1.0 / (4.0 * transforms) + spread),
+        dof=2.0 / (1.0 / max(count, 2.0) + spread),
     )
+
+
+def _level(own: Likelihood, known: Sequence[Likelihood]) -> tuple[FloatArray, FloatArray, float]:
+    """The white level on the grid, the run's own log likelihood there, and what squares stand behind the level.
+
+    A level is the mean of so many exponentials. Those of the other runs are a prior, an inverse gamma whose spread is
+    that between their levels beyond what chance makes: a run of a few periods has its channel's level.
+    """
+    count = _FOR_A_TRANSFORM * own.transforms
+    if not known:
+        return own.white, own.log, count
+    counts = np.array([_FOR_A_TRANSFORM * each.transforms for each in known])
+    logs = (
+        np.stack([np.log(each.white) for each in known])
+        + np.log(counts / np.exp(special.digamma(counts)))[:, None, None]
+    )
+    between = _between_levels(logs, special.polygamma(1, counts), np.sum([each.log for each in known], axis=0))
+    weight = 1.0 / (special.polygamma(1, counts) + between)
+    level = np.exp(np.tensordot(weight, logs, axes=1) / weight.sum())
+    prior = 1.0 / (between + 1.0 / weight.sum())
+    if count == 0.0:
+        return level, np.zeros(own.log.shape), prior
+    both = (count * own.white + prior * level) / (count + prior)
+    log = own.log + count * np.log(own.white) + prior * np.log(level) - (count + prior) * np.log(both)
+    return both, log, count + prior
+
+
+def _between_levels(logs: FloatArray, variance: FloatArray, likelihood_log: FloatArray) -> float:
+    """The variance between logarithms of levels beyond their own, where the runs together are most likely.
+
+    By moments (DerSimonian and Laird, Control. Clin. Trials 7 (1986) 177), with one run's worth of what levels of one
+    sensor differ by.
+    """
+    values = logs.reshape(len(logs), -1)[:, int(likelihood_log.argmax())]
+    weight = 1.0 / variance
+    scatter = float(weight @ (values - weight @ values / weight.sum()) ** 2)
+    spare = len(values) - 1
+    scale = weight.sum() - float(weight @ weight) / weight.sum()
+    found = max(0.0, (scatter - spare) / scale) if spare else 0.0
+    return (_USUAL_BETWEEN + spare * found) / (spare + 1)
 
 
 def joint_covariance(noise: RunNoise, sampled: SampledPattern, per_group: int, which: Sequence[int]) -> FloatArray:
@@ -175,16 +222,6 @@ def _transforms(rate_hz: float, rows: FloatArray) -> tuple[ComplexArray, FloatAr
     share_hz = np.full(frequency.size, 2.0 * rate_hz / length)
     share_hz[-1] *= 0.5
     return transform, frequency, share_hz
-
-
-def _levels(own: Likelihood, others: Sequence[Likelihood]) -> FloatArray:
-    """White levels on the grid: the run's own, or the mean of the others' where it has none."""
-    if own.transforms > 0.0:
-        return own.white
-    known = [each.white for each in others if each.transforms > 0.0]
-    if not known:
-        raise DataError("the runs are too short to tell their noise: record more periods")
-    return np.asarray(np.mean(known, axis=0))
 
 
 @lru_cache(maxsize=64)
