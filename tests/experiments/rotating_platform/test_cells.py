@@ -209,3 +209,25 @@ def test_periods_that_come_one_by_one_are_those_of_the_whole_run(recorded: tuple
     wanted = estimates(whole, outside_guard(whole, 0.0, 0.0), pattern)
     assert np.array_equal(np.concatenate([each.accel_mean for each in live]), wanted.accel_mean)
     assert np.array_equal(np.concatenate([each.bias_slope for each in live]), wanted.bias_slope)
+
+
+def test_an_encoder_may_begin_anew_after_a_whole_turn(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    forward = np.cumsum(np.abs(np.diff(samples["theta_deg"], prepend=samples["theta_deg"][0])))
+    going_on = cut({**samples, "theta_deg": forward}, believed)
+    wrapped = {**samples, "theta_deg": (forward + 1e-4 * np.cos(np.arange(forward.size))) % 360.0}
+    for step in (1 << 30, 777):
+        found = cut(wrapped, believed, step)
+        assert np.array_equal(found.direction, going_on.direction)
+        assert np.array_equal(found.turn_kinds, going_on.turn_kinds)
+        assert np.allclose(found.turns, going_on.turns, rtol=0.0, atol=1e-5)
+
+
+def test_a_column_of_the_laboratory_is_kept_with_the_cells(recorded: tuple[Columns, Chains]) -> None:
+    samples, believed = recorded
+    size = samples["t_s"].size
+    found = cut({**samples, "supply_v": np.linspace(14.0, 15.0, size)}, believed, 1000)
+    assert found.own == ("supply_v",)
+    assert np.allclose(found.state[:, -1], 14.0 + found.time_s / samples["t_s"].max(), atol=1e-3)
+    again = Cells.unpacked(found.packed())
+    assert again.own == found.own

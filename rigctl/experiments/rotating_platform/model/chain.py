@@ -66,7 +66,7 @@ class PlatformRuns:
         return self.temperature - REFERENCE_C
 
     def column(self, name: str) -> FloatArray:
-        """A laboratory's own column of runs.csv; `ConfigError` when the recording has none."""
+        """A laboratory's own column of runs.csv or of the samples; `ConfigError` when the recording has none."""
         if name not in self.columns:
             known = ", ".join(sorted(self.columns)) or "none"
             raise ConfigError(f"no column '{name}' of numbers in runs.csv; columns beyond the format's own: {known}")

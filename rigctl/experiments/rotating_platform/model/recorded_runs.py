@@ -12,6 +12,7 @@ from scipy import sparse
 
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.model.chain import PlatformRuns, off_stop
+from rigctl.experiments.rotating_platform.observe.cells import STATE
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, baseline_columns, bias_columns
 from rigctl.experiments.rotating_platform.observe.observables import own_columns, stacked, turns_before
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
@@ -138,7 +139,7 @@ class Recorded:
         def joined(of: Callable[[ChannelRun], FloatArray]) -> FloatArray:
             return np.concatenate([of(each) for each in runs])
 
-        names = sorted({name for each in runs for name in own_columns(each.run.conditions)})
+        names = sorted({name for each in runs for name in (*own_columns(each.run.conditions), *each.run.cells.own)})
         return PlatformRuns(
             channel=channel,
             t=joined(lambda each: _start_s(each) + each.run.cells.time_s),
@@ -158,14 +159,7 @@ class Recorded:
             period=joined(lambda each: np.full(each.run.cells.period.size, each.run.cells.period_s)),
             g=self.g_m_s2,
             cells=cells,
-            columns={
-                name: joined(
-                    lambda each, name=name: np.full(  # type: ignore[misc]
-                        each.run.cells.period.size, own_columns(each.run.conditions).get(name, math.nan)
-                    )
-                )
-                for name in names
-            },
+            columns={name: np.concatenate([_own_column(each, name) for each in runs]) for name in names},
         )
 
     @cached_property
@@ -187,6 +181,14 @@ class Recorded:
         for channel, means in added.items():
             observables += self.operators[channel] @ means
         return observables
+
+
+def _own_column(each: ChannelRun, name: str) -> FloatArray:
+    """A laboratory's own column by cells, of the samples where it is there."""
+    cells = each.run.cells
+    if name in cells.own:
+        return np.asarray(cells.state[:, len(STATE) + cells.own.index(name)])
+    return np.full(cells.period.size, own_columns(each.run.conditions).get(name, math.nan))
 
 
 def _start_s(each: ChannelRun) -> float:

@@ -43,6 +43,7 @@ FAULTS = ("gap", "saturated", "angle", "shifted")
 BESIDE_S = 1.5
 """So far from a turn the platform's motion is still looked at."""
 
+_OWN = "own"
 FAR = 1 << 40
 """Samples since a turn where there was none."""
 
@@ -56,11 +57,12 @@ class Cells:
     `direction` (of the last turn, 0 before the first) have shape (cells,). `sums` (cells, channels, 5): count, sum u,
     sum u^2, sum m, sum u m of the usable samples of `CHANNELS`, m in m/s2.
     `count` and `centre` (cells,): samples and their mean u, usable or not. `geometry` and `ramps` (cells, 6): mean x
-    of `GEOMETRY`, sum (u - mean u) x; `state` (cells, 5) means of `STATE`. `faults` (periods, channels, 4): samples
-    by `FAULTS`. `off_stop`: samples that count while the platform moves. `drift_s`: by how much later the turns came
-    in the last period than in the first. `turns` (kinds, samples): the mean angle [rad] about the turns of one
-    direction that end with the same sample of the period (`turn_kinds` (kinds, 2): direction, sample), from
-    `turn_before` samples before the mask ends: where within a sample a turn ends is the same for all of a kind.
+    of `GEOMETRY`, sum (u - mean u) x; `state` (cells, 5 + own) means of `STATE` and of the columns `own`.
+    `faults` (periods, channels, 4): samples by `FAULTS`. `off_stop`: samples that count while the platform moves.
+    `drift_s`: by how much later the turns came in the last period than in the first. `turns` (kinds, samples): the
+    mean angle [rad] about the turns of one direction that end with the same sample of the period (`turn_kinds`
+    (kinds, 2): direction, sample), from `turn_before` samples before the mask ends: where within a sample a turn ends
+    is the same for all of a kind.
     """
 
     sample_rate_hz: float
@@ -83,6 +85,7 @@ class Cells:
     turns: FloatArray
     turn_kinds: Int64Array
     turn_before: int
+    own: tuple[str, ...] = ()
 
     @property
     def periods(self) -> int:
@@ -136,10 +139,11 @@ class Cells:
 
     def packed(self) -> Packed:
         """For keeping, bit for bit."""
-        return Packed({}, {each.name: np.asarray(getattr(self, each.name)) for each in fields(self)})
+        arrays = {each.name: np.asarray(getattr(self, each.name)) for each in fields(self) if each.name != _OWN}
+        return Packed({_OWN: list(self.own)}, arrays)
 
     @classmethod
     def unpacked(cls, kept: Packed) -> Cells:
         """What `packed` was called on."""
         values: dict[str, Any] = {name: array if array.ndim else array.item() for name, array in kept.arrays.items()}
-        return cls(**values)
+        return cls(**values, own=tuple(kept.head[_OWN]))

@@ -24,6 +24,7 @@ from rigctl.experiments.rotating_platform.observe.cells import (
 from rigctl.experiments.rotating_platform.observe.even_samples import (
     COMMANDED,
     MOVING,
+    OWN,
     TEMPERATURE,
     THETA,
     EvenSamples,
@@ -90,7 +91,7 @@ class CellStream:
         if not even.samples:
             return
         if self._cutter is None:
-            self._cutter = _Cutter(self._chains, even.rate_hz, even.samples, self._guard_s, self._lead_s)
+            self._cutter = _Cutter(self._chains, even, self._guard_s, self._lead_s)
         if even.length >= max(at_least, even.samples) + self._cutter.ahead:
             even.drop(self._cutter.cut(even.block(), self._cutter.ahead))
 
@@ -107,7 +108,8 @@ class CellStream:
 class _Cutter:
     """Cuts blocks of whole periods into cells."""
 
-    def __init__(self, chains: Chains, rate_hz: float, samples: int, guard_s: float, lead_s: float) -> None:
+    def __init__(self, chains: Chains, even: EvenSamples, guard_s: float, lead_s: float) -> None:
+        rate_hz, samples, self._own = even.rate_hz, even.samples, even.own
         self._turns = Turns(rate_hz, samples)
         self.ahead = self._turns.ahead
         self._rate_hz, self._samples = rate_hz, samples
@@ -162,6 +164,7 @@ class _Cutter:
             turns=turns,
             turn_kinds=turn_kinds,
             turn_before=self._turns.before,
+            own=self._own,
         )
         self._begin()
         return cells
@@ -203,6 +206,7 @@ class _Cutter:
         speed, turning = (row[:length] for row in self._turns.motion(dwells))
         state = [total(c_z) / count, total(c_y) / count, _mean_of_known(total, block[TEMPERATURE])]
         state += [total(speed**2) / count, total(turning) / count]
+        state += [_mean_of_known(total, row) for row in block[OWN]]
         self._off_stop += int(np.count_nonzero(dwells.rests[:length] & ~dwells.still[:length]))
         first = starts[kept]
         dwell = dwells.number_at(first)

@@ -10,10 +10,14 @@ from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Columns
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, COMMANDS, READINGS, Chains
 
-MOVING, THETA, COMMANDED, TEMPERATURE = 2, 3, slice(4, 6), 6
-"""Rows after the readings of `CHANNELS`: the flag, the angle [rad], the commands of `CHANNELS` [m/s2], [degC]."""
+MOVING, THETA, COMMANDED, TEMPERATURE, OWN = 2, 3, slice(4, 6), 6, slice(7, None)
+"""Rows after the readings of `CHANNELS`: the flag, the angle [rad], the commands of `CHANNELS` [m/s2], [degC], and a
+laboratory's own columns."""
+
+_FORMAT_COLUMNS = {"t_s", "theta_deg", "moving", "temperature_c", *READINGS.values(), *COMMANDS.values()}
 
 _SAME_RATE = 2e-3
+_WRAPPED_TURN = 0.75
 
 
 class EvenSamples:
@@ -23,6 +27,8 @@ class EvenSamples:
         self._chains, self._period_s, self._nominal_rate_hz = chains, period_s, sample_rate_hz
         self.rate_hz, self.samples, self.length = math.nan, 0, 0
         self._step_s = self._last_s = math.nan
+        self._angle = _Unwrapped()
+        self.own: tuple[str, ...] = ()
         self._waiting: list[FloatArray] = []
 
     def take(self, chunk: Columns) -> None:
@@ -32,6 +38,7 @@ class EvenSamples:
             return
         if not self.samples:
             self._set_rate(t_s)
+            self.own = tuple(sorted(set(chunk) - _FORMAT_COLUMNS))
         steps = np.maximum(np.rint(np.diff(t_s, prepend=self._last_s) / self._step_s), 1.0)
         self._last_s = float(t_s[-1])
         place = (np.cumsum(steps) - 1.0).astype(np.int64)
@@ -44,7 +51,7 @@ class EvenSamples:
         self.length += rows.shape[1]
 
     def block(self) -> FloatArray:
-        """All rows that are held, shape (7, `length`)."""
+        """All rows that are held, shape (7 and as many as `own` names, `length`)."""
         if len(self._waiting) > 1:
             self._waiting = [np.concatenate(self._waiting, axis=1)]
         return self._waiting[0]
@@ -65,12 +72,34 @@ class EvenSamples:
     def _rows(self, chunk: Columns) -> FloatArray:
         size = chunk["t_s"].size
         rows = [chunk[READINGS[name]] / self._chains.gain_v_per_m_s2[name] for name in CHANNELS]
-        rows += [chunk["moving"], np.deg2rad(chunk["theta_deg"])]
+        rows += [chunk["moving"], self._angle.on(np.deg2rad(chunk["theta_deg"]))]
         for name in CHANNELS:
             command = chunk.get(COMMANDS[name])
             rows.append(np.zeros(size) if command is None else command / self._chains.command_v_per_m_s2[name])
-        rows.append(chunk.get("temperature_c", np.full(size, np.nan)))
+        rows += [chunk.get(name, np.full(size, np.nan)) for name in ("temperature_c", *self.own)]
         return np.stack(rows)
+
+
+class _Unwrapped:
+    """An angle whose encoder begins anew after a whole turn, made to go on; chunk after chunk."""
+
+    def __init__(self) -> None:
+        self._last_rad = math.nan
+        self._turns = 0.0
+
+    def on(self, theta_rad: FloatArray) -> FloatArray:
+        """The next samples; what was lost stays so."""
+        known = np.flatnonzero(np.isfinite(theta_rad))
+        if not known.size:
+            return theta_rad
+        before = self._last_rad if math.isfinite(self._last_rad) else theta_rad[known[0]]
+        steps = np.diff(theta_rad[known], prepend=before) / (2.0 * np.pi)
+        # Half a turn may pass unseen while samples are lost; no encoder's step is three quarters.
+        turns = self._turns - np.cumsum(np.where(np.abs(steps) > _WRAPPED_TURN, np.rint(steps), 0.0))
+        self._last_rad, self._turns = float(theta_rad[known[-1]]), float(turns[-1])
+        going_on = theta_rad.copy()
+        going_on[known] += 2.0 * np.pi * turns
+        return going_on
 
 
 def held(moving: FloatArray, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:

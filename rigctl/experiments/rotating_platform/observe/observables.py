@@ -13,7 +13,7 @@ import numpy as np
 from rigctl.campaign.layout import COMMON_FIELDS
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.cells import AFTER_S, BEFORE, BEFORE_S
+from rigctl.experiments.rotating_platform.observe.cells import AFTER_S, BEFORE, BEFORE_S, STATE
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.reducer import Bin
@@ -174,6 +174,7 @@ def _group_row(number: int, each: ChannelRun, group: int, turned: int) -> Row:
         "turns": float(share @ turns),
         **{f"turns_modulo_{cycle}": float(share @ (turns % cycle)) for cycle in TURN_CYCLES},
         **own_columns(each.run.conditions),
+        **_own_samples(each, share @ cells.state[in_group]),
     }
     return Row(number, covariates, (_STRETCHES * first) // max(cells.periods, 1))
 
@@ -187,6 +188,7 @@ def _bin_row(number: int, each: ChannelRun, one: Bin) -> Row:
         "since_turn_s": AFTER_S[one.number] if one.number != BEFORE else -BEFORE_S,
         "stop": float(one.sign),
         **own_columns(each.run.conditions),
+        **_own_samples(each, cells.state[in_bin].mean(axis=0)),
     }
     return Row(number, covariates, 0)
 
@@ -199,6 +201,11 @@ def _state(each: ChannelRun, state: FloatArray) -> dict[str, float]:
         "temperature_c": _temperature(each.run.conditions, float(state[2])),
         "modulation_frequency_hz": 1.0 / each.run.cells.period_s,
     }
+
+
+def _own_samples(each: ChannelRun, state: FloatArray) -> dict[str, float]:
+    """A laboratory's own columns of the samples, of a row whose cells have this mean `Cells.state`."""
+    return dict(zip(each.run.cells.own, state[len(STATE) :].tolist(), strict=True))
 
 
 _FORMAT_COLUMNS = {
