@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.foreign.isa_bundle import Noise, write
+from tests.foreign.isa_score import SENSING_AXIS
 from tests.foreign.isa_trial import drawn, size_of
 from tests.foreign.isa_world import Bench, Design, readings
 from tests.foreign.sessions import command, run
@@ -76,7 +77,7 @@ def test_sizes_are_in_sigma_and_linear() -> None:
 
 def test_a_trial_scores_what_was_said() -> None:
     """One known effect and one of no catalogue; the rest is `python -m tests.foreign.trials`."""
-    known, unknown = tried(3), tried(11)
+    known, unknown = tried(SENSING_AXIS, 3), tried(SENSING_AXIS, 11)
     assert known["all_named"]
     assert known["invented"] == []
     assert known["verdict"] == "effect"

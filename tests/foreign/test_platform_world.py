@@ -1,0 +1,159 @@
+"""The second world of the rotating platform, and what the commands say of recordings made in it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.foreign.platform_bundle import Habits, Noise, noises, write
+from tests.foreign.platform_score import PLATFORM
+from tests.foreign.platform_size import Sight, kept_sign, operator, whitener
+from tests.foreign.platform_trial import Trial, drawn_bench, drawn_noise, drawn_runs
+from tests.foreign.platform_world import Floats, Platform, Run, angle, readings
+from tests.foreign.sessions import Session, command, run
+from tests.foreign.trials import scored, summary
+
+HABITS = Habits(wrapped_angle=False, with_temperature=True, with_biases=False, dropped=0.0)
+BASELINE_P = 1e-3
+QUIETER = 30.0
+"""So much less noise, in amplitude: the converter's steps are still drowned in it."""
+
+
+def plain(effects: dict[str, float], **changes: object) -> Platform:
+    """The seed's bench, with the constants that the page's leaks are stated for."""
+    bench = Platform(
+        assumed_gain_v={"z": 846.73, "y": 804.32},
+        assumed_servo_gain_v={"z": 825.0, "y": 805.0},
+        gain_error={"z": 0.0, "y": 0.0},
+        servo_gain_error={"z": 0.0, "y": 0.0},
+        rest_m_s2={"z": 1.5 / 825.0, "y": -2.98e-4},
+        bias_m_s2={"z": 10.54e-4, "y": -14.33e-4},
+        effects=effects,
+    )
+    return replace(bench, **changes)  # type: ignore[arg-type]
+
+
+def leak(pattern: str, effects: dict[str, float], **changes: object) -> Floats:
+    """What an effect adds to the four outputs of the second of three periods: accel mean, slope, bias mean, slope."""
+    made = Run(pattern, 60.0, 3, 10.0, 20.0, "constant", 0.0, 0.0, 0.0, 0.0)
+    with_it, without = plain(effects, **changes), plain({}, **changes)
+    m = readings(made, with_it)["z"] - readings(made, without)["z"]
+    middle = slice(600, 1200)
+    c, t = kept_sign(made, with_it)[middle], made.time_s[middle]
+    t = t - t[c != 0.0].mean()
+    kept = np.abs(c)
+    square = kept @ t**2
+    return np.array([c @ m[middle], c * t @ m[middle], kept @ m[middle], kept * t @ m[middle]]) / [
+        kept.sum(), square, kept.sum(), square,
+    ]  # fmt: skip
+
+
+SHORT, CENTRIFUGAL = {"mask_short_s": 0.5}, {"r_cos[z]": 0.05}
+
+
+@pytest.mark.parametrize("pattern", ["b", "c"])
+@pytest.mark.parametrize(
+    ("effects", "changes", "output", "leaks"),
+    [
+        # Leaks of the page's table into accel mean (0) and bias mean (2) at 60 s, for b and c.
+        ({"r_sin[z]": -0.05}, SHORT, 0, (7.3231e-5, 1.0914e-3)),
+        (CENTRIFUGAL, SHORT, 2, (-1.0942e-7, -1.3065e-5)),
+        ({"delay_s": 0.2, "r_sin[z]": -0.05}, {}, 0, (6.1941e-6, 9.8742e-5)),
+        ({"e[z]": 1e-6, "T_r": 60.0}, {}, 2, (8.5111e-7, 9.1826e-7)),
+        ({"e_signed[z]": -1e-6, "T_r": 60.0}, {}, 0, (8.5111e-7, 9.1826e-7)),
+        ({"kx[z]": 1e-3}, {}, 0, (-2.98e-7, -2.98e-7)),
+        ({"K2[z]": 3e-5}, {}, 0, (1.1498e-10, 1.1498e-10)),
+        ({"K2[z]": 3e-5}, {}, 2, (1.3250e-10, 1.3250e-10)),
+        ({"e_abs[z]": 1e-4}, {}, 0, (1.0540e-7, 1.0540e-7)),
+        ({"e_abs[z]": 1e-4}, {}, 2, (1.8182e-7, 1.8182e-7)),
+        ({"k1[z]": 1e-4 / 3600.0}, {}, 1, (5.0505e-11, 5.0505e-11)),
+    ],
+)
+def test_effects_leak_as_the_page_says(
+    pattern: str, effects: dict[str, float], changes: dict[str, float], output: int, leaks: tuple[float, float]
+) -> None:
+    """The page takes a recovery from the beginning of each sample, half a tenth of a second before its middle."""
+    expected = leaks["bc".index(pattern)]
+    tolerance = 0.05 / 60.0 if "T_r" in effects else 1e-4
+    assert leak(pattern, effects, **changes)[output] == pytest.approx(expected, rel=1.1 * tolerance)
+
+
+def test_a_filter_rings_as_much_as_the_page_says() -> None:
+    """Its two figures are of another realisation of the filter: 3.6e-6 and 5.8e-5."""
+    for pattern, expected in (("b", 3.6e-6), ("c", 5.8e-5)):
+        assert abs(leak(pattern, {"filter": 1.0, "r_sin[z]": 0.05})[0]) == pytest.approx(expected, rel=0.1)
+
+
+def test_the_noise_is_that_from_which_sizes_are_computed() -> None:
+    random = np.random.default_rng(5)
+    noise, bench = drawn_noise(random), drawn_bench(random)
+    made = Run("c", 60.0, 4, 4.0, 20.0, "constant", 0.0, 0.0, 0.0, 0.0)
+    weights = operator(made, bench)
+    rows = whitener(made, bench, noise, weights) @ weights
+    theta, _, _ = angle(made, bench, made.time_s)
+    white = np.array([rows @ each for _ in range(150) for each in noises(random, noise, made, theta).values()])
+    assert (white**2).mean() == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / white.size))
+
+
+def test_both_worlds_have_the_same_conventions(tmp_path: Path) -> None:
+    """Without effects and almost without noise the baseline describes this world."""
+    random = np.random.default_rng(2)
+    runs, bench, noise = drawn_runs(random), drawn_bench(random), drawn_noise(random)
+    constant = [each for each in runs if each.external == "constant" and each.period_s < 100.0]
+    quiet = Noise(
+        noise.white / QUIETER**2, noise.flicker / QUIETER**2, noise.exponent, noise.pendulum / QUIETER, 1e-9
+    )
+    write(constant, replace(bench, forward=True), quiet, replace(HABITS, wrapped_angle=True), 1, tmp_path / "quiet")
+    store = str(tmp_path / "quiet.rig.sqlite")
+    run("import", str(tmp_path / "quiet"), "--store", store)
+    compared = command("compare", store)
+    assert compared["p_value"] > BASELINE_P, compared["channels"]
+
+
+def test_sizes_are_in_sigma_and_linear() -> None:
+    trial = small(3)
+    size = trial.hidden["recovery"]
+    assert size == pytest.approx(15.0, rel=1e-6)
+    sight = Sight(trial.runs, trial.bench.with_effects({}), trial.noise)
+    assert sight.size({"e[z]": 2.0 * trial.parameters["e[z]"], "T_r": 6.0}) == pytest.approx(2.0 * size, rel=1e-6)
+
+
+def small(seed: int) -> Trial:
+    """A sensor z that recovers after every turn, seen in a few short runs."""
+    random = np.random.default_rng(seed)
+    bench, noise = drawn_bench(random), drawn_noise(random)
+    runs = [
+        Run("c", 60.0, 6, 4.0, 20.0, "constant", v_z, 0.0, 0.0, 500.0 * number)
+        for number, v_z in enumerate((0.0, 1.5, -0.75, 1.0, 0.5))
+    ]
+    sight = Sight(runs, bench, noise)
+    effects = {"e[z]": 15e-6 / sight.size({"e[z]": 1e-6, "T_r": 6.0}), "T_r": 6.0}
+    return Trial(runs, bench.with_effects(effects), noise, HABITS, {"recovery": sight.size(effects)})
+
+
+def test_a_trial_scores_what_was_said() -> None:
+    """A recovery and a line told; the line was not there. Whole sessions are `python -m tests.foreign.trials`."""
+    trial = small(7)
+    e, sigma = trial.parameters["e[z]"], 1e-7
+    told = {"e[z]": {"value": e + 2.0 * sigma, "sigma": sigma}, "t_r": {"value": 6.0, "sigma": None}}
+    ranking = [{"effect": "recovery", "equivalent_to": []}, {"effect": "line", "equivalent_to": []}]
+    session = Session(
+        reference={},
+        response="",
+        compare={"p_value": 1e-9},
+        diagnose={"verdict": "effect", "suggested": ["recovery", "line"], "ranking": ranking, "unexplained": None},
+        after={"p_value": 0.5},
+        fit={"parameters": told},
+        history=[{"error_fit": 1.0, "error_held_out": 1.0}],
+    )
+    score = {"seed": 7, **scored(PLATFORM, trial, session)}
+    assert score["all_named"]
+    assert score["invented"] == ["line"]
+    assert score["pulls"] == {"e[z]": pytest.approx(2.0)}
+    said = summary([json.loads(json.dumps(score))])
+    assert "one effect named      1 of 1" in said
+    assert "nothing invented      0 of 1" in said
