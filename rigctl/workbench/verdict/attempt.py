@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -94,28 +94,32 @@ class Attempt(FittedModel):
 
         What stands out is looked for between the values of the scan too.
         """
-        return [self._refined(each) for each in self._best_choices(range(len(self._groups))).values()]
+        return [scored for effect in self._groups if (scored := self.scored_effect(effect)) is not None]
 
-    def _best_choices(self, groups: Iterable[int]) -> dict[str, Scored]:
-        """Of each effect in these groups."""
+    def scored_effect(self, effect: str) -> Scored | None:
+        """The candidate of one effect, scored when it is asked for; None where it is none."""
+        if effect in self._groups and effect not in self._scored_effects:
+            self._scored_effects[effect] = self._refined(self._best_choice(effect))
+        return self._scored_effects.get(effect)
+
+    @cached_property
+    def _scored_effects(self) -> dict[str, Scored]:
+        return {}
+
+    def _best_choice(self, effect: str) -> Scored:
         price = float(np.log(len(self.result.residuals)))
-        best: dict[str, Scored] = {}
-        for number in groups:
-            for candidate, score in zip(self._groups[number], self._scores_of_group(number), strict=True):
-                held = best.get(candidate.term.effect)
-                more = 0 if held is None else len(candidate.names) - len(held.candidate.names)
-                if held is None or score.statistic - more * price > held.score.statistic:
-                    best[candidate.term.effect] = Scored(candidate, score)
+        best: Scored | None = None
+        for group, scores in zip(self._groups[effect], self._scored_groups(effect), strict=True):
+            for candidate, score in zip(group, scores if isinstance(scores, list) else scores.scores, strict=True):
+                more = 0 if best is None else len(candidate.names) - len(best.candidate.names)
+                if best is None or score.statistic - more * price > best.score.statistic:
+                    best = Scored(candidate, score)
+        assert best is not None
         return best
 
     def dof_of(self, effect: str) -> float:
         """Degrees of freedom of the noise that the test of a candidate meets; infinite for what is none."""
-        groups = [number for number, group in enumerate(self._groups) if group[0].term.effect == effect]
-        return min((each.score.dof for each in self._best_choices(groups).values()), default=np.inf)
-
-    def scored_effect(self, effect: str) -> Scored | None:
-        """The candidate of one effect; None where it is none."""
-        return next((each for each in self.scored if each.candidate.term.effect == effect), None)
+        return self._best_choice(effect).score.dof if effect in self._groups else np.inf
 
     @cached_property
     def likeness_bounds(self) -> FloatArray:
@@ -132,7 +136,7 @@ class Attempt(FittedModel):
     @cached_property
     def n_eff(self) -> float:
         """How many independent trials the catalogue amounts to."""
-        groups = [self._scored_group(number) for number in range(len(self._groups))]
+        groups = [scored for effect in self._groups for scored in self._scored_groups(effect)]
         scans = [each for each in groups if isinstance(each, ScanScores)]
         bases = [score.basis for each in groups if not isinstance(each, ScanScores) for score in each]
         return trials(bases, scans, len(self.left), self.seed)
@@ -161,30 +165,30 @@ class Attempt(FittedModel):
 
     @property
     def scores(self) -> list[Score]:
-        """Of every candidate, in their order."""
-        return [score for number in range(len(self._groups)) for score in self._scores_of_group(number)]
+        """Of every candidate, effect by effect."""
+        groups = [scored for effect in self._groups for scored in self._scored_groups(effect)]
+        return [score for each in groups for score in (each if isinstance(each, list) else each.scores)]
 
     @cached_property
-    def _groups(self) -> list[list[Candidate]]:
+    def _groups(self) -> dict[str, list[list[Candidate]]]:
         """The candidates effect by effect, choices with as many parameters together."""
-        groups = itertools.groupby(self.candidates, key=lambda each: (each.term.effect, len(each.names)))
-        return [list(group) for _, group in groups]
+        groups: dict[str, list[list[Candidate]]] = {}
+        of_one = itertools.groupby(self.candidates, lambda each: (each.term.effect, len(each.names)))
+        for (effect, _), group in of_one:
+            groups.setdefault(effect, []).append(list(group))
+        return groups
 
-    def _scores_of_group(self, number: int) -> list[Score]:
-        scored = self._scored_group(number)
-        return scored.scores if isinstance(scored, ScanScores) else scored
-
-    def _scored_group(self, number: int) -> ScanScores | list[Score]:
-        """A group scored once, and when it is asked for; the choices of a long scan together."""
-        if number not in self._scored_groups:
-            group = self._groups[number]
-            self._scored_groups[number] = (
+    def _scored_groups(self, effect: str) -> list[ScanScores | list[Score]]:
+        """The groups of an effect, scored once; the choices of a long scan together."""
+        if effect not in self._scored:
+            self._scored[effect] = [
                 self._scores_of_scan(group) if len(group) >= TOGETHER else [self._score(each) for each in group]
-            )
-        return self._scored_groups[number]
+                for group in self._groups[effect]
+            ]
+        return self._scored[effect]
 
     @cached_property
-    def _scored_groups(self) -> dict[int, ScanScores | list[Score]]:
+    def _scored(self) -> dict[str, list[ScanScores | list[Score]]]:
         return {}
 
     def _scores_of_scan(self, choices: Sequence[Candidate]) -> ScanScores:
@@ -226,7 +230,8 @@ class Attempt(FittedModel):
     @cached_property
     def bootstrap(self) -> Bootstrap:
         """What the smallest p-values would be with nothing hidden, the noise estimated each time."""
-        return bootstrap(self, self.candidates, self.scores, self.estimator, self.generic, self.seed)
+        candidates = [each for groups in self._groups.values() for group in groups for each in group]
+        return bootstrap(self, candidates, self.scores, self.estimator, self.generic, self.seed)
 
     @cached_property
     def best_shape(self) -> Best | None:

@@ -20,6 +20,7 @@ from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.generic import Generic
 from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
+from rigctl.workbench.verdict.scan import inverse_root
 from rigctl.workbench.verdict.score import ABSORBED, Score, p_of
 
 DRAWS = 300
@@ -100,10 +101,11 @@ def bootstrap(
         noisy = np.zeros(data)
         noisy[scatter] = noise.colour(rng.standard_normal(data))[scatter]
         estimated = estimator.estimate(noisy)
-        left = np.concatenate([rng.standard_normal(frame.shape[1]), estimated.whiten(noisy)[scatter]])
+        below = estimated.whiten(np.hstack([noisy[:, None], jacobian, columns]))[scatter]
+        left = np.concatenate([rng.standard_normal(frame.shape[1]), below[:, 0]])
         drawn[draw], dimensions = _statistics(
-            np.vstack([above[0], estimated.whiten(jacobian)[scatter]]),
-            np.vstack([above[1], estimated.whiten(columns)[scatter]]),
+            np.vstack([above[0], below[:, 1 : 1 + jacobian.shape[1]]]),
+            np.vstack([above[1], below[:, 1 + jacobian.shape[1] :]]),
             widths,
             left,
         )
@@ -158,10 +160,13 @@ def _statistics(
     first = np.concatenate([[0], np.cumsum(widths)[:-1]])
     statistics = np.where(kept, along**2 / np.where(kept, free_size, 1.0), 0.0)[first]
     dimensions = np.ones(len(widths), dtype=np.intp)
-    for number in np.flatnonzero(widths > 1):
-        where = first[number] + np.flatnonzero(kept[first[number] : first[number] + widths[number]])
-        if len(where):
-            root = orthonormal(free[:, where], ABSORBED)
-            statistics[number] = np.sum((root.T @ left) ** 2)
-            dimensions[number] = root.shape[1]
+    for width in np.unique(widths[widths > 1]):
+        numbers = np.flatnonzero(widths == width)
+        places = first[numbers, None] + np.arange(width)
+        scale = np.where(kept, 1.0 / np.sqrt(np.where(kept, free_size, 1.0)), 0.0)[places]
+        stack = free[:, places] * scale
+        gram = np.einsum("nki,nkj->kij", stack, stack, optimize=True)
+        root, determined = inverse_root(gram, kept[places])
+        statistics[numbers] = np.sum(np.einsum("kij,ki->kj", root, along[places] * scale) ** 2, axis=1)
+        dimensions[numbers] = np.maximum(determined.sum(axis=1), 1)
     return statistics, dimensions

@@ -64,10 +64,13 @@ class Pool:
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
         self._free = len(self._looked_at) - basis.shape[1]
-        self._trials = [_Trial(_WHITE, np.zeros(len(self._looked_at)), np.eye(len(self._looked_at)), basis)]
+        self._trials = [_Trials([_WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
         for kernel in self._kernels:
             strength, vectors = np.linalg.eigh(self._kernel(kernel, self._looked_at))
-            self._trials += [_Trial(Correlation(kernel, q), q * strength, vectors, basis) for q in RATIOS]
+            tried = [Correlation(kernel, q) for q in RATIOS]
+            self._trials.append(_Trials(tried, np.outer(RATIOS, strength), vectors, basis))
+        self._correlations = [each for trials in self._trials for each in trials.correlations]
+        self._penalties = np.concatenate([trials.penalty for trials in self._trials])
 
     def estimate(self, residuals: FloatArray) -> tuple[float, list[tuple[float, Correlation]]]:
         """Scale, and correlations with their weights, `residuals` in units of the given sigma.
@@ -77,10 +80,10 @@ class Pool:
         if self._free <= 0:
             return 1.0, [(1.0, _WHITE)]
         near = residuals[self._looked_at]
-        rss = np.array([max(trial.rss(near), np.finfo(float).tiny) for trial in self._trials])
-        cost = self._free * np.log(rss) + np.array([trial.penalty for trial in self._trials])
+        rss = np.maximum(np.concatenate([trials.rss(near) for trials in self._trials]), np.finfo(float).tiny)
+        cost = self._free * np.log(rss) + self._penalties
         weight = np.exp(-0.5 * (cost - cost.min()))
-        weight[1:] /= WHITE_ODDS * max(len(self._trials) - 1, 1)
+        weight[1:] /= WHITE_ODDS * max(len(self._correlations) - 1, 1)
         weight = np.where(weight > _NEGLIGIBLE * weight.max(), weight, 0.0)
         if len(self.where) > LARGEST_POOL:  # so many data have decided; sums of large matrices are not worth it
             weight = np.where(weight == weight.max(), weight, 0.0)
@@ -90,7 +93,7 @@ class Pool:
             left = residuals - self.basis @ (self.basis.T @ residuals)
             scale = float(np.sqrt(_square_sum(left) / self.dof))
         shares = weight / weight.sum()
-        return scale, [(float(w), t.correlation) for w, t in zip(shares, self._trials, strict=True) if w > 0.0]
+        return scale, [(float(w), each) for w, each in zip(shares, self._correlations, strict=True) if w > 0.0]
 
     def factors(self, correlations: list[tuple[float, Correlation]]) -> list[tuple[IntArray, FloatArray]]:
         """Cholesky factors of the weighted mean of R, group by group, and which data; none for white noise."""
@@ -202,25 +205,34 @@ def _square_sum(values: FloatArray) -> float:
     return max(float(np.sum(np.square(values))), float(np.finfo(float).tiny))
 
 
-class _Trial:
-    """One correlation R = U (1 + strength) U' of a pool, and what restricted likelihood needs of it."""
+class _Trials:
+    """Correlations R = U (1 + strength) U' with one U, and what restricted likelihood needs of them.
+
+    `strengths` (trials, n); `vectors` U, None for the unit matrix.
+    """
 
     def __init__(
-        self, correlation: Correlation, strength: FloatArray, vectors: FloatArray, basis: FloatArray
+        self,
+        correlations: Sequence[Correlation],
+        strengths: FloatArray,
+        vectors: FloatArray | None,
+        basis: FloatArray,
     ) -> None:
-        self.correlation = correlation
+        self.correlations = correlations
         self._vectors = vectors
-        self._precision = 1.0 / (1.0 + np.maximum(strength, 0.0))
-        self._basis = vectors.T @ basis
-        gram = self._basis.T @ (self._precision[:, None] * self._basis)
-        self._inverse = np.linalg.inv(gram)
-        self.penalty = -float(np.sum(np.log(self._precision))) + float(np.linalg.slogdet(gram)[1])
+        self._precision = 1.0 / (1.0 + np.maximum(strengths, 0.0))
+        self._basis = basis if vectors is None else vectors.T @ basis
+        grams = np.stack([self._basis.T @ (each[:, None] * self._basis) for each in self._precision])
+        self._inverse = np.linalg.inv(grams)
+        self.penalty = np.linalg.slogdet(grams)[1] - np.sum(np.log(self._precision), axis=1)
 
-    def rss(self, residuals: FloatArray) -> float:
-        """Weighted square sum of what the saturated design leaves."""
-        turned = self._vectors.T @ residuals
-        along = self._basis.T @ (self._precision * turned)
-        return float(turned @ (self._precision * turned) - along @ self._inverse @ along)
+    def rss(self, residuals: FloatArray) -> FloatArray:
+        """Weighted square sums of what the saturated design leaves, (trials,)."""
+        turned = residuals if self._vectors is None else self._vectors.T @ residuals
+        weighted = self._precision * turned
+        along = (weighted @ self._basis)[:, None, :]
+        taken = along @ self._inverse @ along.transpose(0, 2, 1)
+        return np.asarray(weighted @ turned - taken[:, 0, 0])
 
 
 def saturated(required: FloatArray, possible: Sequence[FloatArray]) -> FloatArray:

@@ -50,7 +50,7 @@ class ScanScores:
         gram = unit.gram - np.einsum("mki,mkj->kij", self._shadow, self._shadow, optimize=True)
         self._keep = np.sqrt(np.maximum(np.einsum("kii->ki", gram), 0.0))
         self._seen = self._keep > ABSORBED
-        self._root, self._determined = _inverse_root(gram, self._seen)
+        self._root, self._determined = inverse_root(gram, self._seen)
         self._along = np.einsum("kij,ki->kj", self._root, to_left)
         self._dof = self._dof_of_each()
         self._p_values: FloatArray = np.asarray(p_of(self.statistic, self.dimension, self._dof))
@@ -135,7 +135,7 @@ class ScanScores:
         ]
 
 
-def _inverse_root(gram: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
+def inverse_root(gram: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
     """What makes columns with these Gram matrices (k, d, d) orthonormal, (k, d, d), and which are determined."""
     both = seen[:, :, None] & seen[:, None, :]
     square, vectors = np.linalg.eigh(np.where(both, gram, 0.0))
