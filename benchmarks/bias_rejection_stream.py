@@ -27,9 +27,8 @@ from machine import conditions
 
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.cutter import cells_of
-from rigctl.experiments.rotating_platform.observe.estimates import PeriodEstimates, estimates
+from rigctl.experiments.rotating_platform.observe.estimates import PeriodEstimates, estimates, outside_guard
 from rigctl.experiments.rotating_platform.observe.estimators import OUTPUTS
-from rigctl.experiments.rotating_platform.observe.mask import outside_guard
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern, named_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import Chains
 

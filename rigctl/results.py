@@ -11,7 +11,7 @@ from rigctl.composition import opened_workbench
 from rigctl.experiments.analysis import analysis_of
 from rigctl.files.campaign_file import parse_campaign
 from rigctl.report.drawn import drawing_of
-from rigctl.report.tables.terminal import print_tables
+from rigctl.report.tables.result_table import print_tables
 from rigctl.workbench.workbench import Workbench
 
 

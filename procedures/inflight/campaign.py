@@ -20,8 +20,7 @@ from rigctl.campaign.store.parts import Part
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import ConfigError, LimitError
 from rigctl.effects.plugins import Plugin
-from rigctl.files.campaign_file import CampaignFile
-from rigctl.files.campaign_tables import settings_of
+from rigctl.files.campaign_file import CampaignFile, settings_of
 from rigctl.files.toml_files import validated
 from rigctl.workbench.study import Allowed, Proposal
 

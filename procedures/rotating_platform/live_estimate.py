@@ -7,9 +7,8 @@ import math
 from rigctl.campaign.session.session import Session
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
 from rigctl.experiments.rotating_platform.observe.cutter import CellStream
-from rigctl.experiments.rotating_platform.observe.estimates import estimates
+from rigctl.experiments.rotating_platform.observe.estimates import estimates, outside_guard
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator
-from rigctl.experiments.rotating_platform.observe.mask import outside_guard
 from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, chains
 

@@ -17,7 +17,7 @@ from procedures.rotating_platform.time_table import EARLY_S, Motion, shortest_tu
 from procedures.sample_checks import voltages_flaw
 from rigctl.campaign.session.recovery import Faults, fault_data
 from rigctl.campaign.session.session import Session
-from rigctl.campaign.store.event_kinds import FAULT, TEMPERATURE_MISSED
+from rigctl.campaign.store.entries import FAULT, TEMPERATURE_MISSED
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.errors import InstrumentError, LinkError, RigError

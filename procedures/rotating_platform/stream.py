@@ -22,7 +22,7 @@ import numpy as np
 from procedures.pace import Pace
 from rigctl.campaign.session.recovery import Apparatus, fault_data
 from rigctl.campaign.session.session import Session
-from rigctl.campaign.store.event_kinds import FAULT
+from rigctl.campaign.store.entries import FAULT
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import InstrumentError, LinkError, ProcedureError, RigError
 from rigctl.core.interfaces import Instrument, PacingRecorder, StreamedRecorder, Voltmeter

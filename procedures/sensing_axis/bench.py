@@ -14,7 +14,7 @@ from procedures.sensing_axis.run_checks import CapturingStage, Recorders, requir
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.session.recovery import Apparatus, require_homed
 from rigctl.campaign.session.session import Session
-from rigctl.campaign.store.event_kinds import TEMPERATURE_MISSED
+from rigctl.campaign.store.entries import TEMPERATURE_MISSED
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.core.clock import Clock
 from rigctl.core.errors import ImplausibleSample, LimitError

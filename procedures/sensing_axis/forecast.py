@@ -9,10 +9,10 @@ from procedures.sensing_axis.bench import Bench, SetPoint
 from rigctl.analysis.plane import ARCSEC
 from rigctl.core.errors import DataError, ProcedureError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.imagined import imagined
 from rigctl.experiments.sensing_axis.model.fit import forecast
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.observe.set_points import Limits
+from rigctl.experiments.sensing_axis.study_data import imagined
 from rigctl.workbench.study import Proposal
 
 

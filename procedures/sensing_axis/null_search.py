@@ -18,8 +18,7 @@ from rigctl.analysis.plane import ARCSEC
 from rigctl.campaign.session.session import Session
 from rigctl.core.errors import ConfigError, ProcedureError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit
-from rigctl.experiments.sensing_axis.model.one_mounting import ROLL, fit_mounting
+from rigctl.experiments.sensing_axis.model.fit import ROLL, NullPoint, RecordingFit, fit_mounting
 from rigctl.experiments.sensing_axis.observe.reduction import ReducedRun, noise_density, observables, reduce_run
 
 MAX_RUNS = 24

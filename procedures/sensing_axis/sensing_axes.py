@@ -25,7 +25,7 @@ from procedures.sensing_axis.wiring import bench_of
 from rigctl.campaign.session.session import Session
 from rigctl.core.errors import ConfigError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.one_mounting import ROLL
+from rigctl.experiments.sensing_axis.model.fit import ROLL
 from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S
 
 RUNS_PER_MOUNTING = 3

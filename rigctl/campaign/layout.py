@@ -1,4 +1,4 @@
-"""What the runs of an experiment have: columns, their values, what may be absent."""
+"""What the runs of an experiment have: columns, their values and units, what may be absent."""
 
 from __future__ import annotations
 
@@ -7,11 +7,47 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rigctl.campaign.unit_checks import Columns, UnitFindings
+import numpy as np
+
+from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import either
 from rigctl.core.experiments import experiment_named
-from rigctl.core.messages import either
 from rigctl.core.numbers import NotMeasurable, decimal_or_missing
-from rigctl.core.plausible import ABSOLUTE_ZERO_C, ANGLE_MAX_DEG, HOTTEST_C
+from rigctl.core.units import ABSOLUTE_ZERO_C, ANGLE_MAX_DEG, HOTTEST_C
+
+Columns = Mapping[str, FloatArray]
+
+SLIPS = (1e3, 1e-3, 1e6, 1e-6, 1e9, 1e-9)
+SLIP_WITHIN = 1.4
+"""How far an amplitude may be from a thousand times another to be taken for the same one."""
+
+_TIME_IN = {1e3: "ms", 1e6: "us", 1e9: "ns", 1e-3: "ks", 1e-6: "Ms", 1e-9: "Gs"}
+
+
+@dataclass(frozen=True)
+class UnitFindings:
+    """`slip`: a column that is not in its unit, and the mend; `remarks`: what differs otherwise."""
+
+    slip: str | None = None
+    remarks: tuple[str, ...] = ()
+
+
+def slip_between(seen: float, asked: float) -> float | None:
+    """The power of a thousand that lies between two quantities, None when there is none."""
+    if not (seen > 0 and asked > 0):
+        return None
+    return next((slip for slip in SLIPS if 1 / SLIP_WITHIN < seen / asked / slip < SLIP_WITHIN), None)
+
+
+def sample_step_s(t_s: FloatArray) -> float:
+    """The median step of time; NaN for a single sample."""
+    return float(np.median(np.diff(t_s))) if t_s.size > 1 else math.nan
+
+
+def time_slip(seen: str, asked: str, slip: float) -> str:
+    """What to say when the two differ by this power of a thousand."""
+    return f"{seen}, {asked}: t_s looks like {_TIME_IN[slip]}; write it in seconds"
+
 
 _COUNT_MAX = 10**9
 

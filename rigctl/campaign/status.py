@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.campaign.session.locks import is_held, store_lock
-from rigctl.campaign.store.event_kinds import IMPORTED, RUN_REPEATED
+from rigctl.campaign.store.entries import IMPORTED, RUN_REPEATED
 from rigctl.campaign.store.store import Store
 
 

@@ -17,7 +17,7 @@ from rigctl.files.rig_file import read_rig
 from rigctl.investigate import Settings
 from rigctl.investigate import investigate as carry_out
 from rigctl.report.terminal import ProgressBar
-from rigctl.report.terminal_planning import print_outcome, print_recommendation
+from rigctl.report.terminal_workbench import print_outcome, print_recommendation
 
 app = typer.Typer()
 

@@ -19,8 +19,7 @@ from rigctl.console.widgets.dialogs import Fault
 from rigctl.core.additions import procedures_for
 from rigctl.core.errors import ConfigError
 from rigctl.core.experiments import measured
-from rigctl.files.campaign_file import CampaignFile, ModelTable, parse_campaign, read_campaign
-from rigctl.files.campaign_tables import settings_of
+from rigctl.files.campaign_file import CampaignFile, ModelTable, parse_campaign, read_campaign, settings_of
 from rigctl.files.rig_file import read_rig
 from rigctl.files.toml_files import validated
 

@@ -18,10 +18,9 @@ from textual.widgets import ContentSwitcher, Footer, Static
 from rigctl.console import messages as say
 from rigctl.console import state
 from rigctl.console.analyses import Analyses
-from rigctl.console.help import TEXT
+from rigctl.console.help import COMMANDS, TEXT
 from rigctl.console.holding import Holding
 from rigctl.console.log_lines import Search
-from rigctl.console.palette import COMMANDS
 from rigctl.console.screens.campaign import CampaignPane
 from rigctl.console.screens.log import LogPane
 from rigctl.console.screens.panes import Panes

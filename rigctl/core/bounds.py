@@ -1,10 +1,15 @@
-"""How large a file may be that is read: every bound in one place, with its reason.
+"""How a file is read: within bounds, every one of them here with its reason, and never led elsewhere.
 
 Each is some ten times what the longest real record needs (days at 200 Hz: 60 million samples of a few columns), so
 that nobody meets one by measuring, and small enough that a file made or damaged to fill the memory is refused first.
 """
 
 from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
 
 KIB, MIB, GIB = 1 << 10, 1 << 20, 1 << 30
 
@@ -75,3 +80,42 @@ def amount(size: int) -> str:
         if size >= unit:
             return f"{size / unit:.4g} {name}"
     return f"{size} bytes"
+
+
+class NoFile(OSError):
+    """Something is there, but it is no file to read; the message says what, and the mend."""
+
+
+class TooLarge(OSError):
+    """More bytes than allowed; the message says how many."""
+
+
+def open_regular(path: str | Path, *, within: int | None = None) -> BinaryIO:
+    """A regular file, open for reading; `NoFile` for a directory, a device or a pipe, which is never waited for.
+
+    With `within`, the descriptor of the directory that `path` is in, a link is refused too. `OSError` as `open`.
+    """
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
+    if not stat.S_ISREG(os.stat(path, dir_fd=within, follow_symlinks=within is None).st_mode):
+        raise NoFile(_what(path, within))
+    file = os.open(path, flags | (os.O_NOFOLLOW if within is not None else 0), dir_fd=within)
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
+        raise NoFile(_what(path, within))
+    return os.fdopen(file, "rb")
+
+
+def _what(path: str | Path, within: int | None) -> str:
+    mode = os.stat(path, dir_fd=within, follow_symlinks=within is None).st_mode
+    if stat.S_ISLNK(mode):
+        return "a link; put the file itself there"
+    return "a directory; name a file" if stat.S_ISDIR(mode) else "a device or a pipe; put a file there"
+
+
+def read_regular(path: Path, limit: int) -> bytes:
+    """The content of a file that a user names, links followed; `TooLarge` beyond `limit` bytes."""
+    with open_regular(path) as file:
+        data = file.read(limit + 1)
+    if len(data) > limit:
+        raise TooLarge(f"more than {limit} bytes")
+    return data

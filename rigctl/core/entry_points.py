@@ -10,8 +10,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
-from rigctl.core.errors import ConfigError
-from rigctl.core.messages import one_line
+from rigctl.core.errors import ConfigError, one_line
 
 OURS = "rigctl"
 

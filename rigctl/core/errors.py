@@ -1,4 +1,4 @@
-"""Every error a user can meet.
+"""Every error a user can meet, and its text, which is one line.
 
     RigError
     ├── ConfigError            a file an operator wrote: names file, key and mend
@@ -24,6 +24,10 @@ A message is one line: what, where, and the next thing to try.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+
+from rigctl.core.bounds import MESSAGE_CHARACTERS
 
 
 class RigError(Exception):
@@ -126,3 +130,16 @@ class Aborted(RigError):
 
 UNFIT = (ConfigError, DataError, ProcedureError)
 """Raised where data and model do not go together: who tries several goes on to the next. Damage is not in it."""
+
+
+def one_line(text: str) -> str:
+    """`text` with everything that would break a line or a terminal escaped, the middle left out where it is long."""
+    if len(text) > MESSAGE_CHARACTERS:
+        text = f"{text[: MESSAGE_CHARACTERS // 2]} ... {text[-MESSAGE_CHARACTERS // 2 :]}"
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def either(choices: Iterable[str]) -> str:
+    """The choices as one reads them: "a, b or c"."""
+    *first, last = choices
+    return f"{', '.join(first)} or {last}" if first else last

@@ -16,8 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import ConfigError, PluginError
-from rigctl.core.messages import one_line
+from rigctl.core.errors import ConfigError, PluginError, one_line
 from rigctl.effects.catalogue import Effect, described, effects_in, line_of
 
 CALL_PATIENCE_S = 60.0

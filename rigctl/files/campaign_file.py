@@ -5,14 +5,16 @@ The keys of `[procedure]` and `[targets]` are those of the experiment's procedur
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import field_validator
+from pydantic import BaseModel, field_validator
 
-from rigctl.core.experiments import REGISTRY, measured
+from rigctl.core.additions import procedure_for
+from rigctl.core.errors import either
+from rigctl.core.experiments import EXPERIMENTS, REGISTRY, measured
 from rigctl.core.file_tables import Table
-from rigctl.core.messages import either
 from rigctl.files.toml_files import checked_file, parsed_file, read_text
 
 
@@ -73,3 +75,16 @@ def read_campaign(path: Path) -> CampaignFile:
 def parse_campaign(text: str, path: Path) -> CampaignFile:
     """Check a campaign file's text as kept in a store; `ConfigError`."""
     return checked_file(CampaignFile, text, parsed_file(text, path), path)
+
+
+def settings_of(experiment: str, procedure: Mapping[str, Any]) -> Mapping[str, type[BaseModel]]:
+    """The models of `[procedure]` and further tables, by name; nothing that runs or analyses is imported.
+
+    `procedure` is that table as far as it is written; an experiment nobody knows has none.
+    """
+    if experiment not in EXPERIMENTS:
+        return {}
+    declared = EXPERIMENTS[experiment]
+    other = procedure_for(experiment, procedure.get("name"))
+    references = {**declared.tables, "procedure": other.table} if other else declared.tables
+    return {table: declared.load(reference) for table, reference in references.items()}

@@ -14,11 +14,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
-from rigctl.core.errors import ConfigError
+from rigctl.core.errors import ConfigError, one_line
 from rigctl.core.file_tables import Table
-from rigctl.core.messages import one_line
-from rigctl.core.plausible import flaw_of_constant
 from rigctl.core.toml import TomlFlaw, parsed
+from rigctl.core.units import flaw_of_constant
 from rigctl.files.package import HeadSettings, Package
 from rigctl.files.toml_files import checked_file, parsed_file, read_text
 

@@ -11,11 +11,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from rigctl.core.bounds import TOML_BYTES, amount
-from rigctl.core.errors import ConfigError
-from rigctl.core.messages import one_line
+from rigctl.core.bounds import TOML_BYTES, TooLarge, amount, read_regular
+from rigctl.core.errors import ConfigError, one_line
 from rigctl.core.numbers import MAGNITUDE_MAX
-from rigctl.core.reading import TooLarge, read_regular
 from rigctl.core.toml import TomlFlaw, parsed
 
 Model = TypeVar("Model", bound=BaseModel)

@@ -15,9 +15,8 @@ from rigctl.core.experiments import of_readings
 from rigctl.report import html
 from rigctl.report.drawn import Drawn, drawing_of
 from rigctl.report.figures.data import Plate, write_plates
-from rigctl.report.figures.ladder import ladder_plate
-from rigctl.report.figures.ranking import ranking_plate
 from rigctl.report.figures.residuals import residual_plates
+from rigctl.report.figures.workbench import ladder_plate, ranking_plate
 from rigctl.report.quantities import counted
 from rigctl.report.tables.workbench import channels_table, ladder_table, parameters_table, ranking_table, rms_tables
 from rigctl.report.terminal import repeats_line

@@ -395,7 +395,7 @@ def test_recording_names_an_unknown_run(sensing):
 
 
 def test_npz_can_be_read_by_numpy(tmp_path):
-    from rigctl.campaign.bundle.npz_file import npz_bytes
+    from rigctl.campaign.bundle.sample_file import npz_bytes
 
     columns = {"t_s": np.arange(3.0), "file": np.array([1.5, np.nan, -0.0])}
     with np.load(io.BytesIO(npz_bytes(columns)), allow_pickle=False) as archive:

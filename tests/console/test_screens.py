@@ -101,7 +101,7 @@ def test_a_terminal_that_is_too_small_says_so(at_console: Any) -> None:
 
 def test_every_action_of_the_palette_exists(at_console: Any) -> None:
     async def sitting(seat: Any) -> None:
-        from rigctl.console.palette import COMMANDS
+        from rigctl.console.help import COMMANDS
 
         app = seat.app
         for action, _ in COMMANDS.values():

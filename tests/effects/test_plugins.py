@@ -206,7 +206,7 @@ def test_all_units_of_the_catalogue_are_known() -> None:
 
 
 def test_every_effect_of_the_catalogue_passes_the_trial_of_a_plugin() -> None:
-    from rigctl.effects.declaration import flaw_of_declaration
+    from rigctl.effects.plugins import flaw_of_declaration
     from rigctl.effects.trial import flaw_of_function
 
     for each in catalogue("sensing-axis").values():

@@ -18,8 +18,7 @@ from rigctl.core.errors import ConfigError, DataError
 from rigctl.core.experiments import CONTRACT, EXPERIMENTS, REGISTRY, Experiments, experiment_named
 from rigctl.effects.catalogue import catalogue
 from rigctl.experiments.analysis import Analysis, analysis_of
-from rigctl.files.campaign_file import parse_campaign
-from rigctl.files.campaign_tables import settings_of
+from rigctl.files.campaign_file import parse_campaign, settings_of
 from rigctl.report.drawn import Drawing, drawing_of
 
 ROOT = Path(__file__).parents[2]

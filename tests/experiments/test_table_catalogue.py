@@ -11,8 +11,7 @@ import pytest
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.core.repeated_rows import pasted_rows
-from rigctl.core.time_stamps import seconds_of_stamps
+from rigctl.core.readings import pasted_rows, seconds_of_stamps
 from rigctl.experiments.table.model.model import fitted
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.findings import Diagnosis

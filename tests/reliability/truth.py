@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.campaign.store.event_kinds import RUN_ENDED
+from rigctl.campaign.store.entries import RUN_ENDED
 from rigctl.campaign.store.store import Store
 from rigctl.core.arrays import FloatArray
 from simulators.measured import from_file

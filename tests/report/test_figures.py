@@ -15,10 +15,10 @@ import pytest
 from rigctl.core.errors import DataError
 from rigctl.experiments.sensing_axis.result.budget import axis_budgets
 from rigctl.report.figures.data import write_plates
-from rigctl.report.figures.sensing_axis.budget import budget_plate
 from rigctl.report.figures.sensing_axis.figures import plates_of
 from rigctl.report.figures.sensing_axis.null_search import representative, response_plate
 from rigctl.report.figures.sensing_axis.plane import plane_plate
+from rigctl.report.figures.sensing_axis.result import budget_plate
 
 ARCSEC_PER_RAD = 648000.0 / math.pi
 ROLL_UM_S2_PER_MM = 9.7e-5 * 9.803 * 1e3

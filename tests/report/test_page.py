@@ -17,7 +17,7 @@ from rigctl.composition import workbench_of
 from rigctl.report import html
 from rigctl.report.document import write_report
 from rigctl.report.figures.residuals import CROWDED, ResidualRow, draw_residuals
-from rigctl.report.figures.sensing_axis.nulls import NullRow, draw_nulls
+from rigctl.report.figures.sensing_axis.result import NullRow, draw_nulls
 from rigctl.report.quantities import p_value
 from rigctl.report.tables.result_table import ResultTable
 

@@ -13,7 +13,7 @@ from rigctl.campaign.bundle.salvage import HEADER_LOST, Salvage
 from rigctl.campaign.bundle.writer import RunWithSamples, padded, whole_directory, write_readings, write_runs
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord, RunSource
 from rigctl.campaign.store import synced
-from rigctl.campaign.store.event_kinds import IMPORTED
+from rigctl.campaign.store.entries import IMPORTED
 from rigctl.campaign.store.store import Store
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError

@@ -14,8 +14,7 @@ from rigctl.campaign.bundle.sample_file import SampleFile
 from rigctl.campaign.layout import Layout
 from rigctl.campaign.recording import ChannelInfo
 from rigctl.core.arrays import BoolArray, FloatArray
-from rigctl.core.plausible import possible_range
-from rigctl.core.units import unit_of_column
+from rigctl.core.units import possible_range, unit_of_column
 
 JITTER = 0.05
 """A step of time may differ from the median step by this fraction: what rounding in a text file may do."""

@@ -15,9 +15,8 @@ from typing import BinaryIO
 
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.bundle.unpacking import UNREADABLE, open_zip, read_member
-from rigctl.core.bounds import FILES, amount
+from rigctl.core.bounds import FILES, NoFile, amount, open_regular
 from rigctl.core.errors import DataError
-from rigctl.core.reading import NoFile, open_regular
 
 HEADER_FILE = "recording.toml"
 _FOLDER = "runs"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rigctl.core.errors import DataError
-from rigctl.core.messages import one_line
+from rigctl.core.errors import DataError, one_line
 
 
 @dataclass(frozen=True)

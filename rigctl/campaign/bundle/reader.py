@@ -20,9 +20,8 @@ from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of
 from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
 from rigctl.core.numbers import decimal_or_missing, is_missing
-from rigctl.core.plausible import doubt_of_constant
-from rigctl.core.repeated_rows import pasted_rows
-from rigctl.core.time_stamps import seconds_of_stamps
+from rigctl.core.readings import pasted_rows, seconds_of_stamps
+from rigctl.core.units import doubt_of_constant
 
 RunWithSamples = tuple[RunRecord, Mapping[str, FloatArray]]
 

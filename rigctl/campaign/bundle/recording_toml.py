@@ -1,22 +1,68 @@
-"""The header of a bundle: recording.toml to a `Header` and back."""
+"""The header of a bundle: recording.toml to a `Header` and back; an error names the line."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, date, datetime, time
 from typing import Any
 
+from rigctl.campaign.bundle.csv_table import decode
 from rigctl.campaign.bundle.place import Place
-from rigctl.campaign.bundle.toml_document import TomlDocument, parse_toml
 from rigctl.campaign.layout import FACES
 from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo, TableSpec
+from rigctl.core.errors import DataError, either
 from rigctl.core.experiments import EXPERIMENTS, of_readings
-from rigctl.core.messages import either
 from rigctl.core.numbers import MAGNITUDE_MAX
-from rigctl.core.plausible import flaw_of_constant
-from rigctl.core.toml import to_toml
-from rigctl.core.units import same_unit, unit_of_column
+from rigctl.core.toml import TomlFlaw, parsed, to_toml
+from rigctl.core.units import flaw_of_constant, same_unit, unit_of_column
+
+_KEY = r"""(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|'[^']*')"""
+_KEY_PATH = rf"{_KEY}(?:\s*\.\s*{_KEY})*"
+_SECTION = re.compile(rf"\s*\[\[?\s*({_KEY_PATH})\s*\]")
+_PAIR = re.compile(rf"\s*({_KEY_PATH})\s*=")
+
+
+@dataclass(frozen=True)
+class TomlDocument:
+    """`data` as tomllib gives it; `error` finds the line of a key."""
+
+    place: Place
+    text: str
+    data: Mapping[str, Any]
+
+    def error(self, keys: tuple[str, ...], message: str) -> DataError:
+        """A `DataError` about the value at `keys`; `message` says what is wrong and the mend."""
+        return self.place.error(f"{'.'.join(keys)} {message}", self._line_of(keys))
+
+    def _line_of(self, keys: tuple[str, ...]) -> int | None:
+        best, depth = None, 0
+        section: tuple[str, ...] = ()
+        for number, line in enumerate(self.text.split("\n"), 1):
+            if match := _SECTION.match(line):
+                here = section = _names(match[1])
+            elif match := _PAIR.match(line):
+                here = (*section, *_names(match[1]))
+            else:
+                continue
+            if len(here) > depth and keys[: len(here)] == here:
+                best, depth = number, len(here)
+        return best
+
+
+def _names(path: str) -> tuple[str, ...]:
+    return tuple(name.strip("\"'") for name in re.findall(_KEY, path))
+
+
+def parse_toml(place: Place, data: bytes) -> TomlDocument:
+    """Parse a TOML file; `DataError` with the line of what is not TOML, or is nested as nobody nests."""
+    text = decode(place, data)
+    try:
+        return TomlDocument(place, text, parsed(text))
+    except TomlFlaw as flaw:
+        raise place.error(str(flaw), flaw.line) from flaw
+
 
 FORMAT = 1
 TILT_MAX_DEG = 90.0

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from rigctl.campaign.bundle.files import HEADER_FILE
-from rigctl.campaign.bundle.npz_file import npz_bytes
 from rigctl.campaign.bundle.recording_toml import header_to_toml
-from rigctl.campaign.bundle.sample_file import csv_bytes
+from rigctl.campaign.bundle.sample_file import csv_bytes, npz_bytes
 from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError

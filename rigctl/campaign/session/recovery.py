@@ -15,7 +15,7 @@ from typing import Protocol
 from rigctl.campaign.session.control import Control
 from rigctl.campaign.session.operator import Operator
 from rigctl.campaign.session.progress import Progress
-from rigctl.campaign.store.event_kinds import BACK, FAULT, LOST
+from rigctl.campaign.store.entries import BACK, FAULT, LOST
 from rigctl.core.clock import Clock
 from rigctl.core.errors import InstrumentError, LinkError, MotionStopped, NotRecovered, RigError, SafetyStop
 from rigctl.core.interfaces import Instrument, Stage

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from rigctl.campaign.store.event_kinds import RUN_ENDED
+from rigctl.campaign.store.entries import RUN_ENDED
 from rigctl.campaign.store.store import Store
 from rigctl.core.clock import Clock
 

@@ -18,8 +18,7 @@ from rigctl.campaign.session.operator import Operator
 from rigctl.campaign.session.progress import Progress
 from rigctl.campaign.session.recovery import Apparatus, Faults, Recovery
 from rigctl.campaign.session.rig_time import Resumption
-from rigctl.campaign.store.entries import Event
-from rigctl.campaign.store.event_kinds import RUN_REPEATED, STEP_REPEATED
+from rigctl.campaign.store.entries import RUN_REPEATED, STEP_REPEATED, Event
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.store import Store
 from rigctl.core.clock import Clock

@@ -1,9 +1,18 @@
-"""What a store keeps beside samples, as its readers get it: events and documents."""
+"""What a store keeps beside samples, as its readers get it: documents, and events of known kinds."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
+
+FAULT, LOST, BACK = "fault", "instrument-lost", "instruments-back"
+RUN_REPEATED, STEP_REPEATED = "run-repeated", "step-repeated"
+RUN_ENDED = "run-ended"
+"""Keeps when a run was over."""
+IMPORTED = "import"
+"""Keeps what was found in the bundle that a store was made from."""
+TEMPERATURE_MISSED = "temperature-missed"
+"""A thermometer failed or had no valid value; no run is given up for it."""
 
 
 @dataclass(frozen=True)

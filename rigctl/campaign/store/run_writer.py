@@ -14,7 +14,7 @@ import numpy as np
 from rigctl.campaign.recording import RunRecord, flaw_of_column
 from rigctl.campaign.store.checked_rows import CheckedRows
 from rigctl.campaign.store.checksums import ColumnSums
-from rigctl.campaign.store.event_kinds import RUN_ENDED
+from rigctl.campaign.store.entries import RUN_ENDED
 from rigctl.campaign.store.header_json import dumps
 from rigctl.campaign.store.schema import database_errors, first_chunk_id, transaction
 from rigctl.core.arrays import FloatArray

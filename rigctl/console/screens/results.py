@@ -19,8 +19,7 @@ from rigctl.console.messages import AnalysisAsked
 from rigctl.console.widgets.dialogs import OpenDialog
 from rigctl.console.widgets.plot import Plot
 from rigctl.report.picture import Picture
-from rigctl.report.tables.result_table import ResultTable
-from rigctl.report.tables.terminal import rich_table
+from rigctl.report.tables.result_table import ResultTable, rich_table
 from rigctl.report.tables.workbench import transfer_table
 from rigctl.report.verdicts import transfer_sentence
 

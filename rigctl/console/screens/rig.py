@@ -14,8 +14,7 @@ from textual.containers import Vertical
 from textual.widgets import DataTable, Static
 
 from rigctl.console.messages import MotionAsked, Noted, ReconnectAsked
-from rigctl.console.readings import InstrumentView, Limits, Strip
-from rigctl.console.recorded_instruments import recorded_instruments
+from rigctl.console.readings import InstrumentView, Limits, Strip, recorded_instruments
 from rigctl.console.screens.rig_charts import Charts
 from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.dialogs import TextDialog

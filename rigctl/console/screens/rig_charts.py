@@ -14,8 +14,7 @@ from textual.widgets import Static
 
 from rigctl.analysis.density import amplitude_density, median_density
 from rigctl.campaign.recording import ChannelInfo
-from rigctl.console.readings import Strip
-from rigctl.console.recorded_instruments import gain_of, toml_of
+from rigctl.console.readings import Strip, gain_of, toml_of
 from rigctl.console.store_view import StoreView
 from rigctl.console.widgets.plot import Plot
 from rigctl.core.arrays import FloatArray

@@ -18,9 +18,9 @@ from rigctl.console.widgets.dialogs import PickDialog
 from rigctl.console.widgets.plot import Plot
 from rigctl.report.picture import MARKS, Line, Picture
 from rigctl.report.quantities import number, probability
-from rigctl.report.tables.terminal import rich_table
+from rigctl.report.tables.result_table import rich_table
 from rigctl.report.tables.workbench import ladder_table, parameters_table
-from rigctl.report.terminal_planning import runs_table
+from rigctl.report.terminal_workbench import runs_table
 from rigctl.report.verdicts import named, sizes, verdict_sentence
 
 Found = Mapping[str, Any]

@@ -6,8 +6,20 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from rigctl.campaign.layout import COMMON_FIELDS, Field, Layout, not_negative, number, one_of, positive
-from rigctl.campaign.unit_checks import Columns, UnitFindings, sample_step_s, slip_between, time_slip
+from rigctl.campaign.layout import (
+    COMMON_FIELDS,
+    Columns,
+    Field,
+    Layout,
+    UnitFindings,
+    not_negative,
+    number,
+    one_of,
+    positive,
+    sample_step_s,
+    slip_between,
+    time_slip,
+)
 from rigctl.experiments.inflight.observe.sessions import GRADIENT, LINEAR, MASS_MOTION, QUADRATIC, SESSIONS
 
 _AMPLITUDE_UNITS = {**dict.fromkeys(LINEAR, "m/s2"), **dict.fromkeys((*MASS_MOTION, *QUADRATIC), "m"), "dy": "rad"}

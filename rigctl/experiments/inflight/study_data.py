@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from rigctl.analysis.kept import Reduction
+from rigctl.analysis.kept import Packed, Reduction
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
@@ -17,12 +17,11 @@ from rigctl.experiments.inflight.effect_changes import EffectChanges
 from rigctl.experiments.inflight.imagined import flown_again
 from rigctl.experiments.inflight.model.baseline import Baseline
 from rigctl.experiments.inflight.model.observed import Observed, observed
-from rigctl.experiments.inflight.model.residual_samples import RunScan
-from rigctl.experiments.inflight.model.sample_scans import run_scans
+from rigctl.experiments.inflight.model.residual_samples import Peak, Pulses, RunScan, scan
 from rigctl.experiments.inflight.observations import observations_of
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
-from rigctl.experiments.inflight.observe.series import temperatures
-from rigctl.experiments.inflight.observe.store_reduction import reduced_without, reduction
+from rigctl.experiments.inflight.observe.series import temperatures, without_pulses
+from rigctl.experiments.inflight.observe.store_reduction import kept_by, reduced_without, reduction
 from rigctl.experiments.inflight.observe.weights import templates
 from rigctl.experiments.inflight.sample_findings import relative_noise
 from rigctl.workbench.study import Observations, Proposal
@@ -157,3 +156,39 @@ class FlightData:
             for number, (like, each) in enumerate(zip(likes, proposals, strict=True), start=len(self.imagined) + 1)
         ]
         return replace(self, imagined=(*self.imagined, *imagined))
+
+
+def run_scans(
+    source: RunSource, runs: Sequence[ReducedRun], values: FloatArray, pulses_s: Mapping[str, FloatArray]
+) -> tuple[RunScan, ...]:
+    """What the baseline at `values` leaves of all runs' samples, without those that pulses cover, looked through.
+
+    Kept for just these runs and pulses.
+    """
+    names = " ".join(sorted(run.run_id for run in runs))
+    kept = kept_by(source, "samples", names.encode() + b"".join(pulses.tobytes() for pulses in pulses_s.values()))
+
+    def scanned(run: ReducedRun) -> RunScan:
+        def make() -> Packed:
+            samples = without_pulses(source.samples(run.run_id), pulses_s.get(run.run_id))
+            return packed_scan(scan(run, samples, values))
+
+        return kept.once(run.run_id, make, unpacked_scan)
+
+    return tuple(map(scanned, runs))
+
+
+def packed_scan(scan: RunScan) -> Packed:
+    """Everything."""
+    pulses = scan.pulses
+    head = {"run_id": scan.run_id, "trials": pulses.trials, "peak": None if scan.peak is None else asdict(scan.peak)}
+    arrays = {"at_s": pulses.at_s, "amplitude": pulses.amplitude, "sigma": pulses.sigma}
+    return Packed(head, {**arrays, "levels": scan.levels, "level_at_s": scan.level_at_s})
+
+
+def unpacked_scan(kept: Packed) -> RunScan:
+    """What `packed_scan` was given."""
+    head, arrays = kept.head, kept.arrays
+    pulses = Pulses(arrays["at_s"], arrays["amplitude"], arrays["sigma"], head["trials"])
+    peak = None if head["peak"] is None else Peak(**head["peak"])
+    return RunScan(head["run_id"], pulses, peak, arrays["levels"], arrays["level_at_s"])

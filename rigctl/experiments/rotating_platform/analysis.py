@@ -13,8 +13,7 @@ from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.observe.store_reduction import reduction
 from rigctl.experiments.rotating_platform.result.alignment import Value
 from rigctl.experiments.rotating_platform.result.bench_runs import flips, noise_records, scans
-from rigctl.experiments.rotating_platform.result.chain_noise import chain_noise
-from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
+from rigctl.experiments.rotating_platform.result.result import PlatformResult, chain_noise, platform_result
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.verdict.fit import parameters_of
 from rigctl.workbench.workbench import Workbench

@@ -8,8 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.campaign.layout import COMMON_FIELDS, Field, Layout, not_negative, number, one_of, positive, sign
-from rigctl.campaign.unit_checks import Columns, UnitFindings, sample_step_s, slip_between, time_slip
+from rigctl.campaign.layout import (
+    COMMON_FIELDS,
+    Columns,
+    Field,
+    Layout,
+    UnitFindings,
+    not_negative,
+    number,
+    one_of,
+    positive,
+    sample_step_s,
+    sign,
+    slip_between,
+    time_slip,
+)
 from rigctl.experiments.rotating_platform.observe.patterns import MODULATED
 
 TURNS_PER_PERIOD_MIN = 0.1

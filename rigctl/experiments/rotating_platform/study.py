@@ -11,14 +11,13 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.rotating_platform.imagined import options
 from rigctl.experiments.rotating_platform.model.model import PlatformModel, slopes_at_zero
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
-from rigctl.experiments.rotating_platform.observe.line_search import found_lines
+from rigctl.experiments.rotating_platform.observe.line_spectra import found_lines
 from rigctl.experiments.rotating_platform.observe.observables import TURN_CYCLES
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.store_reduction import refined_line
-from rigctl.experiments.rotating_platform.study_data import PlatformData, RecordedRuns
+from rigctl.experiments.rotating_platform.study_data import PlatformData, RecordedRuns, options
 from rigctl.workbench.placed import Placed, placed
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
 from rigctl.workbench.study_base import (

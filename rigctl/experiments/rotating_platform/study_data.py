@@ -2,21 +2,173 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from rigctl.campaign.recording import RunSource
-from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.imagined import imagined_channels
+from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import ConfigError, DataError
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
-from rigctl.experiments.rotating_platform.observe.channel_runs import channel_runs
+from rigctl.experiments.rotating_platform.observe.cells import Cells
+from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, channel_run, channel_runs
+from rigctl.experiments.rotating_platform.observe.cutter import cells_of
 from rigctl.experiments.rotating_platform.observe.line_spectra import Spectra
-from rigctl.experiments.rotating_platform.observe.recorded import chains
+from rigctl.experiments.rotating_platform.observe.patterns import Pattern, named_pattern
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains, chains
+from rigctl.experiments.rotating_platform.observe.reducer import Reducer
+from rigctl.experiments.rotating_platform.observe.run_noise import RunNoise
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun, reduction, scan
 from rigctl.workbench.study import Proposal
+
+PATTERNS = ("b", "c")
+PERIODS_S = (60.0, 300.0, 1200.0)
+LEVELS_V = (0.0, 0.5, 1.0, 1.5)
+TURNS_S = (2.5, 3.2)
+"""Half turns that are faster than usual: what is left of a motion goes as their third power."""
+
+LASTS_S = 3600.0
+"""About so long is a run that is proposed."""
+
+SAMPLE_RATE_HZ = 10.0
+BETWEEN_S = 120.0
+"""Setting the tilt and waiting until the pendulum is at rest."""
+
+_UNIT = Chains(
+    gain_v_per_m_s2={"z": 1.0, "y": 1.0},
+    command_v_per_m_s2={"z": 1.0, "y": 1.0},
+    bias_v={},
+    full_scale_v={"z": math.inf, "y": math.inf},
+    g_m_s2=9.81,
+)
+
+
+def imagined_cells(
+    pattern: Pattern,
+    periods: int,
+    sample_rate_hz: float = SAMPLE_RATE_HZ,
+    *,
+    c_z_m_s2: float = 0.0,
+    c_y_m_s2: float = 0.0,
+    mask_short_s: float = 0.0,
+    forward: bool = False,
+) -> Cells:
+    """The cells of a run of `periods` with nothing read; half turns are cycloids, back and forth or all `forward`.
+
+    `mask_short_s` ends the mask so much before the motion.
+    """
+    samples_made = round(periods * pattern.period_s * sample_rate_hz)
+    t_s: FloatArray = np.asarray((np.arange(samples_made) + 0.5) / sample_rate_hz)
+    theta, moving = _course(pattern, periods, t_s, mask_short_s, forward)
+    nothing = np.zeros(t_s.size)
+    samples = {
+        "t_s": t_s,
+        "q_a_v": nothing,
+        "q_b_v": nothing,
+        "theta_deg": np.rad2deg(theta),
+        "moving": moving,
+        "dm1_z_v": np.full(t_s.size, c_z_m_s2),
+        "dm1_y_v": np.full(t_s.size, c_y_m_s2),
+    }
+    given = {"guard_s": pattern.guard_s, "lead_s": pattern.lead_s}
+    return cells_of([samples], _UNIT, pattern.period_s, sample_rate_hz, **given)
+
+
+def _course(
+    pattern: Pattern, periods: int, t_s: FloatArray, mask_short_s: float, forward: bool
+) -> tuple[FloatArray, FloatArray]:
+    stop = 0.0 if pattern.dwells[0].sign > 0 else math.pi
+    theta, moving = np.full(t_s.size, stop), np.zeros(t_s.size)
+    moving[t_s < pattern.dwells[0].start_s] = 1.0
+    for number in range(periods):
+        for turn in pattern.turns:
+            begin_s = number * pattern.period_s + turn.start_s
+            target = stop + math.pi if forward else (0.0 if turn.to_sign > 0 else math.pi)
+            phase = 2.0 * np.pi * np.clip((t_s - begin_s) / pattern.rotation_s, 0.0, 1.0)
+            theta += (target - stop) * (phase - np.sin(phase)) / (2.0 * np.pi)
+            end_s = begin_s + pattern.rotation_s - mask_short_s
+            moving[(t_s >= begin_s) & (t_s < end_s)] = 1.0
+            stop = target
+    return theta, moving
+
+
+def options(seen: Sequence[PlatformRun]) -> list[Proposal]:
+    """Patterns, periods and tilts for the next runs, of an hour each; a tilt across too, which few runs have.
+
+    At the shortest period, faster turns, and turns that all go forward: then the stop says nothing of the direction.
+    """
+    tilts = [*((level, 0.0) for level in LEVELS_V), (0.0, 1.0)]
+    ways: list[dict[str, Any]] = [*({"rotation_s": turn_s} for turn_s in TURNS_S), {"turning": "forward"}]
+    proposals = []
+    for name in PATTERNS:
+        proposals += [_proposal(seen, name, period_s, *tilt) for period_s in PERIODS_S for tilt in tilts]
+        proposals += [_proposal(seen, name, PERIODS_S[0], *tilts[-1], **way) for way in ways]
+    return proposals
+
+
+def _proposal(
+    seen: Sequence[PlatformRun], pattern: str, period_s: float, v_z: float, v_y: float, **way: Any
+) -> Proposal:
+    periods = max(round(LASTS_S / period_s), 3)
+    settings = {
+        "pattern": pattern,
+        "modulation_period_s": period_s,
+        "periods": periods,
+        "v_z_v": v_z,
+        "v_y_v": v_y,
+        "sample_rate_hz": _rate(seen),
+        **way,
+    }
+    return Proposal(settings, periods * period_s + BETWEEN_S)
+
+
+def imagined_channels(proposals: Sequence[Proposal], seen: Sequence[ChannelRun], chains: Chains) -> list[ChannelRun]:
+    """The proposed runs in both channels, with the noise of the last run there was."""
+    channels: list[ChannelRun] = []
+    made: dict[str, Cells] = {}
+    noises: dict[str, RunNoise] = {each.channel: each.noise for each in seen}
+    later_s = max((_end_s(each.run) for each in seen), default=0.0) + BETWEEN_S
+    for number, proposal in enumerate(proposals, start=1):
+        given = proposal.settings
+        cells = _cells(given, chains, made)
+        conditions = {**_conditions(given), "start_s": later_s}
+        run = PlatformRun(f"next {number}", conditions, cells)
+        channels += [channel_run(run, Reducer(cells, channel), noises[channel]) for channel in CHANNELS]
+    return channels
+
+
+def _cells(given: Mapping[str, Any], chains: Chains, made: dict[str, Cells]) -> Cells:
+    key = repr(sorted(given.items()))
+    if key not in made:
+        name = str(given["pattern"])
+        if name == "custom":
+            raise ConfigError("a custom pattern cannot be proposed: name a, b, c or c_tm")
+        made[key] = imagined_cells(
+            named_pattern(name, float(given["modulation_period_s"]), given.get("rotation_s")),
+            int(given["periods"]),
+            float(given.get("sample_rate_hz", SAMPLE_RATE_HZ)),
+            c_z_m_s2=float(given["v_z_v"]) / chains.command_v_per_m_s2["z"],
+            c_y_m_s2=float(given.get("v_y_v", 0.0)) / chains.command_v_per_m_s2["y"],
+            forward=given.get("turning") == "forward",
+        )
+    return made[key]
+
+
+def _conditions(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {**given, "external": "constant", "temperature_c": math.nan}
+
+
+def _rate(seen: Sequence[PlatformRun]) -> float:
+    return seen[-1].cells.sample_rate_hz if seen else SAMPLE_RATE_HZ
+
+
+def _end_s(run: PlatformRun) -> float:
+    start_s = float(run.conditions.get("start_s", 0.0))
+    return (start_s if math.isfinite(start_s) else 0.0) + run.cells.periods * run.cells.period_s
 
 
 @dataclass(frozen=True)

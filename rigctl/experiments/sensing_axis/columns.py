@@ -10,16 +10,19 @@ import numpy as np
 
 from rigctl.campaign.layout import (
     COMMON_FIELDS,
+    Columns,
     Field,
     Layout,
+    UnitFindings,
     angle_deg,
     not_negative,
     one_of,
     positive,
     sign,
+    slip_between,
+    time_slip,
     whole_number,
 )
-from rigctl.campaign.unit_checks import Columns, UnitFindings, slip_between, time_slip
 from rigctl.core.arrays import FloatArray
 
 ALIKE_WITHIN = 1.5

@@ -12,16 +12,14 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError, ProcedureError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.candidates import candidates_of, free_heads
 from rigctl.experiments.sensing_axis.model.components import stacked
 from rigctl.experiments.sensing_axis.model.fit import mountings_of, null_point
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
-from rigctl.experiments.sensing_axis.model.testable import untestable
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
 from rigctl.experiments.sensing_axis.observe.set_points import options
 from rigctl.experiments.sensing_axis.result.result import axis_result
 from rigctl.experiments.sensing_axis.study_data import RecordedRuns, ScanData
-from rigctl.experiments.sensing_axis.study_model import SensingAxisModel
+from rigctl.experiments.sensing_axis.study_model import SensingAxisModel, candidates_of, free_heads, untestable
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
 from rigctl.workbench.study_base import CatalogueStudy, line_frequencies_hz, own_model, steady_line
 

@@ -1,17 +1,25 @@
-"""A recording's model with its parameters as files and commands give them: theta0 in degrees, the rest in SI."""
+"""A recording's model, theta0 in degrees and the rest in SI as files and commands have them.
+
+Effects that it lacks, and whether the recording can be asked about them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from rigctl.analysis.least_squares import Parameter, Prior
 from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import RigError
+from rigctl.effects.catalogue import Effect
+from rigctl.experiments.sensing_axis.model.chain import Runs
 from rigctl.experiments.sensing_axis.model.components import Stacked, observed
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
-from rigctl.workbench.study import Observations, Term
+from rigctl.experiments.sensing_axis.model.parameters import family_of
+from rigctl.experiments.sensing_axis.observe.observables import RunObservables
+from rigctl.workbench.study import Candidate, Observations, Term
 
 OF_A_MOUNTING = ("theta0", "dc", "delta_x", "delta_y", "delta_z")
 
@@ -73,3 +81,138 @@ def _scaled(parameter: Parameter, factor: float) -> Parameter:
         step=None if parameter.step is None else parameter.step * factor,
         prior=None if prior is None else Prior(prior.mean * factor, prior.sigma * factor),
     )
+
+
+def free_heads(effect: Effect, model: RecordingModel) -> list[str]:
+    """Heads on which an effect might act and in the model does not."""
+    taken = {head for each in model.effects if each.id == effect.id for head in model.reach(each)}
+    return [head for head in model.reach(effect) if head not in taken]
+
+
+def candidates_of(
+    effects: Sequence[Effect], catalogue: Mapping[str, Effect], model: SensingAxisModel, values: FloatArray
+) -> list[list[Candidate]]:
+    """For each effect its candidates at the fitted `values`; one model with all of them gives the derivatives."""
+    inner = model.inner
+    whole = inner.with_effects(_in_order([*inner.effects, *effects], catalogue))
+    slopes = model.slopes(whole, _with_zeros(inner, whole, model.si(values)), [each.id for each in effects])
+    return [
+        [
+            _candidate(effect, head, inner, whole, slopes)
+            for head in (free_heads(effect, inner) if effect.scope == "head" else ("",))
+        ]
+        for effect in effects
+    ]
+
+
+def _in_order(effects: Sequence[Effect], catalogue: Mapping[str, Effect]) -> list[Effect]:
+    """One of each id, in the order in which they act; of two the later, which acts on all heads."""
+    last = {effect.id: effect for effect in effects}
+    return [last[name] for name in catalogue if name in last]
+
+
+def _with_zeros(model: RecordingModel, whole: RecordingModel, values: FloatArray) -> FloatArray:
+    """Values of a model as those of `whole`, which has more effects: these are absent."""
+    known = {family.base: family for family in model.families}
+    extended = np.zeros(len(whole.parameters))
+    for family in whole.families:
+        if family.base in known:
+            first = known[family.base].first
+            extended[family.first : family.first + family.count] = values[first : first + known[family.base].count]
+    return extended
+
+
+def _candidate(
+    effect: Effect, head: str, model: RecordingModel, whole: RecordingModel, slopes: FloatArray
+) -> Candidate:
+    taken = {name for each in model.effects if each.id != effect.id for name in each.parameters}
+    columns: list[int] = []
+    names: list[str] = []
+    typical: list[float] = []
+    for name in effect.parameters:
+        family = next(each for each in whole.families if each.base == family_of(effect, name, head))
+        shown = f"{effect.id}.{name}" if name in taken else name
+        for column in range(family.first, family.first + family.count):
+            label = whole.parameters[column].name.partition("[")[2]
+            columns.append(column)
+            names.append(f"{shown}[{label}" if label else shown)
+            typical.append(effect.typical[name])
+    return Candidate(
+        term=Term(effect.id, {"head": head} if head else {}),
+        names=tuple(names),
+        units=tuple(whole.units[column] for column in columns),
+        columns=slopes[:, columns],
+        typical=np.array(typical),
+    )
+
+
+_SAME = 1e-9
+
+
+def untestable(effect: Effect, model: RecordingModel) -> str | None:
+    """Why `model`'s runs lack what the effect acts by; None when they can be asked.
+
+    `model` need not have the effect. Runs that differ in too little for the parameters to be told apart are not the
+    matter here: that is for the fit to say.
+    """
+    for need in effect.needs:
+        reason = _NEEDS[need](model.runs)
+        if reason:
+            return reason
+    if effect.on == "laser_m" and not model.heads:
+        return "no displacement head was recorded"
+    if effect.scope == "head" and not model.reach(effect):
+        return "no head that was recorded looks across the motion"
+    return _flaw(effect, model)
+
+
+def _flaw(effect: Effect, model: RecordingModel) -> str | None:
+    """What a column that is missing, or a number that is, makes of the effect."""
+    for run in _asked(effect, model):
+        try:
+            with np.errstate(all="ignore"):
+                added = effect(run, **effect.typical)
+        except RigError as error:
+            return str(error)
+        if not np.isfinite(added).all():
+            unknown = [name for name, column in _conditions(run).items() if not np.isfinite(column).all()]
+            return "it is not a number in every run" + (f": {', '.join(unknown)} unknown" if unknown else "")
+    return None
+
+
+def _asked(effect: Effect, model: RecordingModel) -> list[Runs]:
+    if effect.on == "laser_m":
+        return [model.at_head(head) for head in (model.reach(effect) or model.heads)]
+    return [model.conditions.at(signal=model.conditions.x)]
+
+
+def _conditions(run: Runs) -> dict[str, np.ndarray]:
+    recorded = {"temperature_c": run.temperature, "approach": run.approach, "start_s": run.start}
+    return {**recorded, **run.columns}
+
+
+def _temperature(runs: Sequence[RunObservables]) -> str | None:
+    return _flat([run.temperature_c for run in runs], "temperature_c", "the temperature was the same in all runs")
+
+
+def _time(runs: Sequence[RunObservables]) -> str | None:
+    return _flat([run.start_s for run in runs], "start_s", "all runs began at the same time")
+
+
+def _approach(runs: Sequence[RunObservables]) -> str | None:
+    directions = [run.approach if run.approach else np.nan for run in runs]
+    same = "every angle was reached from the same side, so that the shift is part of theta0"
+    return _flat(directions, "approach", same)
+
+
+def _flat(values: Sequence[float], column: str, same: str) -> str | None:
+    known = np.array(values, dtype=np.float64)
+    missing = int(np.sum(~np.isfinite(known)))
+    if missing == len(known):
+        return f"{column} was not recorded"
+    if missing:
+        return f"{column} is missing in {missing} of {len(known)} runs"
+    return same if np.ptp(known) <= _SAME else None
+
+
+_NEEDS = {"temperature": _temperature, "time": _time, "approach": _approach}

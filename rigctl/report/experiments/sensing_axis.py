@@ -14,8 +14,7 @@ from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError, ProcedureError
 from rigctl.effects.catalogue import chosen
 from rigctl.experiments.sensing_axis.analysis import analyse, uncertainties_of
-from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit
-from rigctl.experiments.sensing_axis.model.one_mounting import fit_mounting
+from rigctl.experiments.sensing_axis.model.fit import NullPoint, RecordingFit, fit_mounting
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration
 from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
 from rigctl.report.drawn import Drawn

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from rigctl.experiments.rotating_platform.observe.cutter import cells_of
-from rigctl.experiments.rotating_platform.observe.estimates import estimates
-from rigctl.experiments.rotating_platform.observe.mask import outside_guard
+from rigctl.experiments.rotating_platform.observe.estimates import estimates, outside_guard
 from rigctl.experiments.rotating_platform.observe.recorded import Chains
 
 UNIT = {"z": 1.0, "y": 1.0}

@@ -17,9 +17,8 @@ from rigctl.experiments.rotating_platform.model.motion import motion_of
 from rigctl.experiments.rotating_platform.observe import cutter as module
 from rigctl.experiments.rotating_platform.observe.cells import BEFORE, FAULTS, Cells
 from rigctl.experiments.rotating_platform.observe.cutter import CellStream, cells_of
-from rigctl.experiments.rotating_platform.observe.estimates import estimates
+from rigctl.experiments.rotating_platform.observe.estimates import estimates, outside_guard
 from rigctl.experiments.rotating_platform.observe.estimators import weights
-from rigctl.experiments.rotating_platform.observe.mask import outside_guard
 from rigctl.experiments.rotating_platform.observe.patterns import named_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import Chains, chains
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer

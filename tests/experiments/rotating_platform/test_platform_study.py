@@ -12,7 +12,7 @@ from benchmarks.platform_sampler import SampledRun, sampled
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.catalogue import catalogue
 from rigctl.effects.plugins import load
-from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V
+from rigctl.experiments.rotating_platform.observe.covariance import Q_FLEX_NOISE_V
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.next.recommend import recommend
 from rigctl.workbench.study import Plannable, Term

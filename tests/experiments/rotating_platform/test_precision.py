@@ -7,9 +7,13 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.covariance import covariance, covariance_of_mean
+from rigctl.experiments.rotating_platform.observe.covariance import (
+    Q_FLEX_NOISE_V,
+    PowerLawNoise,
+    covariance,
+    covariance_of_mean,
+)
 from rigctl.experiments.rotating_platform.observe.estimators import ESTIMATORS, OUTPUTS, weights
-from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V, PowerLawNoise
 from rigctl.experiments.rotating_platform.observe.patterns import ROTATIONS, custom_pattern, named_pattern
 from rigctl.experiments.rotating_platform.result.precision import (
     continuous_precision,

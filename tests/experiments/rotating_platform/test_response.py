@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.model.response import expected_sine, measured_sine, transfer
+from rigctl.experiments.rotating_platform.observe.covariance import Q_FLEX_NOISE_V
 from rigctl.experiments.rotating_platform.observe.estimators import ESTIMATORS, OUTPUTS
-from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V
 from rigctl.experiments.rotating_platform.observe.patterns import custom_pattern, named_pattern
 from tests.experiments.rotating_platform import by_cells
 

@@ -11,14 +11,19 @@ import pytest
 from benchmarks.platform_sampler import Columns, SampledRun, sampled
 from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V, PowerLawNoise
+from rigctl.experiments.rotating_platform.observe.covariance import Q_FLEX_NOISE_V, PowerLawNoise
 from rigctl.experiments.rotating_platform.observe.noise_fit import fit_noise
 from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.observe.spectrum import noise_spectrum
 from rigctl.experiments.rotating_platform.result.alignment import Value
 from rigctl.experiments.rotating_platform.result.bench_runs import NoiseRecord, flips, noise_records, scans
-from rigctl.experiments.rotating_platform.result.chain_noise import EQUATION_1, ChainNoise, chain_noise
-from rigctl.experiments.rotating_platform.result.result import PlatformResult, platform_result
+from rigctl.experiments.rotating_platform.result.result import (
+    EQUATION_1,
+    ChainNoise,
+    PlatformResult,
+    chain_noise,
+    platform_result,
+)
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.verdict.fit import fit
 from simulators.worlds.platform_settings import PlatformSettings

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.noise import Q_FLEX_NOISE_V, PowerLawNoise
+from rigctl.experiments.rotating_platform.observe.covariance import Q_FLEX_NOISE_V, PowerLawNoise
 from rigctl.experiments.rotating_platform.observe.noise_fit import fit_noise
 from rigctl.experiments.rotating_platform.observe.spectrum import TAPERS, expected, noise_spectrum
 

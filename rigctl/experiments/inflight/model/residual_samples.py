@@ -13,9 +13,8 @@ from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.experiments.inflight.model.equation import coefficients
 from rigctl.experiments.inflight.model.parameters import SHARED
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of
-from rigctl.experiments.inflight.observe.pulses import AFTER_S
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
-from rigctl.experiments.inflight.observe.series import NEEDED, raw_series
+from rigctl.experiments.inflight.observe.series import AFTER_S, NEEDED, raw_series
 from rigctl.experiments.inflight.observe.weights import taper, templates
 
 RISE_S, FALL_S = 1.0, 3.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigctl.core.arrays import ComplexArray, FloatArray
-from rigctl.core.plausible import ABSOLUTE_ZERO_C
+from rigctl.core.units import ABSOLUTE_ZERO_C
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
 
 MEASURED = ("m1_x", "m1_y", "m1_z", "m2_x", "m2_y", "m2_z")
@@ -152,3 +152,18 @@ def central(table: ComplexArray, means: FloatArray) -> Amplitudes:
     square = sum(float(means[at[name]]) for name in ("m1^2", "m2^2")) + 2.0 * float(means[at["m1 m2"]])
     centre = 0.5 * (mean["m1"] + mean["m2"])
     return Amplitudes(made, 0.25 * square - centre**2, 0.5 * (mean["m1"] - mean["m2"]))
+
+
+BEFORE_S, AFTER_S = 3.0, 30.0
+"""So long before and after its beginning a pulse covers samples."""
+
+
+def without_pulses(samples: Mapping[str, FloatArray], pulses_s: FloatArray | None) -> Mapping[str, FloatArray]:
+    """The samples without those that pulses beginning at `pulses_s` cover; None for a run without pulses."""
+    if pulses_s is None:
+        return samples
+    t_s = samples["t_s"]
+    hidden = np.zeros(len(t_s), dtype=bool)
+    for begin_s in pulses_s:
+        hidden |= (t_s > begin_s - BEFORE_S) & (t_s < begin_s + AFTER_S)
+    return {name: column if name == "t_s" else np.where(hidden, np.nan, column) for name, column in samples.items()}

@@ -12,11 +12,9 @@ from rigctl.analysis.kept import Kept, Packed, Progress, Recipe, Reduction, each
 from rigctl.campaign.recording import RunRecord, RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.inflight.observe.between_lines import BetweenLines
 from rigctl.experiments.inflight.observe.grid import Grid
-from rigctl.experiments.inflight.observe.pulses import without_pulses
-from rigctl.experiments.inflight.observe.reduction import ReducedRun, ReducedStretch, reduce_run
-from rigctl.experiments.inflight.observe.series import Amplitudes
+from rigctl.experiments.inflight.observe.reduction import BetweenLines, ReducedRun, ReducedStretch, reduce_run
+from rigctl.experiments.inflight.observe.series import Amplitudes, without_pulses
 from rigctl.experiments.inflight.observe.sessions import Line, session_of
 
 RECIPE = Recipe("inflight-calibration", 8)

@@ -21,6 +21,7 @@ from rigctl.experiments.rotating_platform.observe.cells import (
     Cells,
     Columns,
 )
+from rigctl.experiments.rotating_platform.observe.estimates import dwell_shapes, shifts, usual_shape
 from rigctl.experiments.rotating_platform.observe.even_samples import (
     COMMANDED,
     MOVING,
@@ -30,7 +31,6 @@ from rigctl.experiments.rotating_platform.observe.even_samples import (
     EvenSamples,
     filled,
 )
-from rigctl.experiments.rotating_platform.observe.mask import dwell_shapes, shifts, usual_shape
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
 from rigctl.experiments.rotating_platform.observe.turns import Dwells, Turns
 

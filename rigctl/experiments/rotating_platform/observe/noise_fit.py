@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.rotating_platform.observe.noise import PENDULUM_CORNER_HZ, PowerLawNoise, pendulum_rise
+from rigctl.experiments.rotating_platform.observe.covariance import PENDULUM_CORNER_HZ, PowerLawNoise, pendulum_rise
 from rigctl.experiments.rotating_platform.observe.spectrum import NoiseSpectrum, expected
 
 # What is free of ln white, ln power law at the reference frequency, exponent, ln pendulum; two are simpler noise.

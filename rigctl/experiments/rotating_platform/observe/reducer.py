@@ -17,8 +17,7 @@ from scipy import sparse
 from rigctl.core.arrays import BoolArray, FloatArray, Int64Array
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.cells import BEFORE, NO_BIN, Cells
-from rigctl.experiments.rotating_platform.observe.estimates import FEWEST_SAMPLES
-from rigctl.experiments.rotating_platform.observe.mask import usual_mask
+from rigctl.experiments.rotating_platform.observe.estimates import FEWEST_SAMPLES, usual_mask
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 
 MOST_GROUPS = 120

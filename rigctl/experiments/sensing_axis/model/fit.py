@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +10,11 @@ import numpy as np
 from rigctl.analysis.least_squares import FitResult, least_squares
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ProcedureError
+from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.geometry import motion_in_cube
 from rigctl.experiments.sensing_axis.model.model import Prediction, RecordingModel
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
+from rigctl.files.package import HeadSettings, Package
 
 MAX_ITERATIONS = 500
 """At one angle delta_x is known to its prior only: a long curved valley, in which steps stay short."""
@@ -158,3 +160,19 @@ def _slopes(values: FloatArray, nominal: FloatArray, step: float = 1e-6) -> Floa
 
     moves = step * np.eye(4)
     return np.stack([(vector(values + move) - vector(values - move)) / (2.0 * step) for move in moves], axis=1)
+
+
+ROLL = "roll-gravity"
+
+
+def fit_mounting(
+    runs: Sequence[RunObservables],
+    package: Package,
+    heads: Mapping[str, HeadSettings],
+    g_m_s2: float,
+    effects: Sequence[Effect],
+) -> RecordingFit:
+    """Fit the runs of a mounting. At one frequency roll is a shift of the null: it enters with the second one."""
+    one_frequency = len({round(run.frequency_hz, 2) for run in runs}) == 1
+    separable = tuple(effect for effect in effects if effect.id != ROLL or not one_frequency)
+    return fit_recording(RecordingModel(runs, package, heads, g_m_s2, separable))

@@ -12,7 +12,7 @@ from rigctl.campaign.recording import READINGS, Header, RunSource, TableSpec
 from rigctl.core.arrays import FloatArray, IntArray, TextArray
 from rigctl.core.errors import DataError
 from rigctl.core.numbers import MAGNITUDE_MAX, measurable
-from rigctl.core.time_stamps import seconds_of_stamps
+from rigctl.core.readings import seconds_of_stamps
 from rigctl.core.units import unit_of_column
 from rigctl.experiments.table.observe.expression import Expression
 from rigctl.experiments.table.observe.rows import readings_of

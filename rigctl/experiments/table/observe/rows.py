@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray, TextArray
-from rigctl.core.repeated_rows import pasted_rows
+from rigctl.core.readings import pasted_rows
 
 
 def readings_of(

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from rigctl.core.bounds import EXPRESSION_CHARACTERS
-from rigctl.core.errors import DataError
-from rigctl.core.messages import one_line
+from rigctl.core.errors import DataError, one_line
 from rigctl.core.numbers import decimal
 
 FUNCTIONS = ("exp", "log", "sqrt", "sin", "cos", "tan")

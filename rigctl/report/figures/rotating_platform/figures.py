@@ -12,8 +12,7 @@ from rigctl.experiments.rotating_platform.result.run_result import RunResult
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.rotating_platform.alignment import alignment_plate
 from rigctl.report.figures.rotating_platform.course import course_plate
-from rigctl.report.figures.rotating_platform.noise import noise_plate
-from rigctl.report.figures.rotating_platform.precision import precision_plate, table_plate
+from rigctl.report.figures.rotating_platform.precision import noise_plate, precision_plate, table_plate
 
 
 def plates_of(

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.rotating_platform.imagined import imagined_cells
 from rigctl.experiments.rotating_platform.model.model import PlatformModel
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
 from rigctl.experiments.rotating_platform.observe.cells import AFTER_S, BEFORE, BEFORE_S
@@ -21,6 +20,7 @@ from rigctl.experiments.rotating_platform.observe.reducer import Reducer
 from rigctl.experiments.rotating_platform.observe.run_noise import EXPONENTS, RunNoise
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
 from rigctl.experiments.rotating_platform.result.published import ACCEL_Y_M_S2, BIAS_M_S2, INTERCEPT_M_S2
+from rigctl.experiments.rotating_platform.study_data import imagined_cells
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import SOFT, new_figure, panel_letter, series_style
 from rigctl.report.quantities import number

@@ -7,10 +7,9 @@ from typing import Any
 from rigctl.experiments.sensing_axis.result.budget import Uncertainties, axis_budgets
 from rigctl.experiments.sensing_axis.result.result import SensingAxisResult
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.sensing_axis.budget import budget_plate
 from rigctl.report.figures.sensing_axis.null_search import representative, response_plate
-from rigctl.report.figures.sensing_axis.nulls import nulls_plate
 from rigctl.report.figures.sensing_axis.plane import plane_plate
+from rigctl.report.figures.sensing_axis.result import budget_plate, nulls_plate
 
 PLANE_FIGURES = {"X": "fig15", "Y": "fig16", "Z": "fig17"}
 """Figures of the paper by the cube axis an accelerometer measures along."""
