@@ -10,10 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from rigctl import cli
 from rigctl.campaign.session import locks, requests
 from rigctl.campaign.store.store import Store
+from rigctl.cli import app, commands
+from rigctl.core.errors import RigError
 from rigctl.files.rig_file import read_rig
 
 FIRST_ADDRESS = 'address = "sim:"                  # tcp://192.168.0.254:5001'
@@ -432,17 +435,41 @@ def test_json_is_one_document_on_stdout(done: Any) -> None:
         assert len(found.out.splitlines()) == 1
 
 
-def test_the_page_of_all_commands_needs_nothing_that_they_work_with() -> None:
-    """Its texts are the docstrings, read from the source: a command's module is imported when the command is used."""
+EVERY_COMMAND = [
+    *([name] for names in commands.MODULES.values() for name in names),
+    *(["model", name] for name in ("show", "history", "add", "remove")),
+]
+
+
+def test_no_help_needs_what_the_commands_work_with() -> None:
+    """It is read from the source: a command's module is imported when the command is used."""
     code = (
         "import sys, typer.testing, rigctl.cli as cli\n"
-        "print(typer.testing.CliRunner().invoke(cli.app, ['--help']).output)\n"
+        f"for command in {[[], *EVERY_COMMAND]}:\n"
+        "    print(typer.testing.CliRunner().invoke(cli.app, [*command, '--help']).output)\n"
         "print(sorted({name.split('.')[0] for name in sys.modules}))\n"
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert "Run a campaign from start to result." in told
     assert "The versions of a store's model." in told
-    assert not [name for name in ("numpy", "pydantic", "scipy", "textual", "matplotlib") if f"'{name}'" in told]
+    assert "Seed of a simulated world." in told
+    assert not [name for name in ("numpy", "sqlite3", "scipy", "textual", "matplotlib") if f"'{name}'" in told]
+
+
+@pytest.mark.parametrize("command", EVERY_COMMAND, ids=" ".join)
+def test_help_is_that_of_the_command_which_acts(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    read = CliRunner().invoke(app, [*command, "--help"])
+    monkeypatch.setattr(commands.LazyCommand, "declared", commands.LazyCommand.imported)
+    acting = CliRunner().invoke(app, [*command, "--help"])
+    assert (read.exit_code, read.output) == (0, acting.output)
+
+
+def test_help_as_the_value_of_an_option_is_that_value(tmp_path: Path) -> None:
+    asked = CliRunner().invoke(app, ["run", str(tmp_path / "none.toml"), "--rig", "--help"])
+    assert isinstance(asked.exception, RigError)
+    assert "none.toml" in str(asked.exception)
+    named = CliRunner().invoke(app, ["model", "add", str(tmp_path / "none.rig.sqlite"), "--", "--help"])
+    assert isinstance(named.exception, RigError)
 
 
 def test_a_campaign_that_ends_while_it_is_asked_to_go_on_is_resumed(

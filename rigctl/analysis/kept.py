@@ -33,15 +33,12 @@ class KeepsReductions(Protocol):
     @property
     def readonly(self) -> bool:
         """Whether it can be read only."""
-        ...
 
     def reduction(self, recipe: str, name: str) -> bytes | None:
         """What is kept under one name; None for nothing."""
-        ...
 
     def keep_reductions(self, recipe: str, blobs: Mapping[str, bytes]) -> None:
         """Keep, by run_id or another name; replaces what was there."""
-        ...
 
 
 class Run(Protocol):
@@ -50,7 +47,6 @@ class Run(Protocol):
     @property
     def run_id(self) -> str:
         """Its name in the recording."""
-        ...
 
 
 RunT = TypeVar("RunT", bound=Run)

@@ -123,15 +123,12 @@ class RunSource(Protocol):
     @property
     def header(self) -> Header:
         """What holds for all runs."""
-        ...
 
     def runs(self, *, valid_only: bool = False) -> list[RunRecord]:
         """The finished runs in order."""
-        ...
 
     def samples(self, run_id: str) -> dict[str, FloatArray]:
         """The columns of one run, each of shape (samples,)."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,8 @@ def main() -> None:
     try:
         app(standalone_mode=True)
     except RigError as error:
-        _fail("; ".join([_message(error), *getattr(error, "__notes__", [])]), _status(error))
+        message = f"aborted: {error}" if isinstance(error, Aborted) else str(error)
+        _fail("; ".join([message, *getattr(error, "__notes__", [])]), _status(error))
     except KeyboardInterrupt:
         _fail("aborted: interrupted", 130)
     except BrokenPipeError:
@@ -46,10 +47,6 @@ def main() -> None:
             raise
         text = f"{type(error).__name__}: {error}"
         _fail(f"internal error: {text}; please report it with what {TRACEBACK}=1 shows", 1)
-
-
-def _message(error: RigError) -> str:
-    return f"aborted: {error}" if isinstance(error, Aborted) else str(error)
 
 
 def _status(error: RigError) -> int:

@@ -6,10 +6,13 @@ import ast
 import importlib
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
+
+from rigctl.cli import io
 
 MODULES = {
     "campaigns": ("run", "resume"),
@@ -35,25 +38,57 @@ class LazyCommand(TyperCommand):
         super().__init__(name)
         self._module = f"{__package__}.{module}"
 
-    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+    def make_context(self, info_name: str | None, args: list[str], *parent: Any, **extra: Any) -> Any:
         """Click's first call of a command that is used: from here on the one in the module acts."""
-        return self.imported().make_context(*args, **kwargs)
+        if "--help" in args:
+            with self.declared().make_context(info_name, list(args), *parent, **extra) as context:
+                context.command.invoke(context)  # leaves with the help; does nothing where "--help" is some value
+        return self.imported().make_context(info_name, args, *parent, **extra)
 
     def imported(self) -> Any:
         """The command in its module."""
-        command = get_command(importlib.import_module(self._module).app)
+        return self._command_of(importlib.import_module(self._module))
+
+    def declared(self) -> Any:
+        """The command with its arguments and options but without what it does, read from the source."""
+        module, tree = ModuleType(self._module), self._tree()
+        tree.body = [_without_body(each) for each in tree.body if not _of_the_work(each)]
+        exec(compile(tree, self._module, "exec"), module.__dict__)  # noqa: S102 - the declarations of this package
+        return self._command_of(module)
+
+    def summary(self) -> str:
+        """The docstring of its function, else of its module, read from the source."""
+        tree = self._tree()
+        names = {self.name, f"{self.name}_"}  # `import` and `next` mean something else in Python
+        functions = (each for each in tree.body if isinstance(each, ast.FunctionDef) and each.name in names)
+        return ast.get_docstring(next(functions, tree)) or ""
+
+    def _tree(self) -> ast.Module:
+        spec = find_spec(self._module)
+        assert spec is not None
+        return ast.parse(Path(str(spec.origin)).read_text(encoding="utf-8"))
+
+    def _command_of(self, module: ModuleType) -> Any:
+        command = get_command(module.app)
         if isinstance(command, TyperGroup) and command.name != self.name:
             return command.commands[str(self.name)]
         return command
 
-    def summary(self) -> str:
-        """The docstring of its function, else of its module, read from the source."""
-        spec = find_spec(self._module)
-        assert spec is not None
-        tree = ast.parse(Path(str(spec.origin)).read_text(encoding="utf-8"))
-        names = {self.name, f"{self.name}_"}  # `import` and `next` mean something else in Python
-        functions = (each for each in tree.body if isinstance(each, ast.FunctionDef) and each.name in names)
-        return ast.get_docstring(next(functions, tree)) or ""
+
+def _of_the_work(statement: ast.stmt) -> bool:
+    """Whether it imports what commands work with: all of this program but what declares arguments and options."""
+    return (
+        isinstance(statement, ast.ImportFrom)
+        and str(statement.module).split(".")[0] == "rigctl"
+        and (statement.module != io.__name__)
+    )
+
+
+def _without_body(statement: ast.stmt) -> ast.stmt:
+    if isinstance(statement, ast.FunctionDef):
+        statement.body = [ast.Expr(ast.Constant(ast.get_docstring(statement) or ""))]
+        ast.fix_missing_locations(statement)
+    return statement
 
 
 class Commands(TyperGroup):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -68,19 +69,11 @@ def investigate(
     rig_file = read_rig(campaign_file.rig_path) if campaign_file.rig and not store.exists() else None
     with ProgressBar() as bar:
         options = runner.Options(unattended=yes, display=bar, plugins=tuple(plugin or ()))
-        settings = Settings(options, _agree if yes else _ask, tell, max_runs=max_runs)
+        agree = (lambda _: True) if yes else partial(typer.confirm, err=True)
+        settings = Settings(options, agree, tell, max_runs=max_runs)
         with ended_by_signals(lambda _: None, campaign_file.on_terminal_lost, leave_s=0.0):
             outcome = carry_out(campaign_file, rig_file, store, settings).as_json()
     if as_json:
         print_json({"store": str(store), **outcome})
     else:
         print_outcome(outcome, str(store))
-
-
-def _agree(question: str) -> bool:
-    del question
-    return True
-
-
-def _ask(question: str) -> bool:
-    return typer.confirm(question, err=True)

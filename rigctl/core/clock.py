@@ -16,15 +16,12 @@ class Clock(Protocol):
     @property
     def speed(self) -> float:
         """Rig seconds per wall-clock second."""
-        ...
 
     def now_s(self) -> float:
         """Seconds of rig time since the clock's origin."""
-        ...
 
     def sleep_s(self, duration_s: float) -> None:
         """Return when `duration_s` of rig time has passed."""
-        ...
 
 
 class RealClock:

@@ -21,7 +21,6 @@ class Declaration(Protocol):
     @property
     def contract(self) -> int:
         """The version of the contract it was written for."""
-        ...
 
 
 D = TypeVar("D", bound=Declaration)

@@ -43,15 +43,12 @@ class Instrument(Protocol):
 
     def open(self) -> None:
         """Connect and check that the right model answers; `WrongInstrument` otherwise. Moves nothing."""
-        ...
 
     def close(self) -> None:
         """Disconnect; may be called twice."""
-        ...
 
     def identify(self) -> Identity:
         """Ask the instrument who it is."""
-        ...
 
     def confirm_in_step(self) -> None:
         """Make sure that no reply is outstanding or surplus on any connection.
@@ -59,7 +56,6 @@ class Instrument(Protocol):
         Looks for unread bytes, asks one question whose reply cannot be mistaken, looks again. Raises `OutOfStep`
         (after resynchronising) or another `LinkError`. Called before a run is called valid.
         """
-        ...
 
     def stop(self) -> None:
         """Bring it to rest: motion halted, acquisition ended. Any thread, any time, any number of times.
@@ -67,7 +63,6 @@ class Instrument(Protocol):
         Connects if it is not connected, and returns only when the instrument has answered that it is at rest;
         raises `LinkError` or `InstrumentError` otherwise.
         """
-        ...
 
 
 @runtime_checkable
@@ -76,22 +71,18 @@ class Stage(Instrument, Protocol):
 
     def home(self) -> None:
         """Enable it and find the reference, returns when done; only what is still to be done of it."""
-        ...
 
     def is_homed(self) -> bool:
         """True when positions are referenced and the axis is ready to move."""
-        ...
 
     def is_moving(self) -> bool:
         """True while the axis moves, whoever had it move."""
-        ...
 
     def safety_stop(self) -> str:
         """Which safety device has stopped the axis, such as an emergency stop or a limit switch; "" for none.
 
         It says so until the axis is homed or enabled anew.
         """
-        ...
 
 
 @runtime_checkable
@@ -102,11 +93,9 @@ class RotationStage(Stage, Protocol):
 
     def move_to(self, angle_deg: float) -> None:
         """Move and return when the stage has arrived and settled (its own motion-done)."""
-        ...
 
     def angle(self) -> Reading:
         """The encoder's angle now [deg]; may be called while a move blocks another thread."""
-        ...
 
 
 @runtime_checkable
@@ -115,7 +104,6 @@ class TimedRotationStage(RotationStage, Protocol):
 
     def turn_to(self, angle_deg: float, duration_s: float) -> None:
         """As `move_to`, the motion itself lasting `duration_s`; `LimitError` when that is too fast for its limits."""
-        ...
 
 
 @runtime_checkable
@@ -126,7 +114,6 @@ class LinearStage(Stage, Protocol):
 
     def move_to(self, position_mm: float) -> None:
         """Move and return when arrived."""
-        ...
 
     def oscillate(self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float) -> None:
         """Start a sinusoid about `centre_mm` that lasts at least `duration_s`; returns once it runs.
@@ -134,15 +121,12 @@ class LinearStage(Stage, Protocol):
         `amplitude_mm` is half the peak-to-peak travel. The axis first goes where the motion starts.
         Replaces an oscillation that is running. Ends by itself after the duration, or with `rest`.
         """
-        ...
 
     def rest(self) -> None:
         """End an oscillation smoothly and return when the axis stands still."""
-        ...
 
     def position(self) -> Reading:
         """The encoder's position now [mm]."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -164,11 +148,9 @@ class Recorder(Protocol):
 
     def channels(self) -> tuple[Channel, ...]:
         """The columns a record has, in order."""
-        ...
 
     def longest_record(self, period_s: float) -> int:
         """Most samples of one record at this period; `LimitError` when it is not that fast. Sends nothing."""
-        ...
 
 
 @runtime_checkable
@@ -177,14 +159,12 @@ class PacedRecorder(Recorder, Protocol):
 
     def arm(self, samples: int, period_s: float) -> None:
         """Clear and wait for `samples` edges, `period_s` apart; `LimitError` if the memory cannot hold them."""
-        ...
 
     def collect(self) -> FloatArray:
         """The recorded rows, shape (samples, channels), after the last edge; NaN where there was no value.
 
         Raises `InstrumentError` when fewer edges than armed for have been recorded.
         """
-        ...
 
 
 @runtime_checkable
@@ -193,14 +173,12 @@ class StreamedRecorder(PacedRecorder, Protocol):
 
     def follow(self, samples: int, period_s: float) -> None:
         """As `arm`, for a record that is fetched while it comes; `LimitError` beyond the instrument's longest."""
-        ...
 
     def fetch(self) -> FloatArray:
         """The rows recorded since the last call, shape (n, channels), n may be 0; NaN where overloaded.
 
         Raises `InstrumentError` when rows were lost because nobody fetched them in time.
         """
-        ...
 
 
 @runtime_checkable
@@ -210,15 +188,12 @@ class PacingRecorder(Recorder, Protocol):
     @property
     def first_sample_after_s(self) -> float:
         """From the start to the first sample."""
-        ...
 
     def start(self, samples: int, period_s: float) -> float:
         """Clear, start the train of edges, and return the rig time of the start."""
-        ...
 
     def fetch(self) -> FloatArray:
         """The rows recorded since the last call, shape (n, channels), n may be 0; NaN where overloaded."""
-        ...
 
 
 @runtime_checkable
@@ -227,7 +202,6 @@ class DisplacementMeter(Instrument, PacedRecorder, Protocol):
 
     def displacements(self) -> tuple[Reading, ...]:
         """The value of each head now [mm], NaN when out of range or without a target."""
-        ...
 
 
 @runtime_checkable
@@ -236,7 +210,6 @@ class Voltmeter(Instrument, Protocol):
 
     def voltage(self) -> Reading:
         """One reading now [V]; NaN when overloaded."""
-        ...
 
 
 @runtime_checkable
@@ -245,4 +218,3 @@ class Thermometer(Instrument, Protocol):
 
     def temperature(self) -> Reading:
         """One reading now [degC]."""
-        ...

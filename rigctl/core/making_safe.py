@@ -44,11 +44,9 @@ class Stoppable(Protocol):
     @property
     def name(self) -> str:
         """As the operator knows it."""
-        ...
 
     def stop(self) -> None:
         """Returns when it has confirmed that it is at rest; raises otherwise."""
-        ...
 
 
 @dataclass(frozen=True)

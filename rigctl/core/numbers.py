@@ -8,9 +8,11 @@ that only one of two programs understands is a wrong number sooner or later.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 CHARACTERS_MAX = 400
 """The longest number: more than any 64-bit float needs when it is written without an exponent."""
@@ -57,4 +59,4 @@ def is_missing(text: str) -> bool:
 
 def measurable(values: NDArray[np.generic]) -> bool:
     """Whether every number of an array that is not NaN is finite and at most `MAGNITUDE_MAX`."""
-    return not bool((np.abs(values) > MAGNITUDE_MAX).any())
+    return not bool((abs(values) > MAGNITUDE_MAX).any())

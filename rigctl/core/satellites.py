@@ -42,23 +42,18 @@ class DragFreeSatellite(Instrument, Protocol):
     @property
     def sample_period_s(self) -> float:
         """Between two rows of telemetry."""
-        ...
 
     def channels(self) -> tuple[Channel, ...]:
         """The columns `fetch` delivers, in order; `t_s`, since perigee, is the first."""
-        ...
 
     def check(self, session: FlightSession) -> None:
         """`LimitError` for a session that is beyond the satellite's limits; sends nothing."""
-        ...
 
     def begin(self, session: FlightSession) -> float:
         """Have a session carried out from a perigee to come; returns the rig time of that. Ends the one before."""
-        ...
 
     def fetch(self) -> FloatArray:
         """The rows that came down since the last call, shape (n, channels), n may be 0; NaN where some are lost."""
-        ...
 
 
 class SatelliteEnsemble(Protocol):
@@ -77,8 +72,6 @@ class SatelliteEnsemble(Protocol):
         `run` is the key of its randomness beside the draw's number: what comes does not depend on the other draws.
         A chunk is there until the next is asked for: all may be in the same memory.
         """
-        ...
 
     def truths(self, draw: int) -> Mapping[str, Mapping[str, float]]:
         """What a calibration should find: parameters by name, of `exact_truth` and `paper_truth`."""
-        ...

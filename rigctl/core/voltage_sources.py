@@ -57,7 +57,6 @@ class VoltageSource(Instrument, Protocol):
 
     def channels(self) -> tuple[Channel, ...]:
         """The outputs, as columns of a run; `full_scale` is the largest voltage that may be asked for."""
-        ...
 
     def start(self, waveforms: Mapping[str, Waveform]) -> Started:
         """Set and connect every output and begin all waveforms at once; returns when they run.
@@ -65,8 +64,6 @@ class VoltageSource(Instrument, Protocol):
         An output that is not named gives 0 V. May be called again at any time. `LimitError` for an unknown output or
         a waveform it cannot make, before a byte is sent; what the instrument rounded is in what is returned.
         """
-        ...
 
     def require_running(self) -> None:
         """`InstrumentError` unless every output is connected and set as `start` returned it."""
-        ...

@@ -19,7 +19,6 @@ class Result(Protocol):
 
     def as_json(self) -> dict[str, Any]:
         """Its numbers, as `rigctl result --json` gives them."""
-        ...
 
 
 class Analysis(Protocol):
@@ -27,19 +26,15 @@ class Analysis(Protocol):
 
     def reduced(self, source: RunSource, progress: Progress) -> Mapping[str, str]:
         """Reduce the valid runs once and for all; which were left out, and why."""
-        ...
 
     def study(self, source: RunSource, plugins: Sequence[Plugin]) -> Study:
         """A recording's runs as the workbench sees them."""
-        ...
 
     def analyse(self, workbench: Workbench) -> Result:
         """What a store amounts to, for a notebook. `DataError`, `ProcedureError`."""
-        ...
 
     def result(self, workbench: Workbench) -> dict[str, Any]:
         """What a store amounts to: keys of `rigctl result --json`. `DataError`, `ProcedureError`."""
-        ...
 
 
 def analysis_of(experiment: str, path: Path | str = "") -> Analysis:

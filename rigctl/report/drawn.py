@@ -32,11 +32,9 @@ class Drawing(Protocol):
 
     def tables(self, found: Mapping[str, Any], reference: Mapping[str, Any]) -> Sequence[ResultTable]:
         """A result as tables, beside a campaign file's reference values: printed, in a report and in the console."""
-        ...
 
     def draw(self, workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) -> Drawn:
         """What a report shows; `lines_hz` are lines the model has, `found` those it has not (study.Line)."""
-        ...
 
 
 @runtime_checkable
@@ -45,7 +43,6 @@ class DrawingForConsole(Protocol):
 
     def pictures(self, workbench: Workbench) -> Sequence[Picture]:
         """Plots beside the tables of the result."""
-        ...
 
     def null_search(self, store: Store) -> dict[str, Any]:
         """The null that is searched, as far as it is known while runs come; empty before there are any.
@@ -53,7 +50,6 @@ class DrawingForConsole(Protocol):
         `picture` (of the response), `where` (which null), `runs`, `sigma_arcsec` after these runs, and `sigmas` after
         each of them, where that does not take long.
         """
-        ...
 
 
 def drawing_of(experiment: str, path: Path | str = "") -> Drawing:

@@ -81,7 +81,8 @@ def table(table: ResultTable) -> str:
     head = "".join(f"<th{kind}>{escape(name.lstrip('#'))}</th>" for kind, name in names)
     body = ""
     for row, marked in zip(filled.rows, filled.marks, strict=True):
-        cells = "".join(f"<td{kind}>{_lines(cell)}</td>" for kind, cell in zip(kinds, row, strict=True))
+        texts = ["<br>".join(map(_words, cell.split("\n"))) for cell in row]
+        cells = "".join(f"<td{kind}>{text}</td>" for kind, text in zip(kinds, texts, strict=True))
         mark = ' class="mark"' if marked else ""
         body += f"<tr{mark}>{cells}</tr>"
     rows = f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
@@ -96,7 +97,3 @@ def figure(plate: Plate[Any]) -> str:
 
 def _words(text: str) -> str:
     return escape(text.replace("+-", "±"))
-
-
-def _lines(text: str) -> str:
-    return "<br>".join(map(_words, text.split("\n")))

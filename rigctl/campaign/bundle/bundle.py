@@ -11,7 +11,7 @@ from rigctl.campaign.bundle.files import open_bundle
 from rigctl.campaign.bundle.reader import BundleReader
 from rigctl.campaign.bundle.salvage import HEADER_LOST, Salvage
 from rigctl.campaign.bundle.writer import RunWithSamples, padded, whole_directory, write_readings, write_runs
-from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord, RunSource
+from rigctl.campaign.recording import Header, ImportReport, Recording, RunSource
 from rigctl.campaign.store import synced
 from rigctl.campaign.store.entries import IMPORTED
 from rigctl.campaign.store.store import Store
@@ -123,7 +123,8 @@ def _saved(salvage: Salvage, header: Header, saved: list[str]) -> Iterator[RunWi
             yield record, samples
         elif "t_s" in samples:
             saved.append(record.run_id)
-            yield _cut_off(record), padded(samples, sorted(channels))
+            cut_off = replace(record, valid=False, reason=f"interrupted: {record.reason or 'cut off'}")
+            yield cut_off, padded(samples, sorted(channels))
         else:
             salvage.lost.append(f"run {record.run_id}: {record.state}, without samples")
 
@@ -132,7 +133,3 @@ def _write(source: RunSource, runs: Iterator[RunWithSamples], directory: Path) -
     with whole_directory(directory) as partial:
         write = write_readings if of_readings(source.header.experiment) else write_runs
         write(source, runs, partial)
-
-
-def _cut_off(record: RunRecord) -> RunRecord:
-    return replace(record, valid=False, reason=f"interrupted: {record.reason or 'cut off'}")

@@ -43,7 +43,6 @@ class OperatorLink(Protocol):
 
         The answer to each, and to `{"stands": true}`, tells what `stands`: what hands have made, as such actions.
         """
-        ...
 
 
 @dataclass

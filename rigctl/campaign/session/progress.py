@@ -17,7 +17,6 @@ class Display(Protocol):
 
     def show(self, status: dict[str, object]) -> None:
         """The status as `rigctl status --json` gives it."""
-        ...
 
 
 class Progress:

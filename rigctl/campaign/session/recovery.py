@@ -87,24 +87,19 @@ class Surroundings(Protocol):
     @property
     def clock(self) -> Clock:
         """Rig time."""
-        ...
 
     @property
     def operator(self) -> Operator:
         """Who is asked."""
-        ...
 
     def event(self, kind: str, **data: object) -> None:
         """Note something that happened."""
-        ...
 
     def tell(self, what: str = "") -> None:
         """Say it to whoever watches; nothing more is to be said when left out."""
-        ...
 
     def wait_s(self, duration_s: float) -> None:
         """Let rig time pass; `Aborted` promptly."""
-        ...
 
 
 class Recovery:

@@ -24,7 +24,7 @@ class Resumption:
         self._clock = clock
         self._ended_s = ended_s(store)
         self._reached_s: float | None = None
-        self.restore: Callable[[], None] = _nothing
+        self.restore: Callable[[], None] = lambda: None
 
     def replayed(self, key: str) -> None:
         """This step is recorded."""
@@ -72,7 +72,3 @@ def _wait_until(clock: Clock, at_s: float) -> None:
     """To the last bit: the last second is a difference that is exact."""
     while (left_s := at_s - clock.now_s()) > 0.0:
         clock.sleep_s(left_s - 1.0 if left_s > 2.0 else left_s)
-
-
-def _nothing() -> None:
-    pass

@@ -129,7 +129,7 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
     """A picture as `height` rows, none wider than `width`."""
     if height < 1:
         return []
-    lines = _with_values(picture.lines)
+    lines = [line for line in picture.lines if np.isfinite(line.y).any()]
     heading = _heading(picture, lines, width, palette)[: 1 + height // 8]
     rows = height - len(heading) - (1 if picture.x_label or picture.x_range else 0)
     columns = width - _LABEL_WIDTH - 1
@@ -138,9 +138,8 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
     if not lines:
         told = f"{'':{_LABEL_WIDTH}} {picture.empty}"[:width]
         return [*heading, ((told, DIM),), *[()] * (height - len(heading) - 1)]
-    area = _Area(
-        columns, rows, _range(picture.x_range, [line.x for line in lines], _x_margin(lines)), _y_range(picture, lines)
-    )
+    across = _range(picture.x_range, [line.x for line in lines], _x_margin(lines))
+    area = _Area(columns, rows, across, _range(picture.y_range, [line.y for line in lines], 0.05))
     sheet = _Sheet(area, palette)
     _draw_levels(sheet, picture.levels)
     for line in lines:
@@ -155,10 +154,6 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
     ]
     axis: list[Row] = [((_x_axis(picture, area), DIM),)] if height - len(heading) > rows else []
     return [*heading, *plotted, *axis]
-
-
-def _with_values(lines: Sequence[Line]) -> list[Line]:
-    return [line for line in lines if np.isfinite(line.y).any()]
 
 
 def _heading(picture: Picture, lines: Sequence[Line], width: int, palette: Palette) -> list[Row]:
@@ -193,10 +188,6 @@ def _range(given: tuple[float, float] | None, values: Sequence[FloatArray], marg
 def _x_margin(lines: Sequence[Line]) -> float:
     """Marks stand clear of the axis; a strip of time needs all the room."""
     return 0.03 if any(line.mark for line in lines) else 0.0
-
-
-def _y_range(picture: Picture, lines: Sequence[Line]) -> tuple[float, float]:
-    return _range(picture.y_range, [line.y for line in lines], 0.05)
 
 
 def _draw_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:

@@ -120,7 +120,7 @@ def _proposal(
         "periods": periods,
         "v_z_v": v_z,
         "v_y_v": v_y,
-        "sample_rate_hz": _rate(seen),
+        "sample_rate_hz": seen[-1].cells.sample_rate_hz if seen else SAMPLE_RATE_HZ,
         **way,
     }
     return Proposal(settings, periods * period_s + BETWEEN_S)
@@ -135,7 +135,7 @@ def imagined_channels(proposals: Sequence[Proposal], seen: Sequence[ChannelRun],
     for number, proposal in enumerate(proposals, start=1):
         given = proposal.settings
         cells = _cells(given, chains, made)
-        conditions = {**_conditions(given), "start_s": later_s}
+        conditions = {**given, "external": "constant", "temperature_c": math.nan, "start_s": later_s}
         run = PlatformRun(f"next {number}", conditions, cells)
         channels += [channel_run(run, Reducer(cells, channel), noises[channel]) for channel in CHANNELS]
     return channels
@@ -156,14 +156,6 @@ def _cells(given: Mapping[str, Any], chains: Chains, made: dict[str, Cells]) -> 
             forward=given.get("turning") == "forward",
         )
     return made[key]
-
-
-def _conditions(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {**given, "external": "constant", "temperature_c": math.nan}
-
-
-def _rate(seen: Sequence[PlatformRun]) -> float:
-    return seen[-1].cells.sample_rate_hz if seen else SAMPLE_RATE_HZ
 
 
 def _end_s(run: PlatformRun) -> float:

@@ -34,10 +34,6 @@ SAMPLES_LOOKED_AT = 1_000_000
 _AMPLITUDE_IN = {1e3: "um", 1e-3: "m", 1e6: "nm", 1e-6: "km", 1e9: "pm", 1e-9: "Mm"}
 
 
-def _drive_period(run: Mapping[str, Any]) -> float:
-    return 1 / float(run["frequency_hz"])
-
-
 def _units(run: Mapping[str, Any], columns: Columns, _: Mapping[str, float]) -> UnitFindings:
     """The stage's amplitude and frequency, seen in its own column."""
     t_s, stage = columns["t_s"][:SAMPLES_LOOKED_AT], columns["stage_x_mm"][:SAMPLES_LOOKED_AT]
@@ -89,5 +85,5 @@ COLUMNS = Layout(
     },
     samples_of=lambda _: ("t_s", "stage_x_mm", "accel_v"),
     units_of=_units,
-    period_of=_drive_period,
+    period_of=lambda run: 1 / float(run["frequency_hz"]),
 )

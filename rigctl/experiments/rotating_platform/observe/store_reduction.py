@@ -45,7 +45,6 @@ class InChunks(Protocol):
 
     def sample_chunks(self, run_id: str) -> Iterable[Columns]:
         """Successive stretches of all columns of a run."""
-        ...
 
 
 def recipe(lines_hz: Sequence[float] = ()) -> Recipe:

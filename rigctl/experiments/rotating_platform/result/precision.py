@@ -64,9 +64,9 @@ def continuous_precision(pattern: Pattern, noise: PowerLawNoise, integration_s: 
     return math.sqrt(0.5 * sided * variance * (pattern.period_s / integration_s))
 
 
-def simplified_precision(density: Density, period_s: float, integration_s: float, *, sided: Sided = 2) -> float:
+def simplified_precision(density: Density, period_s: float, integration_s: float) -> float:
     """The density at 1/tau alone, over the time (Measurement 46 (2013) 1411, eq. 17): up to 83 % too high."""
-    value = two_sided(density, sided, np.array([1.0 / period_s]))
+    value = two_sided(density, 2, np.array([1.0 / period_s]))
     return float(np.sqrt(value[0] / integration_s))
 
 
