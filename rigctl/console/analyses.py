@@ -81,7 +81,7 @@ class Analyses:
         pane = self._panes.campaign
         pane.show_plan("… checking")
         try:
-            pane.show_plan(plan_told(await self._analyst.ask("dry_run", campaign)))
+            pane.show_plan(plan_in_words(await self._analyst.ask("dry_run", campaign)))
         except Exception as error:  # noqa: BLE001 - told to the operator
             pane.show_plan(f"✗ {in_one_line(error)}")
 
@@ -97,7 +97,7 @@ class Analyses:
             if not quiet and what != "model":
                 self.ask(store, "model", quiet=True)
 
-    async def _show(self, store: Path, what: str, found: Any) -> None:
+    async def _show(self, store: Path, what: str, answer: Any) -> None:
         bench, results = self._panes.workbench, self._panes.results
         if not bench.is_running:  # on the way out
             return
@@ -113,7 +113,7 @@ class Analyses:
             "add": self._tell_version,
             "remove": self._tell_version,
         }
-        if (pending := shows[what](found)) is not None:
+        if (pending := shows[what](answer)) is not None:
             await pending
         if what in {"add", "remove"}:
             self.ask(store, "fit")
@@ -123,8 +123,8 @@ class Analyses:
 
     def _tell_version(self, made: Sequence[Mapping[str, Any]]) -> None:
         version = made[-1]
-        told = f"model version {version['version']}: {' + '.join(['baseline', *version['effects']])}"
-        self._tell(told, "information")
+        text = f"model version {version['version']}: {' + '.join(['baseline', *version['effects']])}"
+        self._tell(text, "information")
 
 
 def in_one_line(error: BaseException) -> str:
@@ -134,25 +134,25 @@ def in_one_line(error: BaseException) -> str:
     return f"internal error: {type(error).__name__}: {' '.join(str(error).split())}"
 
 
-def plan_told(found: Mapping[str, Any]) -> str:
+def plan_in_words(plan: Mapping[str, Any]) -> str:
     """A dry run in words: what is known of every plan, then what its experiment says beyond."""
-    mountings = list(found.get("mountings", ()))
+    mountings = list(plan.get("mountings", ()))
     seated = f" in {len(mountings)} mounting{'s' if len(mountings) > 1 else ''}" if mountings else ""
-    lines = [f"{found['experiment']}, {found['procedure']}: {found['runs_planned']} runs{seated}"]
+    lines = [f"{plan['experiment']}, {plan['procedure']}: {plan['runs_planned']} runs{seated}"]
     if mountings:
         shown = ", ".join(mountings[:6]) + (f", … {mountings[-1]}" if len(mountings) > 6 else "")
         lines.append(f"mountings   {shown}")
-    lines.append(f"model       baseline{''.join(f' + {effect}' for effect in found['effects'])}")
-    if found.get("theta0_sigma_arcsec") is not None:
-        lines.append(f"accuracy    sigma(theta0) {found['theta0_sigma_arcsec']:.3g} arcsec in each mounting")
-    elif "theta0_sigma_arcsec" in found:
+    lines.append(f"model       baseline{''.join(f' + {effect}' for effect in plan['effects'])}")
+    if plan.get("theta0_sigma_arcsec") is not None:
+        lines.append(f"accuracy    sigma(theta0) {plan['theta0_sigma_arcsec']:.3g} arcsec in each mounting")
+    elif "theta0_sigma_arcsec" in plan:
         lines.append("accuracy    these runs do not determine theta0")
-    if "rig_time_s" in found:
+    if "rig_time_s" in plan:
         lines.append(
-            f"rig time    {duration(found['rig_time_s'])} in a room as noisy as allowed; mounting not counted"
+            f"rig time    {duration(plan['rig_time_s'])} in a room as noisy as allowed; mounting not counted"
         )
     known = {"experiment", "procedure", "mountings", "runs_planned", "effects", "theta0_sigma_arcsec", "rig_time_s"}
-    for key, value in found.items():
+    for key, value in plan.items():
         if key not in known:
             several = "\n            ".join(map(str, value)) if isinstance(value, list) else value
             lines.append(f"{key:11} {several}")

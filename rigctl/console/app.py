@@ -117,17 +117,17 @@ class Console(Shell):
 
     def _terminal_lost(self) -> None:
         """The terminal is gone: the campaign does what its file chose, a rig of ours comes to rest."""
-        told = "The terminal was lost"
+        notice = "The terminal was lost"
         if self._holding.bench is not None:
-            told += "; the rig was brought to rest"
+            notice += "; the rig was brought to rest"
         view = self._view
         if view is not None and view.alive and self._campaigns.signal(view.path, signal.SIGHUP):
             stops = tomllib.loads(view.campaign_toml).get("on_terminal_lost") == "stop"
-            told += f"; the campaign {'was stopped' if stops else 'went on'}, as its file chose ({view.path})"
+            notice += f"; the campaign {'was stopped' if stops else 'went on'}, as its file chose ({view.path})"
         elif view is not None and view.alive:
-            told += f"; the campaign went on, it was not this console's ({view.path})"
-        self.kept.notice = f"{told}, {state.now()}"
-        state.record_action(self.directory, told)
+            notice += f"; the campaign went on, it was not this console's ({view.path})"
+        self.kept.notice = f"{notice}, {state.now()}"
+        state.record_action(self.directory, notice)
         self._keep_state()
 
     # Opening
@@ -195,9 +195,9 @@ class Console(Shell):
     def on_stopped(self, message: say.Stopped) -> None:
         """What came of a STOP."""
         unsafe = [rest for rest in message.rests if not rest.confirmed]
-        told = [f"STOP: {len(unsafe)} NOT CONFIRMED"] if unsafe else ["STOP: all instruments confirmed"]
-        told += [str(rest) for rest in sorted(message.rests, key=lambda rest: rest.confirmed)]
-        self._note("\n".join(told), "error" if unsafe else "warning")
+        lines = [f"STOP: {len(unsafe)} NOT CONFIRMED"] if unsafe else ["STOP: all instruments confirmed"]
+        lines += [str(rest) for rest in sorted(message.rests, key=lambda rest: rest.confirmed)]
+        self._note("\n".join(lines), "error" if unsafe else "warning")
 
     # What the operator asks
 
@@ -248,11 +248,11 @@ class Console(Shell):
             if agreed:
                 self.exit()
 
-        told = (
+        question = (
             f"A campaign runs ({view.path}). It goes on without the console; "
             f"`rigctl console {view.path}` attaches to it again."
         )
-        self.push_screen(ConfirmDialog("Quit the console?", told), go)
+        self.push_screen(ConfirmDialog("Quit the console?", question), go)
 
     def on_motion_asked(self, message: say.MotionAsked) -> None:
         """Move, jog or home a stage of the rig that is held."""

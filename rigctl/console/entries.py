@@ -26,10 +26,10 @@ class Entry:
     def hint(self) -> str:
         """What stands where nothing is written."""
         if self.default is None:
-            told = "required"
+            expected = "required"
         else:
-            told = f"{self.default} if left out" if self.default else "may be left out"
-        return f"{told}: {' | '.join(self.choices)}" if self.choices else told
+            expected = f"{self.default} if left out" if self.default else "may be left out"
+        return f"{expected}: {' | '.join(self.choices)}" if self.choices else expected
 
 
 @dataclass(frozen=True)

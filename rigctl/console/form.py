@@ -90,7 +90,7 @@ def launch_fault(launch: Launch) -> Fault | None:
 def entries(text: str) -> list[Entry | Listing]:
     """The keys a campaign file may have, table by table, with what it says; what is not TOML says nothing."""
     data = _tables(text)
-    found: list[Entry | Listing] = []
+    parts: list[Entry | Listing] = []
     for table, model in _models(data).items():
         said = data.get(table, {}) if table else data
         for key, field in model.model_fields.items():
@@ -102,12 +102,12 @@ def entries(text: str) -> list[Entry | Listing]:
                 continue
             if any(isinstance(each, type) and issubclass(each, BaseModel) for each in _parts(field.annotation)):
                 if listed and key in said:
-                    found.append(Listing(table, key, tuple(map(_row, said[key]))))
+                    parts.append(Listing(table, key, tuple(map(_row, said[key]))))
             elif table or key not in _OTHER_TABLES:
                 default = None if field.is_required() else "" if field.default is None else _shown(field.default)
-                told = _shown(said[key]) if key in said else ""
-                found.append(Entry(table, key, told, default, choices, words, listed))
-    return found
+                written = _shown(said[key]) if key in said else ""
+                parts.append(Entry(table, key, written, default, choices, words, listed))
+    return parts
 
 
 _OTHER_TABLES = {"procedure", "targets"}
@@ -123,8 +123,8 @@ def _tables(text: str) -> dict[str, Any]:
 
 def _models(data: Mapping[str, Any]) -> dict[str, type[BaseModel]]:
     procedure = data.get("procedure", {})
-    own = settings_of(str(data.get("experiment")), procedure if isinstance(procedure, Mapping) else {})
-    return {"": CampaignFile, **own, "model": ModelTable}
+    declared = settings_of(str(data.get("experiment")), procedure if isinstance(procedure, Mapping) else {})
+    return {"": CampaignFile, **declared, "model": ModelTable}
 
 
 def _parts(annotation: Any) -> list[Any]:

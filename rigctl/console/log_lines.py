@@ -56,13 +56,13 @@ class Search:
 def lines_of(events: Iterable[Event]) -> list[LogLine]:
     """The events of a store that an operator wants to know of."""
     return [
-        LogLine(event.time, event.kind, _told(event.data), event.id)
+        LogLine(event.time, event.kind, _data_text(event.data), event.id)
         for event in events
         if event.kind not in BOOKKEEPING
     ]
 
 
-def _told(data: Mapping[str, Any]) -> str:
+def _data_text(data: Mapping[str, Any]) -> str:
     return ", ".join(f"{key}: {_shown(value)}" for key, value in data.items())
 
 

@@ -116,7 +116,7 @@ def toml_of(text: str) -> dict[str, Any]:
 
 def recorded_instruments(view: StoreView) -> list[InstrumentView]:
     """As the table of instruments shows them."""
-    found = []
+    instruments = []
     state = "campaign" if view.alive else "recorded"
     for name, table in toml_of(view.rig_toml).get("instruments", {}).items():
         identity = view.identities.get(name, {})
@@ -127,8 +127,8 @@ def recorded_instruments(view: StoreView) -> list[InstrumentView]:
             if math.isfinite(value)
         )
         driver, address = str(table["driver"]), str(table["address"])
-        found.append(InstrumentView(name, str(table["role"]), driver, address, state, who, values, ""))
-    return found
+        instruments.append(InstrumentView(name, str(table["role"]), driver, address, state, who, values, ""))
+    return instruments
 
 
 def _recorded(view: StoreView, table: Mapping[str, Any]) -> list[tuple[str, float, str]]:

@@ -128,17 +128,17 @@ class Shell(App[None]):
         width, height = event.size
         small = width < SMALLEST[0] or height < SMALLEST[1]
         self._base.set_class(small, "too-small")
-        told = (
+        text = (
             f"This terminal has {width} x {height}; the console needs {SMALLEST[0]} x {SMALLEST[1]}.\n"
             "F8 still stops everything."
         )
-        self._base.query_one("#too-small", Static).update(told)
+        self._base.query_one("#too-small", Static).update(text)
 
     def action_command_palette(self) -> None:
         """Everything by name."""
         if not isinstance(self.screen, CommandPalette):
             self.search_commands(
-                [(name, partial(self.run_action, action), told) for name, (action, told) in COMMANDS.items()]
+                [(name, partial(self.run_action, action), text) for name, (action, text) in COMMANDS.items()]
             )
 
     def action_ring(self) -> None:
@@ -292,11 +292,11 @@ class Shell(App[None]):
         from rigctl.console.store_watch import earlier  # stores are imported after the first paint
 
         try:
-            found = earlier(store, search, before)
+            lines = earlier(store, search, before)
         except RigError as error:
             self.post_message(say.Noted(str(error), "error"))
         else:
-            self.post_message(say.EarlierFound(search, found))
+            self.post_message(say.EarlierFound(search, lines))
 
     @while_running
     def on_earlier_found(self, message: say.EarlierFound) -> None:

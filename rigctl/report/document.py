@@ -217,16 +217,16 @@ def _residuals(evidence: Evidence) -> Iterator[str]:
 
 
 def _candidates(evidence: Evidence) -> Iterator[str]:
-    found = evidence.diagnosis
+    diagnosis = evidence.diagnosis
     if evidence.rankings:
         yield from map(html.figure, evidence.rankings)
-        yield html.table(ranking_table(found, MAX_RANKS))
-    if found["inseparable"]:
+        yield html.table(ranking_table(diagnosis, MAX_RANKS))
+    if diagnosis["inseparable"]:
         yield html.heading("Cannot be told apart with these data", 3)
-        yield html.listing(inseparable_sentences(found["inseparable"]))
-    if found["not_testable"]:
+        yield html.listing(inseparable_sentences(diagnosis["inseparable"]))
+    if diagnosis["not_testable"]:
         yield html.heading("Cannot be tested with these data", 3)
-        yield html.listing(f"{effect}: {reason}" for effect, reason in found["not_testable"].items())
+        yield html.listing(f"{effect}: {reason}" for effect, reason in diagnosis["not_testable"].items())
 
 
 def _distinct(plates: Sequence[Plate[Any]]) -> list[Plate[Any]]:

@@ -37,8 +37,8 @@ def probability(p: float | None) -> str:
 
 def p_value(p: float | None) -> str:
     """The same as a statement: p = 0.012, p < 1e-300."""
-    told = probability(p)
-    return f"p < {told[1:]}" if told.startswith("<") else f"p = {told}"
+    text = probability(p)
+    return f"p < {text[1:]}" if text.startswith("<") else f"p = {text}"
 
 
 def share(p: float) -> str:

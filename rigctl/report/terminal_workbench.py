@@ -41,20 +41,20 @@ APART_SIGMA = 3.0
 """Parameters of two stores that are farther apart are shown."""
 
 
-def print_comparison(found: Findings) -> None:
+def print_comparison(comparison: Findings) -> None:
     """The model beside the data: sentence, channels, worst data, trends, lines."""
-    model = found["model"]
-    worst = [[row["run_id"], row["channel"], row["component"], f"{row['sigma']:+.1f}"] for row in found["worst"]]
+    model = comparison["model"]
+    worst = [[row["run_id"], row["channel"], row["component"], f"{row['sigma']:+.1f}"] for row in comparison["worst"]]
     shown = [
-        _text(f"Model version {model['version']}: {model_name(model['effects'])}", comparison_sentence(found)),
-        _text(noise_sentence(found)),
-        channels_table(found),
+        _text(f"Model version {model['version']}: {model_name(model['effects'])}", comparison_sentence(comparison)),
+        _text(noise_sentence(comparison)),
+        channels_table(comparison),
         ResultTable("Farthest from the model", ["run", "channel", "component", "#sigma"], worst),
-        _trends(found["trends"]),
-        _text(*map(line_sentence, found["lines"])),
+        _trends(comparison["trends"]),
+        _text(*map(line_sentence, comparison["lines"])),
     ]
-    if "with" in found:
-        shown += [_text(transfer_sentence(found["with"])), transfer_table(found["with"], APART_SIGMA)]
+    if "with" in comparison:
+        shown += [_text(transfer_sentence(comparison["with"])), transfer_table(comparison["with"], APART_SIGMA)]
     print_tables(each for each in shown if each.rows or each.notes)
 
 
@@ -75,24 +75,24 @@ def _trends(trends: Sequence[Findings]) -> ResultTable:
     return ResultTable("Residuals follow", columns, rows, notes=more)
 
 
-def print_diagnosis(found: Findings, store: str) -> None:
+def print_diagnosis(diagnosis: Findings, store: str) -> None:
     """The verdict first, what to do next, then what it rests on."""
-    shown = [_text(verdict_sentence(found), f"Next: {advice(found, store)}", noise_sentence(found))]
-    shown += [ranking_table(found, RANKS)] if found["ranking"] else []
-    shown.append(_listed("Cannot be told apart with these data", _inseparable(found)))
-    untestable = [f"{effect}: {reason}" for effect, reason in found["not_testable"].items()]
+    shown = [_text(verdict_sentence(diagnosis), f"Next: {advice(diagnosis, store)}", noise_sentence(diagnosis))]
+    shown += [ranking_table(diagnosis, RANKS)] if diagnosis["ranking"] else []
+    shown.append(_listed("Cannot be told apart with these data", _inseparable(diagnosis)))
+    untestable = [f"{effect}: {reason}" for effect, reason in diagnosis["not_testable"].items()]
     shown.append(_listed("Cannot be tested with these data", untestable))
     print_tables(each for each in shown if each.rows or each.notes)
 
 
-def _inseparable(found: Findings) -> list[str]:
+def _inseparable(diagnosis: Findings) -> list[str]:
     """What concerns the result or the suggested effects, and how much else there is."""
     concerns = [
         pair
-        for pair in found["inseparable"]
-        if pair["from"].startswith("baseline:") or {pair["effect"], pair["from"]} & set(found["suggested"])
+        for pair in diagnosis["inseparable"]
+        if pair["from"].startswith("baseline:") or {pair["effect"], pair["from"]} & set(diagnosis["suggested"])
     ]
-    others = len(found["inseparable"]) - len(concerns)
+    others = len(diagnosis["inseparable"]) - len(concerns)
     more = [f"and {counted(others, 'pair')} of other effects: --json has them"] if others else []
     return [*inseparable_sentences(concerns), *more]
 
@@ -112,14 +112,14 @@ def print_history(rungs: Sequence[Findings]) -> None:
     print_tables([*_warnings(rungs), ladder_table(rungs), *rms_tables(rungs)])
 
 
-def print_fit(found: Findings) -> None:
+def print_fit(fit: Findings) -> None:
     """Parameters and how well they describe the data."""
-    print_tables([*_warnings([found]), parameters_table(found)])
+    print_tables([*_warnings([fit]), parameters_table(fit)])
 
 
 def _warnings(rungs: Sequence[Findings]) -> list[ResultTable]:
-    told = warning_sentences(rungs)
-    return [_text(*told)] if told else []
+    sentences = warning_sentences(rungs)
+    return [_text(*sentences)] if sentences else []
 
 
 def _text(*lines: str) -> ResultTable:
@@ -133,26 +133,26 @@ def _listed(title: str, lines: Iterable[str]) -> ResultTable:
 SHORT = {"theta_deg": "deg", "frequency_hz": "Hz", "amplitude_mm": "mm", "dwell_s": "s", "temperature_c": "C"}
 
 
-def print_recommendation(found: Findings) -> None:
+def print_recommendation(recommendation: Findings) -> None:
     """The promise in words, then the runs in their order."""
     console = Console()
-    console.print(found["description"], highlight=False, markup=False)
-    if found["runs"]:
-        print_tables([runs_table(found["runs"])])
+    console.print(recommendation["description"], highlight=False, markup=False)
+    if recommendation["runs"]:
+        print_tables([runs_table(recommendation["runs"])])
 
 
-def print_outcome(found: Findings, store: str) -> None:
+def print_outcome(outcome: Findings, store: str) -> None:
     """How an investigation ended."""
     console = Console()
-    model, added = found["model"], found["added"]
-    saved = f"{counted(found['runs'], 'run')}; a full scan has {found['full_scan_runs']}"
+    model, added = outcome["model"], outcome["added"]
+    saved = f"{counted(outcome['runs'], 'run')}; a full scan has {outcome['full_scan_runs']}"
     lines = [
-        f"Verdict: {found['verdict']} after {saved}.",
+        f"Verdict: {outcome['verdict']} after {saved}.",
         f"Added: {', '.join(added)}." if added else "Nothing was added.",
         f"Model version {model['version']}: {model_name(model['effects'])}.",
     ]
-    if found["remains"]:
-        lines.append(f"What remains: {found['remains']}.")
+    if outcome["remains"]:
+        lines.append(f"What remains: {outcome['remains']}.")
     lines.append(f"See `rigctl fit {store}` and `rigctl model history {store}`.")
     console.print("\n".join(lines), highlight=False, markup=False)
 

@@ -36,9 +36,9 @@ def rms_unit(rungs: Sequence[Findings]) -> str | None:
     return channels.pop()[1] if len(channels) == 1 else None
 
 
-def comparison_sentence(found: Findings) -> str:
+def comparison_sentence(comparison: Findings) -> str:
     """Does the model describe the data?"""
-    p, reduced, dof = found["p_value"], found["chi2_per_dof"], found["dof"]
+    p, reduced, dof = comparison["p_value"], comparison["chi2_per_dof"], comparison["dof"]
     if dof <= 0:
         return "There are no more data than parameters: nothing can be said of the model."
     figures = f"chi2/dof = {number(reduced)} with {dof} degrees of freedom, {p_value(p)}"
@@ -47,13 +47,13 @@ def comparison_sentence(found: Findings) -> str:
     return f"The model describes the data within their noise: {figures}."
 
 
-def noise_sentence(found: Findings) -> str:
+def noise_sentence(findings: Findings) -> str:
     """How large the noise is, of what kind, and from what that is known: the same in every command."""
-    entries = found.get("noise") or []
-    told = [_noise(each) for each in entries if each["source"] != "samples"]
-    if spectra := len(entries) - len(told):
-        told.append(f"{counted(spectra, 'series', 'series')} as the runs' own samples tell")
-    return f"Noise: {'; '.join(told)}." if told else ""
+    entries = findings.get("noise") or []
+    parts = [_noise(each) for each in entries if each["source"] != "samples"]
+    if spectra := len(entries) - len(parts):
+        parts.append(f"{counted(spectra, 'series', 'series')} as the runs' own samples tell")
+    return f"Noise: {'; '.join(parts)}." if parts else ""
 
 
 def _noise(entry: Findings) -> str:
@@ -66,36 +66,36 @@ def _noise(entry: Findings) -> str:
 
 def warning_sentences(rungs: Sequence[Findings]) -> list[str]:
     """What speaks against versions of the model."""
-    told = ((rung, warning) for rung in rungs for warning in rung.get("warnings") or ())
-    return [f"Warning, version {rung['version']}: {warning}." for rung, warning in told]
+    warnings = ((rung, warning) for rung in rungs for warning in rung.get("warnings") or ())
+    return [f"Warning, version {rung['version']}: {warning}." for rung, warning in warnings]
 
 
-def transfer_sentence(found: Findings) -> str:
+def transfer_sentence(transfer: Findings) -> str:
     """Does a model fitted to one store hold for another?"""
-    own, transferred = found["error_own"], found["error_transferred"]
-    holds = "holds" if transferred <= HOLDS_WITHIN * max(own, 1.0) else "does not hold"
+    refitted, transferred = transfer["error_own"], transfer["error_transferred"]
+    holds = "holds" if transferred <= HOLDS_WITHIN * max(refitted, 1.0) else "does not hold"
     return (
-        f"What was fitted here {holds} for {found['store']}: error {number(transferred)} there, "
-        f"{number(own)} with a fit of its own (1.00 = noise)."
+        f"What was fitted here {holds} for {transfer['store']}: error {number(transferred)} there, "
+        f"{number(refitted)} with a fit of its own (1.00 = noise)."
     )
 
 
-def verdict_sentence(found: Findings) -> str:
+def verdict_sentence(diagnosis: Findings) -> str:
     """Which physical effect is missing, in a sentence or two."""
-    suggested = found["suggested"]
-    if found["verdict"] == "adequate":
+    suggested = diagnosis["suggested"]
+    if diagnosis["verdict"] == "adequate":
         return (
-            f"The model is adequate: nothing more is significant at {share(found['alpha'])}, "
+            f"The model is adequate: nothing more is significant at {share(diagnosis['alpha'])}, "
             "over all trials together."
         )
-    if found["verdict"] == "unknown":
-        return f"{_beyond(found['unexplained'])}.{_not_enough(_placed(suggested, found))}"
-    if found["verdict"] == "ambiguous":
-        needed, alternatives = _alternatives(found)
-        certain = f"{_missing(_placed(needed, found))}. " if needed else ""
+    if diagnosis["verdict"] == "unknown":
+        return f"{_beyond(diagnosis['unexplained'])}.{_not_enough(_placed(suggested, diagnosis))}"
+    if diagnosis["verdict"] == "ambiguous":
+        needed, alternatives = _alternatives(diagnosis)
+        certain = f"{_missing(_placed(needed, diagnosis))}. " if needed else ""
         what = "What is left is" if needed else "The data are"
         return f"{certain}{what} explained, but by more than one effect equally: {'; '.join(alternatives)}."
-    return f"{_missing(_placed(suggested, found))}."
+    return f"{_missing(_placed(suggested, diagnosis))}."
 
 
 def _beyond(unexplained: Findings | None) -> str:
@@ -111,16 +111,16 @@ def _not_enough(suggested: Sequence[str]) -> str:
     return f" {_missing(suggested)}, and {'they do' if len(suggested) > 1 else 'it does'} not suffice."
 
 
-def _placed(effects: Sequence[str], found: Findings) -> list[str]:
+def _placed(effects: Sequence[str], diagnosis: Findings) -> list[str]:
     """Effects with the fitted value of what was scanned, such as a period, where there is one."""
-    ranks = {rank["effect"]: rank for rank in found["ranking"]}
-    told = []
+    ranks = {rank["effect"]: rank for rank in diagnosis["ranking"]}
+    placed = []
     for effect in effects:
         rank = ranks.get(effect, {"choice": {}, "parameters": {}})
         at = [(key, rank["parameters"].get(f"{effect}.{key}")) for key in rank["choice"]]
         values = [f"{key} {number(size['value'], 4)} {size['unit']}".rstrip() for key, size in at if size]
-        told.append(f"{effect} ({', '.join(values)})" if values else effect)
-    return told
+        placed.append(f"{effect} ({', '.join(values)})" if values else effect)
+    return placed
 
 
 def _missing(suggested: Sequence[str]) -> str:
@@ -129,15 +129,15 @@ def _missing(suggested: Sequence[str]) -> str:
     return f"{counted(len(suggested), 'effect')} are missing: {', '.join(suggested)}"
 
 
-def _alternatives(found: Findings) -> tuple[list[str], list[str]]:
+def _alternatives(diagnosis: Findings) -> tuple[list[str], list[str]]:
     """The suggested effects that nothing else would do for, and the choices where something would."""
-    same = {rank["effect"]: rank["equivalent_to"] for rank in found["ranking"]}
-    needed, choices, told = [], [], set()
-    for effect in found["suggested"]:
+    same = {rank["effect"]: rank["equivalent_to"] for rank in diagnosis["ranking"]}
+    needed, choices, listed = [], [], set()
+    for effect in diagnosis["suggested"]:
         others = [name for name in same.get(effect, []) if name != effect]
-        if effect in told:
+        if effect in listed:
             continue
-        told |= {effect, *others}
+        listed |= {effect, *others}
         if others:
             choices.append(" or ".join([str(effect), *others]))
         else:
@@ -151,13 +151,13 @@ def line_sentence(line: Findings) -> str:
     return f"A line in the samples of {line['channel']}: {size} at {number(line['frequency_hz'], 5)} Hz."
 
 
-def advice(found: Findings, store: str) -> str:
+def advice(diagnosis: Findings, store: str) -> str:
     """What to do next, as a command line."""
-    if found["verdict"] == "ambiguous":
+    if diagnosis["verdict"] == "ambiguous":
         return f"rigctl next {store}"
-    if found["suggested"]:
-        return f"rigctl model add {store} {' '.join(found['suggested'])}"
-    if found["verdict"] == "unknown":
+    if diagnosis["suggested"]:
+        return f"rigctl model add {store} {' '.join(diagnosis['suggested'])}"
+    if diagnosis["verdict"] == "unknown":
         return f"rigctl compare {store}, then an effect of your own: rigctl model add {store} ID --plugin FILE"
     return f"rigctl result {store}"
 
@@ -166,10 +166,10 @@ def named(effect: str, choice: Mapping[str, Any]) -> str:
     """An effect with what was chosen of it: laser-cosine (head laser_2_mm)."""
     if not choice:
         return effect
-    told = ", ".join(
+    chosen = ", ".join(
         f"{key} {number(value, 5) if isinstance(value, float) else value}" for key, value in choice.items()
     )
-    return f"{effect} ({told})"
+    return f"{effect} ({chosen})"
 
 
 def fixed_choice(rank: Findings) -> dict[str, Any]:
@@ -183,11 +183,11 @@ def fixed_choice(rank: Findings) -> dict[str, Any]:
 
 def sizes(rank: Findings) -> list[str]:
     """Each parameter of a candidate with its value; one that is named like its effect needs no name."""
-    told = []
+    shown = []
     for name, size in rank["parameters"].items():
-        own = name.removeprefix(rank["effect"]).lstrip(".")
-        told.append(f"{own} = {quantity(size['value'], size['sigma'], size['unit'])}".lstrip())
-    return told
+        parameter = name.removeprefix(rank["effect"]).lstrip(".")
+        shown.append(f"{parameter} = {quantity(size['value'], size['sigma'], size['unit'])}".lstrip())
+    return shown
 
 
 def inseparable_sentences(pairs: Sequence[Findings]) -> list[str]:

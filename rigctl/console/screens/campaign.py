@@ -117,9 +117,9 @@ class CampaignPane(Vertical):
         """The campaign as its store tells."""
         self._progress.show_store(view, on_screen=self.display)
 
-    def show_null_search(self, found: Mapping[str, Any]) -> None:
+    def show_null_search(self, search: Mapping[str, Any]) -> None:
         """The response of the mounting that is measured, as last worked out."""
-        self._progress.show_null_search(found)
+        self._progress.show_null_search(search)
 
     def show_plan(self, text: str) -> None:
         """What a dry run told."""

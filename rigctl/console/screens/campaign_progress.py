@@ -82,17 +82,17 @@ class ProgressTab(TabPane):
             self._steps_s = time.monotonic()
             self._show_steps(view)
 
-    def show_null_search(self, found: Mapping[str, Any]) -> None:
+    def show_null_search(self, search: Mapping[str, Any]) -> None:
         """The response of the mounting that is measured, as last worked out."""
-        if not found:
+        if not search:
             return
-        history = self._sigmas.setdefault(found["where"], {})
-        history.update(enumerate(found["sigmas"], 1))
-        history[found["runs"]] = found["sigma_arcsec"]
-        self.query_one("#null-search", Plot).show(found["picture"])
+        history = self._sigmas.setdefault(search["where"], {})
+        history.update(enumerate(search["sigmas"], 1))
+        history[search["runs"]] = search["sigma_arcsec"]
+        self.query_one("#null-search", Plot).show(search["picture"])
         counts = np.array(sorted(history), dtype=float)
         sigmas = np.log10([history[runs] for runs in sorted(history)])
-        title = f"log σ(θ0) / arcsec: {found['sigma_arcsec']:.2f}″ after {found['runs']} runs"
+        title = f"log σ(θ0) / arcsec: {search['sigma_arcsec']:.2f}″ after {search['runs']} runs"
         lines = (Line(counts, sigmas), Line(counts, sigmas, mark="o"))
         self.query_one("#sigma", Plot).show(Picture(title, lines, "runs"))
 

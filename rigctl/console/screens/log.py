@@ -101,12 +101,12 @@ class LogPane(Vertical):
 
     def _rewrite(self) -> None:
         self.query_one(RichLog).clear()
-        found = [*self._earlier, *(line for line in self._lines if self.search.finds(line))]
-        self._write(found)
-        newest = f", the newest {SHOWN} are shown" if len(found) > SHOWN else ""
+        lines = [*self._earlier, *(line for line in self._lines if self.search.finds(line))]
+        self._write(lines)
+        newest = f", the newest {SHOWN} are shown" if len(lines) > SHOWN else ""
         only = ", alarms only" if self.search.only_alarms else ""
-        told = f"{len(found)} lines{only}{newest}" if self.search != Search() else ""
-        self.query_one("#log-line", Static).update(told)
+        count = f"{len(lines)} lines{only}{newest}" if self.search != Search() else ""
+        self.query_one("#log-line", Static).update(count)
 
     def _write(self, lines: Iterable[LogLine]) -> None:
         shown = [_shown(line) for line in list(lines)[-SHOWN:]]

@@ -71,12 +71,12 @@ class ResultsPane(Vertical):
                 await content.add_pane(TabPane(name, *inside, id=tab), before="tab-compare")
             content.active = before if before in {*self._shown, "tab-compare"} else self._shown[0]
 
-    def show_comparison(self, found: Mapping[str, Any]) -> None:
+    def show_comparison(self, transfer: Mapping[str, Any]) -> None:
         """The keys of `with` in `rigctl compare --json`."""
         parts = (
-            Text(f"with {found['store']}", style="dim"),
-            Text(transfer_sentence(found)),
-            _drawn(transfer_table(found)),
+            Text(f"with {transfer['store']}", style="dim"),
+            Text(transfer_sentence(transfer)),
+            _drawn(transfer_table(transfer)),
         )
         self.query_one("#compare", Static).update(Group(*parts))
         self.query_one("#results-tabs", TabbedContent).active = "tab-compare"

@@ -92,8 +92,8 @@ class RigPane(Vertical):
     def _show_detail(self) -> None:
         view = self._chosen()
         if view is None:
-            told = f"… opening {self.opening}" if self.opening else "No rig is open: o opens a rig file or a store."
-            self._say(Text(told))
+            line = f"… opening {self.opening}" if self.opening else "No rig is open: o opens a rig file or a store."
+            self._say(Text(line))
             return
         limits = f"  limits {view.limits}  jog step {self.jog_step:g} {view.limits.unit}" if view.limits else ""
         who = f"  {view.identity}" if view.identity else ""
@@ -138,7 +138,7 @@ class RigPane(Vertical):
             if text is not None:
                 self.post_message(MotionAsked(view.name, "move", (decimal(text.strip()),)))
 
-        about = f"now {_values_told(view)}; limits {limits}"
+        about = f"now {_values_text(view)}; limits {limits}"
         self.app.push_screen(TextDialog(f"Move {view.name}", about, "", limits.refusal_of), go)
 
     def action_home(self) -> None:
@@ -178,7 +178,7 @@ def _row(view: InstrumentView) -> tuple[str, ...]:
     return (
         view.name,
         f"{MARKS.get(view.state, ' ')} {view.state}",
-        _values_told(view),
+        _values_text(view),
         _age_told(age_s),
         view.identity,
     )
@@ -196,11 +196,11 @@ def _states(rows: Mapping[str, tuple[str, ...]]) -> list[str]:
     return [row[1] for row in rows.values()]
 
 
-def _values_told(view: InstrumentView) -> str:
+def _values_text(view: InstrumentView) -> str:
     if not view.values:
         return "-"
     digits = 4 if view.values[0].unit in {"deg", "mm", "V"} else 2
     if len(view.values) > 1:
         digits = 3
-    told = (f"{each.value:.{digits}f}" if math.isfinite(each.value) else "--" for each in view.values)
-    return f"{' '.join(told)} {view.values[0].unit}"
+    values = (f"{each.value:.{digits}f}" if math.isfinite(each.value) else "--" for each in view.values)
+    return f"{' '.join(values)} {view.values[0].unit}"

@@ -144,9 +144,9 @@ def charts_of(channels: Mapping[str, ChannelInfo]) -> list[tuple[str, list[str]]
     for name, channel in channels.items():
         kinds.setdefault(channel.kind, []).append(name)
     others = iter([kind for kind in kinds if kind not in OF_KIND and kind not in {"flag", "time"}])
-    found = []
+    charts = []
     for kind, title in OF_KIND.items():
         if kind not in kinds and (other := next(others, None)) is not None:
             kind, title = other, other or "other"
-        found.append((title, kinds.get(kind, [])))
-    return found
+        charts.append((title, kinds.get(kind, [])))
+    return charts

@@ -23,7 +23,7 @@ from rigctl.report.tables.workbench import ladder_table, parameters_table
 from rigctl.report.terminal_workbench import runs_table
 from rigctl.report.verdicts import named, sizes, verdict_sentence
 
-Found = Mapping[str, Any]
+Document = Mapping[str, Any]
 MAX_SERIES = 3
 
 
@@ -46,7 +46,7 @@ class WorkbenchPane(Vertical):
         self._catalogue: dict[str, str] = {}
         self._covariates: list[str] = []
         self._suggested: list[str] = []
-        self._ranked: list[Found] = []
+        self._ranked: list[Document] = []
 
     def compose(self) -> ComposeResult:
         """A line that says where one stands, and four tabs."""
@@ -73,45 +73,45 @@ class WorkbenchPane(Vertical):
         """Something is being worked out."""
         self._tell(f"… {what}")
 
-    def show_model(self, found: Found) -> None:
+    def show_model(self, model: Document) -> None:
         """`rigctl model show`."""
-        self._effects = list(found["effects"])
-        self._catalogue = dict(found["catalogue"])
-        self._tell(f"model version {found['version']}: {' + '.join(['baseline', *self._effects])}")
+        self._effects = list(model["effects"])
+        self._catalogue = dict(model["catalogue"])
+        self._tell(f"model version {model['version']}: {' + '.join(['baseline', *self._effects])}")
 
-    def show_fit(self, found: Found) -> None:
+    def show_fit(self, fit: Document) -> None:
         """`rigctl fit`."""
-        table = parameters_table(found)
+        table = parameters_table(fit)
         shown = Group(*map(Text, table.notes), Text(), rich_table(table, box=None, pad_edge=False))
         self.query_one("#fit", Static).update(shown)
         self._go("tab-model")
 
-    def show_residuals(self, found: Found) -> None:
+    def show_residuals(self, residuals: Document) -> None:
         """`rigctl compare`, against one covariate."""
-        self._covariates = list(found["covariates"])
-        self.covariate = str(found["covariate"])
-        self.query_one("#residual-line", Static).update(Text(found["sentence"]))
+        self._covariates = list(residuals["covariates"])
+        self.covariate = str(residuals["covariate"])
+        self.query_one("#residual-line", Static).update(Text(residuals["sentence"]))
         lines = []
-        for place, (name, points) in enumerate(list(found["series"].items())[:MAX_SERIES]):
+        for place, (name, points) in enumerate(list(residuals["series"].items())[:MAX_SERIES]):
             x, y = (np.array([point[i] for point in points]) for i in (0, 1))
             lines.append(Line(x, np.sign(y) * np.log10(1.0 + np.abs(y)), name, MARKS[place], place))
         levels = tuple(
             (float(np.sign(s) * np.log10(1 + abs(s))), f"{s:+d}σ" if s else "0")
             for s in (-100, -10, -3, 0, 3, 10, 100)
         )
-        picture = Picture("residuals, ±log(1+σ)", tuple(lines), found["label"], levels=levels)
+        picture = Picture("residuals, ±log(1+σ)", tuple(lines), residuals["label"], levels=levels)
         self.query_one("#residuals", Plot).show(picture)
 
-    def show_diagnosis(self, found: Found) -> None:
+    def show_diagnosis(self, diagnosis: Document) -> None:
         """`rigctl diagnose`."""
-        self._suggested = list(found["suggested"])
-        self._ranked = list(found["ranking"])
-        told = Text(verdict_sentence(found))
+        self._suggested = list(diagnosis["suggested"])
+        self._ranked = list(diagnosis["ranking"])
+        text = Text(verdict_sentence(diagnosis))
         if self._suggested:
-            told.append(f"  a adds {', '.join(self._suggested)}.", style="bold")
-        if found["unexplained"]:
-            told.append(f"\nunexplained: {found['unexplained']['description']}")
-        self.query_one("#verdict", Static).update(told)
+            text.append(f"  a adds {', '.join(self._suggested)}.", style="bold")
+        if diagnosis["unexplained"]:
+            text.append(f"\nunexplained: {diagnosis['unexplained']['description']}")
+        self.query_one("#verdict", Static).update(text)
         table = self.query_one(DataTable)
         table.clear(columns=True)
         for name, width in zip(("effect", "p corr.", "size", "held out"), self._widths(), strict=True):
@@ -134,7 +134,7 @@ class WorkbenchPane(Vertical):
         more = max(self.size.width - 80, 0)
         return 27 + more // 3, 8, 24 + more - more // 3, 8
 
-    def show_history(self, rungs: Sequence[Found]) -> None:
+    def show_history(self, rungs: Sequence[Document]) -> None:
         """`rigctl model history`."""
         self.query_one("#ladder", Static).update(
             rich_table(ladder_table(rungs, results=False), box=None, pad_edge=False)
@@ -149,11 +149,11 @@ class WorkbenchPane(Vertical):
         picture = Picture("log error, 0 = noise", tuple(lines), "version", versions, levels=((0.0, "noise"),))
         self.query_one("#ladder-plot", Plot).show(picture)
 
-    def show_next(self, found: Found) -> None:
+    def show_next(self, recommendation: Document) -> None:
         """`rigctl next`."""
-        parts: list[RenderableType] = [Text(found["description"])]
-        if found["runs"]:
-            table = runs_table(found["runs"])
+        parts: list[RenderableType] = [Text(recommendation["description"])]
+        if recommendation["runs"]:
+            table = runs_table(recommendation["runs"])
             parts += [Text(), Text(table.title), rich_table(table)]
         self.query_one("#next", Static).update(Group(*parts))
         self._go("tab-next")

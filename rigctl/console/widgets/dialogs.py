@@ -77,10 +77,10 @@ class PickDialog(Dialog[str]):
 
     def _shown(self, typed: str) -> list[Option]:
         width = max((len(name) for name, _ in self._options), default=0)
-        found = [each for each in self._options if typed.lower() in " ".join(each).lower()]
+        matching = [each for each in self._options if typed.lower() in " ".join(each).lower()]
         return [
-            Option(Text(f"{name:{width}}  {told}", no_wrap=True, overflow="ellipsis"), id=name)
-            for name, told in found
+            Option(Text(f"{name:{width}}  {explanation}", no_wrap=True, overflow="ellipsis"), id=name)
+            for name, explanation in matching
         ]
 
     def on_input_changed(self, event: Input.Changed) -> None:
@@ -132,16 +132,16 @@ class TextDialog(Dialog[str]):
 
     HINT = "Enter accepts   Esc leaves  F8 STOP"
 
-    def __init__(self, title: str, told: str, value: str, refusal: Callable[[str], str]) -> None:
+    def __init__(self, title: str, prompt: str, value: str, refusal: Callable[[str], str]) -> None:
         super().__init__()
         self.title = title
-        self._told = told
+        self._prompt = prompt
         self._value = value
         self._refusal = refusal
 
     def contents(self) -> ComposeResult:
         """What it is for, entry, refusal."""
-        yield Static(Text(self._told))
+        yield Static(Text(self._prompt))
         yield Input(self._value, compact=True)
         yield Static("", classes="refusal")
 
@@ -259,8 +259,8 @@ class QuestionDialog(Dialog[str]):
         if typed in self._choices:
             self.dismiss(typed)
         else:
-            told = f"✗ '{event.value}' is no answer; write {' or '.join(self._choices)}"
-            self.query_one(".refusal", Static).update(Text(told))
+            refusal = f"✗ '{event.value}' is no answer; write {' or '.join(self._choices)}"
+            self.query_one(".refusal", Static).update(Text(refusal))
 
 
 class ConfirmDialog(Dialog[bool]):

@@ -136,8 +136,8 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
     if rows < 1 or columns < 4:
         return [((picture.title[:width], PLAIN),)] + [()] * (height - 1)
     if not lines:
-        told = f"{'':{_LABEL_WIDTH}} {picture.empty}"[:width]
-        return [*heading, ((told, DIM),), *[()] * (height - len(heading) - 1)]
+        text = f"{'':{_LABEL_WIDTH}} {picture.empty}"[:width]
+        return [*heading, ((text, DIM),), *[()] * (height - len(heading) - 1)]
     across = _range(picture.x_range, [line.x for line in lines], _x_margin(lines))
     area = _Area(columns, rows, across, _range(picture.y_range, [line.y for line in lines], 0.05))
     sheet = _Sheet(area, palette)
@@ -163,12 +163,12 @@ def _heading(picture: Picture, lines: Sequence[Line], width: int, palette: Palet
     rows: list[Row] = [((picture.title[:width], BOLD),)]
     room = width - len(picture.title)
     for line in named:
-        told = f"{' ' if long else '  '}{line.mark or '─'} {line.name}"
-        if len(told) > room and room < width:
+        label = f"{' ' if long else '  '}{line.mark or '─'} {line.name}"
+        if len(label) > room and room < width:
             rows.append(())
             room = width
-        rows[-1] = (*rows[-1], (told[:room], _ink(line, palette)))
-        room -= len(told)
+        rows[-1] = (*rows[-1], (label[:room], _ink(line, palette)))
+        room -= len(label)
     return rows
 
 

@@ -53,7 +53,8 @@ def _units(run: Mapping[str, Any], columns: Columns, _: Mapping[str, float]) -> 
     if slip := slip_between(asked_hz, seen_hz):
         return UnitFindings(time_slip(f"the stage moves at {seen_hz:.4g} Hz", f"frequency_hz is {asked_hz:g}", slip))
     pairs = (("amplitude_mm", amplitude, swing), ("frequency_hz", asked_hz, seen_hz))
-    return UnitFindings(None, tuple(_differs(*pair) for pair in pairs if not _alike(*pair[1:])))
+    remarks = (f"{name} is {a:.4g}, the stage shows {b:.4g}" for name, a, b in pairs if not _alike(a, b))
+    return UnitFindings(None, tuple(remarks))
 
 
 def _frequency(t_s: FloatArray, swing: FloatArray, threshold: float) -> float:
@@ -66,10 +67,6 @@ def _frequency(t_s: FloatArray, swing: FloatArray, threshold: float) -> float:
 
 def _alike(asked: float, seen: float) -> bool:
     return not (asked > 0 and seen > 0) or 1 / ALIKE_WITHIN < seen / asked < ALIKE_WITHIN
-
-
-def _differs(name: str, asked: float, seen: float) -> str:
-    return f"{name} is {asked:.4g}, the stage shows {seen:.4g}"
 
 
 COLUMNS = Layout(

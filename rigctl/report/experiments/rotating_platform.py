@@ -46,14 +46,14 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
     return [*others, replace(last, notes=notes)]
 
 
-def _recording(found: Mapping[str, Any]) -> ResultTable:
-    gain = found["tilt_gain"]
+def _recording(result: Mapping[str, Any]) -> ResultTable:
+    gain = result["tilt_gain"]
     rows = [["gain of the commanded tilt", quantity(gain["value"], gain["sigma"])]]
-    for axis, value in found["accel_m_s2"].items():
+    for axis, value in result["accel_m_s2"].items():
         rows.append([f"acceleration {axis}", quantity(value["value"], value["sigma"], "m/s2")])
-    for sensor, value in (found["wobble_rad"] or {}).items():
+    for sensor, value in (result["wobble_rad"] or {}).items():
         rows.append([f"wobble of sensor {sensor.upper()}", quantity(value["value"], value["sigma"], "rad")])
-    for channel, flipped in found.get("flips", {}).items():
+    for channel, flipped in result.get("flips", {}).items():
         turned = flipped["chain"] or flipped["sensor"]
         what = f"chain of channel {channel}" if flipped["chain"] else f"channel {channel} without its amplifier"
         for name, words, unit in _TURNED_OVER:
@@ -67,7 +67,7 @@ def _means(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
         [
             run["run_id"],
             f"{run['pattern']} {run['modulation_period_s']:g} s",
-            _periods(run),
+            f"{run['periods']} ({run['refitted']})" if run["refitted"] else str(run["periods"]),
             *(_short(run[f"{name}_m_s2"]) for name in ("accel_z", "accel_y", "bias_z", "bias_y")),
         ]
         for run in runs
@@ -77,7 +77,7 @@ def _means(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
     return ResultTable("Means of the runs / 1e-6 m/s2 (refitted periods in brackets).", columns, rows, marked)
 
 
-def _precision(found: Mapping[str, Any]) -> ResultTable:
+def _precision(result: Mapping[str, Any]) -> ResultTable:
     rows = [
         [
             run["run_id"],
@@ -85,10 +85,10 @@ def _precision(found: Mapping[str, Any]) -> ResultTable:
             *(_of_an_hour(run["precision_1h_m_s2"][channel]) for channel in ("z", "y")),
             f"{run['conditions']['m0']:.1e} {run['conditions']['m1']:.1e} {run['conditions']['m2']:.1e}",
         ]
-        for run in found["runs"]
+        for run in result["runs"]
     ]
     columns = ["run", "estimator", "#z: theory, measured", "#y: theory, measured", "#m0 m1 m2"]
-    noise = ", ".join(f"{channel}: {each['source']}" for channel, each in found["theory_noise"].items())
+    noise = ", ".join(f"{channel}: {each['source']}" for channel, each in result["theory_noise"].items())
     return ResultTable(f"Precision in an hour / 1e-7 m/s2 (99 %); theory of {noise}.", columns, rows)
 
 
@@ -107,10 +107,6 @@ def _responses(runs: Sequence[Mapping[str, Any]]) -> ResultTable:
     columns = ["run", "external", "#accel z p-p", "#bias z p-p", "#start", "#centre", "#end"]
     title = "Peak to peak / m/s2, and by how many minutes the bias lags (stamped at start, centre, end)."
     return ResultTable(title, columns, rows)
-
-
-def _periods(run: Mapping[str, Any]) -> str:
-    return f"{run['periods']} ({run['refitted']})" if run["refitted"] else str(run["periods"])
 
 
 def _short(value: Mapping[str, float | None]) -> str:

@@ -62,9 +62,9 @@ def pictures(workbench: Workbench) -> list[Picture]:
     """The null vectors about their planes (figures 15 to 17), a plot for each axis."""
     from rigctl.report.figures.sensing_axis.plane import plane_plate
 
-    found = analyse(workbench)
-    settings = found.fit.model.package.axes
-    return [_out_of_plane(plane_plate(name, axis, settings[name]).rows) for name, axis in found.axes.items()]
+    result = analyse(workbench)
+    settings = result.fit.model.package.axes
+    return [_out_of_plane(plane_plate(name, axis, settings[name]).rows) for name, axis in result.axes.items()]
 
 
 def _out_of_plane(rows: Sequence[PlaneRow]) -> Picture:

@@ -104,11 +104,13 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
     panels = figure.subplots(len(series), len(versions), sharex=True, sharey="row", squeeze=False)
     for (channel, component), line in zip(series, panels, strict=True):
         for index, ((version, _), panel) in enumerate(zip(versions, line, strict=True)):
-            own = [r for r in rows if (r.channel, r.component, r.version) == (channel, component, version)]
+            drawn = [r for r in rows if (r.channel, r.component, r.version) == (channel, component, version)]
             look = series_style(index)
             panel.axhspan(-LINEAR_SIGMA, LINEAR_SIGMA, color=SOFT, alpha=0.2, linewidth=0.0)
             panel.axhline(0.0, color=SOFT, linewidth=0.6)
-            panel.plot([r.value for r in own], [r.residual_sigma for r in own], look.marker, color=look.color, ms=2.4)
+            panel.plot(
+                [r.value for r in drawn], [r.residual_sigma for r in drawn], look.marker, color=look.color, ms=2.4
+            )
         _scale(line[0], [r.residual_sigma for r in rows if (r.channel, r.component) == (channel, component)])
         line[0].set_ylabel(f"{channel}\n{component}".strip(), fontsize=7)
     for (version, effects), panel in zip(versions, panels[0], strict=True):
@@ -140,9 +142,9 @@ def _few(values: Sequence[float]) -> list[float]:
     rising = np.unique(values)
     span = rising[-1] - rising[0]
     groups = np.split(rising, np.flatnonzero(np.diff(rising) > _SAME * span) + 1)
-    found = [float(group.mean()) for group in groups]
-    close = bool(np.any(np.diff(found) < span / (2 * MAX_TICKS)))
-    return [] if close or len(found) > MAX_TICKS else found
+    ticks = [float(group.mean()) for group in groups]
+    close = bool(np.any(np.diff(ticks) < span / (2 * MAX_TICKS)))
+    return [] if close or len(ticks) > MAX_TICKS else ticks
 
 
 def _plain(value: float, _: object) -> str:

@@ -38,7 +38,9 @@ class AlignmentRow:
     printed_m_s2: float | None
 
 
-def alignment_plate(found: PlatformResult, scans: Sequence[Scan], steady: Sequence[RunResult]) -> Plate[AlignmentRow]:
+def alignment_plate(
+    result: PlatformResult, scans: Sequence[Scan], steady: Sequence[RunResult]
+) -> Plate[AlignmentRow]:
     """Readings against the angle (eq. 6) and accelerations against the commanded tilt (eq. 13)."""
     rows: list[AlignmentRow] = []
     for scan in scans:
@@ -54,7 +56,7 @@ def alignment_plate(found: PlatformResult, scans: Sequence[Scan], steady: Sequen
     for run in steady:
         commanded = float(np.nanmean(run.commanded))
         value = run.values["z"]["accel"]
-        fitted = found.tilt_gain.value * commanded + found.accel_m_s2["z"].value
+        fitted = result.tilt_gain.value * commanded + result.accel_m_s2["z"].value
         printed = published.TILT_GAIN * commanded + published.INTERCEPT_M_S2
         rows.append(
             AlignmentRow("tilt", run.run.run_id, "z", 0.0, commanded, value.value, value.sigma, fitted, printed)
@@ -62,8 +64,8 @@ def alignment_plate(found: PlatformResult, scans: Sequence[Scan], steady: Sequen
     caption = (
         f"(a) Readings over the platform's angle and their fits (eq. 6). (b) Acceleration of each run against the "
         f"commanded tilt less the printed line (eq. 13, {published.SOURCE}): measured gain "
-        f"{number(found.tilt_gain.value, 5)}, printed {published.TILT_GAIN:g}; measured intercept "
-        f"{number(found.accel_m_s2['z'].value, 5)} m/s2, printed {published.INTERCEPT_M_S2:g}."
+        f"{number(result.tilt_gain.value, 5)}, printed {published.TILT_GAIN:g}; measured intercept "
+        f"{number(result.accel_m_s2['z'].value, 5)} m/s2, printed {published.INTERCEPT_M_S2:g}."
     )
     return Plate("fig5", caption, rows, draw_alignment)
 

@@ -36,13 +36,13 @@ class CourseRow:
 
 
 def course_plate(
-    name: str, external: str, runs: Sequence[RunResult], found: PlatformResult, chains: Chains
+    name: str, external: str, runs: Sequence[RunResult], result: PlatformResult, chains: Chains
 ) -> Plate[CourseRow]:
     """Outputs over time under an external triangle or sine."""
     rows: list[CourseRow] = []
     responses: list[str] = []
     for run in runs:
-        expected = _expected_bias(run, found.tilt_gain.value, chains) if external == "sine" else None
+        expected = _expected_bias(run, result.tilt_gain.value, chains) if external == "sine" else None
         z = CHANNELS.index("z")
         period_s = run.sampled.pattern.period_s
         for number_, commanded in enumerate(run.commanded):

@@ -16,26 +16,26 @@ from rigctl.report.figures.rotating_platform.precision import noise_plate, preci
 
 
 def plates_of(
-    found: PlatformResult, chains: Chains, scans: Sequence[Scan]
+    result: PlatformResult, chains: Chains, scans: Sequence[Scan]
 ) -> tuple[list[Plate[Any]], dict[str, str]]:
     """Every figure the recording allows, and why another is not there."""
     plates: list[Plate[Any]] = []
     left_out: dict[str, str] = {}
-    steady = [run for run in found.runs if _external(run) == "constant"]
+    steady = [run for run in result.runs if _external(run) == "constant"]
     if scans or steady:
-        plates.append(alignment_plate(found, scans, steady))
+        plates.append(alignment_plate(result, scans, steady))
     else:
         left_out["fig5"] = "no scan and no run at constant tilt"
     for name, external in (("fig7", "triangle"), ("fig8", "sine")):
-        runs = [run for run in found.runs if _external(run) == external]
+        runs = [run for run in result.runs if _external(run) == external]
         if runs:
-            plates.append(course_plate(name, external, runs, found, chains))
+            plates.append(course_plate(name, external, runs, result, chains))
         else:
             left_out[name] = f"no run with an external {external}"
-    plates.append(precision_plate(found, chains))
-    plates.append(table_plate(found))
-    if found.noise_records:
-        plates.append(noise_plate(found.noise_records))
+    plates.append(precision_plate(result, chains))
+    plates.append(table_plate(result))
+    if result.noise_records:
+        plates.append(noise_plate(result.noise_records))
     else:
         left_out["noise"] = "no noise record"
     return plates, left_out

@@ -41,11 +41,11 @@ class PrecisionRow:
     high_m_s2: float | None = None
 
 
-def precision_plate(found: PlatformResult, chains: Chains) -> Plate[PrecisionRow]:
+def precision_plate(result: PlatformResult, chains: Chains) -> Plate[PrecisionRow]:
     """Precision in an hour against the modulation period: measured, theory by pattern, eq. 17, printed."""
-    chain = found.chain_noise["z"]
+    chain = result.chain_noise["z"]
     density = chain.noise.in_units_of(chains.gain_v_per_m_s2["z"])
-    rows = _measured(found.runs)
+    rows = _measured(result.runs)
     for pattern in [name for name in ROTATIONS if name != "c_tm"]:
         for period_s in _CURVE_S.tolist():
             theory = continuous_precision(named_pattern(pattern, period_s), density, HOUR_S)
@@ -115,13 +115,13 @@ def draw_precision(rows: Sequence[PrecisionRow]) -> Figure:
     return figure
 
 
-def table_plate(found: PlatformResult) -> Plate[PrecisionRow]:
+def table_plate(result: PlatformResult) -> Plate[PrecisionRow]:
     """Table 4: precision with pattern c of a minute by sampling rate; every run where there is none such."""
     runs = [
         run
-        for run in found.runs
+        for run in result.runs
         if run.run.conditions["pattern"] == "c" and math.isclose(run.sampled.pattern.period_s, 60.0, rel_tol=1e-3)
-    ] or found.runs
+    ] or result.runs
     theory = [_of_run(run, "theory", name, run.precision[name].theory) for run in runs for name in CHANNELS]
     caption = (
         "Precision of the mean acceleration in an hour by sampling rate, with 99 % intervals, beside theory and what "

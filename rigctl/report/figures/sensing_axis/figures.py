@@ -32,8 +32,8 @@ def _response_plates(result: SensingAxisResult) -> list[Plate[Any]]:
     fit = result.fit
     plates: list[Plate[Any]] = [response_plate("fig12", fit, representative(fit.model.runs))]
     for axis, configuration in dict.fromkeys((run.axis, run.configuration) for run in fit.model.runs):
-        own = [run for run in fit.model.runs if (run.axis, run.configuration) == (axis, configuration)]
-        plates.append(response_plate(f"fig12_{axis}_{configuration}", fit, representative(own)))
+        runs = [run for run in fit.model.runs if (run.axis, run.configuration) == (axis, configuration)]
+        plates.append(response_plate(f"fig12_{axis}_{configuration}", fit, representative(runs)))
     return plates
 
 

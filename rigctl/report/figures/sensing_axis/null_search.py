@@ -161,13 +161,13 @@ def draw_response(rows: Sequence[ResponseRow]) -> Figure:
     overview, close = figure.subplots(1, 2)
     frequencies = list(dict.fromkeys(row.frequency_hz for row in rows if row.frequency_hz is not None))
     for index, frequency in enumerate(frequencies):
-        own = [row for row in rows if row.frequency_hz == frequency]
-        zeros = [row.theta_minus_theta0_arcsec for row in own if row.kind == "apparent null"]
+        points = [row for row in rows if row.frequency_hz == frequency]
+        zeros = [row.theta_minus_theta0_arcsec for row in points if row.kind == "apparent null"]
         label = f"{frequency:.3g} Hz"
-        _draw_series(overview, own, [row.theta_deg for row in own], index, label)
+        _draw_series(overview, points, [row.theta_deg for row in points], index, label)
         if zeros:
             label += f", zero at {zeros[0]:+.1f}″".replace("-", "−")
-        _draw_series(close, own, [row.theta_minus_theta0_arcsec for row in own], index, label)
+        _draw_series(close, points, [row.theta_minus_theta0_arcsec for row in points], index, label)
         look = series_style(index)
         close.plot(zeros, [0.0] * len(zeros), look.marker, color=look.color, markerfacecolor="white", zorder=3)
     null = next(row for row in rows if row.kind == "null")

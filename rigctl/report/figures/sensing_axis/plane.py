@@ -91,12 +91,12 @@ def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
     figure = new_figure(2.9)
     scatter, directions = figure.subplots(1, 2, width_ratios=[1.75, 1.0])
     for index, configuration in enumerate(dict.fromkeys(row.configuration for row in rows)):
-        own = [row for row in rows if row.configuration == configuration]
+        vectors = [row for row in rows if row.configuration == configuration]
         look = series_style(index)
         scatter.errorbar(
-            [row.mounting for row in own],
-            [row.out_of_plane_arcsec for row in own],
-            yerr=[row.sigma_fit_arcsec for row in own],
+            [row.mounting for row in vectors],
+            [row.out_of_plane_arcsec for row in vectors],
+            yerr=[row.sigma_fit_arcsec for row in vectors],
             fmt=look.marker,
             color=look.color,
             capsize=2.0,
@@ -104,7 +104,7 @@ def draw_plane(rows: Sequence[PlaneRow]) -> Figure:
             label=configuration,
             zorder=3,
         )
-        _draw_directions(directions, [row.in_plane_deg for row in own], look, configuration)
+        _draw_directions(directions, [row.in_plane_deg for row in vectors], look, configuration)
     _draw_bands(scatter, rows)
     _frame_directions(directions, rows)
     scatter.set_xlabel("mounting")

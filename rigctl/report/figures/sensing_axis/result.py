@@ -54,13 +54,13 @@ def draw_nulls(rows: Sequence[NullRow]) -> Figure:
     for column, name in enumerate(axes_names):
         above, below = panels[:, column]
         for index, configuration in enumerate(configurations):
-            own = [row for row in rows if (row.axis, row.configuration) == (name, configuration)]
+            nulls = [row for row in rows if (row.axis, row.configuration) == (name, configuration)]
             look = series_style(index)
-            mountings = [row.mounting for row in own]
-            sigma = [row.theta0_sigma_arcsec for row in own]
+            mountings = [row.mounting for row in nulls]
+            sigma = [row.theta0_sigma_arcsec for row in nulls]
             above.errorbar(
                 mountings,
-                [row.theta0_deg for row in own],
+                [row.theta0_deg for row in nulls],
                 yerr=[arcsec / 3600.0 for arcsec in sigma],
                 fmt=look.marker,
                 color=look.color,

@@ -137,11 +137,11 @@ def draw_signature(rows: Sequence[SignatureRow]) -> Figure:
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for panel, (channel, component, unit) in zip(panels, shown, strict=False):
         for index, frequency in enumerate(FREQUENCIES_HZ):
-            own = [r for r in rows if (r.channel, r.component, r.frequency_hz) == (channel, component, frequency)]
+            points = [r for r in rows if (r.channel, r.component, r.frequency_hz) == (channel, component, frequency)]
             look = series_style(index)
             panel.plot(
-                [r.theta_deg for r in own],
-                [r.added for r in own],
+                [r.theta_deg for r in points],
+                [r.added for r in points],
                 color=look.color,
                 linestyle=look.line,
                 label=f"{frequency:g} Hz",

@@ -29,9 +29,9 @@ class SpectrumRow:
 
 
 def spectrum_plates(
-    source: RunSource, lines_hz: Sequence[float], found: Sequence[Mapping[str, Any]]
+    source: RunSource, lines_hz: Sequence[float], new_lines: Sequence[Mapping[str, Any]]
 ) -> Iterator[Plate[SpectrumRow]]:
-    """A figure per channel of a sensing-axis recording; `lines_hz` are in the model, `found` are not."""
+    """A figure per channel of a sensing-axis recording; `lines_hz` are in the model, `new_lines` are not."""
     before = _pooled(source, ())
     after = _pooled(source, lines_hz) if lines_hz else {}
     for channel, left in before.items():
@@ -41,7 +41,7 @@ def spectrum_plates(
             rows += _rows(channel, "without the model's lines", after[channel], unit)
         rows += [
             SpectrumRow(channel, "line found", float(line["frequency_hz"]), None, unit)
-            for line in found
+            for line in new_lines
             if line["channel"] == channel
         ]
         caption = (
@@ -79,11 +79,11 @@ def draw_spectrum(rows: Sequence[SpectrumRow]) -> Figure:
     axes = figure.subplots()
     kinds = list(dict.fromkeys(row.kind for row in rows if row.density_unit_rthz is not None))
     for index, kind in enumerate(kinds):
-        own = [row for row in rows if row.kind == kind]
+        bins = [row for row in rows if row.kind == kind]
         look = series_style(index)
         axes.loglog(
-            [row.frequency_hz for row in own],
-            [row.density_unit_rthz for row in own],
+            [row.frequency_hz for row in bins],
+            [row.density_unit_rthz for row in bins],
             color=look.color,
             linewidth=0.7,
             label=kind,
