@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.blind_noise import SHAPES
 from benchmarks.blind_reduced import DESIGNS, KNOWN, Fixture, Replaced, fixture
-from rigctl.workbench.verdict import noise
+from rigctl.workbench.verdict import noise_pool
 from rigctl.workbench.verdict.search import Search
 from rigctl.workbench.verdict.significance import p_of_scored
 
@@ -42,12 +42,12 @@ def p_values(made: Fixture, colour: str, sigma: float, seed: int) -> tuple[float
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--design", default="four-mountings", choices=sorted(DESIGNS))
-    parser.add_argument("--odds", type=float, default=noise.WHITE_ODDS)
+    parser.add_argument("--odds", type=float, default=noise_pool.WHITE_ODDS)
     parser.add_argument("--draws", type=int, default=160)
     parser.add_argument("--sigma", type=float, default=6.0)
     parser.add_argument("--colours", nargs="+", default=["white", "flicker", "f^-1.64"], choices=sorted(SHAPES))
     given = parser.parse_args()
-    noise.WHITE_ODDS = given.odds
+    noise_pool.WHITE_ODDS = given.odds
     made = fixture(given.design)
     print(
         f"{given.design}, odds of white noise {given.odds:g}: share of draws with p < {LEVEL:g}, with the bootstrap"
