@@ -26,8 +26,7 @@ class UnitColumns:
     @cached_property
     def gram(self) -> FloatArray:
         """Products of each choice's columns with each other, (choices, d, d)."""
-        stack = self._columns.reshape(-1, self.choices, self.dimension)
-        return np.asarray(np.einsum("nki,nkj->kij", stack, stack, optimize=True))
+        return np.asarray(np.einsum("nki,nkj->kij", self.stack, self.stack, optimize=True))
 
     def along(self, vectors: FloatArray) -> FloatArray:
         """Products with vectors (n, q), shape (q, choices, d)."""
@@ -38,10 +37,6 @@ class UnitColumns:
         if self._drawn is None or self._drawn[0] != name:
             self._drawn = name, draws @ self._columns.astype(np.float32)
         return self._drawn[1].reshape(-1, self.choices, self.dimension)
-
-    def column(self, place: int) -> FloatArray:
-        """Of one choice, (n, d)."""
-        return self._columns.reshape(-1, self.choices, self.dimension)[:, place]
 
     @property
     def stack(self) -> FloatArray:

@@ -19,6 +19,7 @@ from rigctl.effects.plugins import Plugin
 from rigctl.experiments.table.model.model import TableModel, fitted
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.fit import fit
 
 X = np.linspace(0.0, 10.0, 40)
 NOISE = np.random.default_rng(5).normal(size=40)
@@ -280,6 +281,28 @@ def test_a_plugin_acts_on_what_the_baseline_predicts() -> None:
         c for c in study.candidates(study.model([]), np.array([1.0, 0.5]))[0] if c.term.effect == "self-heating"
     )
     assert candidate.derivative[:, 0] == pytest.approx(y**2 * X, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("names", [("cos",), ("cos", "sin")])
+def test_only_what_is_periodic_has_an_amplitude(names: tuple[str, ...]) -> None:
+    """Somebody's own effect may call its parameters cos and sin, or only one of them."""
+
+    def wobble(run: Any, **sizes: FloatArray) -> FloatArray:
+        """The table wobbles."""
+        angle = run.column("x")
+        return np.asarray(sum(size * getattr(np, name)(angle) for name, size in sizes.items()))
+
+    effect = Effect(
+        "wobble", "response", dict.fromkeys(names, "V"), dict.fromkeys(names, 1e-3), "", "recording", wobble
+    )
+    noise = 0.01 * np.random.default_rng(3).standard_normal(X.size)
+    study = TableStudy(_recording({"y": 1.0 + 0.5 * X + 0.1 * np.cos(X) + noise, "x": X}), [_plugin(effect)])
+    found = fit(study, [Term("wobble")])
+    assert set(found.result) == set(found.parameters)
+    wave = fit(study, [Term("periodic[x]", {"period": 2.0 * np.pi})])
+    assert set(wave.parameters) - set(wave.result) == {"periodic[x].cos", "periodic[x].sin"}
+    amplitude = wave.result["periodic[x].amplitude"]
+    assert abs(amplitude["value"] - 0.1) < 4.0 * amplitude["sigma"]
 
 
 def _past(where: float) -> Effect:

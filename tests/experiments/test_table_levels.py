@@ -14,6 +14,7 @@ from rigctl.core.errors import DataError
 from rigctl.effects.plugins import load
 from rigctl.experiments.table.study import TableStudy
 from rigctl.report.figures.residuals import residual_plate
+from rigctl.report.figures.table.terms import term_plates
 from rigctl.workbench.study import Proposal, Term
 from rigctl.workbench.verdict.compare import compare
 from rigctl.workbench.verdict.diagnose import diagnose
@@ -177,3 +178,17 @@ def test_a_figure_has_the_words_below() -> None:
     bench = [f"the bench in room {i % 10}" for i in range(ROWS)]
     crowded = residual_plate("operator", [compare(study(operator=bench), ())])
     assert {text.get_rotation() for text in crowded.draw(crowded.rows).axes[0].get_xticklabels()} == {90.0}
+
+
+def test_slopes_by_word_are_drawn_as_a_line_for_each_word() -> None:
+    table = study()
+    found = fit(table, [Term("slope[x_mm by operator]")])
+    model = table.model(found.terms)
+    values = np.array([found.parameters[each.name].value for each in model.parameters])
+    (plate,) = term_plates(model, values)
+    assert {row.level for row in plate.rows} == {"Ada", "Ben", "Cy"}
+    lines = [line for line in plate.draw(plate.rows).axes[0].lines if line.get_label() in {"Ada", "Ben", "Cy"}]
+    assert {str(line.get_label()) for line in lines} == {"Ada", "Ben", "Cy"}
+    for line in lines:
+        x, y = np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
+        assert y == pytest.approx(np.polyval(np.polyfit(x, y, 1), x), abs=1e-9)  # straight, not from word to word

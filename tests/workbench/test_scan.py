@@ -76,3 +76,15 @@ def test_a_scan_is_so_many_trials_as_its_choices_are_alone() -> None:
     assert sum(basis.shape[1] for basis in bases) > len(given.left)
     rows = len(given.left)
     assert trials([], [scan], rows, 7) == pytest.approx(trials(bases, [], rows, 7), rel=1e-3)
+
+
+def test_a_choice_that_the_model_spans_is_no_trial() -> None:
+    """Without a prior a wave of frequency 0 is a constant, which is fitted: it has no dimension, and no p-value."""
+    given = projector(np.full(ROWS, np.inf), 0)
+    waves_of_all = ScanScores(given, UnitColumns(waves()), 1.0, None)
+    waves_of_others = ScanScores(given, UnitColumns(waves()[:, 1:]), 1.0, None)
+    assert waves_of_all.scores[0].dimension == 0
+    assert waves_of_all.scores[0].p_value == 1.0
+    count = trials([], [waves_of_all], ROWS, 7)
+    assert count == pytest.approx(trials([], [waves_of_others], ROWS, 7), rel=1e-6)
+    assert count > 1.0

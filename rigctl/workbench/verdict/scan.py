@@ -95,7 +95,7 @@ class ScanScores:
         """Of one choice, (n + priors, dimension)."""
         basis = self._projector.basis
         free = -basis @ self._shadow[:, place]
-        free[: self._projector.data] += self._unit.column(place)
+        free[: self._projector.data] += self._unit.stack[:, place]
         return np.asarray(free @ self._root[place][:, self._determined[place]])
 
     def _judge_by_own_noise(self, own: OwnNoise, in_frame: FloatArray, to_outside: FloatArray) -> None:

@@ -12,7 +12,7 @@ from rigctl.analysis.least_squares import FitResult, Parameter
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.model.descent import descend
 from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece
-from rigctl.experiments.table.model.scanned import Scanned
+from rigctl.experiments.table.model.scanned import Periodic, Scanned
 from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Observations, Term
@@ -123,28 +123,28 @@ class TableModel:
 
 
 def as_result(model: TableModel, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
-    """The parameters as JSON by name; of what is periodic the amplitude, where it is more than its uncertainty.
+    """The parameters as JSON by name; of a periodic term the amplitude, where it is more than its uncertainty.
 
     An amplitude does not depend on where the phase is counted from, as cos and sin do.
     """
-    result, shown = parameters_as_json(model, values, covariance), dict[str, Any]()
+    result = parameters_as_json(model, values, covariance)
     names = list(result)
-    for name, estimate in result.items():
-        stem, _, part = name.rpartition(".")
-        if part not in {"cos", "sin"}:
-            shown[name] = estimate
-        elif part == "cos":
-            at = [names.index(name), names.index(f"{stem}.sin")]
-            quadratures: FloatArray = np.asarray(values)[at]
-            amplitude = float(np.linalg.norm(quadratures))
-            variance = float(quadratures @ covariance[np.ix_(at, at)] @ quadratures)
-            spread = max(variance, 0.0) ** 0.5
-            if amplitude**2 > spread:  # below it the linear propagation says nothing
-                told = {"value": amplitude, "sigma": spread / amplitude, "unit": estimate["unit"]}
-                shown[f"{stem}.amplitude"] = told
-            else:
-                shown |= {each: result[each] for each in (name, f"{stem}.sin")}
-    return shown
+    for piece in model.pieces:
+        if not isinstance(piece, ColumnPiece) or not isinstance(piece.form, Periodic):
+            continue
+        cos, sin = (f"{piece.term.effect}{name}" for name in piece.form.names())
+        at = [names.index(cos), names.index(sin)]
+        quadratures: FloatArray = np.asarray(values)[at]
+        amplitude = float(np.linalg.norm(quadratures))
+        variance = float(quadratures @ covariance[np.ix_(at, at)] @ quadratures)
+        spread = max(variance, 0.0) ** 0.5
+        if amplitude**2 > spread:  # below it the linear propagation says nothing
+            told = {"value": amplitude, "sigma": spread / amplitude, "unit": result.pop(sin)["unit"]}
+            pairs = (
+                (f"{piece.term.effect}.amplitude", told) if name == cos else (name, result[name]) for name in result
+            )
+            result = dict(pairs)
+    return result
 
 
 def fitted(model: TableModel) -> FitResult | None:

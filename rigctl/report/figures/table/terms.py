@@ -8,12 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.model.model import TableModel
 from rigctl.experiments.table.model.pieces import ColumnPiece
 from rigctl.experiments.table.model.scanned import Periodic
+from rigctl.experiments.table.model.words import Slope
 from rigctl.report.figures.data import Plate, file_name
 from rigctl.report.figures.residuals import axis_label
 from rigctl.report.figures.style import SOFT, new_figure, series_style
@@ -23,11 +25,15 @@ _PHASE = "cycle"
 
 @dataclass(frozen=True)
 class TermRow:
-    """One reading: `term` is what the term adds there, `reading` that and the residual, both in `unit`."""
+    """One reading: `term` is what the term adds there, `reading` that and the residual, both in `unit`.
+
+    `level` is the word that a slope by words goes by, else "".
+    """
 
     effect: str
     axis: str
     value: float
+    level: str
     reading: float
     term: float
     label: str
@@ -49,10 +55,20 @@ def term_plates(model: TableModel, values: FloatArray) -> Iterator[Plate[TermRow
             period = float(part[0])
             places = (column.values - piece.choice["origin"]) / period % 1.0
             axis = f"phase of {period:.5g} {column.unit} / {_PHASE}".replace("  ", " ")
-        cells = zip(places, added + residuals, added, model.readings.labels, strict=True)
+        words = piece.form.category.values if isinstance(piece.form, Slope) else np.full(places.size, "")
+        cells = zip(places, words, added + residuals, added, model.readings.labels, strict=True)
         rows = [
-            TermRow(piece.term.effect, axis, float(place), float(reading), float(term), label, *_named(response.name))
-            for place, reading, term, label in cells
+            TermRow(
+                piece.term.effect,
+                axis,
+                float(at),
+                str(word),
+                float(reading),
+                float(term),
+                label,
+                *_named(response.name),
+            )
+            for at, word, reading, term, label in cells
         ]
         yield Plate(f"term_{file_name(piece.term.effect)}", _caption(piece.term.effect), rows, draw_term)
 
@@ -73,11 +89,18 @@ def draw_term(rows: Sequence[TermRow]) -> Figure:
     """Readings as points, the term as a line along its axis."""
     figure = new_figure(2.2)
     axes = figure.subplots()
-    look, line = series_style(0), series_style(1)
-    along = sorted(rows, key=lambda row: row.value)
     axes.axhline(0.0, color=SOFT, linewidth=0.6)
-    axes.plot([r.value for r in along], [r.reading for r in along], look.marker, color=look.color, ms=2.4, alpha=0.6)
-    axes.plot([r.value for r in along], [r.term for r in along], color=line.color, linewidth=1.4)
+    levels = sorted({row.level for row in rows})
+    for number, level in enumerate(levels):
+        along = sorted((row for row in rows if row.level == level), key=lambda row: row.value)
+        places, look = [row.value for row in along], series_style(number)
+        line = look if level else series_style(1)
+        axes.plot(places, [row.reading for row in along], look.marker, color=look.color, ms=2.4, alpha=0.6)
+        axes.plot(
+            places, [row.term for row in along], color=line.color, linestyle=line.line if level else "-", label=level
+        )
+    if levels != [""]:
+        axes.legend(loc="best")
     axes.set_xlabel(rows[0].axis)
     axes.set_ylabel(" / ".join(filter(None, [rows[0].response, rows[0].unit])))
     axes.set_title(rows[0].effect, loc="left")
