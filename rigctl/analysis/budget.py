@@ -19,6 +19,7 @@ from rigctl.core.errors import ProcedureError
 Measurement = Callable[[Mapping[str, float]], FloatArray]
 
 _COVERAGE = 0.95
+# Small beside the range over which the first order is trusted, large beside rounding.
 _STEP_IN_U = 0.1
 
 
@@ -50,6 +51,7 @@ class Contribution:
         if self.distribution == "rectangular":
             unit = rng.uniform(-np.sqrt(3.0), np.sqrt(3.0), draws)
         elif self.distribution == "t":
+            # Scaled by u, not brought to the standard deviation u, which it then exceeds (JCGM 101, 6.4.9).
             unit = rng.standard_t(self.dof, draws)
         else:
             unit = rng.standard_normal(draws)
@@ -91,6 +93,7 @@ class Budget:
     def effective_dof(self) -> FloatArray:
         """Welch-Satterthwaite degrees of freedom of each output (GUM eq. G.2b), shape (m,)."""
         inverse = np.sum(self.share**2 / np.array([each.dof for each in self.contributions]), axis=1)
+        # Type B alone: no term has finite degrees of freedom, and infinity is the right answer.
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / inverse)
 
@@ -99,6 +102,7 @@ class Budget:
         """Student's t for 95 % at the effective degrees of freedom truncated to an integer (GUM G.4.1)."""
         from scipy.special import stdtrit
 
+        # The factor keeps rounding from truncating a whole number to the next lower one.
         dof = np.maximum(np.floor(np.minimum(self.effective_dof, 1e9) * (1.0 + 1e-12)), 1.0)
         return np.asarray(stdtrit(dof, 0.5 * (1.0 + _COVERAGE)))
 
@@ -143,6 +147,7 @@ def budget(measurement: Measurement, contributions: Sequence[Contribution], outp
     values = _evaluate(measurement, nominal, outputs)
     sensitivities = np.zeros((len(outputs), len(contributions)))
     for i, each in enumerate(contributions):
+        # A contribution without uncertainty still has a sensitivity, which a reader of the budget may ask for.
         step = _STEP_IN_U * each.standard_uncertainty or 1e-6 * max(abs(each.value), 1.0)
         up = _evaluate(measurement, {**nominal, each.name: each.value + step}, outputs)
         down = _evaluate(measurement, {**nominal, each.name: each.value - step}, outputs)
@@ -160,6 +165,7 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Propagate the distributions of independent contributions through `measurement`."""
     _check(contributions)
+    # A stream each: a contribution appended to the list leaves the others' draws as they were.
     streams = np.random.default_rng(seed).spawn(len(contributions))
     columns = {each.name: each.draw(rng, draws) for each, rng in zip(contributions, streams, strict=True)}
     samples = [

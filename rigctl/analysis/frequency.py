@@ -38,6 +38,7 @@ def find_frequency(
         raise DataError(f"frequency_hz is {frequency_hz:g}: a run without a drive has no amplitudes")
     seen = _seen_lines(lines_hz, frequency_hz, harmonics, sample_period_s, duration_s)
     start = frequency_hz
+    # Gauss-Newton converges within about a line's width only: the second attempt sets out from the greatest power.
     for attempt in range(2):
         try:
             basis, fit = _search(given, x, start, harmonics, seen)
@@ -65,6 +66,7 @@ def _search(
     for _ in range(_MAX_STEPS):
         basis = HarmonicBasis(t_s, estimate, harmonics, lines_hz=lines_hz)
         fit = basis.fit(x)
+        # The amplitudes follow the frequency at every step (variable projection), so one number is searched for.
         gradient = _frequency_gradient(basis, fit)
         stiffness = float(gradient @ gradient)
         step = float(gradient @ fit.residuals) / stiffness if stiffness > 0.0 else np.inf
@@ -93,6 +95,7 @@ def _peak_hz(t_s: FloatArray, x: FloatArray, near_hz: float, duration_s: float) 
     """Frequency of the greatest power within a quarter of `near_hz`, in steps of 1 / 4T."""
     low, high = 0.75 * near_hz, 1.25 * near_hz
     trial = np.linspace(low, high, min(4096, max(9, math.ceil(4.0 * (high - low) * duration_s))))
+    # Some ten samples a period find the peak, and keep thousands of trial frequencies cheap.
     step = max(1, int(0.1 / near_hz / max(duration_s / t_s.size, 1e-300)))
     sparse, centred = t_s[::step] - t_s[0], x[::step] - x.mean()
     power = [abs(np.exp(-2j * np.pi * f * sparse) @ centred) for f in trial]
@@ -102,5 +105,6 @@ def _peak_hz(t_s: FloatArray, x: FloatArray, near_hz: float, duration_s: float) 
 def _frequency_gradient(basis: HarmonicBasis, fit: HarmonicFit) -> FloatArray:
     """Give d(model)/d(frequency) with the part that the linear columns can imitate taken out."""
     order = np.arange(1, basis.harmonics + 1)
+    # Time from mid-record: another origin adds what the amplitudes imitate anyway, at the cost of rounding.
     gradient = 2.0 * np.pi * (basis.t_s - basis.time_s) * basis.harmonic_sum(1j * order * fit.amplitudes)
     return gradient - basis.orthonormal @ (basis.orthonormal.T @ gradient)

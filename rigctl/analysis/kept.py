@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rigctl.core.errors import DataError
 
 _LEFT_OUT = "left out"
+# What numpy, zip and JSON raise for bytes that `to_bytes` did not make.
 _UNREADABLE = (ValueError, TypeError, LookupError, EOFError, OSError, BadZipFile, zlib.error)
 
 Progress = Callable[[int, int], None]
@@ -87,6 +88,7 @@ class Packed:
     @classmethod
     def from_bytes(cls, data: bytes) -> Packed:
         """What `to_bytes` was given; any of `_UNREADABLE` for other bytes."""
+        # A store may come from another laboratory: unpickling would run code that it carries.
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         return cls(json.loads(bytes(arrays.pop("head"))), arrays)
@@ -168,6 +170,7 @@ def each_reduced(
             try:
                 packed = make(run)
             except DataError as error:
+                # The refusal is kept as well: a run that cannot be reduced is not read again at every question.
                 packed = Packed({_LEFT_OUT: str(error)}, {})
             if progress is not None:
                 progress(done, len(runs))

@@ -22,6 +22,7 @@ Function = Callable[[FloatArray], FloatArray]
 
 # The step that is left would lower chi-squared by less: a ten-thousandth of a sigma, or rounding.
 _CHI2_LEFT, _CHI2_ROUNDING = 1e-8, 1e-13
+# A parameter with less than this share of a null direction is in it by rounding only.
 _NULL_SHARE = 1e-5
 
 
@@ -122,6 +123,7 @@ def least_squares(
     state = problem.linearise(p, problem.extended(p))
     damping, iterations, verdict = 0.0, 0, "not-converged"
     while iterations < max_iterations:
+        # Judged by what a full step would still gain, not by its length, which depends on the parameters' units.
         if state.predicted_fall <= _CHI2_LEFT + _CHI2_ROUNDING * state.chi2:
             verdict = "converged"
             break
@@ -134,6 +136,7 @@ def least_squares(
         if descends:
             damping = 0.0 if damping < 1e-3 else damping / 10.0
             state = problem.linearise(trial, r)
+        # A step this short that still ascends: the derivative is wrong, or chi-squared is at its rounding.
         elif damping > 1e8:
             break
         else:
@@ -221,12 +224,16 @@ class _Problem:
 
     def linearise(self, p: FloatArray, r: FloatArray) -> _State:
         J = self._derivative(p, r)
+        # Held only while chi-squared falls beyond the limit: decided anew at every point, a parameter may come back.
         at_limit = self._pushed_to_limit(p, J.T @ r)
         active = np.flatnonzero(self.free & ~at_limit)
         columns = J[:, active]
         norms = np.linalg.norm(columns, axis=0)
+        # Columns of unit length: the rank then depends on how alike columns are and not on the parameters' units.
         scale = np.where(norms > 0.0, norms, 1.0)
+        # The decomposition is then of a matrix of the parameters' size, whatever the number of data.
         Q, R = np.linalg.qr(columns / scale)
+        # All rows of V': with fewer data than parameters the last of them span the null space.
         U, s, Vt = svd(R, full=True)
         rank = int(np.sum(s > self._rcond * s[0])) if s.size and s[0] > 0.0 else 0
         return _State(p, r, J, active, scale, U.T @ (Q.T @ r), s, Vt, rank)
@@ -236,6 +243,7 @@ class _Problem:
         data = state.r.size - len(self.with_prior)
         values, covariance = state.p.copy(), np.zeros((n, n))
         covariance[np.ix_(state.active, state.active)] = state.covariance()
+        # A parameter at its limit was fitted there: it has no column, but costs a degree of freedom (below).
         limited = np.setdiff1d(np.flatnonzero(self.free), state.active)
         null = state.Vt[state.rank :]
         lost = state.active[np.abs(null).max(axis=0, initial=0.0) > _NULL_SHARE]

@@ -19,16 +19,21 @@ from scipy.ndimage import median_filter
 from rigctl.analysis.line_scan import LEVEL_CELLS, FoundLine, LineScan
 from rigctl.core.arrays import FloatArray
 
+# In units of 1/T: nearer to zero or to the Nyquist frequency a level has no neighbours on one side.
 _FIRST_BIN = 8
+# Next neighbours and wider ones, in bins; the two at the line's shoulder hold its own main lobe.
 _NEIGHBOURS, _SHOULDER = (6, 24), 2
+# Left out at either end of the neighbours: another line among them is no noise.
 _TRIMMED = 0.125
 # Standard deviations by which the next neighbours must exceed the wider ones to be believed instead.
 _BULGE = 2.0
 # No bump of the ground's noise is narrower than a thirtieth of its frequency: below, the neighbours may miss it.
 _NARROWEST_BUMP = 1.0 / 30.0
+# A line is refused where its powers scatter as a line's own would once in ten thousand.
 _CONTRADICTED = 1e-4
 _BEYOND_FLOATS = -600.0
 # Of the logarithm of a run's power, from its own noise level being an estimate.
+# The logarithm of an exponential variable has the variance pi^2 / 6.
 _LEVEL_VARIANCE = np.pi**2 / 6.0 / LEVEL_CELLS
 
 
@@ -89,6 +94,7 @@ class _Test:
         runs = np.array([pool.runs for pool in self.pools])
         excess = np.array([pool.excess for pool in self.pools])
         self.power = 1.0 + (weight * excess).sum(axis=0) / total
+        # A weighted mean of exponential powers is about a gamma variable of shape total^2 / squares (Satterthwaite).
         squares = (weight**2 / np.maximum(runs, 1.0)).sum(axis=0) + np.finfo(float).tiny
         self.to_amplitude = total / squares
         self.squares = squares
@@ -100,6 +106,7 @@ class _Test:
         power, shape = self.power[tried], self.shape[tried]
         # The tail grows by what each run's own noise level is uncertain by (saddle point of the sum).
         # It is an expansion: for a line as strong as tens of levels it would grow beyond what it corrects.
+        # F, for the level below is an estimate as well.
         known = stats.f.logsf(power, 2 * shape, 2 * self.level_shape[tried])
         tail = np.minimum(0.5 * _LEVEL_VARIANCE * shape * (power - 1.0) ** 2, -0.5 * known)
         self.log_p[tried] = known + tail
@@ -113,11 +120,13 @@ class _Test:
         at = int(np.argmax(np.where(likeliest, self.power, -np.inf)))
         if log_p[at] >= 0.0:
             return None
+        # The least p may lie on a peak's flank, where the level is better known; amplitude is the top's.
         while 0 < at < self.power.size - 1 and (step := int(np.argmax(self.power[at - 1 : at + 2])) - 1):
             at += step
         return at
 
     def p_corrected(self, at: int) -> float:
+        # Clipped: log1p(-1) is no number, and beyond one half the corrected p is 1 anyway.
         return float(-np.expm1(self.trials * np.log1p(-min(np.exp(self.log_p[at]), 0.5))))
 
     def line_at(self, at: int) -> FoundLine | None:
@@ -131,12 +140,14 @@ class _Test:
             # A bump is wider than a bin: each further look at one is given half the level.
             self._looks += 1
             p_value = max(p_value, min(1.0, bump * 2.0 ** (1 + self._looks)))
+        # Trial frequencies are half a bin apart or less: a parabola places the top between them.
         shift, peak = _vertex(self.power[at - 1 : at + 2])
         square = max((peak - 1.0) * self.to_amplitude[at], np.finfo(float).tiny)
         amplitude = float(np.sqrt(square))
         seen = sum(
             float(pool.runs[at])
             * float(pool.sensitivity[at]) ** 2
+            # The variance of a line's power in noise is 1 + 2 ratio (noncentral chi-squared of two dof).
             * (1.0 + 2.0 * square * float(pool.sensitivity[at]))
             for pool in self.pools
         )
@@ -210,6 +221,7 @@ def _pools(scan: LineScan) -> list[_Pool]:
 
 def _pool(halves: list[FloatArray], scan: LineScan) -> _Pool:
     runs, power, logarithm, inverse = sum(halves[1:], halves[0])
+    # Counts of runs, interpolated and with runs taken out again: not quite whole.
     runs = np.where(runs > 0.5, runs, 0.0)
     safe = np.maximum(runs, 1.0)
     mean = np.where(runs > 0.0, power / safe, np.nan)
@@ -228,6 +240,7 @@ def _level(mean: FloatArray, runs: FloatArray, stride: int) -> tuple[FloatArray,
     everywhere = np.arange(mean.size)
     if not known.any():
         return np.ones(mean.size), np.ones(mean.size)
+    # One frequency per bin of the longest run: the trial frequencies between are no neighbours of their own.
     at = np.arange(0, mean.size, stride)
     # The mean of the logarithm of a mean of n exponentials, and its variance: n differs between neighbours.
     logs = np.log(mean[known]) - special.digamma(runs[known]) + np.log(runs[known])

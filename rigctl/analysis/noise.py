@@ -22,6 +22,7 @@ from rigctl.core.errors import DataError
 
 # Accelerometer noise lies between white (0) and a random walk (-2); a local slope beyond needs evidence.
 _SLOPE_PRIOR, _SLOPE_PRIOR_SIGMA = -0.8, 2.0
+# A bin of which the fit left less would be multiplied by more than five, errors of the fit included.
 _MIN_KEPT = 0.2
 _SAME_FREQUENCY = 1e-6
 # Cells of a compact spectrum: narrow beside a microseism bump, a fixed fraction of the frequency above.
@@ -93,6 +94,7 @@ class Spectrum:
                 "record longer, or pool other runs"
             )
         last = min(int(np.searchsorted(gathered, target_dof)), gathered.size - 1)
+        # By distance and not by count: bins equally far on the other side belong to it, else a slope would bias.
         near = distance <= distance[order[last]] * (1.0 + 1e-9)
         return _local_power_law(frequency_hz, self.frequency_hz[near], self.psd[near], self.weight[near])
 
@@ -105,6 +107,7 @@ class Spectrum:
         if not low.any():
             raise DataError(f"no spectral bins below {_LOW_BINS / duration_s:g} Hz: record longer")
         level = _local_power_law(1.0 / duration_s, self.frequency_hz[low], self.psd[low], self.weight[low])
+        # White noise of one-sided density S has a mean over T of variance S / 2T.
         return level.psd / (2.0 * duration_s)
 
 
@@ -120,6 +123,7 @@ def spectrum(residuals: FloatArray, basis: HarmonicBasis) -> Spectrum:
         )
     kept = basis.kept_fraction
     use = kept > _MIN_KEPT
+    # One-sided: twice the periodogram |sum x|^2 dt / N.
     scale = 2.0 * basis.sample_period_s / basis.samples
     psd = scale * basis.power(residuals)[use] / kept[use]
     return Spectrum(basis.bin_frequency_hz[use], psd, kept[use])
@@ -154,6 +158,7 @@ class NoisePool:
     def add(self, spectrum: Spectrum) -> None:
         """Join the bins of one more run."""
         self._waiting.append(spectrum)
+        # Joined now and then: sorting everything for each new run would cost as the square of their number.
         if sum(each.weight.size for each in self._waiting) > 16 * _MAX_POOL_BINS:
             self._waiting = [self.spectrum]
 
@@ -171,6 +176,7 @@ def _single(values: FloatArray) -> FloatArray:
 def _local_power_law(at_hz: float, frequency_hz: FloatArray, psd: FloatArray, weight: FloatArray) -> NoiseLevel:
     """Fit S = exp(a) (f / at)^b by Fisher scoring of the Whittle likelihood with a prior on the slope b."""
     floor = np.finfo(float).tiny
+    # A channel without noise has no logarithm to fit.
     if not np.any(psd > floor):
         return NoiseLevel(0.0, float(2.0 * weight.sum()))
     design = np.stack([np.ones_like(frequency_hz), np.log(frequency_hz / at_hz)])
@@ -187,6 +193,7 @@ def _local_power_law(at_hz: float, frequency_hz: FloatArray, psd: FloatArray, we
     for _ in range(60):
         score = (design * weight) @ (psd * np.exp(-estimate @ design) - 1.0) - prior @ (estimate - centre)
         step = np.linalg.solve(information, score)
+        # Scoring may overshoot where few bins scatter widely.
         while (trial := cost(estimate + step)) > current and np.abs(step).max() > 1e-9:
             step = step / 2.0
         estimate, current = estimate + step, trial

@@ -102,10 +102,12 @@ def fit_plane(vectors: FloatArray, nominal_axis: FloatArray) -> PlaneFit:
     _, singular, rows = svd(units)
     if singular[1] < _MIN_SPREAD * singular[0]:
         raise ProcedureError("all motion vectors are parallel: a plane needs both pendulum and flag mountings")
+    # Vectors of one axis leave their plane by milliradians at most: these fill all space.
     if singular[2] > 0.5 * singular[1]:
         raise ProcedureError("the motion vectors span no plane: check axis, configuration and frame of each")
     normal = rows[2] * _sign_towards(nominal_axis, rows[2])
     half_cone = np.arcsin(np.clip(units @ normal, -1.0, 1.0))
+    # A normal has two free angles.
     scatter = float(half_cone @ half_cone) / (n - 2)
     covariance = scatter * (rows[:2].T / singular[:2] ** 2) @ rows[:2]
     theta_m = float(half_cone.mean())
@@ -129,6 +131,7 @@ def angle_between(a: Axis, b: Axis) -> AxisAngle:
         towards_b, towards_a = (b.unit - cosine * a.unit) / sine, (a.unit - cosine * b.unit) / sine
         variance = towards_b @ a.covariance @ towards_b + towards_a @ b.covariance @ towards_a
         sigma = float(np.sqrt(variance))
+    # The arc cosine would lose half the digits for axes nearly parallel.
     return AxisAngle(float(np.arctan2(sine, cosine)), sigma)
 
 

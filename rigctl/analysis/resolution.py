@@ -51,6 +51,7 @@ def amplitude_floor(samples: FloatArray, residuals: FloatArray, basis: HarmonicB
     J(2 pi A / q): (2 q / pi)^2 q / (2 pi^2 A) in the mean square.
     """
     step = quantum(samples)
+    # Noise of half a step dithers: the error of counting is then white, uniform over a step.
     if residuals.std() >= 0.5 * step:
         mean = step**2 / 12.0 / basis.samples
         return np.array([mean, *[2.0 * mean] * basis.harmonics])

@@ -19,7 +19,9 @@ ComplexLike = TypeVar("ComplexLike", complex, ComplexArray)
 
 # Beyond this the columns are a mixture no amplitude can be read from.
 _MAX_CONDITION = 1e3
+# Of a sample period: times written with few digits stray by less, and the phase at Nyquist by 9 degrees at most.
 _GRID_TOLERANCE = 0.05
+# Without a grid every bin costs a sum over all samples.
 _MAX_LOMB_BINS = 1024
 
 
@@ -181,6 +183,7 @@ class HarmonicBasis:
     @cached_property
     def variance_factors(self) -> FloatArray:
         """By how much each harmonic's variance, the mean of its two parts, exceeds S / T; shape (harmonics,)."""
+        # Samples of white noise of one-sided density S have the variance S / 2 dt.
         rows = (self._inverse**2).sum(axis=1)[2 : 2 + 2 * self.harmonics]
         return np.asarray(rows.reshape(-1, 2).mean(axis=1) * self.duration_s / (2.0 * self.sample_period_s))
 
@@ -194,6 +197,7 @@ class HarmonicBasis:
                 f"{frequencies.max():g} Hz is not below the Nyquist frequency {nyquist_hz:g} Hz: "
                 "sample faster or fit fewer harmonics"
             )
+        # Written times are rounded: a record of exactly one period may come out a little short.
         if self.duration_s * self.frequency_hz < 1.0 - 1e-6:
             raise DataError(
                 f"record of {self.duration_s:g} s is shorter than one period of {self.frequency_hz:g} Hz: "
@@ -204,11 +208,13 @@ class HarmonicBasis:
         """The columns, each contiguous in memory."""
         rows = np.empty((2 + 2 * (self.harmonics + len(self.lines_hz)), self.samples))
         rows[0] = 1.0
+        # From -1 to 1, as large as the other columns: the condition number then speaks of likeness, not of units.
         rows[1] = (self.t_s - self.time_s) * (2.0 / self.duration_s)
         angle = 2.0 * np.pi * self.frequency_hz * self.t_s
         turn = np.empty(self.samples, dtype=np.complex128)
         np.cos(angle, out=turn.real)
         np.sin(angle, out=turn.imag)
+        # Harmonics as powers of one phasor: a product costs a tenth of a sine.
         phasor = turn
         for h in range(self.harmonics):
             rows[2 + 2 * h], rows[3 + 2 * h] = phasor.real, phasor.imag
@@ -241,6 +247,7 @@ def _guarded_inverse(design: FloatArray, basis: HarmonicBasis) -> FloatArray:
     condition = np.inf
     if basis.samples > design.shape[1]:
         try:
+            # One pass is orthonormal to rounding times the condition squared only; the second mends that.
             for _ in range(2):
                 part = (inverse.T @ design.T).T
                 triangle = np.linalg.cholesky(part.T @ part).T

@@ -35,6 +35,7 @@ class UnitColumns:
     def along_draws(self, draws: NDArray[np.float32], name: object) -> NDArray[np.float32]:
         """Products with draws of noise (draws, n), shape (draws, choices, d); kept for the last by `name`."""
         if self._drawn is None or self._drawn[0] != name:
+            # Single precision: draws tell the number of trials to 16 % only, and are the largest arrays there are.
             self._drawn = name, draws @ self._columns.astype(np.float32)
         return self._drawn[1].reshape(-1, self.choices, self.dimension)
 

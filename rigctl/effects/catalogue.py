@@ -24,6 +24,7 @@ Need = Literal["temperature", "approach", "time"]
 """A condition without which an effect cannot be asked about."""
 
 
+# Equal if identical: mappings have no hash, and effects are keys.
 @dataclass(frozen=True, eq=False)
 class Effect:
     """One piece of physics: what it adds, at which point of the chain, with which parameters.
@@ -64,6 +65,7 @@ class Effect:
     @property
     def file(self) -> str:
         """Where its function stands; "" when that is not known."""
+        # A plug-in's function is wrapped by a guard, whose own file is not the one asked for.
         return str(getattr(getattr(unwrap(self.function), "__code__", None), "co_filename", ""))
 
 
@@ -139,6 +141,7 @@ def described(error: Exception) -> str:
 
 def unknown_effect(name: str, known: Collection[str]) -> ConfigError:
     """Nobody knows it: what it may have been meant to be, and how an effect of one's own becomes known."""
+    # However unlike: a list to choose from helps more than none.
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.0)
     nearest = f"the nearest are {', '.join(near)}; " if near else ""
     return ConfigError(f"unknown effect '{name}'; {nearest}`rigctl effects` lists all, --plugin FILE adds your own")

@@ -22,6 +22,7 @@ from rigctl.effects.catalogue import Effect, described, effects_in, line_of
 CALL_PATIENCE_S = 60.0
 """A call of an effect takes milliseconds, seconds on days of samples."""
 
+# What is overdue is noticed so much later at most; a timer for each call would cost more than most calls.
 _LOOK_S = 0.5
 
 
@@ -76,6 +77,7 @@ class Watch:
 
 def _raise_in(thread: int, error: type[BaseException] | None) -> None:
     what = ctypes.py_object(error) if error else None
+    # Signals reach the main thread only; this is CPython's one way to interrupt any other.
     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), what)
 
 
@@ -108,6 +110,7 @@ def _civil(who: str) -> Iterator[None]:
             yield
     except Overdue:
         raise PluginError(f"{who} does not return within {CALL_PATIENCE_S:g} s; mend it, or leave it out") from None
+    # Ctrl-C is the user's and no fault of the file.
     except (Exception, KeyboardInterrupt):
         raise
     except BaseException as error:
@@ -116,10 +119,12 @@ def _civil(who: str) -> Iterator[None]:
 
 def executed(path: Path, source: bytes) -> ModuleType:
     """The module that a file's text makes; `ConfigError` for what fails in it."""
+    # Named for its text: two files called alike do not replace each other.
     name = f"rigctl_plugin_{hashlib.sha256(source).hexdigest()[:12]}"
     module = ModuleType(name)
     module.__file__ = str(path)
     try:
+        # Not with this module's own `from __future__` imports.
         code = compile(source, str(path), "exec", dont_inherit=True)
     except SyntaxError as error:
         raise ConfigError(one_line(f"{path}, line {error.lineno}: {error.msg}")) from None

@@ -93,6 +93,7 @@ def load(path: Path) -> Plugin:
         source = read_regular(path, PLUGIN_BYTES)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}; check --plugin") from None
+    # First, and in another process: from here on its code runs in this one.
     rehearse(path, source)
     effects: dict[str, Effect] = {}
     for each in effects_of(executed(path, source)):
@@ -106,6 +107,7 @@ def load(path: Path) -> Plugin:
 def _flaw_of_id(effect: Effect, before: Mapping[str, Effect]) -> str | None:
     if effect.id in before:
         return "there are two of this id in the file; rename one"
+    # Ids stand in files and recordings: a plug-in must not change what a known one means.
     if any(effect.id in catalogue(name) for name, each in EXPERIMENTS.items() if effect.on in each.points):
         return "rigctl has an effect of this id; choose another"
     return None

@@ -31,6 +31,7 @@ _PROGRAM = (
     "import json, sys; path, name, result = json.loads(sys.argv[1]); sys.path[:] = path;"
     " from rigctl.effects.rehearsal import perform; perform(name, result)"
 )
+# A file that prints without end then fails by itself instead of filling the disk.
 _WRITES_BYTES = 64 * MIB
 _MEND = "mend the file, or leave it out of --plugin"
 
@@ -64,6 +65,7 @@ def _performed(path: Path, text: BinaryIO, result: BinaryIO, printed: BinaryIO) 
         stdout=printed,
         stderr=subprocess.DEVNULL,
         pass_fds=[result.fileno()],
+        # A group of its own: ending it ends what the file started as well.
         start_new_session=True,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )
@@ -85,9 +87,11 @@ def perform(name: str, result: int) -> None:
     """The other process: run the file, call its effects, tell by the descriptor `result`, and end."""
     source = sys.stdin.buffer.read()
     main = os.getpid()
+    # Inherited by whatever the file starts, however it writes.
     resource.setrlimit(resource.RLIMIT_FSIZE, (_WRITES_BYTES, _WRITES_BYTES))
 
     def tell(**what: object) -> None:
+        # A process forked by other means than `os.fork` must not report for this one.
         if os.getpid() == main:
             os.write(result, json.dumps(what).encode() + b"\n")
 
@@ -104,12 +108,14 @@ def perform(name: str, result: int) -> None:
         tell(at="")
     except BaseException as error:  # noqa: BLE001 - sys.exit and whatever else a user's file may raise
         tell(flaw=f"raises {type(error).__name__}, which would end the program")
+    # What waits in the buffer is text on stdout as well.
     sys.stdout.flush()
     if os.fstat(1).st_size:
         tell(flaw="prints to stdout, where a command's result goes; print to stderr")
     if _handlers() != before:
         tell(flaw="changes how signals are handled")
     tell(done=True)
+    # At once: nothing that the file registered for the end of a program runs.
     os._exit(0)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import Effect, experiment_of
 
+# Of the largest signal, and of the effect's own size: rounding.
 _NOTHING = 1e-12
 _DIFFERENT = 1e-12
 
@@ -33,6 +34,7 @@ class AnyColumns(dict[str, FloatArray]):
     def __getitem__(self, name: str) -> FloatArray:
         self.asked.append(name)
         rng = np.random.default_rng(list(name.encode()))
+        # Never zero nor negative: an effect may divide by a column or take its logarithm.
         return rng.uniform(1.0, 2.0, self._shape)
 
 
@@ -48,6 +50,7 @@ def flaw_of_function(effect: Effect) -> str | None:
         flaw = _flaw_of_values(added, shape)
         if flaw:
             return f"{how} {flaw}"
+        # One that asks for columns of the laboratory's own is judged on the recording: those here are made up.
         if not run.columns.asked and not _is_a_number_somewhere(added, shape):
             return f"{how} it returns nan or inf in every run"
     if not np.array_equal(before, run.signal):
@@ -55,6 +58,7 @@ def flaw_of_function(effect: Effect) -> str | None:
     if np.any(np.abs(_returned(effect, run, absent)) > _NOTHING * np.abs(run.signal).max()):
         return "it adds something with its parameters at zero; choose parameters so that zero means absent"
     for name in sizes:
+        # Two ways: a parameter may act on other runs only (after a time, above a limit), but still be used.
         if not _depends(effect, run, sizes, name) and not _uses(effect, run, sizes, name):
             return f"what it adds does not depend on {name}; use it, or leave it out"
     return None
@@ -112,6 +116,7 @@ def _depends(effect: Effect, run: Any, sizes: dict[str, FloatArray], name: str) 
     """Whether doubling or dropping one parameter makes a difference."""
     here, *others = (
         np.broadcast_to(_returned(effect, run, {**sizes, name: factor * sizes[name]}), _shape_of(run))
+        # Two changes: an effect that is periodic in a parameter may be the same after one of them.
         for factor in (1.0, 0.0, 2.0)
     )
     known = np.isfinite(here)
