@@ -17,6 +17,7 @@ from rigctl.core.units import ABSOLUTE_ZERO_C, ANGLE_MAX_DEG, HOTTEST_C
 
 Columns = Mapping[str, FloatArray]
 
+# Prefixes that are mistaken for each other: milli, micro, nano, in both directions.
 SLIPS = (1e3, 1e-3, 1e6, 1e-6, 1e9, 1e-9)
 SLIP_WITHIN = 1.4
 """How far an amplitude may be from a thousand times another to be taken for the same one."""
@@ -88,6 +89,7 @@ def number(text: str) -> float:
     try:
         return decimal_or_missing(text)
     except NotMeasurable:
+        # Before ValueError, of which it is one: its own message says more.
         raise
     except ValueError:
         hint = ", with a decimal point" if "," in text else ""

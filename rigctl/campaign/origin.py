@@ -29,6 +29,7 @@ def rig_file_of(store: Store, *, with_world: bool = False) -> RigFile:
             raise DataError(f"{store.path}: {truth} is missing; the simulated world cannot be made again without it")
         text = f"{text}\n\n{truth.read_text(encoding='utf-8')}"
     rig_file = parse_rig(text, store.path)
+    # A world edited since would measure the rest of the campaign in another nature.
     if with_world and rig_file.world_sha256 != store.header.world_sha256:
         raise DataError(f"{truth} is not the world {store.path} was measured in; restore the original")
     return rig_file

@@ -157,6 +157,7 @@ def flaw_of_run_id(run_id: str) -> str | None:
         return "is empty or begins or ends with a space"
     if run_id in {".", ".."} or any(c in run_id for c in "/\\") or not run_id.isprintable():
         return "cannot name a file"
+    # File systems count bytes, 255 at most; the suffixes need some of them.
     if len(run_id.encode()) > MAX_RUN_ID_BYTES:
         return f"is longer than {MAX_RUN_ID_BYTES} bytes"
     return None

@@ -25,6 +25,7 @@ def status_in(store: Store) -> dict[str, Any]:
         # Either there never was a campaign here, or it was killed before it could say anything.
         state = "done" if store.last_event(IMPORTED) else "running"
         status = {"state": state, "step": "", "runs_planned": finished, "eta_s": 0.0}
+    # A process that was killed cannot write that it ended, but its lock ended with it.
     if status["state"] in {"running", "paused"} and not is_held(store_lock(store.path)):
         status["state"] = "interrupted"
     # A study has runs whose samples nobody keeps.

@@ -46,11 +46,13 @@ def import_bundle(path: Path, store_path: Path) -> Store:
         raise DataError(f"{store_path}: exists already; name another store")
     if not store_path.parent.is_dir():
         raise DataError(f"{store_path}: no such directory; make it first")
+    # In the same directory, so that the rename is one step of one file system; a store has its name only when whole.
     partial = store_path.with_name(f".{store_path.name}.{os.getpid()}")
     try:
         with open_bundle(path) as files:
             _fill(partial, BundleReader(files))
         partial.rename(store_path)
+    # Ctrl-C too: whatever ends an import must not leave part of a store.
     except BaseException:
         for suffix in ("", "-wal", "-shm", synced.SUFFIX):
             partial.with_name(partial.name + suffix).unlink(missing_ok=True)
@@ -110,6 +112,7 @@ def salvage_bundle(store: Path, directory: Path) -> Salvaged:
     salvage = Salvage(store)
     header = salvage.header or Header(salvage.guessed, extra={"salvaged": HEADER_LOST})
     saved: list[str] = []
+    # Only the header is taken from this: `_saved` gives the runs, and tells `saved` and `lost` as they pass.
     _write(Recording(header, (), {}, ImportReport(0)), _saved(salvage, header, saved), directory)
     return Salvaged(tuple(saved), (*(() if salvage.header else (HEADER_LOST,)), *salvage.lost))
 

@@ -65,13 +65,16 @@ def check_samples(
         remarks.append(short)
     masked = [
         *_time_base(t_s, step_s),
+        # While the platform turns no sample counts, and what moves is said by 0 and 1, checked elsewhere.
         *_missing(file, [name for name in layout.samples_of(conditions) if name not in {"t_s", "moving"}]),
         *_saturated(file, channels, _moving(file)),
         *_impossible(file),
     ]
+    # Analyses that mask samples themselves lose those samples only; for all others the run is unusable.
     (remarks if layout.handles_missing else invalid).extend(masked)
     invalid.extend(_wholly_missing(file, layout.samples_of(conditions)) if layout.handles_missing else ())
     remarks.extend(_rate(conditions, step_s))
+    # Units are compared with amplitudes in the samples, which those of a run that was given up need not have.
     if declared_valid and not invalid:
         units = layout.units_of(conditions, file.columns, constants)
         if units.slip:
@@ -85,6 +88,7 @@ def _require_columns(file: SampleFile, names: Sequence[str]) -> None:
         if name in file.columns:
             continue
         line = 1 if file.text is not None else None
+        # Only columns that no other requirement names: a rename must not open the next gap.
         near = difflib.get_close_matches(name, [c for c in file.columns if c not in names], n=1)
         mend = f"rename {near[0]}" if near else "add it"
         raise file.place.error(f"column {name} is missing; {mend} (there are {', '.join(file.columns)})", line)
@@ -108,7 +112,9 @@ def _require_time(file: SampleFile, t_s: FloatArray) -> float:
 
 
 def _too_short(t_s: FloatArray, step_s: float, period_s: float) -> str | None:
+    # n samples cover n steps: each stands for the step that follows it.
     duration_s = t_s[-1] - t_s[0] + step_s if t_s.size else 0.0
+    # The margin is rounding of times written as decimal text.
     if t_s.size and duration_s >= period_s * (1 - 1e-6):
         return None
     if not t_s.size:
@@ -122,13 +128,16 @@ def _time_base(t_s: FloatArray, step_s: float) -> list[str]:
     steps = np.diff(t_s)
     gaps = steps > GAP * step_s
     if gaps.any():
+        # Rounded, since the clock jitters: a gap of 2.97 steps is two samples lost.
         lost = int(np.sum(np.rint(steps[gaps] / step_s) - 1))
         first = int(np.argmax(gaps))
         return [
             f"{int(gaps.sum())} gap{'s' if gaps.sum() > 1 else ''} in t_s, about {lost} samples, "
             f"first after {t_s[first]:.9g} s"
         ]
+    # Against the whole time base as well as step by step: a slow drift has no single step that is wrong.
     even = np.linspace(t_s[0], t_s[-1], t_s.size)
+    # The last sample has no step after it.
     uneven = np.append(np.abs(steps - step_s) > JITTER * step_s, False)
     uneven |= np.abs(t_s - even) > DRIFT * step_s
     if uneven.any():
@@ -168,6 +177,7 @@ def _saturated(file: SampleFile, channels: Mapping[str, ChannelInfo], moving: Fl
     remarks: list[str] = []
     for name, channel in channels.items():
         if channel.full_scale is not None and name in file.columns:
+            # While the platform turns gravity may saturate a sensor; those samples are not used.
             past = (np.abs(file.columns[name]) >= channel.full_scale) & (moving == 0)
             what = f"saturated (full scale {channel.full_scale:g} {channel.unit})"
             remarks += _counted(file, name, past, what)
@@ -180,6 +190,7 @@ def _impossible(file: SampleFile) -> list[str]:
     for name, values in file.columns.items():
         unit = unit_of_column(name)
         low, high = possible_range(unit)
+        # NaN is neither below nor above: a missing value is not impossible.
         wrong = (values < low) | (values > high)
         if wrong.any():
             at = int(np.argmax(wrong))

@@ -42,10 +42,12 @@ def decode(place: Place, data: bytes) -> str:
     `DataError` names the line that is not UTF-8, or is longer than any row.
     """
     try:
+        # Spreadsheets put a byte order mark at the front, which would become part of the first column's name.
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise place.error(f"byte 0x{data[error.start]:02x} is not UTF-8; save it as UTF-8", line) from error
+    # Looked for first, because both replacements copy a text of up to a gigabyte.
     text = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
     _require_short_lines(place, text)
     return text
@@ -54,6 +56,7 @@ def decode(place: Place, data: bytes) -> str:
 def _require_short_lines(place: Place, text: str) -> None:
     at = 0
     while len(text) - at > LINE_CHARACTERS:
+        # Jumps from bound to bound instead of line by line: few steps even for millions of short lines.
         end = text.rfind("\n", at, at + LINE_CHARACTERS + 1)
         if end < 0:
             raise place.error(
@@ -64,6 +67,7 @@ def _require_short_lines(place: Place, text: str) -> None:
 
 def rows_with_lines(place: Place, text: str, before: int = 0) -> Iterator[tuple[int, list[str]]]:
     """The rows that hold anything, as (line, fields), `before` lines above; `DataError` for broken quotes."""
+    # A list, because `_lines` counts up in it what this loop sets back to 0 after every whole row.
     row_so_far = [0]
     reader = csv.reader(_lines(text, row_so_far), strict=True)
     while True:
@@ -95,6 +99,7 @@ def check_header(place: Place, line: int, header: Sequence[str]) -> None:
     """`DataError` unless `header` names every column, each once, and at most `COLUMNS` of them."""
     if len(header) > COLUMNS:
         raise place.error(f"{len(header)} columns, but at most {COLUMNS} are read; leave out what nobody needs", line)
+    # What a spreadsheet with a decimal comma writes.
     if len(header) == 1 and ";" in header[0]:
         raise place.error("fields are separated by semicolons; save it with commas and decimal points", line)
     if all(_is_number(name) for name in header):
@@ -161,6 +166,7 @@ def numbers_or_text(table: CsvTable, name: str) -> tuple[list[float] | list[str]
     spoilt = sorted(spoilt + beyond)
     if not spoilt:
         return numbers, None
+    # Where numbers are no majority the column is meant as text, and nothing is spoilt.
     if 2 * sum(not math.isnan(x) for x in numbers) <= len(fields):
         return fields, None
     first = spoilt[0]

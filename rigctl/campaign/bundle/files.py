@@ -97,6 +97,7 @@ def _directory(path: Path) -> Iterator[BundleFiles]:
     try:
         folders[""] = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         sizes = _listed(place, folders[""], "")
+        # A table has no folder of runs.
         with suppress(FileNotFoundError, NotADirectoryError):
             folders[_FOLDER] = os.open(_FOLDER, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=folders[""])
             sizes |= _listed(place, folders[_FOLDER], f"{_FOLDER}/")
@@ -132,6 +133,7 @@ def _require_different(place: Place, names: Iterable[str]) -> None:
     """`DataError` for two names that a person, or another file system, takes for one."""
     seen: dict[str, str] = {}
     for name in names:
+        # A bundle made here must also unpack where names ignore case or are stored in another Unicode form.
         same = seen.setdefault(unicodedata.normalize("NFKC", name).casefold(), name)
         if same != name:
             raise place.error(f"{same!r} and {name!r} are one name to other systems; rename or remove one")
@@ -140,6 +142,7 @@ def _require_different(place: Place, names: Iterable[str]) -> None:
 def _zip_files(path: Path, archive: zipfile.ZipFile) -> BundleFiles:
     members = {member.filename: member.file_size for member in archive.infolist() if not member.is_dir()}
     for name in members:
+        # Nothing is unpacked to disk here, but the same archive may be unpacked by other programs.
         if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\\" in name:
             raise Place(str(path)).error(f"member {name!r} points outside the bundle; {_PACK}")
     root = _root(list(members))
@@ -151,5 +154,6 @@ def _zip_files(path: Path, archive: zipfile.ZipFile) -> BundleFiles:
 def _root(members: list[str]) -> str:
     """The folder of the archive that is the bundle: the top, or the one folder that was packed."""
     tops = {name.removesuffix(HEADER_FILE) for name in members if PurePosixPath(name).name == HEADER_FILE}
+    # Packing a directory from outside puts its name before every member; two such folders would be a choice.
     folders = {top for top in tops if top.count("/") == 1}
     return folders.pop() if "" not in tops and len(folders) == 1 else ""

@@ -84,15 +84,18 @@ def _attributes(group: h5py.Group, values: Mapping[str, Any]) -> None:
     for name, value in values.items():
         if value is None or value == {}:
             continue
+        # HDF5 attributes hold 64-bit integers; a larger one goes as text rather than being cut.
         if isinstance(value, bool | float) or (isinstance(value, int) and abs(value) < 2**63):
             group.attrs[name] = value
         else:
+            # HDF5 ends a variable-length string at the first zero byte.
             plain = isinstance(value, str) and "\0" not in value
             group.attrs.create(name, value if plain else dumps(value), dtype=_TEXT)
 
 
 def _member(name: str) -> str:
     """HDF5 reads a slash in a name as a path; a column may have one."""
+    # U+2215 looks like a slash and is none.
     return name.replace("/", "∕")
 
 

@@ -66,6 +66,7 @@ class BundleReader:
         table = read_table(self._files.place("runs.csv"), data, RUNS)
         rows = _run_rows(table, layout, self._warnings)
         self._warn_of_the_header(layout)
+        # Collected on the way: that no run file has a channel is known only after the last one.
         seen: set[str] = set()
         for line, (run_id, conditions) in zip(table.lines, rows, strict=True):
             if layout.patterns:
@@ -77,10 +78,12 @@ class BundleReader:
 
     def _checked(self, layout: Layout, run_id: str, row: Mapping[str, Any], file: SampleFile) -> RunRecord:
         conditions = {name: value for name, value in row.items() if name not in {"valid", "reason"}}
+        # A missing `valid` is NaN, which means valid.
         declared = row.get("valid", True) is not False
         findings = check_samples(
             layout, conditions, file, self.header.channels, self.header.constants, declared_valid=declared
         )
+        # An exported reason already contains the findings; they must not be appended again at each round trip.
         given = str(row.get("reason", ""))
         reasons = [given] if given else [] if declared else ["marked invalid in runs.csv"]
         reasons += [found for found in (*findings.invalid, *findings.remarks) if found not in given]
@@ -100,6 +103,7 @@ class BundleReader:
         for name in table.header:
             values, remark = numbers_or_text(table, name)
             self._warnings += [remark] if remark else []
+            # Text columns go with the conditions, because samples are 64-bit floats and nothing else.
             if values and isinstance(values[0], float):
                 samples[name] = np.array(values, dtype=np.float64)
             else:
@@ -138,6 +142,7 @@ class BundleReader:
             if name is None:
                 continue
             _require_columns(table, [name], f", which [table] {key} names")
+            # A column of time stamps is text here and becomes seconds when it is analysed.
             if numeric and name not in samples and seconds_of_stamps(table.column(name)) is None:
                 line, text = next((n, t) for n, t in table.fields(name) if not _is_number(t))
                 raise table.place.error(

@@ -18,6 +18,7 @@ from rigctl.core.numbers import MAGNITUDE_MAX
 from rigctl.core.toml import TomlFlaw, parsed, to_toml
 from rigctl.core.units import flaw_of_constant, same_unit, unit_of_column
 
+# tomllib tells no position of a value, so keys are looked for in the text once an error needs its line.
 _KEY = r"""(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|'[^']*')"""
 _KEY_PATH = rf"{_KEY}(?:\s*\.\s*{_KEY})*"
 _SECTION = re.compile(rf"\s*\[\[?\s*({_KEY_PATH})\s*\]")
@@ -46,6 +47,7 @@ class TomlDocument:
                 here = (*section, *_names(match[1]))
             else:
                 continue
+            # The deepest line that leads to the key: the key's own, or the section in which it is missing.
             if len(here) > depth and keys[: len(here)] == here:
                 best, depth = number, len(here)
         return best
@@ -67,6 +69,7 @@ def parse_toml(place: Place, data: bytes) -> TomlDocument:
 FORMAT = 1
 TILT_MAX_DEG = 90.0
 _NAMED = {"format", "experiment", "title", "started", "constants", "channels", "lasers"}
+# Has a file of its own, patterns.csv.
 _ELSEWHERE = {"patterns"}
 
 
@@ -120,6 +123,7 @@ def _require_format(document: TomlDocument) -> None:
     number = document.data.get("format")
     if number is None:
         raise document.error(("format",), f"is missing; write format = {FORMAT} in the first line")
+    # True == 1 in Python, but `format = true` is a mistake.
     if number != FORMAT or isinstance(number, bool):
         raise document.error(
             ("format",), f"= {number!r} is not read by this program; write {FORMAT}, or update rigctl"
@@ -149,6 +153,7 @@ def _constant(document: TomlDocument, name: str, value: object) -> float:
 def _channel(document: TomlDocument, name: str) -> ChannelInfo:
     keys = ("channels", name)
     values = dict(_section(document, keys))
+    # The unit that the column's suffix gives; `[channels]` may then leave it out.
     promised = unit_of_column(name)
     unit = _text(document, (*keys, "unit"), values.pop("unit", promised))
     if promised and not same_unit(unit, promised):
@@ -228,6 +233,7 @@ def _text(document: TomlDocument, keys: tuple[str, ...], value: object) -> str:
 def _number(document: TomlDocument, keys: tuple[str, ...], value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise document.error(keys, f"is {value!r}, not a number; write it without quotes or unit")
+    # NaN fails this too: TOML can write nan and inf.
     if not abs(value) <= MAGNITUDE_MAX:
         raise document.error(keys, "is no quantity; write a number, or leave it out")
     return float(value)

@@ -25,7 +25,9 @@ from rigctl.core.experiments import EXPERIMENTS
 HEADER_LOST = "the header was lost: title, constants, channels and lasers are missing, the experiment is a guess"
 
 _FINISHED = "finished"
+# Copies of chunks multiply: without a bound a log with many copies would be tried for ever.
 _MOST_WAYS = 64
+# Columns of a run's row, before and since there are checksums.
 _WITHOUT_SUMS, _WITH_SUMS = 8, 10
 _FIRST_CHUNK = first_chunk_id(1)
 
@@ -61,9 +63,11 @@ class Salvage:
         self._mark: Mark | None = None
         self._runs: dict[int, _Run] = {}
         self._chunks: dict[int, dict[int, list[Cell]]] = {}
+        # Before the pages: the note may lag behind the store, but must not be read ahead of it.
         self._noted = synced.read(path)
         self._pages = Pages(path)
         for cell in self._pages.cells():
+            # All rows first, as pages stand in the file in no order: a run's row may come after its samples.
             self._take(cell)
         if not self._runs and not self._chunks and self.header is None:
             raise DataError(f"{path}: nothing in it is of a campaign store; check the name")
@@ -73,6 +77,7 @@ class Salvage:
         """The experiment, as the runs look."""
         required = {name: _required(name) for name in EXPERIMENTS}
         for run in self._runs.values():
+            # A table's run has a name of its own, and no condition that every table has.
             if run.record.run_id == READINGS:
                 return next(name for name, columns in required.items() if not columns)
             for name, columns in required.items():
@@ -104,6 +109,7 @@ class Salvage:
             yield f"run number {number}: samples are there, but not what they are of"
         known = sum(run.record.state == _FINISHED for run in self._runs.values())
         gone = 0 if self._finished is None else self._finished - known
+        # The ledger counts what was finished, so a row that vanished without a trace is missed too.
         if gone > 0:
             numbers = sorted({*range(1, max(self._runs, default=0))} - self._runs.keys() - self._chunks.keys())
             yield f"finished runs of which there is nothing: {gone}" + (
@@ -111,10 +117,12 @@ class Salvage:
             )
 
     def _take(self, cell: Cell) -> None:
+        # Ids of chunks begin at 2**32, ids of all other rows are small: no table's name is needed to tell.
         if cell.rowid >= _FIRST_CHUNK:
             self._chunks.setdefault(cell.rowid >> 32, {}).setdefault(cell.rowid, []).append(cell)
             return
         for values in self._pages.values(cell):
+            # SQLite stores NULL for the column that is an alias of the row id: every table of a store has one.
             if not values or values[0] is not None:
                 continue
             if (run := _run(cell, values)) is not None:
@@ -123,14 +131,17 @@ class Salvage:
                     self._runs[cell.rowid] = run
             elif self.header is None and cell.rowid == 1:
                 self.header = _header(values)
+            # The ledger's row, by its form. The first seen is the newest, since pages of the log come newest first.
             if self._mark is None and len(values) == 3 + 2 * len(PARTS) and _is(values[1:4], str, int, int):
                 self._mark, self._finished = Mark(values[1], values[2]), values[3]
 
     def _samples(self, number: int, run: _Run) -> Samples | str:
         """The columns of a run, or what is wrong with them."""
+        # What was cut off has no sum to hold it against.
         kept = run.samples_sum if run.record.state == _FINISHED else None
         copies = [self._copies(cells) for _, cells in sorted(self._chunks.get(number, {}).items())]
         flaw = "without samples"
+        # A chunk may be in the log and in the file, or twice in the log; the sum tells which copies belong together.
         for chunks in islice(product(*copies), _MOST_WAYS):
             sums = ColumnSums()
             for name, data in chunks:
@@ -144,6 +155,7 @@ class Salvage:
     def _copies(self, cells: list[Cell]) -> list[tuple[str, bytes]]:
         """The copies of a chunk that differ, the newest first."""
         copies = [values[1:3] for cell in cells for values in self._pages.values(cell) if _is(values[1:], str, bytes)]
+        # Most copies are the same bytes: only those that differ multiply the ways to try.
         return list(dict.fromkeys((name, data) for name, data in copies)) or [("?", b"")]
 
 
@@ -159,14 +171,17 @@ def _is(values: Values, *kinds: type) -> bool:
 
 def _run(cell: Cell, values: Values) -> _Run | None:
     """A row of the table of runs; None for any other."""
+    # Tables are told apart by number and types of their values; the declarations may be lost.
     if len(values) not in (_WITHOUT_SUMS, _WITH_SUMS) or not _is(values[1:8], str, str, str, str, str, int, str):
         return None
     run_id, key, step, conditions, state, valid, reason = values[1:8]
+    # A row from before there were checksums cannot be verified, which is not the same as being wrong.
     samples_sum, verified = None, None
     if len(values) == _WITH_SUMS:
         samples_sum = values[8]
         total = row_sum("runs", cell.rowid, run_id, key, step, conditions, valid, reason, state, samples_sum)
         verified = total == values[9]
+    # A damaged name must not lead outside the directory of the bundle.
     if verified is False and flaw_of_run_id(run_id):
         run_id = f"number {cell.rowid}"
     record = RunRecord(run_id, key, step, _read(conditions), bool(valid), reason, state)

@@ -24,6 +24,7 @@ from rigctl.core.bounds import COLUMNS, NPZ_BYTES, RUN_TEXT_BYTES, RUN_VALUES, S
 from rigctl.core.errors import DataError
 from rigctl.core.numbers import MAGNITUDE_MAX, NotMeasurable, decimal_or_missing, measurable
 
+# The earliest time a .zip can say. Always the same one, so that equal runs give equal files.
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 _MEND = "write it with numpy.savez, one array per column"
 
@@ -35,6 +36,7 @@ def read_npz(place: Place, file: BinaryIO) -> dict[str, FloatArray]:
         if not members:
             raise place.error(f"no arrays in it; {_MEND}")
         try:
+            # All headers before any data: what the arrays come to is known before memory is taken for them.
             shapes = {_column_of(place, member): _announced(place, archive, member) for member in members}
             _require_equal(place, shapes)
             return {_column_of(place, member): _values(place, archive, member) for member in members}
@@ -54,13 +56,16 @@ def _announced(place: Place, archive: zipfile.ZipFile, member: zipfile.ZipInfo) 
     with archive.open(member) as opened:
         file = cast("BinaryIO", opened)
         version = np.lib.format.read_magic(file)
+        # Version 3 differs from 2 only in the field names of structured types, and these are refused below.
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = read(file)
     name = _column_of(place, member)
+    # Complex, extended precision and objects do not fit into 64-bit floats.
     if len(shape) != 1 or dtype.kind not in "fiub" or dtype.itemsize > 8:
         raise place.error(f"column {name} is {len(shape)}-dimensional {dtype}; {_MEND}")
     if not 0 <= shape[0] <= SAMPLES:
         raise place.error(f"column {name} has {shape[0]} samples, but at most {SAMPLES} are read; split the run")
+    # A header may promise gigabytes for a few bytes; the array would be allocated before that is noticed.
     if shape[0] * dtype.itemsize > member.file_size:
         raise place.error(f"column {name} promises {shape[0]} samples and holds fewer; {_MEND}")
     return shape[0]
@@ -92,6 +97,7 @@ def _values(place: Place, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> 
 
 def npz_bytes(columns: Mapping[str, FloatArray]) -> bytes:
     """The columns as numpy.savez writes them, whatever they are called; the same columns give the same bytes."""
+    # Not numpy.savez: it takes columns as keyword arguments, and one called `file` would clash with its own.
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w") as archive:
         for name, column in columns.items():
@@ -142,6 +148,7 @@ def read_sample_file(files: BundleFiles, run_id: str, row: int) -> SampleFile:
     runs = files.place("runs.csv")
     if not names:
         raise runs.error(f"runs/{run_id}.csv is missing; add it, or remove run {run_id}", row)
+    # Nothing says which of two files holds the run.
     if len(names) > 1:
         raise runs.error(f"run {run_id} has both {' and '.join(names)}; remove all but one", row)
     (name,) = names
@@ -153,6 +160,7 @@ def read_sample_file(files: BundleFiles, run_id: str, row: int) -> SampleFile:
     if name.endswith(".gz"):
         data = gunzipped(place, data, RUN_TEXT_BYTES, _SHORTEN)
     text = decode(place, data)
+    # Up to a gigabyte, which the parser's arrays can use.
     del data
     return SampleFile(place, _read_csv(place, text), text)
 
@@ -162,6 +170,7 @@ def _read_csv(place: Place, text: str) -> dict[str, FloatArray]:
     if header is None:
         raise place.error("empty; write the column names in the first line", line)
     check_header(place, line, header)
+    # A file with a header and no rows still has its columns.
     pieces = [np.empty((0, len(header)))]
     for before, piece in _pieces(text, line):
         values = _fast(piece, len(header))
@@ -193,9 +202,11 @@ def _fast(text: str, width: int) -> FloatArray | None:
     if not text.strip():
         return np.empty((0, width))
     try:
+        # A `#` in a field is no comment: it would silently shorten the row.
         values = np.loadtxt(io.StringIO(text), dtype=np.float64, delimiter=",", comments=None, ndmin=2)
     except ValueError:
         return None
+    # numpy reads `inf`, which the grammar of numbers does not: the slow way finds where it stands.
     return values if values.shape[1] == width and measurable(values) else None
 
 
@@ -227,6 +238,7 @@ def csv_bytes(columns: Mapping[str, FloatArray]) -> bytes:
     """The columns, of equal length, as CSV whose numbers read back bit for bit; NaN is `nan`."""
     header = io.StringIO()
     csv.writer(header, lineterminator="").writerow(columns)
+    # The shortest text that reads back as the same 64-bit float.
     fields = [map(float.__repr__, column.tolist()) for column in columns.values()]
     lines = [header.getvalue(), *map(",".join, zip(*fields, strict=True)), ""]
     return "\n".join(lines).encode()

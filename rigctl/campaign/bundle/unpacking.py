@@ -26,6 +26,7 @@ _ENTRY = b"PK\x01\x02"
 
 def gunzipped(place: Place, data: bytes, limit: int, mend: str) -> bytes:
     """A .gz's content; `DataError`, ending in `mend` where it is larger than `limit` bytes."""
+    # The trailer of gzip has the size modulo 2**32, and may be wrong: a quick refusal, while the loop decides.
     announced = int.from_bytes(data[-4:], "little")
     if limit < announced <= _DEFLATE_RATIO * len(data):
         raise place.error(f"{amount(announced)} unpacked, but at most {amount(limit)} are read; {mend}")
@@ -35,6 +36,7 @@ def gunzipped(place: Place, data: bytes, limit: int, mend: str) -> bytes:
         with gzip.GzipFile(fileobj=packed) as file:
             while piece := file.read(_PIECE):
                 content.write(piece)
+                # After every piece: a bomb is found after megabytes, not when the memory is full.
                 _require_ratio(place, content.tell(), packed.tell())
                 if content.tell() > limit:
                     raise place.error(f"more than {amount(limit)} unpacked; {mend}")
@@ -57,6 +59,7 @@ def open_zip(place: Place, file: BinaryIO, members_max: int, mend: str) -> zipfi
     total = sum(member.file_size for member in members)
     if total > ZIP_BYTES:
         raise place.error(f"{amount(total)} unpacked, but at most {amount(ZIP_BYTES)} are read; {mend}")
+    # Over the whole archive: a single column may well be constant.
     _require_ratio(place, total, file.seek(0, io.SEEK_END))
     names: set[str] = set()
     for member in members:
@@ -84,6 +87,7 @@ def _require_ratio(place: Place, unpacked: int, packed: int) -> None:
 
 
 def _flaw_of_member(member: zipfile.ZipInfo) -> str | None:
+    # A .zip made on Unix has the file's mode in the upper 16 bits; elsewhere they are 0.
     kind = stat.S_IFMT(member.external_attr >> 16)
     if kind == stat.S_IFLNK:
         return "is a link"
@@ -97,12 +101,14 @@ def _flaw_of_member(member: zipfile.ZipInfo) -> str | None:
 def _require_short_list(place: Place, file: BinaryIO, members_max: int, mend: str) -> None:
     """Before zipfile reads the list of contents, which takes it seconds for a million entries."""
     size = file.seek(0, io.SEEK_END)
+    # The end record stands last, before a comment of at most 64 KiB.
     tail_bytes = min(size, _END.size + (1 << 16) + _LOCATOR.size + _END_64.size)
     file.seek(size - tail_bytes)
     listed = _list_bytes(file.read(tail_bytes))
     if listed > ZIP_DIRECTORY_BYTES:
         raise place.error(f"a list of contents of {amount(listed)}; {mend}")
     file.seek(max(0, size - tail_bytes - listed))
+    # Counted by its mark, because the number in the end record has 16 bits and may be false.
     members = file.read().count(_ENTRY)
     if members > members_max:
         raise place.error(f"{members} files packed, but at most {members_max} are read; {mend}")
@@ -116,6 +122,7 @@ def _list_bytes(tail: bytes) -> int:
         return 0
     size: int = _END.unpack_from(tail, at)[5]
     wide = tail.rfind(b"PK\x06\x06", 0, at)
+    # The 64-bit record counts where the old field says it is too small for the size.
     if wide >= 0 and at - wide >= _END_64.size:
         size = max(size if size != 0xFFFFFFFF else 0, _END_64.unpack_from(tail, wide)[8])
     return size

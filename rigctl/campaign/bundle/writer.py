@@ -40,6 +40,7 @@ def whole_directory(directory: Path) -> Iterator[Path]:
         raise DataError(f"{directory}: cannot be made ({error.strerror}); name another place") from error
     try:
         yield partial
+        # mkdtemp makes directories that only their owner can read.
         partial.chmod(0o755)
         partial.replace(directory)
     except BaseException:
@@ -55,6 +56,7 @@ def write_runs(source: RunSource, runs: Iterator[RunWithSamples], directory: Pat
     for record, samples in runs:
         _write_samples(directory / "runs", record.run_id, samples)
         records.append(record)
+    # Last: the runs come one at a time, and their rows are complete only when all samples have passed.
     _write_table(directory / "runs.csv", *_run_table(records))
     if patterns := source.header.extra.get("patterns"):
         _write_table(directory / "patterns.csv", list(patterns), zip(*patterns.values(), strict=True))
@@ -70,6 +72,7 @@ def write_readings(source: RunSource, runs: Iterator[RunWithSamples], directory:
 
 
 def _run_table(records: Sequence[RunRecord]) -> tuple[list[str], Iterator[list[Any]]]:
+    # In the order in which runs first had them: not every run has every condition.
     names = list(dict.fromkeys(name for record in records for name in record.conditions))
     reason = ["reason"] if any(record.reason for record in records) else []
     rows = (
@@ -95,9 +98,11 @@ def _write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]
 def _field(value: object) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
+    # Before numbers: bool is an int in Python, and True would be written as text.
     if isinstance(value, bool):
         return str(int(value))
     if isinstance(value, str | int | float):
+        # str of a float is its shortest text that reads back bit for bit.
         return str(value)
     return json.dumps(value)
 

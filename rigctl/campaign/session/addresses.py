@@ -16,8 +16,11 @@ RESOLVE_S = 2.0
 """How long a host name may take; a name that nobody knows by then stands for itself."""
 
 THIS_MACHINE = "this machine"
+# Registered with IANA; a resource may name another.
 HISLIP_PORT = 4880
+# Keysight's instruments: the same interpreter behind both, once raw and once with echo and prompt.
 SCPI_TELNET_PORT, SCPI_PORT = 5024, 5025
+# 65535 is VISA's way to say that a GPIB device has no secondary address.
 NO_SECONDARY = ("", "65535")
 
 
@@ -50,6 +53,7 @@ def claims_of(address: str) -> Claims:
                 return _of_resource(_without_options(rest))
             case _:
                 return _of_resource(_without_options(text))
+    # Unknown to us is not unusable: pyvisa may know it. Equal spellings at least exclude each other.
     except ValueError:
         return frozenset({Claim(text.casefold())})
 
@@ -92,6 +96,7 @@ def _of_resource(name: str) -> Claims:
 
 def _of_socket(host: str, port: int) -> Claims:
     hosts = _hosts(host)
+    # On this machine both may be simulators of different instruments.
     if port == SCPI_TELNET_PORT and THIS_MACHINE not in hosts:
         port = SCPI_PORT
     return _claims(hosts, Claim("sockets", shared=True), Claim(f"port {port}"))
@@ -107,6 +112,7 @@ def _of_lan_device(host: str, device: str) -> Claims:
     if port != HISLIP_PORT or (interface[2] and THIS_MACHINE in hosts):
         return _claims(hosts, Claim("sockets", shared=True), Claim(f"port {port}"))
     if number:
+        # A gateway numbers what is behind it; 0 is the instrument itself, which also owns the host's sockets.
         return _claims(hosts, Claim(f"device {number}"))
     return _claims(hosts, Claim("sockets"), Claim("device 0"))
 
@@ -115,6 +121,7 @@ def _of_gpib(board: int, primary: int, secondary: str) -> Claims:
     name = f"gpib {board} {primary}"
     if secondary in NO_SECONDARY:
         return frozenset({Claim(name)})
+    # Two secondary addresses may be used by two programs, but not one of them and the device as a whole.
     return frozenset({Claim(name, shared=True), Claim(f"{name} {int(secondary)}")})
 
 
@@ -141,6 +148,7 @@ def _hosts(name: str) -> set[str]:
     plain = name.strip("[]").rstrip(".").lower()
     if not plain:
         raise ValueError(name)
+    # The name itself is claimed too, for programs that cannot look it up while this one can.
     return {plain, *(THIS_MACHINE if _is_this_machine(ip) else str(ip) for ip in _looked_up(plain))}
 
 
@@ -156,13 +164,16 @@ def _looked_up(host: str) -> set[IpAddress]:
         with suppress(OSError, UnicodeError):
             resolved.extend(str(entry[4][0]) for entry in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM))
 
+    # getaddrinfo knows no time-out; a daemon thread may hang on a dead name server and delay nobody.
     asking = Thread(target=ask, daemon=True, name=f"look up {host}")
     asking.start()
     asking.join(RESOLVE_S)
+    # A copy: the thread may still append when the time is up.
     return {_plain(ipaddress.ip_address(text)) for text in tuple(resolved)}
 
 
 def _plain(ip: IpAddress) -> IpAddress:
+    # ::ffff:10.0.0.1 is the host 10.0.0.1.
     return getattr(ip, "ipv4_mapped", None) or ip
 
 
@@ -172,6 +183,8 @@ def _is_this_machine(ip: IpAddress) -> bool:
         return True
     family = socket.AF_INET if ip.version == 4 else socket.AF_INET6
     with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as way:
+        # For UDP this only chooses the route and sends nothing; 9 is the discard port, and any would do.
         way.connect((str(ip), 9))
+        # An IPv6 link-local address may carry its interface after a %.
         return str(way.getsockname()[0]).partition("%")[0] == str(ip).partition("%")[0]
     return False

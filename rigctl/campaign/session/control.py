@@ -53,12 +53,15 @@ class Control:
 
     def abort(self, reason: str) -> None:
         """Halt all motion now and end the campaign; what is recorded stays."""
+        # The first reason stays: later aborts are often the echo of the first.
         self.reason = self.reason or reason
+        # Before the pause ends: whoever waits in it must find the abort, not go on to its next motion.
         self._aborted.set()
         self._paused.clear()
         try:
             self._make_safe()
         finally:
+            # Also where an instrument did not confirm: between two motions no driver knows that it was stopped.
             self._disconnect()
 
     def bring_to_rest(self) -> None:
@@ -104,6 +107,7 @@ class RequestWatcher:
         self._thread.join()
 
     def _watch(self) -> None:
+        # A store of its own: a connection belongs to the thread that opened it.
         with Store.open(self._path) as store:
             while not self._ended.wait(HEED_S):
                 with suppress(RigError):

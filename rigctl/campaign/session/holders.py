@@ -56,9 +56,11 @@ class Used:
 
     def stop(self) -> None:
         """As the instrument's."""
+        # At once if the instrument serves two clients; a serial line may be refused, and is stopped below.
         with suppress(RigError):
             self.instrument.stop()
         self.holder.await_left()
+        # Once more: the program that has left may have sent a motion after the first stop.
         self.instrument.stop()
 
 
@@ -88,10 +90,12 @@ def process_at(lock: Path) -> int | None:
         lines = LOCKS.read_text(encoding="ascii").splitlines()
     except OSError:
         return None
+    # The kernel names files by device and inode, with the device's numbers in hexadecimal.
     where = f"{os.major(file.st_dev):02x}:{os.minor(file.st_dev):02x}:{file.st_ino}"
     for line in lines:
         match line.split():
             case [_, "FLOCK", _, "WRITE", process, held, *_] if held == where and process.isdecimal():
+                # 0 stands for a process of another namespace, as seen from a container.
                 return int(process) or None
     return None
 

@@ -34,6 +34,7 @@ def held(path: Path, refusal: str, *, shared: bool = False) -> Iterator[None]:
 
     Those who want it `shared` do not exclude each other.
     """
+    # flock, not a file with a process number in it: the kernel releases it when the process ends, however it ends.
     handle = _taken(path, fcntl.LOCK_SH if shared else fcntl.LOCK_EX)
     if handle is None:
         raise RigError(refusal)
@@ -68,6 +69,7 @@ def _is_at(path: Path, handle: int) -> bool:
 def _open(path: Path) -> int:
     """The lock file, made if need be; `DataError` when it is anything but a plain file."""
     try:
+        # Between a look and the making another program may make or delete it; O_EXCL tells, and the loop looks again.
         while True:
             with suppress(FileNotFoundError):
                 return _opened(path)
@@ -82,6 +84,7 @@ def _open(path: Path) -> int:
 
 def _opened(path: Path) -> int:
     """Opened without O_CREAT, which Linux refuses on others' files in a directory for all; links may be traps."""
+    # Non-blocking, because a pipe that somebody put there would be waited for.
     flags = os.O_NOFOLLOW | os.O_NONBLOCK
     try:
         handle = os.open(path, os.O_RDWR | flags)
@@ -121,6 +124,7 @@ def store_lock(store: Path) -> Path:
 
 def instrument_lock(claim: Claim) -> Path:
     """The lock file of a claim, the same for every user of this machine; `RigError` when no place is for all."""
+    # A claim may hold slashes or be longer than a file's name; 64 bits do not collide by chance.
     digest = hashlib.sha256(claim.name.encode()).hexdigest()[:16]
     return _directory() / f"rigctl-{digest}.lock"
 
@@ -141,6 +145,7 @@ def instruments_held(rig: RigFile, refusal: str) -> Iterator[None]:
     """
     claimed = claimed_by(rig)
     with ExitStack() as stack:
+        # All programs take them in one order: of two that begin at once, one gets all and the other none.
         for claim, address in sorted({claim: address for address, claims in claimed for claim in claims}.items()):
             stack.enter_context(held(instrument_lock(claim), f"{refusal} ({address})", shared=claim.shared))
         yield

@@ -137,6 +137,7 @@ class TypedLines:
 
     def _read(self) -> bytes:
         try:
+            # Not input(): it cannot be left while nobody types, and an abort has to be heeded.
             if not select.select([sys.stdin], [], [], HEED_S)[0]:
                 self._heed()
                 return b""
@@ -229,6 +230,7 @@ def _awaited(act: Callable[[], dict[str, Any]], heed: Callable[[], None]) -> dic
         except BaseException as error:  # noqa: BLE001 - raised where it is awaited
             outcome.set_exception(error)
 
+    # A thread, because hands may take hours of rig time and an abort must not wait for them.
     threading.Thread(target=carry_out, name="operator's hands", daemon=True).start()
     while not wait([outcome], HEED_S).done:
         heed()

@@ -32,6 +32,7 @@ class TcpOperatorLink:
         self._address = address
         self._clock = clock
         speed = clock.speed if math.isfinite(clock.speed) else 1.0
+        # On top, for the exchange itself, which takes wall-clock time however fast the rig's clock is.
         self._timeout_s = LONGEST_ACTION_S / speed + 10.0
         self._stood: list[dict[str, Any]] = []
         self._ahead_s = 0.0
@@ -45,6 +46,7 @@ class TcpOperatorLink:
                     link.sendall(json.dumps(wanted).encode() + b"\n")
                     return self._parsed(lines.readline())
 
+                # Before every action: the connection is new, and the world behind it may be.
                 self._restore(ask)
                 answer = ask(action)
         except TimeoutError:
@@ -54,6 +56,7 @@ class TcpOperatorLink:
                 f"{self._address}: no simulated operator ({error}); is `rigctl simulate` running?"
             ) from None
         self._stood = answer.get("stands", self._stood)
+        # The world's clock is its own: kept as a difference, so that a restarted world can be put on to it.
         self._ahead_s = answer.get("rig_time_s", 0.0) - self._clock.now_s()
         return answer
 
@@ -61,6 +64,7 @@ class TcpOperatorLink:
         """Make everything as it stood where nothing stands any more."""
         if not self._stood or ask({"stands": True}).get("stands"):
             return
+        # First the clock: levelling and room temperature are functions of rig time.
         for made in [{"clock": self._clock.now_s() + self._ahead_s}, *self._stood]:
             answer = ask(made)
             if "error" in answer:

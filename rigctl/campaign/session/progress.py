@@ -52,6 +52,7 @@ class Progress:
 
     def replayed(self, *, valid: bool, runs: int = 1) -> None:
         """A run, or several, that was recorded before a restart."""
+        # `_measured` stays: an answer from the store takes no time and would make the pace look too fast.
         self._done += runs
         self._invalid += not valid
 
@@ -72,6 +73,7 @@ class Progress:
             return
         self._published = time.monotonic()
         status = self.status()
+        # Synced at a change of state only: progress that a power cut takes away is told again by the next row.
         self._store.set_status(status, durable=durable)
         if self._display is not None:
             self._display.show(status)
@@ -79,11 +81,13 @@ class Progress:
     def status(self) -> dict[str, object]:
         """The keys of `rigctl status --json`."""
         left = self._take(self._done, self._planned)
+        # Of this process alone: how long earlier ones took is not kept.
         pace_s = (time.monotonic() - self._began) / self._measured if self._measured else None
         return {
             "state": self._state,
             "step": self._step,
             "runs_done": self._done,
+            # A search may need more runs than were planned.
             "runs_planned": max(self._planned, self._done),
             "runs_invalid": self._invalid,
             "eta_s": None if pace_s is None else round(left * pace_s, 1),

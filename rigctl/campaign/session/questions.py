@@ -41,6 +41,7 @@ class Questions:
 
     def close(self, answer: str) -> None:
         """Keep an answer that was typed at the campaign's own terminal."""
+        # Somebody else may have answered first, while a line was being typed; the first answer counts.
         if self.heard() is None:
             self._store.add_event(ANSWERED, {"question": self._number, "answer": answer})
 

@@ -118,8 +118,10 @@ class Recovery:
         if self._control.aborted:
             raise fault
         self._session.event(FAULT, during=what, **fault_data(fault, apparatus))
+        # The turning platform is brought back by itself, while its meters go on recording.
         if not apparatus.alone:
             self._control.bring_to_rest()
+        # Asked before anything is connected anew: after a safety stop nothing moves without a person.
         agreed = self._agreed(fault)
         if not agreed and attempt % ATTEMPTS == 0:
             self._ask(fault, f"{what} failed {attempt} times, the last time so: {fault}. Try again?")
@@ -140,13 +142,16 @@ class Recovery:
             try:
                 self._reconnect(apparatus, agreed=agreed)
             except Faults as fault:
+                # An abort disconnects instruments; the link errors that follow are no fault to recover from.
                 if self._control.aborted:
                     raise
                 lost = True
                 self._pause(fault, what, apparatus)
+                # An instrument that comes back may tell of a safety stop that was not known before.
                 agreed = self._agreed(fault)
                 if not agreed and self._session.clock.now_s() + interval_s > since_s + GIVE_UP_S:
                     self._ask(fault, f"{_advice(fault)} Try again?")
+                    # The person has seen it: another `GIVE_UP_S` before the next question.
                     since_s = self._session.clock.now_s()
                 self._session.wait_s(interval_s)
             else:
@@ -159,15 +164,19 @@ class Recovery:
     def _reconnect(self, apparatus: Apparatus, *, agreed: bool) -> None:
         """All instruments connected anew, at rest, in step and ready; the first that is not raises."""
         for instrument in apparatus.instruments:
+            # Closing a connection that is lost may fail; it is made anew all the same.
             with suppress(RigError):
                 instrument.close()
             with _named(instrument):
                 instrument.open()
+                # Before any question that could take time: a motion begun before the fault may still run.
                 instrument.stop()
                 instrument.confirm_in_step()
+        # Homing below is a motion: an abort that came meanwhile must keep it back.
         self._control.raise_if_aborted()
         apparatus.forget()
         for stage in apparatus.stages:
+            # The device stays tripped until homing acknowledges it; who has agreed is not asked a second time.
             if not agreed and (device := stage.safety_stop()):
                 raise SafetyStop(f"{stage.name}: stopped by a safety device ({device})", instrument=stage.name)
             if not stage.is_homed():
@@ -193,6 +202,7 @@ class Recovery:
 def fault_data(fault: RigError, apparatus: Apparatus) -> dict[str, str]:
     """A fault as an event keeps it: which instrument, which kind of error, its words."""
     text = str(fault)
+    # Errors of a wire carry the name of the instrument in their words only.
     named = [each.name for each in apparatus.instruments if text.startswith((f"{each.name}:", f"{each.name} "))]
     instrument = getattr(fault, "instrument", "") or next(iter(named), "")
     return {"instrument": instrument, "error": type(fault).__name__, "text": text}

@@ -32,10 +32,12 @@ class Resumption:
 
     def take_up(self) -> None:
         """On a virtual clock restore what was left, once, and wait until the last recorded step was over."""
+        # On the wall's clock the moment is past; what drifts is met at another time (docs/decisions/032).
         if self._reached_s is None or not math.isinf(self._clock.speed):
             return
         self.restore()
         _wait_until(self._clock, self._reached_s)
+        # Once only: from here on the campaign's own steps move the clock.
         self._reached_s = None
 
 
@@ -48,6 +50,7 @@ def ended_s(store: Store) -> dict[str, float]:
 
 def start_s(store: Store, part: int, *, virtual: bool) -> float:
     """The rig time from which a rig's own clock runs when campaign number `part` of a store begins or goes on."""
+    # A wall clock cannot be put back: rig time goes on from the last event.
     if not virtual:
         return latest_s(store)
     recorded = [time_s for key, time_s in ended_s(store).items() if _of(part, key)]
@@ -70,5 +73,6 @@ def _of(part: int, key: str) -> bool:
 
 def _wait_until(clock: Clock, at_s: float) -> None:
     """To the last bit: the last second is a difference that is exact."""
+    # A difference of two near numbers is exact, so the last sleep ends on `at_s` itself, not a rounding beside it.
     while (left_s := at_s - clock.now_s()) > 0.0:
         clock.sleep_s(left_s - 1.0 if left_s > 2.0 else left_s)

@@ -89,6 +89,8 @@ class Session:
         nature's same number. `DataError` when the store holds the key with other set-points: the campaign file and
         the record do not belong together. `NotRecovered` when faults do not end.
         """
+        # Counted for recorded steps too: a resumed campaign gives every later run the same number, hence the same
+        # noise.
         number, key = self._next(), self._prefix + key
         recorded = self.store.run_by_key(key)
         if recorded is not None:
@@ -98,14 +100,18 @@ class Session:
             return recorded
 
         def measured() -> RunRecord:
+            # Pause and abort first: after the run is announced nature has begun it.
             self.checkpoint()
             self.take_up()
+            # Before the first motion: a simulated run's nature begins when it is announced.
             self.operator.announce_run(number)
             with self.store.begin_run(key, " / ".join(self._steps), conditions) as writer:
                 outcome = dict(measure(writer))
                 if apparatus is not None:
+                    # Before the run is ended, so that a doubt makes it an attempt and not a finished run.
                     apparatus.confirm()
                 valid, reason = bool(outcome.pop("valid", True)), str(outcome.pop("reason", ""))
+                # In the commit that ends the run: a resumed campaign needs both or neither.
                 return writer.finish(outcome, valid=valid, reason=reason, rig_time_s=self.clock.now_s())
 
         record = self._repeated(RUN_REPEATED, key, apparatus, measured)
@@ -125,6 +131,7 @@ class Session:
         def done() -> Any:
             self.checkpoint()
             self.take_up()
+            # A step that reads instruments draws noise too, under a number of its own.
             self.operator.announce_run(number)
             result = action()
             if apparatus is not None:
@@ -132,6 +139,7 @@ class Session:
             return result
 
         result = self.guarded(key, apparatus, done)
+        # Only when done: killed in between it is done again, and never taken for done.
         self.store.add_event("once", {"key": key, "result": result}, self.clock.now_s())
         self._answers[key] = result
         return result
@@ -150,6 +158,7 @@ class Session:
             try:
                 return action()
             except Faults as fault:
+                # Without one nothing says which instruments to bring back.
                 if apparatus is None:
                     raise
                 self._recovery.after(fault, what, attempt, apparatus)
@@ -183,7 +192,9 @@ class Session:
     def wait_s(self, duration_s: float) -> None:
         """Let rig time pass; `Aborted` promptly when the operator asks."""
         end_s = self.clock.now_s() + duration_s
+        # A tenth of a second of wall-clock between two looks for an abort; a virtual clock jumps at once.
         slice_s = max(0.1 * self.clock.speed, 0.1)
+        # What rounding of the clock may leave.
         while (left_s := end_s - self.clock.now_s()) > 1e-9:
             self._control.raise_if_aborted()
             self.clock.sleep_s(min(left_s, slice_s))
@@ -193,6 +204,7 @@ class Session:
         self._control.raise_if_aborted()
         if self._control.paused:
             self._progress.state("paused")
+            # Bringing to rest in a pause may meet a fault; no run is being measured, so none is given up.
             self._recovery.borne("pause", self._control.rest)
             self._control.while_paused(lambda: time.sleep(0.05))
             self._progress.state("running")

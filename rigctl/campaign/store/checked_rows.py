@@ -26,6 +26,7 @@ COLUMNS = {
 }
 """What a row's checksum is over, its key first."""
 
+# Places in a run's row; the checksum is last.
 _KEY, _CONDITIONS, _VALID, _STATE, _SUM = 2, 4, 5, 7, -1
 _CHUNKS = "SELECT name, data FROM samples WHERE id >= ? AND id < ? ORDER BY id"
 _PUT = {
@@ -77,6 +78,7 @@ class CheckedRows:
 
     def whole(self, table: str, clause: str = "") -> list[Row]:
         """As `rows`, of a whole table, none of them missing."""
+        # Rows and ledger of one instant, or a commit in between would look like damage.
         with database_errors(self.path), snapshot(self.connection):
             rows = self.rows(table, clause)
             kept = ledger.parts(self.connection) if self.summed else {}
@@ -92,12 +94,14 @@ class CheckedRows:
         query = f"SELECT name, data FROM samples WHERE id >= ? AND id < ? ORDER BY id {order}"  # noqa: S608
         with database_errors(self.path):
             for name, data in self.connection.execute(query, chunk_ids(run[0])):
+                # SQLite keeps any type in any column, and damage can change the type.
                 if type(name) is not str or type(data) is not bytes or len(data) % 8:
                     raise self._damaged_run(run, "a chunk")
                 yield name, data
 
     def samples(self, run: Row) -> Iterator[tuple[str, bytes]]:
         """As `chunks`; at their end `DamagedStore` unless those of a finished run are as they were written."""
+        # Taken up as the chunks pass: samples of days are not held in memory to be verified.
         sums = ColumnSums()
         yield from sums.taking(self.chunks(run))
         if self.summed and run[_STATE] == "finished" and (columns := sums.differing(run[_SUM - 1])):
@@ -120,8 +124,11 @@ class CheckedRows:
         with database_errors(self.path):
             with transaction(self.connection, durable=durable):
                 yield
+                # A transaction that adds no counted row leaves the ledger's page alone.
                 if self._changes or durable:
+                    # Inside the transaction: rows and ledger change together or not at all.
                     mark = ledger.enter(self.connection, self._changes, commits=int(durable))
+            # Only after the commit has been synced, so that the note is never ahead of the store.
             if durable:
                 self._note.write(mark)
 
@@ -137,6 +144,7 @@ class CheckedRows:
 
     def append(self, table: str, *values: Any) -> int:
         """Insert a row under the next number, which is returned, for the ledger too; inside `writing`."""
+        # The number is part of what the checksum is over, so it has to be known before the row is inserted.
         (number,) = self.connection.execute(f"SELECT COALESCE(MAX(id), 0) + 1 FROM {table}").fetchone()  # noqa: S608
         self._changes.append(Change(table, [self.put(table, number, *values)]))
         return int(number)
@@ -147,12 +155,14 @@ class CheckedRows:
 
     def replace(self, table: str, *values: Any) -> None:
         """Insert a row in place of the one with its key, if there is one, for the ledger too; inside `writing`."""
+        # Also verifies it: a damaged row must not be replaced by one that looks right.
         before = self.rows(table, f"WHERE {COLUMNS[table][0]} = ?", (values[0],))
         after = (*values, self.put(table, *values))
         self._changes += _changes(table, [after], before)
 
     def end_run(self, *run: Any) -> None:
         """Write how a run ended that was acquiring; `DataError` when its key has finished meanwhile."""
+        # The index of keys is not unique, so that a run's end need not change it; hence the question.
         if self.connection.execute(_FINISHED_KEY, (run[_KEY],)).fetchone() is not None:
             raise DataError(f"{self.path}: two programs write the same run ({run[_KEY]}); stop one of them")
         self._write_run(run, [])
@@ -176,12 +186,14 @@ class CheckedRows:
         names = (*COLUMNS[table], "sum")
         if self.summed:
             return ", ".join(names)
+        # A file from before checksums is read as if it had empty columns for them.
         return ", ".join("NULL" if name in {"samples_sum", "sum"} else name for name in names)
 
 
 def seal(connection: sqlite3.Connection) -> None:
     """Give everything in a file that has no checksums yet those of what is there; inside a transaction."""
     ledger.open_ledger(connection)
+    # Checksums of a run that is still written are made when it ends.
     for run in connection.execute("SELECT number FROM runs WHERE state <> 'acquiring'").fetchall():
         sums = ColumnSums()
         for name, data in connection.execute(_CHUNKS, chunk_ids(*run)):

@@ -21,11 +21,13 @@ _encode = json.JSONEncoder(separators=(",", ":"), default=repr).encode
 
 def row_sum(table: str, *values: Any) -> int:
     """The checksum of a row of `table`: its key first, bytes last if there are any; a signed 64-bit number."""
+    # Bytes are fed to the hash as they are; as text in JSON they would be several times as long.
     blob = values[-1] if isinstance(values[-1], bytes) else b""
     text = _encode((table, *values[:-1]) if blob else (table, *values))
     digest = hashlib.blake2b(text.encode(), digest_size=_BYTES)
     if blob:
         digest.update(blob)
+    # SQLite's integers are signed.
     return int.from_bytes(digest.digest(), "big", signed=True)
 
 
@@ -54,4 +56,5 @@ class ColumnSums:
         """The columns that are not as `to_text` once said; empty when all are, and in that order."""
         then = {name: (length, crc) for name, (length, crc) in json.loads(kept).items()}
         names = [name for name in {**then, **self._sums} if then.get(name) != self._sums.get(name)]
+        # The order of columns is data too: that of the file which another laboratory gave us.
         return names or ([] if list(then) == list(self._sums) else list(then))

@@ -41,6 +41,7 @@ class Change:
 
 def open_ledger(connection: sqlite3.Connection) -> None:
     """The ledger of a store that has no rows yet."""
+    # A random name tells an older copy of this store from another store that was put in its place.
     connection.execute("INSERT INTO ledger (id, store, commits) VALUES (1, ?, 0)", (os.urandom(8).hex(),))
 
 
@@ -50,11 +51,13 @@ def enter(connection: sqlite3.Connection, changes: Iterable[Change], commits: in
     sums: dict[str, int] = {}
     for change in changes:
         counts[change.part] = counts.get(change.part, 0) + len(change.added) - len(change.removed)
+        # Exclusive or is its own inverse: a sum that goes is joined once more.
         sums[change.part] = joined((sums.get(change.part, 0), *change.added, *change.removed))
     values = [value for part, total in sums.items() for value in (counts[part], total, total)]
     return Mark(*connection.execute(_enter(tuple(sums)), (*values, commits)).fetchall()[0])
 
 
+# Few different sets of parts ever change, and every event comes through here.
 @cache
 def _enter(parts: tuple[str, ...]) -> str:
     """SQLite has no exclusive or."""

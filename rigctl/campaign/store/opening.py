@@ -19,9 +19,11 @@ def create_file(path: Path, header: Header) -> None:
     """A new campaign file, whole from the moment it is there; `DataError` if `path` exists or cannot be made."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
+        # SQLite is opened in a mode that makes no files, so that a mistyped name makes none either.
         os.close(os.open(partial, os.O_CREAT | os.O_TRUNC, 0o644))
         with schema.database_errors(path), closing(schema.connect(partial, readonly=False)) as connection:
             schema.prepare_for_writing(connection)
+            # On stable storage before the file has its name: whoever sees the name sees a whole store.
             with schema.transaction(connection, durable=True):
                 connection.execute(f"PRAGMA application_id = {schema.APPLICATION_ID}")
                 schema.migrate(connection, schema.MIGRATIONS)
@@ -40,6 +42,7 @@ def open_file(path: Path, *, readonly: bool) -> sqlite3.Connection:
     """An existing campaign file, brought to the current schema unless `readonly`; `DataError`, `DamagedStore`."""
     if not path.is_file():
         raise DataError(f"{path}: no such store; check the name, or make one with `rigctl run` or `import`")
+    # Before the store: a commit in between then makes the store look ahead of the note, which is no loss.
     noted = synced.read(path)
     if noted is not None and not readonly:
         # Whoever opens it for writing and closes it again takes away a log of which not all was read.
@@ -49,6 +52,7 @@ def open_file(path: Path, *, readonly: bool) -> sqlite3.Connection:
     try:
         with schema.database_errors(path):
             connection.execute(f"PRAGMA query_only = {int(readonly)}")
+            # Again: another program may have written between the two openings.
             _require_whole(connection, path, noted)
             schema.bring_up(connection, path, readonly=readonly, seal=seal)
             if not readonly:
@@ -72,6 +76,7 @@ def _require_whole(connection: sqlite3.Connection, path: Path, noted: Mark | Non
 def _publish(partial: Path, path: Path) -> None:
     """Give a finished file its name; `FileExistsError` rather than over a store that somebody made meanwhile."""
     try:
+        # A rename would replace a store of this name without a word.
         os.link(partial, path)
     except FileExistsError:
         raise

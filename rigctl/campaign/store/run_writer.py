@@ -34,6 +34,7 @@ class RunWriter:
         self._number = number
         self._record = record
         self._lengths: dict[str, int] = {}
+        # A run's chunks have ids of their own range, so that nobody has to ask for the next free one.
         self._next_chunk_id = first_chunk_id(number)
         self._pending: dict[str, list[bytes]] = {}
         self._sums = ColumnSums()
@@ -98,17 +99,20 @@ class RunWriter:
         self._require_open()
         self._require_equal_lengths()
         kept = dumps({**self._record.conditions, **(conditions or {})})
+        # Last samples, time and verdict in one commit: no kill leaves a finished run without one of them.
         with self._rows.writing(durable=True):
             self._insert_pending()
             if rig_time_s is not None:
                 self._rows.append_event(RUN_ENDED, {"key": self._record.key}, rig_time_s)
             self._end(kept, valid, reason, "finished")
         self._open = False
+        # Through JSON, so that the campaign goes on with the values a replay will read.
         return replace(self._record, conditions=json.loads(kept), valid=valid, reason=reason, state="finished")
 
     def _bytes(self, name: str, column: FloatArray) -> bytes:
         if name not in self._lengths and (flaw := flaw_of_column(name)):
             raise DataError(f"run {self.run_id}: column name {name!r} {flaw}; rename the channel")
+        # Little-endian whatever the machine: a store is read elsewhere.
         data = np.asarray(column, dtype="<f8")
         if data.ndim != 1:
             raise DataError(f"run {self.run_id}: column {name} has shape {data.shape}; append one dimension")
@@ -134,9 +138,11 @@ class RunWriter:
         self._open = False
         reason = "left unfinished" if kind is None else f"{kind.__name__}: {error}"
         try:
+            # Not durable: what is lost of an attempt in a power cut is measured again anyway.
             with self._rows.writing():
                 self._insert_pending()
                 self._end(dumps(self._record.conditions), False, reason, "interrupted")
+        # The store may be what failed in the first place; that error is under way already and says more.
         except DataError:
             if kind is None:
                 raise

@@ -17,6 +17,7 @@ def joined_columns(chunks: Iterable[tuple[str, bytes]]) -> dict[str, FloatArray]
     for name, data in chunks:
         parts.setdefault(name, []).append(data[: len(data) // 8 * 8])
     return {
+        # Of bytes numpy would make arrays that cannot be written to.
         name: np.frombuffer(bytearray(b"".join(column)), dtype="<f8").astype(np.float64, copy=False)
         for name, column in parts.items()
     }
@@ -24,9 +25,11 @@ def joined_columns(chunks: Iterable[tuple[str, bytes]]) -> dict[str, FloatArray]
 
 def sample_pieces(rows: CheckedRows, run: Row) -> Iterator[dict[str, FloatArray]]:
     """The columns piece by piece, as they were written, each piece of one length in all columns; `DamagedStore`."""
+    # Gone through twice: this first pass verifies all of it, and holds one chunk at a time.
     waiting: dict[str, list[FloatArray]] = {name: [] for name, _ in rows.samples(run)}
     for name, data in rows.chunks(run):
         waiting[name].append(np.frombuffer(data, dtype="<f8").astype(np.float64))
+        # Channels come in chunks of their own length: what all have is given out, the rest waits.
         if all(waiting.values()):
             columns = {each: np.concatenate(parts) for each, parts in waiting.items()}
             count = min(column.size for column in columns.values())
@@ -38,6 +41,7 @@ def last_samples(rows: CheckedRows, run: Row, count: int) -> dict[str, FloatArra
     """At most the last `count` of every column, not verified."""
     chunks: dict[str, list[bytes]] = {}
     lengths: dict[str, int] = {}
+    # The query stays open while its generator lives, and an open query holds the log back.
     with closing(rows.chunks(run, "DESC")) as latest:
         for name, data in latest:
             if name in chunks and min(lengths.values()) >= count:

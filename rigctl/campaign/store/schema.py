@@ -11,6 +11,7 @@ from pathlib import Path
 from rigctl.campaign.store import ledger
 from rigctl.core.errors import DamagedStore, DataError
 
+# "rigc" in ASCII: SQLite keeps this number in the file's header for programs to know their own.
 APPLICATION_ID = 0x72696763
 BUSY_TIMEOUT_S = 10.0
 
@@ -155,8 +156,10 @@ def _operational(path: Path, text: str) -> str:
 
 def connect(path: Path, *, readonly: bool) -> sqlite3.Connection:
     """Open the SQLite file at `path`, which exists; no implicit transactions."""
+    # `rw`, without `c`: a file that is not there is not made.
     uri = f"{path.resolve().as_uri()}?mode={'ro' if readonly else 'rw'}"
     with database_errors(path):
+        # Python's own transactions begin deferred and at moments of its choosing.
         return sqlite3.connect(uri, uri=True, timeout=BUSY_TIMEOUT_S, isolation_level=None)
 
 
@@ -193,14 +196,17 @@ def require_tables(connection: sqlite3.Connection, path: Path) -> None:
     """Raise `DamagedStore` unless tables and indexes are declared as this program declares them."""
     there = set(connection.execute("SELECT name, sql FROM sqlite_schema"))
     if has_checksums(connection):
+        # Declarations of others beside ours do no harm.
         if missing := {name for name, _ in _declared() - there}:
             raise _damaged(path, f"the declaration of {', '.join(sorted(missing))}")
+    # A ledger in a file that says it is older: the version itself is damaged.
     elif "ledger" in {name for name, _ in there}:
         raise _damaged(path, "its schema version")
 
 
 @cache
 def _declared() -> frozenset[tuple[str, str]]:
+    # The declarations as SQLite itself words them after all migrations, to compare text with text.
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as connection:
         migrate(connection, MIGRATIONS)
         return frozenset(connection.execute("SELECT name, sql FROM sqlite_schema"))
@@ -208,6 +214,7 @@ def _declared() -> frozenset[tuple[str, str]]:
 
 def require_index(connection: sqlite3.Connection, path: Path) -> None:
     """Raise `DamagedStore` unless every run is found by its key: what is not found is measured again."""
+    # Of this table alone: of the whole file it would read all samples.
     (verdict,) = connection.execute("PRAGMA integrity_check(runs)").fetchone()
     if verdict != "ok":
         raise _damaged(path, verdict)
@@ -231,6 +238,7 @@ def bring_up(
     with transaction(connection, durable=True):
         migrate(connection, MIGRATIONS)
         require_index(connection, path)
+        # After the migration and in its transaction: a file is never without the sums its version promises.
         seal(connection)
 
 
@@ -245,6 +253,7 @@ def migrate(connection: sqlite3.Connection, migrations: Sequence[Migration]) -> 
 @contextmanager
 def snapshot(connection: sqlite3.Connection) -> Iterator[None]:
     """Everything read inside is of one instant."""
+    # Inside a transaction everything is of one instant already.
     if connection.in_transaction:
         yield
         return
@@ -252,6 +261,7 @@ def snapshot(connection: sqlite3.Connection) -> Iterator[None]:
     try:
         yield
     finally:
+        # Nothing was written; this only lets go of the instant.
         connection.execute("ROLLBACK")
 
 
@@ -259,12 +269,15 @@ def snapshot(connection: sqlite3.Connection) -> Iterator[None]:
 def transaction(connection: sqlite3.Connection, *, durable: bool = False) -> Iterator[None]:
     """One write transaction, rolled back on an error; `durable`: on stable storage when it has ended."""
     if durable:
+        # Before the transaction, since SQLite refuses the change inside one.
         connection.execute("PRAGMA synchronous = FULL")
+    # The write lock at once: a transaction that turns from reading to writing is refused without waiting.
     connection.execute("BEGIN IMMEDIATE")
     try:
         yield
         connection.execute("COMMIT")
     except BaseException:
+        # SQLite rolls back by itself on some errors, such as a full disk.
         if connection.in_transaction:
             connection.execute("ROLLBACK")
         raise

@@ -19,6 +19,7 @@ DEFAULT_PAGE_BYTES = 4096
 _MAGIC = b"SQLite format 3\0"
 _WAL_HEADER_BYTES, _FRAME_HEADER_BYTES = 32, 24
 _LEAF = 0x0D
+# Size of an integer by its serial type 0 to 6.
 _INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8)
 _NULL, _FLOAT, _ZERO, _ONE, _FIRST_BLOB = 0, 7, 8, 9, 12
 
@@ -53,6 +54,7 @@ class Pages:
 
     def cells(self) -> Iterator[Cell]:
         """Every row of every table, in every copy there is, the newest copies first."""
+        # The log is written forwards: its last frames are the newest.
         for age, (_, at) in enumerate(reversed(self._frames)):
             yield from self._cells(self._wal, at, age)
         for at in range(0, len(self._main), self.page_bytes):
@@ -61,6 +63,7 @@ class Pages:
     def values(self, cell: Cell) -> list[Values]:
         """The row of a cell, as the log and as the file alone complete it; none when it is no row."""
         rows: list[Values] = []
+        # A row's end may be on a page that is in the log and in the file; the checksum tells which belongs to it.
         for overflow in (self._latest, self._in_main):
             with suppress(_NoRow):
                 values = _values(self._payload(cell, overflow))
@@ -70,9 +73,11 @@ class Pages:
 
     def _cells(self, file: Buffer, at_page: int, age: int) -> Iterator[Cell]:
         page = file[at_page : at_page + self.page_bytes]
+        # The file's header takes the first 100 bytes of page 1.
         start = 100 if page.startswith(_MAGIC) else 0
         if len(page) < start + 8 or page[start] != _LEAF:
             return
+        # Leaf: 8 bytes of header, the number of cells in bytes 3 and 4, then their offsets.
         (count,) = struct.unpack_from(">H", page, start + 3)
         for place in range(start + 8, min(start + 8 + 2 * count, len(page) - 1), 2):
             (at,) = struct.unpack_from(">H", page, place)
@@ -85,6 +90,7 @@ class Pages:
         page = cell.file[cell.start : cell.start + self.page_bytes]
         size, at = _varint(page, cell.at)
         _, at = _varint(page, at)
+        # A damaged length would have the loop below follow pages without end.
         if size > len(self._main) + len(self._wal):
             raise _NoRow
         local = _local_bytes(size, self.page_bytes)
@@ -93,6 +99,7 @@ class Pages:
         while left > 0:
             page = overflow(int.from_bytes(after, "big"))
             parts.append(page[4 : 4 + left])
+            # Every overflow page begins with the number of the next.
             left -= self.page_bytes - 4
             after = page[:4]
         payload = b"".join(parts)
@@ -120,6 +127,7 @@ def _contents(path: Path) -> Buffer:
 
 
 def _page_bytes(main: Buffer, wal: Buffer) -> int:
+    # 65536 does not fit into two bytes and is written as 1.
     sizes = [1 if main[16:18] == b"\0\1" else int.from_bytes(main[16:18], "big")] if main[:16] == _MAGIC else []
     sizes.append(int.from_bytes(wal[8:12], "big"))
     return next((size for size in sizes if 512 <= size <= 65536 and size & (size - 1) == 0), DEFAULT_PAGE_BYTES)
@@ -134,13 +142,16 @@ def _frames(wal: Buffer, page_bytes: int) -> Iterator[tuple[int, int]]:
     salts = Counter(salt for salt, *_ in frames)
     if not salts:
         return
+    # SQLite begins the log anew with other salts: frames of an earlier round lie behind and must not count.
     salt = wal[16:24] if wal[16:24] in salts else salts.most_common(1)[0][0]
+    # Only up to the last frame that ends a transaction: what follows was never committed.
     last = max((place for place, frame in enumerate(frames) if frame[0] == salt and frame[2]), default=-1)
     yield from ((number, at) for each, number, _, at in frames[: last + 1] if each == salt)
 
 
 def _local_bytes(size: int, page_bytes: int) -> int:
     """How much of a row lies on its leaf; the rest is on overflow pages."""
+    # Formula of the file format, section 1.6: a table leaf with a page of U usable bytes.
     most = page_bytes - 35
     if size <= most:
         return size
@@ -156,6 +167,7 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
         if place >= len(data):
             raise _NoRow
         byte = data[place]
+        # The ninth byte has all eight bits.
         if place == at + 8:
             return _signed((value << 8) | byte), place + 1
         value = (value << 7) | (byte & 0x7F)
@@ -173,6 +185,7 @@ def _values(payload: bytes) -> Values:
     if end > len(payload):
         raise _NoRow
     values, place = [], end
+    # First the types of all values, up to `end`, then the values: both are walked at once.
     while at < end:
         kind, at = _varint(payload, at)
         value, place = _value(kind, payload, place)
@@ -199,6 +212,7 @@ def _value_bytes(kind: int) -> int:
         return 8
     if kind < _FIRST_BLOB:
         raise _NoRow
+    # Even kinds are blobs, odd ones text, both with their length in the kind.
     return (kind - _FIRST_BLOB) // 2
 
 

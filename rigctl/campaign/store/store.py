@@ -78,6 +78,7 @@ class Store:
         """
         if run_id is not None and (flaw := flaw_of_run_id(run_id)):
             raise DataError(f"run_id {run_id!r} {flaw}; give it another")
+        # Not durable: a begun run that a power cut takes away has nothing that anybody counts on.
         with self._rows.writing():
             for run in self._rows.rows("runs", "WHERE key = ? AND state <> 'interrupted'", (key,)):
                 if run[7] == "finished":
@@ -92,6 +93,7 @@ class Store:
         (number,) = self._connection.execute("SELECT COALESCE(MAX(number), 0) + 1 FROM runs").fetchone()
         taken = "SELECT 1 FROM runs WHERE run_id = ?"
         if run_id is None:
+            # Imported runs have names of their own, which may be numbers.
             while self._connection.execute(taken, (str(number),)).fetchone():
                 number += 1
             return number, str(number)
@@ -110,6 +112,7 @@ class Store:
         `DamagedStore` when one is not as it was written, or, of all runs, when one is missing.
         """
         if skip:
+            # A part of the table cannot be held against the ledger, which is over the whole.
             rows = self._rows.rows("runs", "WHERE state = 'finished' ORDER BY number LIMIT -1 OFFSET ?", (skip,))
         else:
             rows = self._rows.whole("runs", "ORDER BY number")
@@ -154,6 +157,7 @@ class Store:
         if run[7] != "finished":
             raise DataError(f"{self.path}: run {run_id} is {run[7]}, it is never used; name a finished run")
         with self._rows.writing(durable=True):
+            # The mark and its reason as an event, in one commit.
             self._rows.mark_run(*run[:5], int(valid), reason, *run[7:9])
             self._rows.append(
                 "events", utc_now(), None, "mark", dumps({"run_id": run_id, "valid": valid, "reason": reason})
@@ -187,6 +191,7 @@ class Store:
         if after:
             rows = self._rows.rows("events", "WHERE id > ? ORDER BY id", (after,))
         else:
+            # All are read, whatever the kind: only the whole table can be held against the ledger.
             rows = self._rows.whole("events", "ORDER BY id")
         return [_event(row) for row in rows if kind in (None, row[3])]
 
@@ -197,6 +202,7 @@ class Store:
 
     def add_request(self, kind: str) -> int:
         """Ask the campaign, from any process, for something: `pause`, `abort`, `resume`."""
+        # Not durable: a request counts while the campaign runs, and is forgotten afterwards.
         with self._rows.writing():
             number = self._connection.execute("INSERT INTO requests (kind) VALUES (?)", (kind,)).lastrowid
             assert number is not None
@@ -205,6 +211,7 @@ class Store:
     def take_request(self) -> str | None:
         """The oldest request, so that nobody else gets it; None, at the cost of one look-up, without one."""
         open_request = "SELECT id FROM requests WHERE taken = 0 ORDER BY id LIMIT 1"
+        # Looked for without a transaction: this is asked 25 times a second and must not keep writers waiting.
         if not self._rows.read(open_request):
             return None
         with self._rows.writing():
@@ -231,6 +238,7 @@ class Store:
 
     def identities(self) -> dict[str, dict[str, Any]]:
         """Who answered, by instrument name."""
+        # From the table itself, sorted here: by its index, which no checksum covers, rows could be hidden or doubled.
         return {row[0]: json.loads(row[1]) for row in sorted(self._rows.whole("identities", "NOT INDEXED"))}
 
     # Documents
@@ -252,6 +260,7 @@ class Store:
 
     def keep_reductions(self, recipe: str, blobs: Mapping[str, bytes]) -> None:
         """Keep what was worked out from samples by `recipe`, by run_id or another name; replaces what was there."""
+        # Not durable: what is lost can be worked out again.
         with self._rows.writing():
             for name, data in blobs.items():
                 self._rows.put("reductions", recipe, name, data)

@@ -17,6 +17,7 @@ from rigctl.campaign.store.ledger import Mark
 from rigctl.core.errors import DamagedStore
 
 SUFFIX = "-synced"
+# Always as long, so that a shorter text leaves nothing of a longer one behind.
 _BYTES = 128
 
 
@@ -67,6 +68,7 @@ def _text(mark: Mark) -> str:
 
 def missing(noted: Mark | None, mark: Mark) -> int:
     """How many durable transactions a store has lost; `mark` is read after the note."""
+    # The note may lag, so a store ahead of it is in order; a note of another store says nothing.
     return max(0, noted.commits - mark.commits) if noted is not None and noted.store == mark.store else 0
 
 
@@ -81,6 +83,7 @@ def require_all(store: Path, noted: Mark | None, mark: Mark) -> None:
 
 def clear(store: Path) -> None:
     """Remove the note once the write-ahead log is gone, all of it being in the store."""
+    # SQLite removes the log when the last connection closes; while it is there, others still write.
     if not store.with_name(store.name + "-wal").exists():
         with suppress(OSError):  # not there, or on a medium that cannot be written
             path_of(store).unlink()
