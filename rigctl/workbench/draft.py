@@ -55,7 +55,9 @@ def drafted(workbench: Workbench, found: Diagnosis) -> str:
     given = study.model(found.terms).observations
     units = {point: _unit_of_point(point, given, unexplained) for point in experiment.points}
     forms = list(_forms(units, forms_of, unexplained, _reference(given, unexplained)))
+    # At size 1: a score does not depend on the size at which it is asked.
     texts = [_text(f"{_TRIED}-{number}", each, 1.0, scope, unexplained) for number, each in enumerate(forms)]
+    # Tried as a file, the way the finished plug-in will be used: what cannot be loaded is never drafted.
     with TemporaryDirectory() as directory:
         file = Path(directory) / "forms.py"
         file.write_text(_HEAD + "".join(texts), encoding="utf-8")
@@ -79,6 +81,7 @@ def _names() -> Iterator[str]:
 
 
 def _evidence(scored: Scored, data: int) -> float:
+    # A form with cosine and sine pays for its second parameter (Schwarz).
     return 0.5 * scored.score.statistic - 0.5 * scored.score.dimension * float(np.log(data))
 
 

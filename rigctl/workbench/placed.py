@@ -52,6 +52,7 @@ def placed(effect: Effect, term: Term, channels: Sequence[str], before: Sequence
             start = float(term.choice.get(name, typical))
             parameters.append(EffectParameter(shown, name, "", unit, start, start, scanned=True))
         elif effect.scope == "channel":
+            # With its amplitude at zero a time constant has no derivative, and the fit would be singular at once.
             start = 0.1 * typical if effect.scans else 0.0
             parameters += [EffectParameter(f"{shown}[{c}]", name, c, unit, start, typical) for c in channels]
         else:
@@ -63,6 +64,7 @@ def sizes_for(channel: str, each: Placed, values: FloatArray) -> dict[str, float
     """The arguments of an effect in a channel, from the values of its parameters."""
     arguments: dict[str, float] = {}
     for parameter, value in zip(each.parameters, values.tolist(), strict=True):
+        # A trial step of the fit may go there, where a time or a frequency has no meaning.
         if parameter.scanned and not value > 0.0:
             value = parameter.start
         if parameter.channel in ("", channel):

@@ -68,6 +68,7 @@ class StudyBase(ABC, Generic[Data]):
         for term in terms:
             if term.effect not in self.catalogue:
                 raise unknown_effect(term.effect, self.catalogue)
+        # The catalogue's order, not that in which terms were added: K2 f^2 comes after the forces that make f.
         return [effect for name, effect in self.catalogue.items() if name in named]
 
 
@@ -85,6 +86,7 @@ class CatalogueStudy(StudyBase[Data]):
                 asked.append(effect)
         candidates: list[Candidate] = []
         for effect, choices in zip(asked, self.candidates_for(asked, model, values), strict=True):
+            # What changes nothing here would have a column of zeros: no test, and no fit.
             changing = [each for each in choices if np.any(each.derivative)]
             candidates += changing
             if not changing:

@@ -88,6 +88,7 @@ class Workbench:
     @one_thread
     def compare(self, version: ModelVersion | None = None) -> Comparison:
         """A version's model, by default the current one, beside the data."""
+        # Imported where it is used, here and below: loading scipy would delay every other command.
         from rigctl.workbench.verdict.compare import compared
 
         chosen = version or self.current
@@ -134,6 +135,7 @@ class Workbench:
         attempt = self._attempt(version)
         if version.version not in self._optima:
             fewer = [each for each in self._usable_versions() if set(each.effects) < set(version.effects)]
+            # With the same choices: the same effect with another period is no part of this model.
             fewer = [each for each in fewer if all(term in version.terms for term in each.terms)]
             parents = [self._optimum(each) for each in fewer]
             self._optima[version.version] = maximum_likelihood(attempt, attempt.estimator, parents)
@@ -157,6 +159,7 @@ class Workbench:
         from rigctl.workbench.verdict.account import account_of, recalled
 
         terms = [each.terms for each in self._usable_versions()]
+        # A version more changes the noise, and with it every fit there was.
         if self._account is None or self._account[0] != terms:
             kept = versions.kept_account(self.store, self._files)
             account = account_of(self.study, terms, progress=progress) if kept is None else recalled(self.study, kept)
@@ -248,6 +251,7 @@ class Workbench:
         joint = joint_fit(versions.last_diagnosis(self.store), added)
         last = len(added) - 1
         return [
+            # The fit of all together belongs to the version that has them all.
             versions.extend(self.store, term, self.source_of(term.effect), joint if number == last else None)
             for number, term in enumerate(added)
         ]
@@ -259,6 +263,7 @@ class Workbench:
     def _require_known(self, effects: Sequence[str]) -> None:
         known = self.study.effects()
         for effect in effects:
+            # `#2` marks a second term of one effect.
             if effect.split("#")[0] not in known:
                 raise unknown_effect(effect, known)
 

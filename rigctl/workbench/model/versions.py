@@ -216,6 +216,7 @@ def require_present(version: ModelVersion, effects: Sequence[str]) -> None:
 def data_key(store: Store) -> str:
     """Names the data, the program and the terms of all versions, which tell the noise together: what was worked out
     under another key is out of date."""
+    # A set: neither the order of versions nor terms that several of them have make other noise.
     terms = {json.dumps(term.as_json(), sort_keys=True) for version in versions(store) for term in version.terms}
     return hashlib.sha256(json.dumps([_code(), runs_key(store), sorted(terms)]).encode()).hexdigest()
 
@@ -228,6 +229,7 @@ def runs_key(store: Store) -> str:
 
 def still_held(store: Store, version: ModelVersion) -> frozenset[str]:
     """Parameters that a version holds at zero; with other runs it is asked anew which these are."""
+    # What one set of runs cannot determine, another may.
     return frozenset(version.held) if version.held and version.runs == runs_key(store) else frozenset()
 
 
@@ -282,4 +284,5 @@ def last_diagnosis(store: Store) -> dict[str, Any] | None:
 
 def _kept(store: Store, kind: str, what: str, **key: Any) -> dict[str, Any] | None:
     matching = [each.data[what] for each in store.documents(kind) if key.items() <= each.data.items()]
+    # Documents are never changed: of several for the same question the last counts.
     return dict(matching[-1]) if matching else None

@@ -101,6 +101,7 @@ def _promised(imagined: Imagined, questions: Sequence[Question], others: Sequenc
 
 
 def _power(question: Question, noncentrality: float) -> float:
+    # Parameters without a size are free in the test, not part of what is tested.
     return power(noncentrality, int(np.sum(question.size != 0.0)))
 
 

@@ -66,9 +66,11 @@ def sensitivity(
     imagined = Imagined(study, attempt, [*options, *full_scan])
     candidate_terms = [candidate.term for candidate in imagined.candidates]
     information = Information(triangle_of(imagined, candidate_terms))
+    # Without the data there are: the size that a full scan would show by itself.
     scanned = Information(triangle_of(imagined, candidate_terms, made=imagined.beliefs))
     for run in range(len(options), len(imagined.proposals)):
         scanned.add(run)
+    # Of one trial among all of the catalogue (Bonferroni).
     level = CATALOGUE_SHARE * alpha / attempt.n_eff
     dof = {each.candidate.term.effect: each.score.dof for each in attempt.scored}
     wanted: list[float] = []
@@ -83,6 +85,7 @@ def sensitivity(
             wanted.append(needed_noncentrality(level, dof.get(candidate.term.effect, np.inf)))
             asked.append((candidate.term.effect, name, float(size[number]), candidate.units[number]))
     plan = Plan(information, questions, wanted, RigTime(options, run_price_s), batch)
+    # The course begins with the runs there are: what they exclude already.
     shares = [value / enough for value, enough in zip(plan.course[0], wanted, strict=True)]
     parameters = [Excluded(*each, share=float(share)) for each, share in zip(asked, shares, strict=True)]
     return Sensitivity(tuple(parameters), tuple(options[i] for i in plan.runs))

@@ -15,6 +15,7 @@ from rigctl.workbench.threads import one_thread
 LOOSE = 1e3
 """How far beyond what all options together would tell the baseline's parameters are unknown."""
 
+# In sigma.
 _MOST = 30.0
 
 
@@ -38,6 +39,7 @@ def first_design(
     given = model.observations
     fitted = model.jacobian(values) / given.sigma[:, None]
     fitted = fitted[:, np.linalg.norm(fitted, axis=0) > 0.0]
+    # All columns in units of what is believed beforehand: the spread then begins as the unit matrix.
     columns = [LOOSE * fitted / np.linalg.norm(fitted, axis=0)]
     columns += [
         _bounded(candidate.derivative * candidate.typical / given.sigma[:, None])
@@ -64,9 +66,11 @@ def _bounded(columns: FloatArray) -> FloatArray:
 
 
 def _gain(rows: FloatArray, spread: FloatArray) -> float:
+    # Sylvester's identity: the determinant of a matrix of the run's rows instead of one of all parameters.
     return float(np.linalg.slogdet(np.eye(len(rows)) + rows @ spread @ rows.T)[1])
 
 
 def _narrowed(spread: FloatArray, rows: FloatArray) -> FloatArray:
+    # Woodbury, for the same reason.
     along = spread @ rows.T
     return np.asarray(spread - along @ np.linalg.solve(np.eye(len(rows)) + rows @ along, along.T))

@@ -86,10 +86,12 @@ class Imagined:
             if candidate.term == term:
                 return self._padded(candidate.derivative)
         try:
+            # A choice between the values of a scan is among no candidates: a model that has it is made.
             model = self._study.model((*self._attempt.terms, term))
         except UNFIT:
             return None
         values = _values(model, {**self._attempt.values, **_zeros(model, term)})
+        # A parameter whose value the term's choice fixes has the choice's name behind the effect's.
         fitted = [each.name.rpartition(".")[2] not in term.choice for each in model.parameters]
         columns = [column for column, owner in enumerate(model.owners) if owner == term.effect and fitted[column]]
         slopes = model.jacobian(values)[:, columns]
@@ -131,6 +133,7 @@ def _zeros(model: Model, term: Term) -> dict[str, float]:
 def _imagined_sigma(noise: Noise, made: Observations, whole: Observations) -> FloatArray:
     """Standard deviations of imagined data: given weights times what the existing data of the pool came out at."""
     count = len(made.value)
+    # What estimation made of the given weights, correlations included: imagined runs are independent.
     ratio = noise.total_sigma() / made.sigma
     names = [pool.name for pool in made.pools]
     by_pool = {

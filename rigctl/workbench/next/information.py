@@ -48,7 +48,9 @@ class Information:
             return None
         length = self._triangle.length[self._free :]
         size = np.zeros(len(length))
+        # The triangle's columns are of unit length; sizes are in units of that.
         size[effect] = question.size * length[effect]
+        # Parameters of the effect itself that have no size are as free as the rival's.
         beside = np.concatenate([effect[question.size == 0.0], rival])
         return Asked(size, beside, ABSORBED if question.rival is None else 0.0)
 
@@ -59,6 +61,7 @@ class Information:
     def noncentralities_with_each(self, questions: Sequence[Asked]) -> FloatArray:
         """The same with one run more, for each that could be made: (questions, runs)."""
         columns = self._triangle.ahead[..., self._free :]
+        # The run's rows in V: its columns less what the free parameters imitate, lessened by what it tells of these.
         along = _over(self._root[: self._free, : self._free], self._triangle.ahead[..., : self._free])
         left = columns - along @ self._root[: self._free, self._free :]
         information = self._information + left.swapaxes(1, 2) @ _lessened(along, left)
@@ -111,6 +114,7 @@ class Precision:
         self._ahead = triangle.ahead
         self._root = triangle.root
         which = [triangle.names.index(name) for name in wanted]
+        # Back to the parameters' own units.
         self._scaled = np.eye(len(triangle.names))[which] / triangle.length[which, None]
 
     def sigmas(self) -> FloatArray:
@@ -140,6 +144,7 @@ def _noncentrality(information: FloatArray, question: Asked) -> FloatArray:
     beside = question.beside
     if not len(beside):
         return np.asarray(along @ question.size)
+    # A direction of which next to nothing is left imitates nothing: a fit would hold it at zero.
     free = information[..., beside[:, None], beside] + SECOND_ORDER**2 * np.eye(len(beside))
     imitated = np.linalg.solve(free, along[..., beside, None])[..., 0]
     left = along @ question.size - np.sum(along[..., beside] * imitated, axis=-1)

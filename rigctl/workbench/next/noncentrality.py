@@ -8,6 +8,7 @@ from scipy import optimize, stats
 SEPARATING_LAMBDA = 25.0
 """Lambda that separates: one question at half the default level, any one or two parameters, power 0.95."""
 
+# Half the default alpha: it is one question, asked of two named effects.
 LEVEL = 0.005
 POWER = 0.95
 
@@ -27,4 +28,5 @@ def needed_noncentrality(level: float, dof: float = np.inf) -> float:
     def lacking(size: float) -> float:
         return float(stats.ncf.sf(threshold, 1, dof, size)) - POWER
 
+    # At twenty times the threshold the power is 1 at any degrees of freedom: an upper end for the search.
     return float(optimize.brentq(lacking, 1e-3, 20.0 * threshold))

@@ -38,6 +38,7 @@ def greedy(
     """
     chosen: list[int] = []
     while len(chosen) < most:
+        # The information may know further runs, which are not offered (a full scan to compare with).
         gain = gains()[: rig_time.runs]
         best = int(np.argmax(gain / rig_time.of_each(chosen)))
         if not worth(float(gain[best]), len(chosen)):
@@ -84,6 +85,7 @@ class Plan:
             if not len(left):
                 return
             lambdas = self._information.noncentralities_with_each(self._questions)[:, left]
+            # Logarithms: no question is left behind for one that gains much from every run.
             self.runs.append(int(left[np.argmax(np.sum(np.log(lambdas + 1.0), axis=0))]))
             self._take(self.runs[-1])
 
@@ -114,6 +116,7 @@ def runs_needed(course: Sequence[float], wanted: float) -> int | None:
     reached = next((count for count, value in enumerate(course) if value >= wanted), None)
     if reached is not None or len(course) < 2:
         return reached
+    # Lambda grows about in proportion to the number of runs.
     rate = (course[-1] - course[0]) / (len(course) - 1)
     return len(course) - 1 + ceil((wanted - course[-1]) / rate) if rate > 1e-3 * wanted else None
 

@@ -61,6 +61,7 @@ def rivals(study: Study, final: Sequence[Term], diagnosis: Diagnosis) -> tuple[t
     for rank in contested:
         beside = (*base, *(term for term in doubted if term != rank.term))
         for alternative in _equals(study, beside, rank):
+            # Both ways: either may be the truth, and the runs must tell whichever it is.
             for one, other in ((rank.term, alternative), (alternative, rank.term)):
                 size = _estimated(study, beside, one)
                 if len(size):
@@ -72,6 +73,7 @@ def inseparable(final: Attempt, diagnosis: Diagnosis) -> list[Question]:
     """Effects that these data cannot tell from another, or from what is fitted: at their typical sizes."""
     scored = {each.candidate.term.effect: each for each in final.scored}
     questions = []
+    # One question for an effect, however many parameters absorb it.
     absorbed: set[str] = set()
     for pair in diagnosis.inseparable:
         if pair.effect not in scored or pair.effect in absorbed:
@@ -79,6 +81,7 @@ def inseparable(final: Attempt, diagnosis: Diagnosis) -> list[Question]:
         candidate = scored[pair.effect].candidate
         if pair.other.startswith("baseline:"):
             absorbed.add(pair.effect)
+            # Its other parameters show in these data already.
             size = np.where(scored[pair.effect].score.keep < ABSORBED, candidate.typical, 0.0)
             if size.any():
                 questions.append(Question(candidate.term, None, size, "typical", pair.other))

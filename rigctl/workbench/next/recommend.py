@@ -60,6 +60,7 @@ def recommend(
         return Recommendation("none", (), "There is no run that the bench can do.")
     final = diagnosis.steps[-1].terms if diagnosis.steps else tuple(terms)
     base, questions = rivals(study, final, diagnosis)
+    # Rivals are asked about in a model without any of those in doubt: each takes its place in turn.
     separating = Decided()
     if questions:
         imagined = Imagined(study, Attempt(study, base), offered)

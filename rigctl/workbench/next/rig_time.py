@@ -37,5 +37,6 @@ class RigTime:
 
 def total_s(runs: Sequence[Proposal]) -> float:
     """Rig time of these runs together; NaN where it is not known."""
+    # Each is set up once; runs of no sitting share the name "", which costs nothing.
     sittings = {run.sitting: run.sitting_s for run in runs}
     return float(sum(run.takes_s for run in runs) + sum(sittings.values()))

@@ -62,8 +62,10 @@ def triangle_of(
     settled, left = _eliminated(imagined.fitted[there, ~kept], firmness[~kept], columns[there])
     runs = _by_run(columns[ahead], imagined)
     length = _length(settled, left, runs)
+    # Free are the fitted parameters that stay and the effects that may act too; what is asked comes last.
     count = int(np.sum(kept))
     free = count + len(sizes)
+    # Priors as rows: almost none on what is fitted, typical sizes for what may act too, none on what is asked.
     belief = np.concatenate([firmness[kept], 1.0 / (sizes * length[count:free]), np.zeros(asked.shape[1])])
     return Triangle(
         root=root_of(np.vstack([np.diag(belief), left / length])),

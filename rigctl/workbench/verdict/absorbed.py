@@ -12,6 +12,7 @@ from rigctl.workbench.study import ExactlyLinear, Model
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.score import ABSORBED
 
+# Of an eigenvalue of the Gram matrix of unit columns.
 _ROUNDING = 1e-14
 _OF_EXACT = 1e-5
 """Share below which a parameter that enters exactly linearly is absorbed: a square of years is almost a line."""
@@ -37,9 +38,11 @@ def absorbed_parameters(
     ]
     exact = model.exactly_linear if isinstance(model, ExactlyLinear) else frozenset()
     least_keep = np.array([_OF_EXACT if name in exact else ABSORBED for name in names])
+    # One at a time, the most imitated first: with it held, the others may be determined again.
     held: list[int] = []
     while free:
         keep = _kept_shares(gram, np.setdiff1d(np.flatnonzero(size > 0.0), held), len(size))
+        # Of equals the last, so that what was in the model before stays fitted.
         least = min(reversed(free), key=lambda place: keep[place] / least_keep[place])
         if keep[least] >= least_keep[least]:
             break

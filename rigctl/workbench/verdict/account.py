@@ -69,8 +69,10 @@ def account_of(
     if not first.estimator.from_scatter:
         return Account(first, None, None)
     search.run()
+    # A line of the samples changes none of the reduced data whose scatter tells the noise.
     lines = {id(line.term) for line in search.lines}
     richest = search.attempt([term for term in search.terms if id(term) not in lines])
+    # By way of its document: the account is then the same whether just made or kept in a store.
     told = recalled(study, Account(richest, None).as_document(), seed)
     assert told.known is not None
     search.judged_by(told.known, told.richest)
@@ -97,6 +99,7 @@ def _joint(study: Study, versions: Iterable[Sequence[Term]]) -> tuple[Term, ...]
             continue
         for term in terms:
             if term not in joint and _can_be_fitted(study, (*joint, term)):
+                # Terms that these data cannot tell apart are not fitted together: the earlier version's stays.
                 joint = (*joint, term)
     return joint or ()
 

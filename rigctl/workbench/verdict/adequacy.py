@@ -26,6 +26,7 @@ def adequacy(attempt: Attempt, account: Account) -> float:
     if effects < CATALOGUE_SHARE * LEVEL and account.next_term(attempt) is None:
         effects = 1.0
     asked = (
+        # Lines are looked for in the samples and not here: their share is free for chi-square as a whole.
         attempt.chi2_p_value() / LINES_SHARE,
         effects / CATALOGUE_SHARE,
         p_of_shape(attempt) / SHAPES_SHARE,

@@ -29,6 +29,7 @@ def equivalent_effects(attempt: Attempt, scored: Scored) -> list[str]:
 
 def _alike(attempt: Attempt, place: int) -> list[int]:
     """Effects that do the same to these data: their spans coincide, neither explains more of what is left."""
+    # Bounds are cheap for all pairs; bases are compared where they leave it open.
     a, near = attempt.scored[place].score, np.flatnonzero(attempt.likeness_bounds[place] > SAME)
     others = [(int(i), attempt.scored[i].score) for i in near if i != place]
     return [
@@ -64,12 +65,15 @@ def _absorbers(attempt: Attempt, scored: Scored) -> dict[str, str]:
     absorbed = scored.score.keep < ABSORBED
     typical = np.where(absorbed, scored.candidate.typical, 0.0)
     column = attempt.columns(scored.candidate) @ typical
+    # J^+ G p: what the parameters take up where the effect acts and is not in the model.
     shift, *_ = np.linalg.lstsq(attempt.jacobian, column, rcond=1e-10)
+    # In units of the noise, for the parameters' own do not compare.
     strength = np.abs(shift) * np.linalg.norm(attempt.jacobian, axis=0)
     shifts: dict[str, str] = {}
     for where in np.argsort(-strength):
         if strength[where] < _SHARE * strength.max() or not strength[where] > 0.0:
             break
+        # Without the mounting in brackets: the same parameter of forty mountings is named once.
         name = attempt.model.owners[where] or f"baseline:{attempt.names[where].partition('[')[0]}"
         if name not in shifts:
             shifts[name] = (

@@ -33,7 +33,9 @@ REFINED_FROM = 0.05
 
 _SCAN_TOLERANCE = 1e-4
 _SCANNED = 3
+# Of a candidate's square sum: with less of it in data of unsure noise its p-value stays.
 _PART = 1e-3
+# Degrees of freedom beyond which an estimated scale is as good as known.
 _WELL_KNOWN = 500.0
 _ROUNDING = 1e-13
 
@@ -112,6 +114,7 @@ class Attempt(FittedModel):
         for group, scores in zip(self._groups[effect], self._scored_groups(effect), strict=True):
             for candidate, score in zip(group, scores if isinstance(scores, list) else scores.scores, strict=True):
                 more = 0 if best is None else len(candidate.names) - len(best.candidate.names)
+                # Twice the log evidence: a further parameter costs ln n (Schwarz).
                 if best is None or score.statistic - more * price > best.score.statistic:
                     best = Scored(candidate, score)
         assert best is not None
@@ -130,6 +133,7 @@ class Attempt(FittedModel):
             return np.zeros((0, 0))
         joined = np.hstack(bases)
         first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
+        # The mean squared cosine is no less than the smallest, and needs no singular values.
         overlap = np.add.reduceat(np.add.reduceat((joined.T @ joined) ** 2, first, axis=0), first, axis=1)
         return np.asarray(np.sqrt(overlap / dimensions[:, None]))
 
@@ -150,6 +154,7 @@ class Attempt(FittedModel):
         for name, (low, high) in study.neighbours(term).items():
 
             def with_value(log: float, at: Term = best.candidate.term, name: str = name) -> Scored:
+                # Digits beyond the tolerance of the search would stand in documents and mean nothing.
                 choice = {**at.choice, name: float(f"{np.exp(log):.6g}")}
                 candidate = study.candidate(self.model, self.result.values, Term(at.effect, choice))
                 return Scored(candidate, self._score(candidate))
@@ -210,12 +215,14 @@ class Attempt(FittedModel):
     def _by_own_noise(self, score: Score, frame: FloatArray) -> Score:
         """With the scale of the noise as it is once the candidate is in: what it explains inflates it before."""
         data = len(frame)
+        # What of the candidate was not projected out when the noise was estimated: it is in the noise's square sum.
         outside = score.basis[:data] - frame @ (frame.T @ score.basis[:data])
         explained = float(np.sum((outside.T @ self.left[:data]) ** 2))
         taken = float(np.sum(outside**2))
         dof = float(self.noise.dof[0])
         if dof - taken < 1.0 or not score.dimension:
             return score
+        # The scale was 1, so that `dof` is the square sum before; `explained` is what the candidate takes of it.
         scale = max(dof - explained, 1e-9 * dof) / (dof - taken)
         p_value = p_of(score.statistic / scale, score.dimension, dof - taken)
         return replace(score, dof=dof - taken, p_value=float(p_value))
@@ -245,6 +252,7 @@ class Attempt(FittedModel):
     def evidence(self, scored: Scored) -> float:
         """Log evidence: T/2 less what dimensions and choices cost; ranks candidates of different kinds."""
         grid = sum(candidate.term.effect == scored.candidate.term.effect for candidate in self.candidates)
+        # Schwarz's ln n / 2 for each parameter, and ln of the choices there were (a scan finds more by chance).
         price = 0.5 * scored.score.dimension * float(np.log(len(self.result.residuals)))
         return 0.5 * scored.score.statistic - price - float(np.log(grid))
 

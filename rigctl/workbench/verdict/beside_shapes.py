@@ -20,6 +20,7 @@ def replaced_by_shape(attempt: Attempt, best: Scored, alpha: float) -> bool:
         return False
     shape_columns = attempt.whitened_columns(shape.columns)
     columns = attempt.columns(best.candidate)
+    # An effect that is itself a plain shape is safe: neither needs the other, and the catalogue goes first.
     effect = attempt.corrected(attempt.projector_with(shape_columns).score(columns).p_value)
     beside = corrected(attempt.projector_with(columns).score(shape_columns).p_value, shape.n_eff)
     return effect >= CATALOGUE_SHARE * alpha and beside < SHAPES_SHARE * alpha
@@ -55,5 +56,6 @@ def _shapes_left(attempt: Attempt, alpha: float, seed: int) -> list[Best]:
     while shape is not None and shape.p_value_corrected < SHAPES_SHARE * alpha and len(shapes) < MOST_SHAPES:
         shapes.append(shape)
         columns = np.hstack([columns, attempt.whitened_columns(shape.columns)])
+        # Those found before are fitted along: the next one is of what they leave.
         shape = attempt.generic.best(attempt.noise, attempt.projector_with(columns), rng)
     return shapes

@@ -23,9 +23,11 @@ from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
 from rigctl.workbench.verdict.scan import inverse_root
 from rigctl.workbench.verdict.score import ABSORBED, Score, p_of
 
+# A law is fitted to them, so that tails beyond 1 / 300 can be told.
 DRAWS = 300
 DEGREES = (40.0, 25.0, 16.0, 11.0, 8.0, 6.0, 5.0, 4.0, 3.0)
 SCALES = np.geomspace(1.0, 8.0, 13)
+# Draws that are not absorbed, below which no law is fitted.
 _FEW = 50
 _CHOICES = 20
 _HIGH = 20.0
@@ -63,6 +65,7 @@ class Bootstrap:
         """Of an effect; of a scanned one the widest of its choices."""
         if effect not in self._laws:
             laws = [_law(drawn, dimension, dof) for drawn, dimension, dof in self._effects[effect]]
+            # Conservative: which choice the data will pick is not known beforehand.
             self._laws[effect] = max(laws, key=lambda law: law.p_value(_HIGH, 1))
         return self._laws[effect]
 
@@ -93,6 +96,7 @@ def bootstrap(
     jacobian, columns = fitted.model.jacobian(fitted.result.values), np.hstack([np.zeros((data, 0)), *tried])
     known = np.setdiff1d(np.arange(len(fitted.left)), scatter)
     white = fitted.jacobian[known], fitted.whitened_columns(columns)[known]
+    # Data of known noise are needed only along the columns: as many numbers are drawn as these span.
     frame = orthonormal(np.hstack(white), 1e-9)
     above = frame.T @ white[0], frame.T @ white[1]
     drawn = np.zeros((DRAWS, len(tried)))
@@ -100,6 +104,7 @@ def bootstrap(
     for draw in range(DRAWS):
         noisy = np.zeros(data)
         noisy[scatter] = noise.colour(rng.standard_normal(data))[scatter]
+        # Estimated in each draw as it is for the data: the tail is heavy because this estimate scatters.
         estimated = estimator.estimate(noisy)
         below = estimated.whiten(np.hstack([noisy[:, None], jacobian, columns]))[scatter]
         left = np.concatenate([rng.standard_normal(frame.shape[1]), below[:, 0]])
@@ -133,6 +138,7 @@ def _law(drawn: FloatArray, dimension: int, dof: float) -> Law:
     if len(mean) < _FEW:
         return Law(1.0, dof)
     best, law = -np.inf, Law(1.0, dof)
+    # A search on a grid: the likelihood is flat in both directions where draws are few.
     for nu in (dof, *(each for each in DEGREES if each < dof)):
         for scale in SCALES:
             likelihood = _log_f(mean / scale, dimension, min(nu, 1e6)) - len(mean) * float(np.log(scale))

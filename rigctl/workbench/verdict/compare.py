@@ -19,6 +19,7 @@ from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.noise_entries import noise_entries
 
 WORST = 10
+# Enough for a slope, a bend or a step, and few enough to keep the test's power.
 BINS = 5
 TRENDS = 20
 _FEW = 3
@@ -91,6 +92,7 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
             if columns is None:
                 continue
             whole = np.zeros((len(given.value), columns.shape[1]))
+            # In units of each datum's noise, so that steps weigh alike once they are whitened.
             whole[rows] = columns * attempt.noise.total_sigma()[rows, None]
             score = projector.score(attempt.whitened_columns(whole))
             if not score.dimension:
@@ -99,6 +101,7 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
             trends.append(Trend(series.channel, series.component, name, score.p_value, 1.0, rms))
     count = len(trends)
     strongest = sorted(trends, key=lambda trend: trend.p_value)[:TRENDS]
+    # Bonferroni: strict where covariates go together, but this is a table to look at and no verdict.
     return tuple(replace(trend, p_value_corrected=min(count * trend.p_value, 1.0)) for trend in strongest)
 
 
@@ -109,6 +112,7 @@ def _steps(values: FloatArray, bins: int) -> FloatArray | None:
     edges = np.unique(values)
     if len(edges) > bins:
         edges = np.quantile(values, np.linspace(0, 1, bins + 1))
+    # The largest value belongs to the last bin.
     where: IntArray = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 1)
     indicator = np.equal.outer(where, np.unique(where)).astype(np.float64)
     indicator = indicator[:, indicator.sum(axis=0) >= 1]

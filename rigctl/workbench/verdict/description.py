@@ -17,6 +17,7 @@ _BY_POWER = {-1: "falling as 1/w", 0: "whatever the frequency", 1: "growing as w
 def described(given: Observations, best: Best, score: Score) -> Unexplained:
     """The shape that describes what is left; `score` is that of its `described_columns` in the residuals."""
     shape, series = best.described_by, given.series[best.described_by.series]
+    # The last column, a constant beside the shape, is not part of what is described.
     estimate, sigmas = (each[: 2 if shape.harmonic else 1] for each in (score.estimate, score.sigma))
     size = float(np.linalg.norm(estimate))
     sigma = float(np.sqrt(np.sum(np.where(np.isfinite(sigmas), sigmas, 0.0) ** 2)))

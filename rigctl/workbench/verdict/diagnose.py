@@ -35,11 +35,13 @@ def diagnose(
     account = account or account_of(study, [terms], seed, progress)
     search = _searched(study, terms, alpha, seed, progress or (lambda _: None), account)
     alike = [rival for term in search.suggested for rival in rivals_of(search, term)]
+    # What contains the found effect can always do as well: it may be the truth, but makes nothing ambiguous.
     rivals = [each for each in alike if not each.wider]
     first, final = search.attempt(search.given), search.attempt(search.terms)
     suggested = _suggested(search, rivals)
     unexplained = None
     if search.unexplained is not None:
+        # Scored again: its size is that beside all that was found.
         score = final.projector.score(final.whitened_columns(search.unexplained.described_columns))
         unexplained = described(final.model.observations, search.unexplained, score)
     return Diagnosis(

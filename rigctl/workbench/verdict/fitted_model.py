@@ -68,6 +68,7 @@ class FittedModel:
         below = np.zeros((len(priors), len(self.model.parameters)))
         for row, (column, sigma) in enumerate(priors):
             below[row, column] = 1.0 / sigma
+        # The fit's is of residuals, data - model; this one is of the model.
         return np.vstack([-self.result.jacobian, below])
 
     @cached_property
@@ -122,6 +123,7 @@ class FittedModel:
         if self.result.dof <= told:
             return 1.0
         counts = zip(*np.unique(self.noise.dof, return_counts=True), strict=True)
+        # Satterthwaite: each group of data has a scale of its own, known from so many degrees of freedom.
         spread = sum(float(number) ** 2 / dof for dof, number in counts if np.isfinite(dof))
         dof = len(self.noise.dof) ** 2 / spread if spread > 0.0 else np.inf
         return float(p_of(max(self.result.chi2 - told, 0.0), self.result.dof - told, dof))
@@ -207,6 +209,7 @@ def refitted_values(model: Model, noise: Noise, held: frozenset[str], start: Map
     """
     chosen = {f"{term.effect}.{name}" for term in model.terms for name in term.choice}
     values = dict(start)
+    # Amplitudes first, then what was scanned for too.
     for waiting in (chosen, set[str]()):
         parameters = [
             replace(each, start=values[each.name], fixed=each.fixed or each.name in held or each.name in waiting)
@@ -224,6 +227,7 @@ def held_out_ratio(after: FittedModel, before: FittedModel) -> float:
     if len(after.left) < data or data != len(before.result.residuals):
         return float("nan")
     touched = _touched(after, before)
+    # The model before in the noise of the one after: two estimates of the noise would not compare.
     jacobian = np.vstack([after.noise.whiten(before.model.jacobian(before.result.values)), before.jacobian[data:]])
     basis = orthonormal(jacobian, UNDETERMINED)
     left = np.concatenate([after.noise.whiten(before.unexplained()), before.left[data:]])

@@ -24,7 +24,9 @@ POLYNOMIAL = 6
 
 POWERS = (-1, 0, 1, 2)
 SHAPE_DRAWS = 1000
+# What makes a sine a column of its own beside the cosine; the correlation of columns that say the same.
 _SIDEWAYS, _COPY = 1e-3, 0.999
+# Numbers drawn at most: 16 MB in single precision.
 _MANY = 1 << 22
 _FEW_DATA = 20_000
 _NONE = np.zeros((0, 0))
@@ -111,6 +113,7 @@ class Generic:
             of_series = self._scored(part, noise, projector)
             smallest = np.minimum(smallest, _smallest(of_series, draws, fitted))
             shapes += part[1]
+            # Columns of all series together would be many times the data: they are made again for the one that wins.
             scored.append(replace(of_series, columns=_NONE, shadow=_NONE))
         if not scored:
             return None
@@ -249,10 +252,12 @@ def _distinct(given: Observations, number: int, rows: IntArray) -> _Part:
         seconds.append(second)
         shapes += [Shape(number, harmonic, power, covariate) for power, covariate in names]
     one, other = _normalised(np.hstack(columns)), _normalised(np.hstack(seconds))
+    # With two angles only, cosine and sine are multiples of each other: one column then stands for both.
     other = other - one * np.sum(one * other, axis=0)
     length = np.linalg.norm(other, axis=0)
     paired = length > _SIDEWAYS
     seen = np.any(one != 0.0, axis=0) | paired
+    # Where the cosine is nil at every set-point the sine takes its place.
     one = np.where(np.any(one != 0.0, axis=0), one, other / np.where(paired, length, 1.0))
     paired &= np.any(np.hstack(columns) != 0.0, axis=0)
     where = np.full(len(shapes), -1, dtype=np.intp)
@@ -280,6 +285,7 @@ def _covariates(given: Observations, rows: IntArray) -> list[str]:
     for name in (*given.covariates, *given.indicators):
         values = given.of_runs(name)[rows]
         if (
+            # Words are numbered in no order: they have no slope.
             name in (given.angle, given.frequency, *given.levels)
             or not np.isfinite(values).all()
             or np.ptp(values) <= 0.0
@@ -289,6 +295,7 @@ def _covariates(given: Observations, rows: IntArray) -> list[str]:
             continue
         used.append(values)
         names.append(name)
+        # No more than half as many powers as values: else they would go through every point.
         degrees = min(POLYNOMIAL if not used_up else 2, (len(np.unique(values)) - 1) // 2)
         names += [f"{name}^{degree}" for degree in range(2, degrees + 1)]
     return names
@@ -300,6 +307,7 @@ def _plain(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
     if shape.covariate:
         name, _, degree = shape.covariate.partition("^")
         values = given.of_runs(name)[rows]
+        # Centred and of unit size: powers of years since 0 would be alike to the last digit.
         common = _polynomial((values - values.mean()) / values.std(), int(degree or 1))
     if shape.power and given.frequency is not None:
         frequency = given.of_runs(given.frequency)[rows]

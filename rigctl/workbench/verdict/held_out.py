@@ -95,12 +95,14 @@ def rise_beyond_chance(after: HeldOut, before: HeldOut) -> float:
         for each in (after, before)
     ]
     change = shares[0] - shares[1]
+    # Of the sum over blocks, from how the blocks' changes scatter.
     spread = float(np.sqrt(len(change)) * np.std(change, ddof=1))
     return float(np.sum(change)) / spread if spread > 0.0 else 0.0
 
 
 def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> Predicted:
     """A block where it was `seen`, from rows of the basis of what is fitted and of what the fit leaves."""
+    # Eigenvalues of Q Q' on the block, by whichever side is smaller.
     if len(basis) < basis.shape[1]:
         share, vectors = np.linalg.eigh(basis @ basis.T)
     else:
@@ -109,6 +111,7 @@ def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> Predicte
     free = np.maximum(1.0 - share, _ONLY_HERE)
     fitted = share > _ONLY_HERE
     vectors, free = vectors[:, fitted], free[fitted]
+    # (1 - Q Q')^-1 = 1 + V (1 / free - 1) V' with eigenvectors V, since Q Q' is nil outside them.
     error = left + vectors @ ((1.0 / free - 1.0) * (vectors.T @ left))
     # Their covariance is 1 + V D V': little outside the few directions of V.
     spread = vectors[seen] * np.sqrt((1.0 - free) / free)
@@ -116,6 +119,7 @@ def _predicted(basis: FloatArray, left: FloatArray, seen: BoolArray) -> Predicte
     along = spread.T @ error[seen]
     square = error[seen] @ error[seen] - along @ np.linalg.solve(np.eye(len(gram)) + gram, along)
     only_here = free <= _ONLY_HERE
+    # Such directions were fitted on the block itself, and each takes one of its degrees of freedom.
     size = np.linalg.eigvalsh(gram[np.ix_(only_here, only_here)])
     known_here = orthonormal(spread[:, only_here], _ONLY_HERE)
     rest = spread[:, ~only_here]

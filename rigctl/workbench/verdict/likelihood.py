@@ -45,6 +45,7 @@ def _descended(fitted: FittedModel, estimator: NoiseEstimator, values: Mapping[s
         left = _left(fitted.model, best.values)
         likelier = estimator.likeliest(left, best.noise)
         moved = refitted_values(fitted.model, likelier, fitted.held, best.values)
+        # A refit may end in another minimum; the values it began with are kept then, so that -2 log L never rises.
         now = min(
             (Optimum(_minus_2_log_l(fitted, v, likelier), v, likelier) for v in (best.values, moved)),
             key=lambda optimum: optimum.minus_2_log_l,

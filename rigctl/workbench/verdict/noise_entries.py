@@ -18,6 +18,7 @@ def noise_entries(fitted: FittedModel) -> tuple[NoiseEntry, ...]:
     given, noise = fitted.model.observations, fitted.noise
     scattered = [number for number, pool in enumerate(given.pools) if pool.dof <= 0.0]
     scattered = [number for number in scattered if np.any(given.pool_of == number)]
+    # Noise that is taken as stated has no list of correlations.
     correlations = dict(zip(scattered, noise.correlations, strict=False))
     entries = []
     for number in range(len(given.series)):

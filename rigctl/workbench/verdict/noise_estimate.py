@@ -74,6 +74,7 @@ class NoiseEstimator:
     def estimate(self, residuals: FloatArray) -> Noise:
         """The noise estimated from residuals (n,) of a fit."""
         sigma, dof = self._given.sigma.copy(), self._dof.copy()
+        # Below, the factor under the root runs away: such sigmas stay as they are, and their degrees say the rest.
         known = np.isfinite(dof) & (dof > 4.0)
         # A sigma from few degrees of freedom understates: Student's t has the variance nu / (nu - 2).
         sigma[known] *= np.sqrt(dof[known] / (dof[known] - 2.0))
@@ -83,7 +84,9 @@ class NoiseEstimator:
             scale, weighted = pool.estimate(in_units(self._given, pool.where, residuals[pool.where]))
             sigma[pool.where] *= scale
             dof[pool.where] = pool.dof
+            # Told is the likeliest; whitened is with their weighted mean (decision 014).
             correlations.append(max(weighted, key=lambda pair: pair[0])[1])
+            # Built from all of them: a single best correlation jumps from white to red by chance.
             factors += pool.factors(weighted)
         return with_offsets(self._given, Noise(sigma, dof, tuple(factors), tuple(correlations)))
 

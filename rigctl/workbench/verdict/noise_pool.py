@@ -28,9 +28,11 @@ TIME_CONSTANTS = 6
 WHITE_ODDS = 3.0
 """Prior odds of white noise over all correlated kinds together."""
 
+# With a third left the estimate scattered twice as much, and the power was halved (decision 014).
 SATURATED_SHARE = 2.0 / 3.0
 """At least this share of a pool's data is left to tell its noise."""
 
+# Its covariance is decomposed for every kernel, at a cost that grows as the cube.
 LARGEST_POOL = 400
 """Beyond, the correlation is looked for in a stretch of so many data; its scale is everybody's."""
 
@@ -66,6 +68,7 @@ class Pool:
         self._free = len(self._looked_at) - basis.shape[1]
         self._trials = [_Trials([_WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
         for kernel in self._kernels:
+            # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.
             strength, vectors = np.linalg.eigh(self._kernel(kernel, self._looked_at))
             tried = [Correlation(kernel, q) for q in RATIOS]
             self._trials.append(_Trials(tried, np.outer(RATIOS, strength), vectors, basis))
@@ -81,12 +84,15 @@ class Pool:
             return 1.0, [(1.0, _WHITE)]
         near = residuals[self._looked_at]
         rss = np.maximum(np.concatenate([trials.rss(near) for trials in self._trials]), np.finfo(float).tiny)
+        # Minus twice the restricted log likelihood of each, at its own best scale.
         cost = self._free * np.log(rss) + self._penalties
         weight = np.exp(-0.5 * (cost - cost.min()))
+        # The first trial is white noise; the others share what is left of the odds.
         weight[1:] /= WHITE_ODDS * max(len(self._correlations) - 1, 1)
         weight = np.where(weight > _NEGLIGIBLE * weight.max(), weight, 0.0)
         if len(self.where) > LARGEST_POOL:  # so many data have decided; sums of large matrices are not worth it
             weight = np.where(weight == weight.max(), weight, 0.0)
+        # The mean is of covariances sigma^2 R, and each trial has a sigma of its own: rss over what is free.
         weight *= rss / weight.sum()
         scale = float(np.sqrt(weight.sum() / self._free))
         if len(self.where) > len(self._looked_at) and weight[0] > 0.0:  # white: the scale of all, not of the stretch
@@ -154,6 +160,7 @@ class Pool:
     @property
     def correlated(self) -> bool:
         """Whether there is an order along which to be correlated."""
+        # Of fewer times no correlation can be told from a level.
         return self._at is not None and len(np.unique(self._at)) >= 4
 
     @cached_property
@@ -187,6 +194,7 @@ class Pool:
         else:
             # A power law as a sum of relaxations, two an octave: positive definite whatever the spacing.
             constants = np.geomspace(shortest / 4.0, 8.0 * longest, 2 * int(np.log2(32.0 * longest / shortest)) + 2)
+            # A relaxation T has the density T / (1 + (2 pi f T)^2); with weights T^(a - 1) they add up to 1/f^a.
             weights = constants ** (float(value) - 1.0)
             kernel = np.zeros_like(apart)
             for weight, constant in zip(weights / weights.sum(), constants, strict=True):
@@ -242,6 +250,7 @@ def saturated(required: FloatArray, possible: Sequence[FloatArray]) -> FloatArra
     """
     data = len(required)
     basis = orthonormal(required, 1e-9)
+    # At least eight are left: below, a scale says next to nothing.
     most = int(min(data * (1.0 - SATURATED_SHARE), data - 8))
     for columns in possible:
         norms = np.linalg.norm(columns, axis=0)
@@ -249,6 +258,7 @@ def saturated(required: FloatArray, possible: Sequence[FloatArray]) -> FloatArra
         room = most - basis.shape[1]
         if room <= 0 or not seen.shape[1]:
             continue
+        # With pivoting the columns that add most come first, as far as there is room.
         further, triangle, _ = qr(seen - basis @ (basis.T @ seen), mode="economic", pivoting=True)
         size = np.abs(np.diag(triangle))
         basis = np.hstack([basis, further[:, : min(room, int(np.sum(size > _INDEPENDENT)))]])
@@ -273,5 +283,6 @@ def _usable(order: FloatArray) -> FloatArray | None:
 def _stretch(data: int, fitted: int) -> IntArray:
     """The data from which the correlation is estimated: all, or a stretch from the middle."""
     count = min(data, max(LARGEST_POOL, 3 * fitted))
+    # In one piece: a correlation shows between neighbours.
     first = (data - count) // 2
     return np.arange(first, first + count)

@@ -14,6 +14,7 @@ from rigctl.workbench.verdict.held_out import rise_beyond_chance
 MOST_ABOVE = 1.01
 """Of the promised chi-square: a fit that ends higher is told with a warning."""
 
+# A warning and no test: a rise within reach of chance is worth a word.
 _STANDARD_ERRORS = 1.0
 
 

@@ -72,6 +72,7 @@ def _rank_of_other(search: Search, final: Attempt, scored: Scored, *, held_out: 
     given = final.model.observations
     strength = np.zeros(len(given.series))
     np.add.at(strength, given.series_of, np.sum(columns[: len(given.value)] ** 2, axis=1))
+    # The error over all series would hide an effect that touches two of thirty.
     touched = np.flatnonzero(strength > 1e-3 * strength.max())
     ratio = float("nan")
     if held_out and score.dimension and final.held_out.possible:
@@ -116,6 +117,7 @@ def _detectable(attempt: Attempt, scored: Scored, alpha: float) -> dict[str, flo
     d = scored.score.dimension
     if not d:
         return {}
+    # Of one trial: the inverse of `score.corrected`.
     level = -np.expm1(np.log1p(-CATALOGUE_SHARE * alpha) / attempt.n_eff)
     needed = _noncentrality(d, float(level))
     return {

@@ -45,6 +45,7 @@ def rivals_of(search: Search, term: Term) -> list[Rival]:
         if each.score.statistic < _LEAST_STATISTIC * suggested.score.statistic:
             continue
         if (instead := _substituted(search, others, each, suggested)) is not None:
+            # In the model, what was scanned for is a parameter too.
             size = sum(owner == term.effect for owner in search.attempt(search.terms).model.owners)
             wider = _contains(instead, effect, suggested, max(size, len(suggested.candidate.names)))
             rivals.append(Rival(term.effect, each.candidate.term, wider))
@@ -57,6 +58,7 @@ def _substituted(search: Search, others: tuple[Term, ...], rival: Scored, sugges
     if instead is None:
         return None
     beside = instead.scored_effect(suggested.candidate.term.effect)
+    # Beside a substitute that does all it does, nothing of the suggested effect is left to be significant.
     if beside is not None and beside.score.dimension and beside.score.p_value < RIVAL_LEVEL * search.alpha:
         return None
     return instead if is_adequate(instead, search.alpha) else None

@@ -20,6 +20,7 @@ from rigctl.workbench.verdict.score import ABSORBED, Projector, Score, p_of, sma
 TOGETHER = 32
 """So many choices of an effect are scored together."""
 
+# Draws by choices by columns would not fit into memory all at once.
 _AT_ONCE = 250
 
 
@@ -48,6 +49,7 @@ class ScanScores:
         products = unit.along(np.hstack(vectors))
         self._shadow, to_left = products[:rank], products[rank]
         gram = unit.gram - np.einsum("mki,mkj->kij", self._shadow, self._shadow, optimize=True)
+        # A difference of squares: rounding may leave it a little below zero.
         self._keep = np.sqrt(np.maximum(np.einsum("kii->ki", gram), 0.0))
         self._seen = self._keep > ABSORBED
         self._root, self._determined = inverse_root(gram, self._seen)
@@ -74,6 +76,7 @@ class ScanScores:
         along = self._unit.along_draws(np.ascontiguousarray(draws[:, :data]), name)
         fitted = draws @ self._projector.basis.astype(np.float32)
         shadow = self._shadow.astype(np.float32).reshape(len(self._shadow), -1)
+        # T = x' R R' x with x what is left of a draw along the columns: no basis is made for a choice.
         form = np.einsum("kij,klj->kil", self._root, self._root).astype(np.float32)
         smallest, used = [], self.dimension > 0
         for first in range(0, len(draws), _AT_ONCE):
@@ -112,6 +115,7 @@ class ScanScores:
         explained = np.sum(np.einsum("ki,kij->kj", explained, self._root) ** 2, axis=1)
         used = (self.dimension > 0) & (own.dof - taken >= 1.0)
         rest = np.where(used, own.dof - taken, 1.0)
+        # As in `Attempt._by_own_noise`, for all choices at once.
         scale = np.maximum(own.dof - explained, 1e-9 * own.dof) / rest
         p_values = p_of(self.statistic / scale, self.dimension, rest)
         self._dof = np.where(used, rest, self._dof)
@@ -140,6 +144,7 @@ def inverse_root(gram: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArr
     both = seen[:, :, None] & seen[:, None, :]
     square, vectors = np.linalg.eigh(np.where(both, gram, 0.0))
     s = np.sqrt(np.maximum(square, 0.0))
+    # Eigenvalues rise: the last is the largest.
     determined = (s > ABSORBED * s[:, -1:]) & (s[:, -1:] > 0.0)
     root = np.where(determined[:, None, :], vectors / np.where(determined, s, 1.0)[:, None, :], 0.0)
     return np.asarray(root), np.asarray(determined)

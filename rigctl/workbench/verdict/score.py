@@ -22,6 +22,7 @@ from rigctl.workbench.verdict.noise import orthonormal
 ABSORBED = 1e-2
 """Share of a column that no fitted parameter imitates, below which effects of second order dominate."""
 
+# Relative singular value of unit columns: the same at which a fit calls a direction undetermined.
 UNDETERMINED = 1e-8
 
 
@@ -72,6 +73,7 @@ class Projector:
 
     def score(self, columns: FloatArray) -> Score:
         """Of a candidate's whitened columns (n, d)."""
+        # Parameters' units differ by powers of ten: everything below is in columns of unit length.
         size = np.linalg.norm(columns, axis=0)
         free = self.free(columns)
         keep = np.linalg.norm(free, axis=0) / np.where(size > 0.0, size, 1.0)
@@ -105,6 +107,7 @@ class Projector:
         total = np.sum(share, axis=0)
         for frame, dof in self._between:
             inside = np.einsum("ng,nkd->gkd", frame, bases[: self.data], optimize=True)
+            # What varies between offsets only has no more degrees than there are offsets: the fewer count.
             spread = np.maximum(spread, np.sum(inside**2, axis=(0, 2)) ** 2 / dof)
         none = spread > 0.0
         return np.where(none, total**2 / np.where(none, spread, 1.0), np.inf)
@@ -114,6 +117,7 @@ def p_of(statistic: FloatArray | float, dimension: IntArray | float, dof: FloatA
     """Probability of a larger T: F(d, dof), chi-square where the noise is known."""
     d = np.maximum(dimension, 1)
     exact = special.chdtrc(d, statistic)
+    # Both tails are worked out for all; that of F has no infinite degrees of freedom.
     nu = np.minimum(dof, 1e9)
     return np.asarray(np.where(np.isfinite(dof), special.fdtrc(d, nu, np.asarray(statistic) / d), exact))
 
@@ -122,6 +126,7 @@ def smallest_p(statistics: NDArray[np.floating], dimensions: IntArray) -> FloatA
     """Smallest p of each draw, from statistics (draws, trials)."""
     smallest = np.ones(len(statistics))
     for d in np.unique(dimensions):
+        # Of equal dimension the largest has the smallest p: one tail is worked out instead of all.
         largest = statistics[:, dimensions == d].max(axis=1)
         smallest = np.minimum(smallest, special.chdtrc(d, largest))
     return smallest
@@ -129,6 +134,7 @@ def smallest_p(statistics: NDArray[np.floating], dimensions: IntArray) -> FloatA
 
 def corrected(p_value: float, n_eff: float) -> float:
     """The probability that the smallest of so many trials is as small as that."""
+    # Sidak's formula, in a form that keeps small probabilities exact.
     return float(-np.expm1(n_eff * np.log1p(-min(p_value, 1.0 - 1e-16))))
 
 

@@ -31,6 +31,7 @@ from rigctl.workbench.verdict.significance import (
 )
 from rigctl.workbench.verdict.unrecorded import imitations
 
+# Well beyond the three hidden effects that the search is tried on: it has to end somewhere.
 MOST_TERMS = 8
 REFITTED = 4
 """So many of the best are fitted in full before one is chosen: T is first order."""
@@ -133,6 +134,7 @@ class Search:
         if self.unexplained is None and not final.chi2_p_value() < self.alpha:
             return
         for term in self.suggested:
+            # A likeness of two effects may have kept both out: without it the search finds them, if they are cheaper.
             detour = self._without(term.effect)
             if detour.unexplained is None and detour.price(final.noise) < self.price(final.noise):
                 self.terms, self.moves = detour.terms, detour.moves
@@ -185,10 +187,12 @@ class Search:
             if chosen is None:
                 break
             terms, dropped = self._floated((*self.terms, chosen))
+            # A set that was there before: it would go round in circles.
             if any(move.terms == terms for move in self.moves):
                 break
             self.terms = terms
             self.moves.append(Move(terms, chosen.effect, dropped))
+        # Lines last: they are looked for in what the effects leave of the samples.
         self._add_lines(self.attempt(self.terms))
         self.unexplained = significant_shape(self.attempt(self.terms), self.alpha)
         if self.unexplained and (imitated := imitations(self.attempt(self.given), self.suggested, self.alpha)):
@@ -199,6 +203,7 @@ class Search:
     def _without(self, effect: str) -> Search:
         """The search with one effect barred, which may have taken the place of two others."""
         detour = Search(self.study, self.given, self.alpha, self.seed, self._progress, self._known)
+        # A model means the same in both searches: fits are shared.
         detour._attempts, detour._shapes, detour._values = self._attempts, self._shapes, self._values
         detour._barred = effect
         detour._climb()
@@ -216,6 +221,7 @@ class Search:
         significant.sort(key=attempt.evidence, reverse=True)
         while significant:
             first = significant[0].score.statistic
+            # Where T is linear a refit moves it by a few units; beyond, second order may reverse distant candidates.
             near = first - 30.0 if first < LINEAR else 0.25 * first
             options = [each for each in significant if each.score.statistic >= near][:REFITTED]
             tried = [(self._refitted_cost(attempt, each), each) for each in options]
@@ -250,6 +256,7 @@ class Search:
             added = [term for term in terms if term not in self.given]
             if len(added) < 2:
                 return terms, tuple(dropped)
+            # Not the last: it has just been found significant beside the others.
             p_values = {term.effect: self.p_of_term(terms, term) for term in added[:-1]}
             worst = max(p_values, key=lambda effect: p_values[effect])
             if self.attempt(terms).corrected(p_values[worst]) < CATALOGUE_SHARE * self.alpha:
@@ -263,6 +270,7 @@ class Search:
         without = self.attempt_if_fit([each for each in terms if each != term])
         if without is None:  # what cannot be fitted without it needs it
             return 0.0
+        # Both in the noise of the fuller model, which the term does not inflate.
         fall = without.chi2_with(with_it.noise) - with_it.result.chi2
         dimension = sum(owner == term.effect for owner in with_it.model.owners)
         return float(p_of(max(fall, 0.0), max(dimension, 1), without.dof_of(term.effect)))

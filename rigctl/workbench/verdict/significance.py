@@ -19,6 +19,7 @@ def p_of_scored(attempt: Attempt, scored: Scored) -> float:
     if attempt.corrected(p_value) >= CONFIRM_FROM or not attempt.to_be_drawn(score.basis):
         return p_value
     law = attempt.bootstrap.law(scored.candidate.term.effect)
+    # The larger: that the noise is estimated can only make an effect less sure.
     return max(p_value, law.p_value(score.statistic, score.dimension))
 
 
@@ -53,4 +54,5 @@ def is_adequate(attempt: Attempt, alpha: float) -> bool:
 
 def corrected_for(attempt: Attempt, p_value: float) -> float:
     """A catalogue p-value at the level over all trials together, shares included."""
+    # Divided by the share, so that it compares with alpha itself.
     return min(corrected(p_value, attempt.n_eff) / CATALOGUE_SHARE, 1.0)

@@ -81,6 +81,7 @@ def _lasting(model: Model) -> list[str]:
 def _transferred(shared: Sequence[Shared], theirs: Attempt) -> float:
     known = {each.name: each.here.value for each in shared}
     parameters = [
+        # Held at what was fitted here; nulls and levels of the other mountings are free, nobody could know them.
         replace(parameter, start=known.get(parameter.name, start), fixed=parameter.fixed or parameter.name in known)
         for parameter, start in zip(theirs.model.parameters, theirs.result.values, strict=True)
     ]

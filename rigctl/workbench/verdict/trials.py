@@ -25,11 +25,13 @@ def trials(bases: Sequence[FloatArray], scans: Sequence[ScanScores], rows: int, 
     scans = [each for each in scans if each.dimension.any()]
     if not wide and not scans:
         return 1.0
+    # A stream of its own; 2 draws for shapes, 3 for the bootstrap, 4 for shapes beside others.
     rng, smallest = np.random.default_rng([seed, 1]), np.ones(DRAWS)
     dimensions = np.array([basis.shape[1] for basis in wide], dtype=np.intp)
     span = np.hstack([np.zeros((rows, 0)), *wide])
     first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
     if not scans and span.shape[1] <= rows:
+        # Only what the bases span is drawn: few numbers instead of one for every datum.
         frame = orthonormal(span, 1e-6) if span.shape[1] > 1 else span
         along = rng.standard_normal((DRAWS, frame.shape[1])) @ (frame.T @ span)
         return trials_of(smallest_p(np.add.reduceat(along**2, first, axis=1), dimensions))
