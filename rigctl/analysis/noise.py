@@ -182,7 +182,9 @@ def _local_power_law(at_hz: float, frequency_hz: FloatArray, psd: FloatArray, we
     design = np.stack([np.ones_like(frequency_hz), np.log(frequency_hz / at_hz)])
     prior = np.diag([0.0, _SLOPE_PRIOR_SIGMA**-2])
     centre = np.array([0.0, _SLOPE_PRIOR])
-    information = (design * weight) @ design.T + prior
+    weighted = design * weight
+    # The expected information of a Whittle likelihood does not depend on the level: it is inverted once.
+    covariance = np.linalg.inv(weighted @ design.T + prior)
     estimate = np.array([np.log(weight @ psd / weight.sum()), 0.0])
 
     def cost(p: FloatArray) -> float:
@@ -191,17 +193,15 @@ def _local_power_law(at_hz: float, frequency_hz: FloatArray, psd: FloatArray, we
 
     current = cost(estimate)
     for _ in range(60):
-        score = (design * weight) @ (psd * np.exp(-estimate @ design) - 1.0) - prior @ (estimate - centre)
-        step = np.linalg.solve(information, score)
+        step = covariance @ (weighted @ (psd * np.exp(-estimate @ design) - 1.0) - prior @ (estimate - centre))
         # Scoring may overshoot where few bins scatter widely.
         while (trial := cost(estimate + step)) > current and np.abs(step).max() > 1e-9:
             step = step / 2.0
         estimate, current = estimate + step, trial
         if np.abs(step).max() < 1e-6:
             break
-    covariance = np.linalg.inv(information)
     variance = np.diag(covariance)
     # Second-order bias of the estimate (Cordeiro and McCullagh 1991) beyond that of a log chi-squared.
     leverage = np.einsum("ib,ij,jb->b", design, covariance, design)
-    bias = 0.5 * (variance[0] - covariance[0] @ (design * weight) @ leverage)
+    bias = 0.5 * (variance[0] - covariance[0] @ weighted @ leverage)
     return NoiseLevel(psd=float(np.exp(estimate[0] - bias)), dof=2.0 / float(variance[0]))
