@@ -44,6 +44,7 @@ class AsciiLink:
             connect,
             Check(_bytes(VERSION), self._is_version),
             anew=True,
+            # A line feed behind a bare acknowledge may arrive late: it is part of no reply.
             harmless=lambda unread: not unread.strip(LINE_ENDS),
         )
         self._version = Answer("")
@@ -66,6 +67,7 @@ class AsciiLink:
         self._version = self.ask(VERSION)
         return self._version
 
+    # Queries only: a command may have been carried out although its answer was lost (docs/decisions/008).
     def ask(self, line: str) -> Answer:
         """Send a query; asked again on a new connection when the old one turns out to be lost."""
         with self.lock:
@@ -81,12 +83,14 @@ class AsciiLink:
         reply that came twice, or not whole, would look like that. `OutOfStep` when the second answer is another.
         """
         with self.lock:
+            # One after the other: the interpreter takes no second line before it has answered the first.
             answers = self._conversation.ask_each(
                 [_bytes(line) for line in lines],
                 self._read_line,
                 lambda answer: answer.status == SUCCESS,
             )
             for place in _in_doubt([answer.value for answer in answers]):
+                # The same answer twice is believed: two neighbouring positions may well be equal.
                 if self._exchange(lines[place], self._timeout_s, query=True) != answers[place]:
                     raise OutOfStep(f"{self._name}: {lines[place]!r} was answered in two ways; measure again")
             return answers
@@ -106,6 +110,7 @@ class AsciiLink:
     def confirm_in_step(self) -> None:
         """`OutOfStep` when the version is not the answer to its question, or something else is unread."""
         with self.lock:
+            # The version is the check question; what it answers is learned at the first time it is asked.
             if not self._version.value:
                 self.version()
             self._conversation.confirm_in_step()
@@ -132,6 +137,7 @@ class AsciiLink:
     def _read_line(self, transport: Transport) -> Answer:
         """As `_read` of a query, in one piece: a refusal without its line end is then a time-out."""
         line = b""
+        # Passes over the line feed that a bare acknowledge before this query may have left.
         while not line:
             line = transport.read_until(b"\n", self._timeout_s).strip(LINE_ENDS)
         text = line.decode("ascii", errors="replace")

@@ -70,6 +70,7 @@ class AsciiAxis:
         """True when this AXISSTATUS, or the coordinated-motion plane, says that the axis moves."""
         if status & AxisStatus.MOVE_ACTIVE:
             return True
+        # Both have to be asked: coordinated motions show in the plane's status only (EPICS motorAerotech).
         return bool(self.ask_whole(f"PLANESTATUS({self._plane})") & 1)
 
     def position_mm(self) -> float:
@@ -88,6 +89,7 @@ class AsciiAxis:
         """The answers to queries that are sent in one go, one by one."""
         return [
             self._number(line, self.succeed(line, answer), decimal)
+            # `ask_each` stops after the first query that fails, so there may be fewer answers than lines.
             for line, answer in zip(lines, self.link.ask_each(lines), strict=False)
         ]
 
@@ -113,6 +115,7 @@ class AsciiAxis:
         """
         line = f"ABORT {self._axis}"
         answer = self.link.insist(line)
+        # ABORT on a disabled axis may answer `#` and is no failure of stopping.
         if answer.status != FAULT:
             self.succeed(line, answer)
 
@@ -138,6 +141,7 @@ class AsciiAxis:
         """The error for a command that came to nothing, with the axis' fault as code and text."""
         try:
             fault = self.fault_word()
+        # Why a command failed must not hide behind a second failure: the first is told, with what is known.
         except (LinkError, BadReply) as error:
             return InstrumentError(
                 f"{self._name}: {command!r}: {how}, and the fault could not be read ({error})",
@@ -161,6 +165,7 @@ class AsciiAxis:
         """AXISFAULT as an unsigned number."""
         answer = self.link.ask(f"AXISFAULT({self._axis})")
         try:
+            # The controller sends its 32-bit words as signed decimals: negative where bit 31 is set.
             return whole(answer.value) & 0xFFFFFFFF
         except ValueError:
             raise BadReply(

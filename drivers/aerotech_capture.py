@@ -58,7 +58,9 @@ class PositionCapture:
     def end(self) -> None:
         """Wait for no more edges."""
         if self._armed:
+            # Forgotten first: a stop that comes while OFF is under way must not send it a second time.
             self._armed = 0
+            # Switching it off does no harm when given twice.
             self._wire.insist(f"DATAACQ {self._settings.axis} OFF")
 
     def registers(self) -> FloatArray:
@@ -66,6 +68,7 @@ class PositionCapture:
         samples, self._armed = self._armed, 0
         if not samples:
             raise InstrumentError(f"{self._name}: no capture is armed; arm it before the run", instrument=self._name)
+        # The last edge was seen by the pacing instrument; the position of this one is latched `latency_s` later.
         if self._settings.latency_s > 0.0:
             self._clock.sleep_s(self._settings.latency_s)
         values: list[float] = []
@@ -80,6 +83,7 @@ class PositionCapture:
         self._wire.tell(f"DGLOBAL({last}) = {NOT_WRITTEN:.0f}")
         command = f"DATAACQ {self._settings.axis} READ {first}, {count}"
         answer = self._wire.link.tell(command)
+        # `#` although the axis has no fault: the read itself cannot be done, for want of points.
         if answer.status == FAULT and not self._wire.fault_word():
             raise self._too_few(already, count, samples)
         self._wire.succeed(command, answer)

@@ -33,6 +33,7 @@ from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.core.errors import InstrumentError, LinkLost, MotionStopped, WrongInstrument
 from rigctl.core.interfaces import Channel, Identity, Reading
 
+# Parameter numbers of Aerotech's C header (EnsembleParameterId.h).
 UNITS_NAME, AXIS_NAME, COUNTS_PER_UNIT = 129, 140, 2
 DECIMALS = 9
 """Of mm and Hz in commands."""
@@ -60,6 +61,7 @@ class AerotechEnsemble:
         try:
             self._link.open()
             self._check_who_answers()
+        # A Ctrl-C too: whatever ends the opening must free the one connection that the controller serves.
         except BaseException:
             self._link.close()
             raise
@@ -79,6 +81,7 @@ class AerotechEnsemble:
 
     def stop(self) -> None:
         """Abort whatever moves, end a capture, and return when the axis says that it stands still."""
+        # First: a motion that is about to be sent in another thread then finds that it was stopped.
         self._stops += 1
         with self._link.urgently():
             self._wire.abort()
@@ -90,9 +93,11 @@ class AerotechEnsemble:
     def home(self) -> None:
         """Acknowledge faults, enable, find the reference; only what is still to be done of it."""
         with self._stoppable("homing") as stops:
+            # Enabling acknowledges faults first: a latched fault would refuse it.
             if not self._wire.status() & AxisStatus.ENABLED:
                 self._wire.tell("ACKNOWLEDGEALL")
                 self._wire.tell(f"ENABLE {self._axis}")
+                # Enabling sets the wait mode back.
                 self._wire.tell("WAIT MODE NOWAIT")
             if not self._wire.status() & AxisStatus.HOMED:
                 self._find_reference(stops)
@@ -125,10 +130,12 @@ class AerotechEnsemble:
         self.limits.require_oscillation(self.name, centre_mm, amplitude_mm, frequency_hz, duration_s)
         whole_travel = self._settings.oscillate_distance == "peak-to-peak"
         distance_mm = 2.0 * amplitude_mm if whole_travel else amplitude_mm
+        # Rounded before: 12.0000000001 cycles of rounding must not become 13.
         cycles = math.ceil(round(duration_s * frequency_hz, 9))
         command = f"OSCILLATE {self._axis}, {plain(distance_mm, DECIMALS)}, {plain(frequency_hz, DECIMALS)}, {cycles}"
         with self._stoppable("oscillation") as stops:
             self._prepare_motion()
+            # OSCILLATE begins at one end of its travel, so the carriage is brought to the negative end first.
             self._move(centre_mm - amplitude_mm, stops)
             self._start(command, stops)
             self._await_oscillation(command, stops, self._clock.now_s() + cycles / frequency_hz)
@@ -159,6 +166,7 @@ class AerotechEnsemble:
     def collect(self) -> FloatArray:
         """The captured positions, shape (samples, 1) [mm]; `InstrumentError` when edges were missed."""
         registers = self._capture.registers()
+        # After the registers: a unit that was changed at any time before has spoilt them.
         self._require_unit()
         mm_per_register = 1.0 / self._counts_per_mm if self._settings.capture_unit == "counts" else 1.0
         return registers[:, np.newaxis] * mm_per_register
@@ -168,11 +176,13 @@ class AerotechEnsemble:
     def _find_reference(self, stops: int) -> None:
         command = f"HOMEASYNC {self._axis}"
         answer = self._send_motion(command, stops)
+        # An older firmware; its HOME answers only when homing has ended, hence the long time-out.
         if answer.status == INVALID:
             command = f"HOME {self._axis}"
             answer = self._send_motion(command, stops, self._settings.motion_timeout_s)
         self._wire.succeed(command, answer)
         deadline_s = self._clock.now_s() + self._settings.motion_timeout_s
+        # The first idle poll may be older than the homing; the second says that it has ended.
         idle_polls = 0
         while True:
             status = self._wire.status()
@@ -197,9 +207,12 @@ class AerotechEnsemble:
             if not self._wire.moving(status):
                 self._raise_if_stopped(stops, f"move to {position_mm:g} mm")
                 reached_mm = self._wire.position_mm()
+                # In position is asked of the controller and of the encoder: another client's move would satisfy the
+                # first alone.
                 arrived = abs(reached_mm - position_mm) <= self._settings.position_tolerance_mm
                 if arrived and status & AxisStatus.IN_POSITION:
                     return
+                # The first idle poll may be older than the motion.
                 idle_polls += not arrived
                 if idle_polls > 1 or not status & AxisStatus.ENABLED:
                     raise self._wire.ended(command, f"it stopped at {reached_mm:g} mm")
@@ -212,6 +225,7 @@ class AerotechEnsemble:
             self._raise_if_stopped(stops, "oscillation")
             if not status & AxisStatus.ENABLED or idle_polls > 1:
                 raise self._wire.ended(command, "the axis does not move")
+            # An oscillation may be over before it was ever seen to move, when it is shorter than a poll.
             if self._clock.now_s() >= end_s:
                 return
             idle_polls += 1
@@ -224,6 +238,7 @@ class AerotechEnsemble:
 
     def _wait(self, deadline_s: float, command: str) -> None:
         if self._clock.now_s() > deadline_s:
+            # The motion may go on, and who called is about to give up on it.
             self._wire.abort()
             raise InstrumentError(
                 f"{self.name}: {command!r} has not ended after {self._settings.motion_timeout_s:g} s and was "
@@ -256,6 +271,7 @@ class AerotechEnsemble:
 
     def _send_motion(self, command: str, stops: int, timeout_s: float | None = None) -> Answer:
         """Send a motion command once, unless somebody has stopped the stage since `stops` was read."""
+        # Look and start in one hold of the lock, so that no stop of another thread gets between them.
         with self._link.lock:
             self._raise_if_stopped(stops, command)
             return self._link.tell(command, timeout_s=timeout_s)
@@ -278,6 +294,7 @@ class AerotechEnsemble:
 
     def _check_who_answers(self) -> None:
         try:
+            # No Ensemble knows this word and says `!`; what answers otherwise is something else.
             nonsense = self._link.tell("NONE").status
             version = self._wire.succeed("VERSION", self._link.version())
             axis = self._wire.ask(f"GETPARM({self._axis}, {AXIS_NAME})").strip('"')
@@ -286,6 +303,7 @@ class AerotechEnsemble:
             raise self._wrong(str(error)) from error
         if nonsense != INVALID or not re.match(r"\d+\.\d+", version):
             raise self._wrong(f"it answered 'NONE' with {nonsense!r} and 'VERSION' with {version!r}")
+        # An axis addressed by its index has whatever name it was given.
         if not self._axis.startswith("@") and axis.upper() != self._axis.upper():
             raise self._wrong(f"its axis is called {axis!r}, not {self._axis!r}: set `axis`")
         if units.lower() != "mm":
@@ -312,6 +330,7 @@ class AerotechEnsemble:
         return WrongInstrument(f"{self.name}: no Ensemble to work with: {why}", instrument=self.name)
 
     def _check_program_zero(self) -> None:
+        # PFBK counts from home, PFBKPROG from the program's zero; soft limits here are relative to home.
         shift_mm = self._wire.ask_number(f"PFBK({self._axis})") - self._wire.position_mm()
         if abs(shift_mm) > self._settings.position_tolerance_mm:
             raise InstrumentError(

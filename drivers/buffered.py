@@ -46,6 +46,7 @@ class BufferedTransport(ABC):
         deadline = self._deadline(timeout_s)
         searched = 0
         while (found := self._received.find(terminator, searched)) < 0:
+            # Bytes looked through are not searched again, but for a terminator that may be cut in two.
             searched = max(0, len(self._received) - len(terminator) + 1)
             self._fill(deadline, repr(terminator), timeout_s)
         return self._take(found + len(terminator))
@@ -60,14 +61,17 @@ class BufferedTransport(ABC):
     def unread(self) -> bytes:
         """Take what has arrived and nobody has read; `LinkLost` when there is nothing but an end."""
         try:
+            # Until nothing more is there: one look gives only what the system hands over at once.
             while came := self._receive(0.0):
                 self._received += came
         except LinkLost:
+            # What came before the end is still told; the loss shows at the next look.
             if not self._received:
                 raise
         return self._take(len(self._received))
 
     def _deadline(self, timeout_s: float) -> float:
+        # Time-outs are rig time; a clock speeded up 50 times must not leave a process 40 ms to answer.
         return time.monotonic() + max(timeout_s / self._clock.speed, self._floor_s)
 
     def _fill(self, deadline: float, wanted: str, timeout_s: float) -> None:
@@ -75,6 +79,7 @@ class BufferedTransport(ABC):
         if not came:
             raise timed_out(self.address, wanted, timeout_s, bytes(self._received))
         self._received += came
+        # Something that sends without end would fill the memory before any time-out.
         if len(self._received) > REPLY_BYTES_MAX:
             raise LinkError(
                 f"{self.address}: {REPLY_BYTES_MAX} bytes came and no {wanted}; is it another instrument?"

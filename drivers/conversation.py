@@ -18,6 +18,7 @@ from rigctl.core.errors import BadReply, LinkError, LinkLost, LinkTimeout, OutOf
 T = TypeVar("T")
 P = ParamSpec("P")
 
+# A line that still sends other things after so many is used by somebody else.
 REPLIES_BEHIND_MAX = 64
 
 OVERTAKEN_AFTER_S = 0.05
@@ -52,6 +53,7 @@ class Conversation:
         anew: bool,
         harmless: Callable[[bytes], bool] = lambda _: False,
     ) -> None:
+        # Re-entrant, since exchanges that belong together hold it around single ones.
         self.lock = threading.RLock()
         self.opened = False
         """True between `open` and `close`."""
@@ -68,6 +70,7 @@ class Conversation:
         self._doubtful = False
         self._unread = b""
         self._reached = 0
+        # A lock of its own: `reachable` is entered by who must not wait for an exchange.
         self._reaching = threading.Lock()
         self._urgent = 0
         self._overtaken = False
@@ -77,6 +80,7 @@ class Conversation:
         self.close()
         self.opened = True
         with self.lock:
+            # What was left of the old connection says nothing about the new one.
             self._unread, self._overtaken = b"", False
             self._connected().unread()
 
@@ -132,6 +136,7 @@ class Conversation:
         transport = self._clear(questions[0])
         try:
             for question in questions:
+                # Also between two questions, where a surplus reply would shift all later ones.
                 if unread := transport.unread():
                     self._look_at(unread, question)
                 transport.write(question)
@@ -155,10 +160,12 @@ class Conversation:
         with self.lock:
             if not self.ask(self._check.question, self._is_own, self._one_check()):
                 self._raise_out_of_step(f"{self._check.question!r} was not answered by its own reply")
+            # The surplus of a doubled reply comes after it: hence one more look.
             self._clear(self._check.question)
 
     @contextmanager
     def _one_check(self) -> Iterator[None]:
+        # Counted when it is sent: a reply that comes much later must still be known as its own.
         self._checks_due += 1
         yield
 
@@ -172,17 +179,20 @@ class Conversation:
 
     def _settle(self, transport: Transport) -> None:
         """Read on until every check question is answered, or the last ones seem lost."""
+        # A new connection carries no late replies: nothing to settle.
         if self._anew:
             return
         with self._one_check():
             transport.write(self._check.question)
         answered = False
+        # Late replies of earlier questions come first; each check question sent so far is answered once.
         for _ in range(REPLIES_BEHIND_MAX):
             try:
                 answered = self._is_own(transport) or answered
             except LinkTimeout:
                 if not answered:
                     raise
+                # Silence after an answer: what is outstanding was lost on the line and will not come.
                 self._checks_due = 0
             if answered and not self._checks_due:
                 return
@@ -195,6 +205,7 @@ class Conversation:
         try:
             yield
         finally:
+            # Only who leaves last closes, and only what nobody has opened meanwhile.
             if not self._reach(-1) and not self.opened:
                 self._drop()
 
@@ -207,6 +218,7 @@ class Conversation:
     def urgently(self) -> Iterator[None]:
         """Reachable, and before all others: who awaits a reply for long gets `LinkLost`."""
         with self.reachable():
+            # The lock is given back below, not in a `with`: taking it may mean closing the connection first.
             self._take_turn()
             self._urgent += 1
             try:
@@ -228,12 +240,15 @@ class Conversation:
 
     def _take_turn(self) -> None:
         while not self.lock.acquire(timeout=OVERTAKEN_AFTER_S):
+            # Somebody urgent is not overtaken by somebody urgent: both are stops.
             if not self._urgent and (transport := self._transport) is not None:
                 self._overtaken = True
+                # Who waits for a reply holds the lock; the end of its connection makes it let go.
                 transport.close()
         if self._overtaken:
             self._overtaken = False
             self._drop()
+            # The reply that was overtaken may still come, on lines that outlive their connection.
             self._doubtful = True
 
     def _in_turn(self, exchange: Callable[P, T], *values: P.args, **named: P.kwargs) -> T:
@@ -242,8 +257,10 @@ class Conversation:
         A signal handler may come in the middle of its own thread's exchange: it gets a new connection.
         """
         with self.lock:
+            # Who was overtaken often asks again at once: it must not take the lock back before the stop has it.
             if self._overtaken:
                 raise LinkLost(f"{self._name}: its connection was taken over to stop it; ask again")
+            # The lock is re-entrant, so this thread can be inside an exchange already: only a signal handler is.
             if self._busy:
                 self._drop()
                 self._doubtful = True
@@ -274,6 +291,7 @@ class Conversation:
         """The connection, looked at; a new one when the instrument has ended it: nothing is sent yet."""
         transport = self._connected()
         try:
+            # Collected, not thrown away: what is unread tells that replies are out of step.
             self._unread += transport.unread()
         except LinkLost:
             self._drop()
@@ -313,6 +331,7 @@ class Conversation:
         if self._transport is None:
             self._transport = self._connect()
             self.sessions += 1
+            # Connecting takes seconds, in which `close` may have been called.
             self._require_wanted()
         return self._transport
 
@@ -323,6 +342,7 @@ class Conversation:
             raise LinkLost(f"{self._name}: not connected; open it first")
 
     def _drop(self) -> None:
+        # Taken out before it is closed: of two threads that drop it, one finds nothing.
         transport, self._transport = self._transport, None
         self._checks_due = 0
         if transport is not None:

@@ -66,6 +66,7 @@ class GroundSegment:
     """Telecommand and telemetry of one satellite (`DragFreeSatellite`)."""
 
     def __init__(self, name: str, settings: SatelliteLimits, connect: Connect, clock: Clock) -> None:
+        # Telemetry brings its own time; all drivers are made with a clock.
         del clock
         self.name = name
         self.settings = settings
@@ -93,6 +94,7 @@ class GroundSegment:
 
     def stop(self) -> None:
         """Inject nothing more."""
+        # A stop must work before `open` too.
         (self._link or cast(Link, self._connect())).end()
 
     @property

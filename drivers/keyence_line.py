@@ -37,7 +37,12 @@ class KeyenceLine:
         self._settings = settings
         self._clock = clock
         self._conversation = Conversation(
-            name, connect, Check(PROGRAM + b"\r", self._is_program), anew=False, harmless=_automatic
+            # On a serial line late replies outlive the connection.
+            name,
+            connect,
+            Check(PROGRAM + b"\r", self._is_program),
+            anew=False,
+            harmless=_automatic,
         )
         self.lock = self._conversation.lock
 
@@ -72,11 +77,13 @@ class KeyenceLine:
 
         Raises `InstrumentError` when the command is refused, `BadReply` when something else is answered.
         """
+        # Zero is a time-out, None is not.
         reply = self._exchange(command, self._settings.link_timeout_s if timeout_s is None else timeout_s)
         name, _, rest = reply.partition(b",")
         if name == b"ER":
             raise self._refused(command, reply)
         if name != main_command(command).encode():
+            # Another command's reply: from here on every reply may be one behind.
             self._conversation.doubt()
             raise self.bad(command, reply, f"a reply that begins with {main_command(command)}")
         return rest
@@ -105,10 +112,12 @@ class KeyenceLine:
             # A controller set to automatic output sends values unasked.
             if not line.startswith(b"TG,"):
                 return line
+            # Automatic output comes all the time: without a deadline of its own the reply would be awaited for ever.
             left_s = deadline_s - self._clock.now_s()
         raise LinkTimeout(f"only automatic output came in {timeout_s:g} s; end it on the controller's panel")
 
     def _is_program(self, transport: Transport) -> bool:
+        # A storage read-out takes up to `readout_timeout_s` on the line, and nothing else is answered meanwhile.
         deadline_s = self._clock.now_s() + self._settings.readout_timeout_s
         while True:
             try:
@@ -132,6 +141,7 @@ class KeyenceLine:
 
 def _automatic(unread: bytes) -> bool:
     """Automatic output, perhaps cut at the end."""
+    # Cut off at the moment of looking, the last line may be only the beginning of one.
     return all(line.startswith(b"TG,"[: len(line)]) for line in unread.split(b"\r"))
 
 

@@ -94,6 +94,7 @@ class KeyenceLkg:
 
     def longest_record(self, period_s: float) -> int:
         """Most values per head of one storage; `LimitError` when the controller samples more slowly than that."""
+        # Rounding of microseconds to seconds.
         if period_s < self.settings.sampling_us * 1e-6 * (1 - 1e-9):
             raise LimitError(
                 f"{self.name}: edges {period_s:g} s apart, but a value only every "
@@ -109,8 +110,10 @@ class KeyenceLkg:
         """
         self._check_limits(samples, period_s)
         with self._line.lock:
+            # Nothing counts as armed while its settings are changed.
             self._armed = None
             self._apply(self._storage_settings(samples))
+            # AQ empties the storage, AS starts it: old values must not be read as new ones.
             self._ask_when_ready("AQ", self._dialect)
             self._line.ask("AS")
             self._armed = _Armed(samples, period_s)
@@ -126,6 +129,7 @@ class KeyenceLkg:
             raise InstrumentError(f"{self.name}: nothing to collect; call arm first", instrument=self.name)
         progress = self._await_edges(armed)
         if progress.running:
+            # Edges did not come: left running, it would store edges of the next run.
             self.stop()
         if progress.stored < armed.samples:
             why = "then no more came" if progress.running else "then the storage was stopped"
@@ -194,6 +198,7 @@ class KeyenceLkg:
             self._mode("R0", self._dialect)
 
     def _await_edges(self, armed: _Armed) -> _Progress:
+        # Two periods on top: slow edges are no missing ones.
         patience_s = self.settings.edge_timeout_s + 2 * armed.period_s
         progress = self._progress()
         last_edge_s = self._clock.now_s()
@@ -201,6 +206,7 @@ class KeyenceLkg:
             if self._clock.now_s() - last_edge_s > patience_s:
                 break
             missing_s = (armed.samples - progress.stored) * armed.period_s
+            # As long as the missing edges take at least, but no longer than ten polls, so that a stop is soon seen.
             self._clock.sleep_s(min(max(missing_s, self.settings.poll_s), 10 * self.settings.poll_s))
             before, progress = progress, self._progress()
             if progress.stored > before.stored:
@@ -211,6 +217,7 @@ class KeyenceLkg:
         reply = self._line.ask("AN")
         try:
             running, *counts = (whole(field) for field in reply.decode("latin-1").split(","))
+            # All outputs are stored by one trigger; while one is being written the counts may differ by one.
             return _Progress(running == 1, min(counts[output - 1] for output in self.settings.heads.values()))
         except (ValueError, IndexError) as error:
             raise self._line.bad("AN", reply, "a status and a count per output") from error
@@ -218,6 +225,7 @@ class KeyenceLkg:
     def _stored(self, output: int, armed: _Armed) -> FloatArray:
         command = f"AO,{self._dialect.output(output)}"
         text = self._line.ask(command, self.settings.readout_timeout_s)
+        # Without parity a turned bit makes another number.
         if not self._line.guarded and self._line.ask(command, self.settings.readout_timeout_s) != text:
             raise BadReply(
                 f"{self.name}: {command} gave other values when read twice; bits turn on the line: "
@@ -241,6 +249,7 @@ class KeyenceLkg:
         fields = reply.split(b",")
         if len(fields) < len(outputs):
             raise self._line.bad(command, reply, f"{len(outputs)} values")
+        # The LK-G5000 puts the number of the output before its value.
         return self._values(command, b",".join(fields[-len(outputs) :]))
 
     def _values(self, command: str, text: bytes) -> FloatArray:
@@ -260,6 +269,7 @@ class KeyenceLkg:
 
     def _stranger(self, error: InstrumentError) -> InstrumentError:
         other = self.settings.other_dialect
+        # Whether the other generation answers is only to make the message better.
         with suppress(InstrumentError, LinkTimeout):
             self._greet(other)
             return WrongInstrument(
@@ -267,6 +277,7 @@ class KeyenceLkg:
                 "correct `generation` or `address` in the rig file",
                 instrument=self.name,
             )
+        # Its own generation's error: the right controller, which has refused.
         if error.code in self._dialect.errors:
             return error
         return WrongInstrument(
@@ -296,6 +307,7 @@ class KeyenceLkg:
             except InstrumentError as error:
                 if error.code != dialect.status_error or self._clock.now_s() >= deadline_s:
                     raise
+            # A change of mode ends on the controller's own time; its reply comes before.
             self._clock.sleep_s(self.settings.poll_s)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rigctl.core.arrays import BoolArray, FloatArray
 
 VALUE_CHARACTERS = 8
+# Seven characters, one of them the point: six digits.
 _POWERS = 10.0 ** np.arange(5, -1, -1)
 
 Characters = NDArray[np.uint8]
@@ -30,6 +31,7 @@ def parse_values(text: bytes) -> FloatArray:
     values = np.full(len(cells), np.nan)
     numbers = ~_special(cells)
     points = (cells[:, 1:] == ord(".")).argmax(axis=1)
+    # One pass per place of the point, of which a reply has one or two, instead of one per value.
     for point in np.unique(points[numbers]):
         rows = numbers & (points == point)
         values[rows] = _numbers(cells[rows], int(point))
@@ -37,6 +39,7 @@ def parse_values(text: bytes) -> FloatArray:
 
 
 def _cells(text: bytes) -> Characters:
+    # With a comma after the last value all cells have nine characters.
     characters = np.frombuffer(text + b",", dtype=np.uint8)
     if characters.size % (VALUE_CHARACTERS + 1):
         raise ValueError(f"not {VALUE_CHARACTERS} characters per value")
@@ -57,6 +60,7 @@ def _signed(cells: Characters) -> BoolArray:
 
 
 def _numbers(cells: Characters, point: int) -> FloatArray:
+    # Unsigned: a character below "0" becomes a large number and fails the test for digits.
     digits = np.delete(cells[:, 1:], point, axis=1) - np.uint8(ord("0"))
     if (cells[:, 1 + point] != ord(".")).any() or (digits > 9).any() or not _signed(cells).all():
         raise ValueError("neither a number nor a special value")

@@ -66,6 +66,7 @@ class Keysight33500B:
         """Connect, make sure it is a 33500B with two outputs, and clear its errors; the outputs stay as they are."""
         self._prepared = False
         self._link.open(MAKERS, MODELS)
+        # Errors of other clients stand in the queue and would be taken for ours.
         self._link.configure("*CLS")
 
     def close(self) -> None:
@@ -105,10 +106,14 @@ class Keysight33500B:
             self._prepared = True
         for name, waveform in wanted.items():
             number = self.settings.outputs[name]
+            # The load first: the generator reckons all voltages for it, and for 50 ohm they would be twice as high.
             self._link.configure(f"OUTP{number}:LOAD INF", *_settings(number, waveform))
+            # Only once its settings are taken without an error: the outputs are never on with what was not asked for.
             self._link.send(f"OUTP{number} ON")
         asked_s = self._clock.now_s()
+        # Both outputs begin their period now; switched on one after the other they are some ms apart.
         self._link.configure("PHAS:SYNC")
+        # Half-way between question and reply, as for any reading: the error is at most half the exchange.
         start_s = 0.5 * (asked_s + self._clock.now_s())
         self._running = {name: self._as_taken(name, waveform) for name, waveform in wanted.items()}
         return Started(start_s, self._running)
@@ -122,6 +127,7 @@ class Keysight33500B:
                     f"{self.name}: output {number} ({name}) is off; was its power off, or did somebody stop it?",
                     instrument=self.name,
                 )
+            # Somebody may have set it otherwise at the panel.
             self._as_taken(name, waveform)
 
     def check(self, waveforms: Mapping[str, Waveform]) -> None:
@@ -135,6 +141,7 @@ class Keysight33500B:
 
     def _fault(self, waveform: Waveform) -> str:
         """What is wrong with a waveform; empty when it can be made."""
+        # In this form NaN is refused.
         if not waveform.peak_v <= self.settings.limit_v:
             return f"{waveform.peak_v:g} V asked for, beyond the limit of {self.settings.limit_v:g} V (limit_v)"
         if waveform.shape == "constant":
@@ -157,9 +164,11 @@ class Keysight33500B:
         source = f"SOUR{self.settings.outputs[name]}"
         if waveform.shape == "constant":
             return Waveform("constant", self._taken(f"{source}:VOLT:OFFS?", waveform.offset_v, ROUNDING_V))
+        # Steps of 1 uHz: 60 min becomes 59.95 min, and what is recorded must be what was made.
         frequency_hz = self._taken(f"{source}:FREQ?", 1.0 / waveform.period_s, ROUNDING_HZ)
         if not frequency_hz > 0.0:
             raise self._link.bad_reply(f"{source}:FREQ?", f"{frequency_hz:g}", "a frequency")
+        # The generator counts peak to peak, procedures in amplitudes.
         amplitude_v = 0.5 * self._taken(f"{source}:VOLT?", 2.0 * waveform.amplitude_v, ROUNDING_V)
         offset_v = self._taken(f"{source}:VOLT:OFFS?", waveform.offset_v, ROUNDING_V)
         phase_deg = self._taken(f"{source}:PHAS?", waveform.phase_deg, ROUNDING_DEG)

@@ -60,6 +60,7 @@ class Keysight34465A:
         """End the acquisition and return when the meter says that it is idle; readings taken so far stay in it."""
         with self._link.urgently():
             self._link.send("ABOR")
+            # Answered only when nothing is pending, so the reply is the confirmation.
             if self._link.query_whole("*OPC?") != 1:
                 raise InstrumentError(f"{self.name}: not idle after ABOR; look at its panel", instrument=self.name)
 
@@ -112,6 +113,7 @@ class _Voltmeter(Keysight34465A):
                 f"{self.name}: a record is running and a single reading would end it; fetch the rest or stop it",
                 instrument=self.name,
             )
+        # Configuring erases the memory, readings of an older record included.
         self._remaining = 0
         self._configure(*self._measurement(), "FORM:DATA ASC")
         return self._read_one("V", 2 * self.settings.aperture_s)
@@ -126,8 +128,10 @@ class _Voltmeter(Keysight34465A):
         s = self.settings
         return (
             f"CONF:VOLT:DC {s.range_v:g}",
+            # Autozero measures zero between readings and doubles their time.
             "SENS:VOLT:DC:ZERO:AUTO OFF",
             f"SENS:VOLT:DC:APER {s.aperture_s:.6E}",
+            # The automatic delay depends on range and function, and would shift every sample.
             "TRIG:DEL 0",
         )
 
@@ -152,6 +156,7 @@ class _Voltmeter(Keysight34465A):
 
     def _check_interval(self, period_s: float) -> None:
         """Ask for the shortest interval, which depends on all that was configured before."""
+        # The meter itself knows what aperture, range and functions take together.
         minimum_s = self._link.query_number("SAMP:TIM? MIN")
         if period_s < minimum_s * (1 - 1e-9):
             raise InstrumentError(
@@ -189,6 +194,7 @@ class _Voltmeter(Keysight34465A):
 
         `InstrumentError` when readings were lost because the memory overflowed, came late, or no longer come.
         """
+        # Asked before draining: readings that come meanwhile are no reason to call the rest lost.
         overdue = self._clock.now_s() > self._overdue_s
         rows = self._drain()
         if self._recording and self._remaining:
@@ -217,6 +223,7 @@ class PacingVoltmeter(_Voltmeter):
 
     def longest_record(self, period_s: float) -> int:
         """Most samples of one record; `LimitError` also for a period that is no whole number of the timer's steps."""
+        # A thousandth of a step: what is left of rounding, no drift over a million samples.
         if abs(period_s - round(period_s / TIMER_STEP_S) * TIMER_STEP_S) > 1e-3 * TIMER_STEP_S:
             raise LimitError(
                 f"{self.name}: the sample timer has steps of 1 us, {period_s!r} s would drift; "
@@ -269,11 +276,13 @@ class PacedVoltmeter(_Voltmeter):
     def _follow(self, samples: int, period_s: float) -> None:
         self._configure("ABOR", "*CLS", *self._measurement())
         self._check_interval(period_s)
+        # Integration, latency, and one period, at most 0.5 s, for the last edge itself.
         self._grace_s = 2 * self.settings.aperture_s + abs(self.settings.latency_s) + min(period_s, 0.5)
         self._initiate(
             samples,
             *self._memory.format,
             "TRIG:SOUR EXT",
+            # VM COMP is a low-true pulse: its first edge falls.
             "TRIG:SLOP NEG",
             f"TRIG:COUN {samples}",
             "SAMP:COUN 1",
@@ -299,6 +308,7 @@ class PacedVoltmeter(_Voltmeter):
         """How many readings are there, once all are or the last one can no longer be on its way."""
         deadline_s = self._clock.now_s() + self._grace_s
         while True:
+            # Looked at before the count, so that the last look counts whatever has come until then.
             late = not self._recording or self._clock.now_s() > deadline_s
             came = self._link.query_whole("DATA:POIN?")
             if came >= samples or late:
@@ -318,6 +328,7 @@ class MeterThermometer(Keysight34465A):
         s = self.settings
         reference: tuple[str, ...] = ()
         if s.probe in ("frtd", "rtd"):
+            # Only platinum has a resistance at 0 degC to be told.
             reference = (f"SENS:TEMP:TRAN:{s.probe.upper()}:RES {s.reference_ohm:g}",)
         self._configure(f"CONF:TEMP {PROBES[s.probe]}", *reference, "UNIT:TEMP C", "FORM:DATA ASC")
         return self._read_one("degC", TEMPERATURE_READING_S)

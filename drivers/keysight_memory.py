@@ -33,8 +33,11 @@ class ReadingMemory:
         Reading erases: how many there are is asked first, and exactly as many have to come.
         """
         parts = [np.empty(0)]
+        # Anything above a chunk, so that the loop asks at least once.
         there = CHUNK + 1
+        # When less than a chunk was there the memory is empty now; asking again would never end at a fast record.
         while most and there > CHUNK and (there := self._link.query_whole("DATA:POIN?")) > 0:
+            # Never more than the record still has: what lies behind it belongs to nobody.
             parts.append(self._take(min(there, most, CHUNK)))
             most -= len(parts[-1])
         return np.concatenate(parts)
@@ -42,6 +45,7 @@ class ReadingMemory:
     def _take(self, count: int) -> FloatArray:
         """The oldest `count` readings in memory; they are erased there."""
         query = f"R? {count}"
+        # The longest number a reply may have, and its comma.
         payload = self._link.query_block(query, count * (CHARACTERS_MAX + 1))
         try:
             values = self._decode(payload)
@@ -64,6 +68,7 @@ def _from_ascii(payload: bytes) -> FloatArray:
 def _from_doubles(payload: bytes) -> FloatArray:
     if len(payload) % 8:
         raise ValueError("a whole number of 8-byte doubles")
+    # FORM:BORD NORM is big-endian.
     values = np.frombuffer(payload, dtype=">f8").astype(np.float64)
     if not np.isfinite(values).all():
         raise ValueError("finite numbers")

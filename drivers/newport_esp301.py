@@ -52,6 +52,7 @@ class NewportEsp301:
         self._axis = settings.axis_number
         self._clock = clock
         self._line = EspLine(name, connect, settings.link_timeout_s)
+        # The number of the connection on which it was homed: a new connection may mean that its power was off.
         self._homed_in_session = 0
         self._stops = 0
 
@@ -83,11 +84,14 @@ class NewportEsp301:
     def stop(self) -> None:
         """Decelerate and return when the axis says that it stands still."""
         self._stops += 1
+        # Not urgently: commands have no reply here, so a stop is written past whoever waits for one.
         with self._line.reachable():
             try:
                 self._line.shout(f"{self._axis}ST")
+            # Once more on a new connection: a stop given twice does no harm.
             except LinkError:
                 self._line.shout(f"{self._axis}ST")
+            # From full speed, and time for the questions.
             braking_s = self.limits.speed_deg_s / self.limits.acceleration_deg_s2
             self._await_rest(f"{self._axis}ST", braking_s + self._settings.link_timeout_s)
 
@@ -98,12 +102,14 @@ class NewportEsp301:
         if self.is_homed():
             return
         stops = self._stops
+        # Before the search: one that is broken off has lost the reference.
         self._homed_in_session = 0
         self._line.clear_errors()
         self._prepare()
         self._start(f"{self._axis}MO", stops)
         search = f"{self._axis}OR{self._settings.home_mode}"
         self._start(search, stops)
+        # Taken before waiting: a connection that was lost during the search is not the one it was begun on.
         session = self._line.session
         self._finish(search, stops)
         self._homed_in_session = session
@@ -130,6 +136,7 @@ class NewportEsp301:
     def move_to(self, angle_deg: float) -> None:
         """Move and return when the controller reports motion done at the target."""
         self.limits.require_angle(self.name, angle_deg)
+        # Counted before the questions: a stop that comes during them keeps the motion back.
         stops = self._stops
         if not self.is_homed():
             raise InstrumentError(f"{self.name}: axis {self._axis} is not homed; home it", instrument=self.name)
@@ -146,6 +153,7 @@ class NewportEsp301:
     def angle(self) -> Reading:
         """The encoder's angle [deg] half-way between question and answer; of three where a bit could turn."""
         asked_s = self._clock.now_s()
+        # Three readings: one with a turned bit is outvoted by the median.
         angles_deg = [self._line.ask_number(f"{self._axis}TP?") for _ in range(1 if self._line.guarded else 3)]
         return Reading(statistics.median(angles_deg), "deg", 0.5 * (asked_s + self._clock.now_s()))
 
@@ -171,6 +179,7 @@ class NewportEsp301:
         """Send a command once, unless somebody has stopped the axis since `stops`."""
         with self._line.lock:
             self._raise_if_stopped(command, stops)
+            # Old errors first, or they would be taken for this command's.
             self._check(f"what happened before {command}")
             self._command(command)
             if self._stops != stops:  # by a signal handler of this thread
@@ -185,6 +194,7 @@ class NewportEsp301:
         deadline_s = self._clock.now_s() + timeout_s
         while not self._at_rest():
             if self._clock.now_s() > deadline_s:
+                # Abort, not ST: the stop may be what has not ended.
                 self._line.tell(f"{self._axis}AB")
                 raise InstrumentError(
                     f"{self.name}: {command!r} has not ended after {timeout_s:g} s and was aborted; "
@@ -203,6 +213,7 @@ class NewportEsp301:
             self._check(command)
 
     def _check(self, command: str) -> None:
+        # Commands are not acknowledged: only the queue tells whether this one was taken.
         error = self._line.next_error()
         if error.code:
             raise self._failed(command, error)

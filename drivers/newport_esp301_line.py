@@ -32,6 +32,7 @@ class QueuedError:
 
 def parse_error(answer: str) -> QueuedError:
     """Take an answer to `TB?` apart: code, timestamp, text; `ValueError` when it is something else."""
+    # The text may hold commas.
     code, timestamp, text = (field.strip() for field in answer.split(",", 2))
     if whole(timestamp) < 0 or whole(code) < 0:
         raise ValueError("expected 'code, timestamp, text'")
@@ -44,6 +45,7 @@ class EspLine:
     def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
         self.name = name
         self._timeout_s = timeout_s
+        # A serial line: late answers outlive the connection.
         self._conversation = Conversation(name, connect, Check(_bytes(VERSION), self._is_version), anew=False)
         self._version = ""
         self.lock = self._conversation.lock

@@ -83,10 +83,13 @@ class NewportXps:
         self._wire = XpsGroup(name, settings.group, self._queries, settings.link_timeout_s)
         self._open = False
         self._prepared = False
+        # Read from the controller and given back with every profile, as they were tuned for the stage.
         self._jerk_times_s: tuple[float, ...] = ()
         self._profile = (0.0, 0.0)
         self._stops = 0
+        # One motion at a time: the second would be answered by -1, busy socket.
         self._one_motion = threading.Lock()
+        # Re-entrant, since a signal handler may call `stop` in the thread that is just starting a motion.
         self._starting = threading.RLock()
 
     # instrument
@@ -134,11 +137,13 @@ class NewportXps:
 
     def stop(self) -> None:
         """Abort a move, kill a homing group; returns when the controller says that the group stands still."""
+        # Counted under the lock of the start: a motion either sees this stop or is already on the wire ahead of it.
         with self._starting:
             self._stops += 1
         with self._queries.urgently():
             try:
                 self._halt()
+            # An abort does no harm when given twice; the second goes over a new connection.
             except LinkError:
                 self._halt()
             self._await_rest()
@@ -151,9 +156,11 @@ class NewportXps:
         with self._one_motion:
             self._prepare()
             status = self._wire.status()
+            # Killed first: initialising what is initialised is refused, or a driver fault (RGV100BL).
             if status in NOT_INITIALISED:
                 self._move(f"GroupKill({self._group})", stops)
                 self._move(f"GroupInitialize({self._group})", stops)
+                # Asked again after each step: which steps are left depends on what the last one has led to.
                 status = self._wire.status()
             if status in DISABLED:
                 self._move(f"GroupMotionEnable({self._group})", stops)
@@ -191,6 +198,7 @@ class NewportXps:
         if not duration_s > 0.0:
             raise LimitError(f"{self.name}: a motion cannot take {duration_s:g} s")
         distance_deg = abs(angle_deg - self.angle().value)
+        # Peak speed and acceleration of no distance would be zero, which the controller refuses.
         if distance_deg < STANDING_DEG:
             self.move_to(angle_deg)
             return
@@ -212,16 +220,19 @@ class NewportXps:
     # what these are made of
 
     def _go(self, angle_deg: float, speed_deg_s: float, acceleration_deg_s2: float) -> None:
+        # Counted before the lock is waited for: a stop of the motion ahead stops this one too.
         stops = self._stops
         with self._one_motion:
             if not self._prepared:
                 self._prepare()
+            # Two more exchanges only where the profile changes.
             if self._profile != (speed_deg_s, acceleration_deg_s2):
                 self._set_profile(speed_deg_s, acceleration_deg_s2)
             self._move(f"GroupMoveAbsolute({self._group},{plain(angle_deg)})", stops)
 
     def _prepare(self) -> None:
         """Compare the travel limits and set speed and acceleration, keeping the jerk times."""
+        # The controller's limits are asked: beyond them it would refuse in the middle of a campaign.
         low_deg, high_deg = self._wire.numbers(
             f"PositionerUserTravelLimitsGet({self._positioner},double *,double *)", 2
         )
@@ -233,6 +244,7 @@ class NewportXps:
         self._prepared = True
 
     def _set_profile(self, speed_deg_s: float, acceleration_deg_s2: float) -> None:
+        # Speed and acceleration cannot be set without the jerk times.
         parameters = (speed_deg_s, acceleration_deg_s2, *self._jerk_times_s)
         self._wire.succeed(f"PositionerSGammaParametersSet({self._positioner},{','.join(map(plain, parameters))})")
         self._profile = (speed_deg_s, acceleration_deg_s2)
@@ -241,10 +253,12 @@ class NewportXps:
         """Call a function over the motion socket once, unless somebody has stopped us since `stops`."""
         try:
             reply = self._motions.exchange(request, self._settings.motion_timeout_s, self._start(request, stops))
+        # Whether the motion began is unknown, so it is stopped; that this fails as well must not hide why.
         except LinkTimeout:
             with contextlib.suppress(RigError):
                 self._halt()
             raise
+        # A stop of ours shows as -27, or as another error where the group was killed.
         if reply.code == ABORTED or (reply.code < 0 and self._stops != stops):
             raise self._stopped(request, str(reply.code))
         self._wire.check(request, reply)
@@ -264,6 +278,7 @@ class NewportXps:
         reply = self._wire.query(request)
         if reply.code == 0:
             return
+        # A home search, motor initialisation or encoder calibration takes no abort.
         if self._wire.status() in ONLY_KILL_STOPS:
             self._wire.succeed(f"GroupKill({self._group})")
         elif reply.code != NOT_ALLOWED:

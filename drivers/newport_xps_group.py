@@ -7,6 +7,7 @@ import contextlib
 from drivers.newport_xps_socket import Reply, XpsSocket
 from rigctl.core.errors import BadReply, InstrumentError, LinkError, RigError, SafetyStop
 
+# Numbers of GroupStatusGet, as three public drivers agree on them.
 NOT_INITIALISED = frozenset({*range(10), 50, 63, 66, 67, 71, 72, 83, 106})
 READY = frozenset({*range(10, 20), 56, 70, 77})
 DISABLED = frozenset(range(20, 39))
@@ -90,6 +91,7 @@ class XpsGroup:
 
     def refused(self, request: str, code: int) -> InstrumentError:
         """The error for a function that gave this code, with the controller's own text."""
+        # The controller's own text first: wording and codes differ between firmwares.
         text = self._look_up(f"ErrorStringGet({code},char *)") or ERROR_TEXTS.get(code, "unknown error")
         kind = SafetyStop if code in SAFETY_ERRORS else InstrumentError
         return kind(
@@ -102,6 +104,7 @@ class XpsGroup:
     def _advice(self, code: int) -> str:
         if code != NOT_ALLOWED:
             return ""
+        # Advice must not replace the error it belongs to.
         with contextlib.suppress(RigError):
             status = self.status()
             return f" in state {status} ({self.status_text(status)}); home the stage"

@@ -40,6 +40,7 @@ class Reply:
 
 def parse_reply(data: bytes) -> Reply:
     """Take a reply apart; `ValueError` when it is not `code,...,EndOfAPI`."""
+    # Digits bounded, so that bytes of another instrument do not become a code.
     match = _REPLY.fullmatch(data.removesuffix(END).decode("latin-1"))
     if match is None or not data.endswith(END):
         raise ValueError(f"expected '<code>,<values>,EndOfAPI', got {data[:80]!r}")
@@ -74,6 +75,7 @@ class XpsSocket:
         `OutOfStep` the function may have been executed or not.
         """
         reply = self._conversation.ask(request.encode("ascii"), partial(self._read, request, timeout_s), start)
+        # The controller is closing this socket: the next function needs another.
         if reply.code == SOCKET_CLOSED:
             self._conversation.doubt()
         return reply

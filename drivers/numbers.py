@@ -29,4 +29,5 @@ def whole(text: str) -> int:
 
 def plain(value: float, places: int = 6) -> str:
     """A number without exponent or negative zero; the last place is far below any stage's resolution."""
+    # -0.0 + 0.0 is 0.0: no minus sign before a zero.
     return f"{round(value, places) + 0.0:.{places}f}".rstrip("0").rstrip(".")

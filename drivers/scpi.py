@@ -91,6 +91,7 @@ class ScpiLink:
         """Empty the error queue; `InstrumentError` with the first entry unless there was none."""
         errors = self.errors()
         if errors:
+            # The first is the cause; later ones are often its consequences.
             code, text = errors[0]
             more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
             raise InstrumentError(
@@ -101,6 +102,7 @@ class ScpiLink:
         """Codes and texts from the error queue, oldest first; it is empty afterwards."""
         errors: list[tuple[str, str]] = []
         with self._lock:
+            # An instrument that never says that its queue is empty must not be asked for ever.
             while len(errors) < _ERRORS_KEPT:
                 code, text = self._error(self.query(ERROR_QUESTION))
                 if int(code) == 0:
@@ -147,6 +149,7 @@ class ScpiLink:
             try:
                 return self._conversation.ask(query.encode("ascii") + b"\n", read)
             except LinkTimeout as silence:
+                # The question for the error has itself timed out: asking it again explains nothing.
                 if query == ERROR_QUESTION:
                     raise
                 raise self._explained(query, silence) from silence
@@ -155,6 +158,7 @@ class ScpiLink:
         """The time-out with the instrument's own error: a query it does not understand gets no reply."""
         said = ""
         with suppress(LinkError, BadReply):
+            # Over a connection made anew, as after any time-out; the queue of errors outlives it.
             said = '; the instrument says {},"{}"'.format(*self._error(self.query(ERROR_QUESTION)))
         return LinkTimeout(f"{self.name}: no reply to {query}{said} ({silence})")
 
@@ -171,11 +175,14 @@ class ScpiLink:
         start = transport.read_exactly(2, self.timeout_s)
         if not re.fullmatch(rb"#[1-9]", start):
             raise self.bad_reply(query, _text(start), "a block that begins with # and a digit")
+        # IEEE 488.2: #, the number of digits, the number of bytes, the bytes.
         digits = transport.read_exactly(int(start[1:]), self.timeout_s)
         if not digits.isdigit():
             raise self.bad_reply(query, _text(start + digits), "the length of the block in digits")
+        # Refused by its announced length, before it is waited for.
         if int(digits) > longest:
             raise self.bad_reply(query, _text(start + digits), f"at most {longest} bytes")
+        # With the line feed that ends the message.
         payload = transport.read_exactly(int(digits) + 1, self.timeout_s)
         if payload[-1:] != b"\n":
             raise self.bad_reply(query, _text(payload[-20:]), "a line feed after the block")

@@ -81,6 +81,7 @@ class InProcessTransport:
         self._clock = clock
         self._received = bytearray()
         self._open = True
+        # The endpoint appends to the buffer itself: no thread, no queue in between.
         self._connection = endpoint.connect(self._received.extend)
 
     def write(self, data: bytes) -> None:
@@ -129,6 +130,7 @@ class InProcessTransport:
             raise self._lost()
 
     def _ended(self) -> bool:
+        # Only simulated faults hang up; a plain endpoint has no such attribute.
         return not self._open or bool(getattr(self._connection, "hung_up", False))
 
     def _lost(self) -> LinkLost:

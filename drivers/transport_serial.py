@@ -59,6 +59,7 @@ class SerialTransport(BufferedTransport):
                 stopbits=settings.stopbits,
                 rtscts=settings.rtscts,
                 xonxoff=settings.xonxoff,
+                # Non-blocking: waiting is done by `select`, which a closing can interrupt.
                 timeout=0.0,
                 write_timeout=self._write_timeout_s,
                 exclusive=True,
@@ -70,6 +71,7 @@ class SerialTransport(BufferedTransport):
         if settings.guarded and not check_parity(self._port.fileno()):
             self._port.close()
             raise self._refused(settings, "no parity")
+        # Closing a device does not wake who selects on it; an end of this pair does.
         self._woken, self._wake = socket.socketpair()
 
     def _refused(self, settings: SerialSettings, why: str) -> LinkLost:
@@ -90,6 +92,7 @@ class SerialTransport(BufferedTransport):
 
     def close(self) -> None:
         """End the connection; may be called twice. Who waits for bytes is woken, and told."""
+        # First: a thread that waits must be woken before its descriptors are gone.
         self._wake.close()
         self._port.close()
         self._woken.close()
@@ -111,6 +114,7 @@ def check_parity(line: int) -> bool:
     False when the line has taken no parity, which some do without a word.
     """
     modes = termios.tcgetattr(line)
+    # Parity is checked, and without IGNPAR and PARMRK a wrong byte is read as zero.
     modes[0] = modes[0] & ~(termios.IGNPAR | termios.PARMRK | termios.ISTRIP) | termios.INPCK
     termios.tcsetattr(line, termios.TCSANOW, modes)
     return bool(modes[2] & termios.PARENB)

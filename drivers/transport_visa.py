@@ -86,6 +86,8 @@ class VisaTransport(BufferedTransport):
         """Send all of `data`; `LinkLost` when the other end is gone, `LinkTimeout` when it takes nothing."""
         with self._failures("sending failed"):
             if self._socket is not None:
+                # Looks whether the instrument has ended the connection: bytes sent into it would vanish without an
+                # error.
                 self._arrived(self._socket, 0.0)
             _set_timeout(self._resource, self._floor_s)
             try:
@@ -99,6 +101,7 @@ class VisaTransport(BufferedTransport):
         """End the connection; may be called twice. Who waits for bytes on a socket is woken, and told."""
         if self._socket is not None:
             with suppress(OSError):
+                # Closing alone does not wake a thread that waits on the socket.
                 self._socket.shutdown(socket.SHUT_RDWR)
         self._resource.close()
 
@@ -109,6 +112,7 @@ class VisaTransport(BufferedTransport):
     def _receive(self, wait_s: float) -> bytes:
         with self._failures("reading failed"):
             if self._socket is not None:
+                # Not more than is there, or pyvisa-py waits for the rest.
                 count = self._arrived(self._socket, wait_s)
                 return self._resource.read_bytes(count) if count else b""
             _set_timeout(self._resource, wait_s)
@@ -162,6 +166,7 @@ def _manager(backend: str) -> pyvisa.ResourceManager:
 
 def _socket_of(resource: MessageBasedResource) -> socket.socket | None:
     sessions = getattr(resource.visalib, "sessions", {})
+    # pyvisa has no public way to the socket of a session; without it the loss is noticed later.
     interface = getattr(sessions.get(resource.session), "interface", None)
     return interface if isinstance(interface, socket.socket) else None
 
@@ -173,6 +178,7 @@ def _check_connected(stream: socket.socket) -> None:
 
 
 def _set_timeout(resource: MessageBasedResource, wait_s: float) -> None:
+    # VISA counts whole milliseconds, and 0 would not wait at all.
     resource.timeout = max(1, math.ceil(wait_s * 1000.0))
 
 
