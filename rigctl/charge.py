@@ -23,7 +23,9 @@ def in_charge(
     whatever goes on; `Aborted` when somebody aborted, `RigError` when another process holds an instrument.
     """
     control = Control(rig.stop, at_pause, rig.close)
+    # In this order: nobody else first, then signals, then connections; left the other way round.
     with rig_of_ones_own(rig.file), ended_by_signals(control.abort, on_terminal_lost), _told_as_abort(control), rig:
+        # A signal may have come while instruments were being connected.
         control.raise_if_aborted()
         yield control
 
@@ -48,4 +50,5 @@ def _told_as_abort(control: Control) -> Iterator[None]:
         for note in getattr(error, "__notes__", []):
             aborted.add_note(note)
         raise aborted from error
+    # The work may have ended by itself in the moment in which somebody aborted.
     control.raise_if_aborted()

@@ -119,9 +119,11 @@ class _Round:
         self._points, self._most, self._settings = points, most, settings
         self._bench = workbench_of(store, settings.options.plugins)
         self._study = study = _plannable(self._bench.study, store.path)
+        # Another order in every round, and the same one when the round is resumed.
         self._seed = points.seed + len(store.runs())
         self._given = self._bench.version(1).terms
         self._declined: list[str] = []
+        # From the model the campaign began with: what fewer runs suggested has no privilege.
         self._diagnosis = diagnose(study, self._given, settings.alpha, progress=None)
         self._settings.tell(f"{self._made} runs: {self._diagnosis.verdict} {' '.join(self._effects)}".rstrip())
         self._bring_model_up_to_date()
@@ -144,6 +146,7 @@ class _Round:
         """Add what was found, take out what no longer is; ambiguous ones wait until they are told apart."""
         now = self._bench.current
         wanted = [] if self._diagnosis.verdict == "ambiguous" else [t for t in self._terms if t not in self._given]
+        # Suggested by fewer runs, and no longer: it leaves the model again.
         stale = [t.effect for t in now.terms if t not in self._given and t not in wanted]
         if stale and self._diagnosis.verdict != "ambiguous":
             versions.remove_all(self._store, stale)
@@ -158,6 +161,7 @@ class _Round:
                 self._declined.append(term.effect)
 
     def _judge(self) -> Sensitivity:
+        # Never negative: `max_runs` may have been lowered since.
         room = max(min(BATCH_RUNS, self._most - self._made), 0)
         return sensitivity(
             self._study,
@@ -174,6 +178,7 @@ class _Round:
         room = min(BATCH_RUNS, self._most - self._made)
         if room <= 0 or self._declined:
             return ()
+        # Rivals that explain the data equally well are told apart before anything is excluded.
         batch = self._separating(room) or self._sensitivity.batch
         self._store.add_document(
             ROUND,
@@ -187,6 +192,7 @@ class _Round:
         if batch:
             open_ = sorted({each.effect for each in self._sensitivity.parameters if each.share < 1.0})
             self._settings.tell(f"measuring {len(batch)} more, to see or exclude {', '.join(open_) or 'rivals'}")
+        # In random order, so that what drifts with time does not look like what was set.
         return shuffled(batch, self._seed)
 
     def _separating(self, room: int) -> tuple[Proposal, ...]:
@@ -252,9 +258,12 @@ def _begin(
     settings: Settings,
 ) -> None:
     """The first runs, into a new store."""
+    # Refused before the first design is computed, and before anything is connected.
     runner.dry_run(campaign, rig_file, settings.options.plugins)
     header = runner.header_of(campaign, rig_file)
+    # Plug-ins may add effects that the first design has to be able to see.
     plugins = [load(path) for path in settings.options.plugins]
+    # A recording without runs: the study then knows instruments and effects, and no data.
     study = analysis_of(campaign.experiment).study(Recording(header, (), {}, ImportReport(0)), plugins)
     placed = [Proposal({**each.settings, **points.place}, each.takes_s) for each in points.options]
     terms = [Term(effect) for effect in campaign.model.effects]
@@ -271,6 +280,7 @@ def _finish(store_path: Path, settings: Settings) -> None:
         state = store.status().get("state")
     if state != "done":
         settings.tell(f"going on with what was {state or 'interrupted'}")
+        # A kill may have come in the middle of a round; its plan is in the store.
         runner.resume(store_path, settings.options)
 
 
@@ -291,6 +301,7 @@ def _text(campaign: CampaignFile, runs: Sequence[Proposal], title: str) -> str:
 
 def _spread_in_time(full_scan: Sequence[Proposal]) -> list[Proposal]:
     """A full scan as it would be measured: one run after the other, in random order."""
+    # Always the same order, so that an investigation that was interrupted judges alike.
     order = np.random.default_rng(0).permutation(len(full_scan))
     starts = np.cumsum([0.0, *(each.takes_s for each in full_scan)])
     return [

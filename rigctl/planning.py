@@ -40,12 +40,14 @@ def text_of(
     """A campaign file like `campaign` with another title, rig, procedure and model."""
     named = {"experiment": campaign.experiment, "title": title, "rig": rig}
     planned = {"procedure": procedure, "model": {"effects": list(effects)}}
+    # Keys that nobody wrote stay unwritten, so that a later version's defaults apply.
     kept = campaign.model_dump(mode="json", exclude={"path", "text", *named, *planned}, exclude_defaults=True)
     return to_toml({**named, **kept, **planned})
 
 
 def _rig_seen_from(path: Path, store: Store, name: str) -> str:
     """The rig file as `path` has to name it; as the store's campaign did where it is not found."""
+    # A rig file is named relative to its campaign file: beside the new one, beside the old one, here, where ours are.
     for place in (path.parent, Path(parts_of(store)[0].path).parent, Path(), Path("campaigns")):
         if name and (place / name).is_file():
             return Path(os.path.relpath(place / name, path.parent)).as_posix()

@@ -76,9 +76,11 @@ class Rig:
     def __enter__(self) -> Rig:
         try:
             self.open()
+            # Asked before the stop: afterwards nobody can tell.
             self.found_moving = self.moving()
             self.stop()
         except BaseException as error:
+            # `with` does not leave what could not be entered.
             self.__exit__(type(error), error, error.__traceback__)
             raise
         return self
@@ -91,6 +93,7 @@ class Rig:
         except RigError as unsafe:
             if error is None:
                 raise
+            # A lost instrument fails in the stop with the words of the error that is under way.
             if str(unsafe) != str(error):
                 error.add_note(str(unsafe))
         finally:
@@ -125,6 +128,7 @@ class Rig:
 
         Any thread, any number of times; `RigError` names those that did not confirm.
         """
+        # Before the lock is waited for, so that an `open` in another thread connects to nothing further.
         self._stops += 1
         with self._one_stop_at_a_time:
             rests = bring_to_rest(self.instruments.values())
@@ -180,6 +184,7 @@ class Rig:
                 f"no way to a {table.role} but 'sim:' is known; write that"
             )
         satellite = self._simulated(name).ground_segments[name]
+        # A ground segment is handed out as it is: there is no wire, but every driver is given a way to connect.
         return cast(Connect, lambda: satellite)
 
     def _simulated(self, name: str) -> SimulatedRig:
@@ -223,6 +228,7 @@ def _driver_of(file: RigFile, where: str, table: InstrumentTable) -> Driver:
     if table.role not in declaration.roles:
         raise ConfigError(f"{file.path}: {where}{_no_role(table)}")
     use = declaration.roles[table.role]
+    # After the file's own keys: what follows from the kind cannot be set otherwise.
     settings = validated(use.settings, {**table.settings, **declaration.implied}, file.path, where)
     return Driver(declaration, settings, use.build)
 
@@ -297,4 +303,5 @@ def _joined(failures: list[RigError]) -> RigError:
     """All failures in one: the operator should see all dead instruments, not the first."""
     if len(failures) == 1:
         return failures[0]
+    # The kind of the first stands for all; it decides the exit status.
     return type(failures[0])("; ".join(str(failure) for failure in failures))

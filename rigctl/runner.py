@@ -48,13 +48,16 @@ def start(campaign: CampaignFile, rig_file: RigFile, store_path: Path, options: 
     """Run a campaign into a new store; everything is checked before anything is connected, let alone moves."""
     plugins = _loaded(options.plugins)
     plan = _plan(campaign, None, plugins)
+    # Made and planned for before the store exists: a plan that the rig refuses leaves nothing behind.
     rig = Rig(rig_file, seed=options.seed)
     work = _work(plan, rig, campaign)
     if store_path.exists():
         raise DataError(f"{store_path} exists already; `rigctl resume` it, or choose another --store")
     with in_charge(rig, campaign.on_terminal_lost, work.rest) as control:
+        # Who answers is asked before there is a store: a rig that does not answer leaves none.
         identities = rig.identities()
         with _store_to_oneself(store_path):
+            # Before the store: one without its world could never be resumed.
             _write_truth(rig_file, store_path)
             header = _header(campaign, rig, options, _brought(campaign, plugins), plan.kept())
             with Store.create(store_path, header) as store:
@@ -77,11 +80,13 @@ def extend(store_path: Path, campaign: CampaignFile, options: Options) -> None:
             )
         if campaign.experiment != store.header.experiment:
             raise ConfigError(f"{campaign.path}: experiment: the store holds {store.header.experiment}")
+        # Where the last campaign has left the package.
         made = campaigns_of(campaign.experiment, campaign.path).mounted(store)
         plugins = _loaded_for(store, options.plugins, {})
         part = next_part(store, campaign.path, campaign.text, made, _brought(campaign, plugins))
         plan = _plan(campaign, part, plugins)
         with _reopened(store, plan, campaign, part) as (rig, work, control):
+            # Only with the rig in our hands: a further campaign that could not begin must not be kept as begun.
             begin_part(store, part, rig.clock.now_s())
             _carry_out(store, rig, work, control, options, part)
 
@@ -93,6 +98,7 @@ def resume(store_path: Path, options: Options) -> None:
             return
         part = parts_of(store)[-1]
         campaign = parse_campaign(part.toml, store_path)
+        # Also the plug-ins the campaign was begun with: without them its model is another.
         plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins))
         with _reopened(store, plan, campaign, part) as (rig, work, control):
             store.add_event("resumed", {"after": store.status().get("state", "")}, rig_time.latest_s(store))
@@ -106,6 +112,7 @@ def _reopened(store: Store, plan: Plan, campaign: CampaignFile, part: Part) -> I
     start_s = rig_time.start_s(store, part.number, virtual=file.rig.clock == "virtual")
     rig = Rig(file, seed=store.header.seed, start_s=start_s)
     work = _work(plan, rig, campaign)
+    # Asked of the process that has ended; an old abort must not end this one.
     forget_requests(store)
     with in_charge(rig, campaign.on_terminal_lost, work.rest) as control:
         yield rig, work, control
@@ -173,13 +180,16 @@ def _work(plan: Plan, rig: Rig, campaign: CampaignFile) -> Work:
 def _carry_out(store: Store, rig: Rig, work: Work, control: Control, options: Options, part: Part) -> None:
     progress = Progress(store, options.display, part.runs_before)
     session = Session(store, rig.clock, _operator(store, rig, control, options), control, progress, part.number)
+    # First of all on stable storage: a process that is killed from here on is seen as interrupted.
     progress.state("running")
     if rig.found_moving:
         session.event("found-moving", instruments=list(rig.found_moving), done="stopped before anything else")
     try:
+        # Only while the procedure runs: there is nothing to steer before and after.
         with RequestWatcher(store.path, control):
             work.run(session)
     except RigError as error:
+        # After an abort every error is its echo: instruments were disconnected under the procedure.
         if control.aborted:
             progress.state("aborted")
             session.event("aborted", reason=control.reason)
@@ -187,6 +197,7 @@ def _carry_out(store: Store, rig: Rig, work: Work, control: Control, options: Op
         progress.state("aborted" if isinstance(error, Aborted) else "interrupted")
         session.event("failed", error=str(error))
         raise
+    # Also what is no error of ours: the store must say that the campaign did not end by itself.
     except BaseException:
         progress.state("interrupted")
         raise

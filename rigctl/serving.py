@@ -36,6 +36,7 @@ class Served:
         if measured is not None:
             self._write_measured(measured)
         self._server = Server(clock)
+        # A port that is taken must not leave the ports before it served by nobody.
         with ExitStack() as undo:
             undo.callback(self._server.close)
             self._addresses: dict[str, Address] = {name: self._serve(name) for name in self.simulation.instruments}
@@ -66,6 +67,7 @@ class Served:
         def stop(_: int, __: object) -> None:
             self._server.stop()
 
+        # Handlers, not exceptions: the server ends between two events and closes every line.
         handlers = [(number, signal.signal(number, stop)) for number in _STOPS]
         try:
             self._server.serve()
@@ -87,6 +89,7 @@ class Served:
         for table, address in {**wanted, "operator": _url(self._operator)}.items():
             text = _with_key(text, table, "address", address)
         text = _with_key(text, "rig", "clock", "real")
+        # Read back: a rig file written in an unusual way would keep an address without a word.
         if _addresses_in(text) != wanted:
             raise ConfigError(
                 f"{self.file.path}: write every instrument as a table [instruments.NAME] to have it served"
@@ -147,5 +150,6 @@ def _with_key(text: str, table: str, key: str, value: str) -> str:
         return f"{text}\n[{table}]\n{line}"
     end = re.search(r"^\[", text[head.end() :], re.MULTILINE)
     stop = head.end() + end.start() if end else len(text)
+    # The old key is taken out of this table only; the same key stands in others.
     body = re.sub(rf"^{key}\s*=[^\n]*\n?", "", text[head.end() : stop], flags=re.MULTILINE)
     return text[: head.end()] + line + body + text[stop:]

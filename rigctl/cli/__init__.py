@@ -39,9 +39,11 @@ def main() -> None:
     except KeyboardInterrupt:
         _fail("aborted: interrupted", 130)
     except BrokenPipeError:
+        # Whoever read has gone; closed, the interpreter cannot complain of it a second time at its end.
         sys.stderr.close()
     except OSError as error:
         _fail(f"{error.filename or 'rigctl'}: {error.strerror or error}; check the path and its permissions", 1)
+    # The last resort: no traceback reaches a user.
     except Exception as error:
         if TRACEBACK in os.environ:
             raise
@@ -56,5 +58,6 @@ def _status(error: RigError) -> int:
 
 
 def _fail(message: str, status: int) -> NoReturn:
+    # One line, whatever the message holds.
     print(" ".join(message.split()), file=sys.stderr)  # noqa: T201
     sys.exit(status)

@@ -36,6 +36,7 @@ def run(
     campaign_file = read_campaign(campaign)
     path = store or Path(campaign.stem + ".rig.sqlite")
     plugins = tuple(plugin or ())
+    # With `mounting = "same"` the store is meant to be there, and is gone on with.
     extended = path.exists() and not dry and campaign_file.goes_on
     if extended and (rig is not None or seed is not None):
         raise ConfigError(f"{path} goes on with the rig and the seed it was made with; leave out --rig and --seed")
@@ -93,6 +94,7 @@ def _show_outcome(store: Path, plugins: tuple[Path, ...], *, as_json: bool) -> N
     if as_json:
         print_json({"store": str(store), "status": status_of(store), "result": document})
         return
+    # The budget is long, and `rigctl result` shows it.
     results.show(store, {**document, "budget": {}})
     more = f"; `rigctl result {store}` shows the uncertainty budget, `rigctl report` the figures"
     say(f"store: {store}{more if document.get('axes') else ''}")

@@ -40,6 +40,7 @@ class LazyCommand(TyperCommand):
 
     def make_context(self, info_name: str | None, args: list[str], *parent: Any, **extra: Any) -> Any:
         """Click's first call of a command that is used: from here on the one in the module acts."""
+        # Help is read from the source: the modules that commands work with take seconds to import.
         if "--help" in args:
             with self.declared().make_context(info_name, list(args), *parent, **extra) as context:
                 context.command.invoke(context)  # leaves with the help; does nothing where "--help" is some value
@@ -70,6 +71,7 @@ class LazyCommand(TyperCommand):
 
     def _command_of(self, module: ModuleType) -> Any:
         command = get_command(module.app)
+        # An application with one command is that command; with more it is a group.
         if isinstance(command, TyperGroup) and command.name != self.name:
             return command.commands[str(self.name)]
         return command
@@ -86,6 +88,7 @@ def _of_the_work(statement: ast.stmt) -> bool:
 
 def _without_body(statement: ast.stmt) -> ast.stmt:
     if isinstance(statement, ast.FunctionDef):
+        # The docstring is the help; the rest of the function would need what was not imported.
         statement.body = [ast.Expr(ast.Constant(ast.get_docstring(statement) or ""))]
         ast.fix_missing_locations(statement)
     return statement

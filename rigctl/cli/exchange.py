@@ -34,6 +34,7 @@ def import_(
     with import_bundle(bundle, store) as imported:
         report = import_report(imported) or ImportReport(len(imported.runs()))
         read = _read(imported, report)
+        # At once, so that the first question put to the store is as fast as every later one.
         left_out = _reduced(imported)
     if as_json:
         print_json(
@@ -107,6 +108,7 @@ def export(
 def _salvage(store: Path, directory: Path, format_: str, *, as_json: bool) -> None:
     if format_ != "bundle":
         raise ConfigError("--salvage writes a bundle; leave out --format")
+    # Asked here: salvaging would tell a missing file as one in which nothing is left.
     if not store.is_file():
         raise ConfigError(f"{store}: no such store; check the name")
     salvaged = salvage_bundle(store, directory)

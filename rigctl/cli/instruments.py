@@ -43,6 +43,7 @@ def check(rig: RigToml, as_json: Json = False) -> None:
 def stop(rig: RigToml, as_json: Json = False) -> None:
     """Bring every instrument of a rig to rest; a program that uses one is told to leave."""
     file = read_rig(rig)
+    # Not opened: a stop connects by itself, and must not wait until the others have answered.
     instruments = Rig(file).instruments
     with told_to_leave(file) as holders:
         used = {name: holders[table.address] for name, table in file.instruments.items() if table.address in holders}
@@ -75,6 +76,7 @@ def home(
     print_outcome({"homed": homed}, f"homed: {', '.join(homed)}", as_json=as_json)
 
 
+# A negative position looks like an option.
 @app.command(context_settings={"ignore_unknown_options": True})
 def move(
     rig: RigToml,
@@ -87,6 +89,7 @@ def move(
     """Move a stage to a position (homing it first if needed)."""
     with _stages(rig) as stages:
         stage = _stage(stages, name, rig)
+        # Does only what is still to be done; a stage that is homed does not move here.
         stage.home()
         stage.move_to(value)
         reading = stage.angle() if hasattr(stage, "angle") else stage.position()

@@ -32,6 +32,7 @@ def number(text: str | float) -> float:
 
 def print_json(document: object) -> None:
     """One document on stdout; JSON has no NaN, so what is not finite is null."""
+    # Paths and dates go as text.
     print(json.dumps(_plain(document), allow_nan=False, default=str))  # noqa: T201
 
 

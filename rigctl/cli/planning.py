@@ -35,6 +35,7 @@ def next_(
     """The measurement that best separates what is ambiguous, or most tightens the result."""
     with opened_workbench(store, plugin or ()) as workbench:
         if write is not None:
+            # First: what to measure takes minutes to find, and cannot be written without a rig.
             planning.require_rig(workbench.store)
         recommendation = workbench.recommend(tell)
         if write is not None:
@@ -66,11 +67,14 @@ def investigate(
 ) -> None:
     """Measure, diagnose, ask, add, measure again, until the model is adequate or it is said what remains."""
     campaign_file = read_campaign(campaign)
+    # A store that is there has its rig file in it.
     rig_file = read_rig(campaign_file.rig_path) if campaign_file.rig and not store.exists() else None
     with ProgressBar() as bar:
         options = runner.Options(unattended=yes, display=bar, plugins=tuple(plugin or ()))
         agree = (lambda _: True) if yes else partial(typer.confirm, err=True)
         settings = Settings(options, agree, tell, max_runs=max_runs)
+        # Between its campaigns nothing moves: a signal may interrupt a computation at once. Campaigns take over
+        # while they run.
         with ended_by_signals(lambda _: None, campaign_file.on_terminal_lost, leave_s=0.0):
             outcome = carry_out(campaign_file, rig_file, store, settings).as_json()
     if as_json:

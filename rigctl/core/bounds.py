@@ -96,9 +96,11 @@ def open_regular(path: str | Path, *, within: int | None = None) -> BinaryIO:
     With `within`, the descriptor of the directory that `path` is in, a link is refused too. `OSError` as `open`.
     """
     flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
+    # Looked at before it is opened, since opening alone may act on a device.
     if not stat.S_ISREG(os.stat(path, dir_fd=within, follow_symlinks=within is None).st_mode):
         raise NoFile(_what(path, within))
     file = os.open(path, flags | (os.O_NOFOLLOW if within is not None else 0), dir_fd=within)
+    # Looked at again: between the look and the opening the name may have been given to something else.
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)
         raise NoFile(_what(path, within))
@@ -115,6 +117,8 @@ def _what(path: str | Path, within: int | None) -> str:
 def read_regular(path: Path, limit: int) -> bytes:
     """The content of a file that a user names, links followed; `TooLarge` beyond `limit` bytes."""
     with open_regular(path) as file:
+        # One byte more, which tells a file of just this size from a larger one; its own word for its size may be
+        # wrong.
         data = file.read(limit + 1)
     if len(data) > limit:
         raise TooLarge(f"more than {limit} bytes")

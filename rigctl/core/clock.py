@@ -30,6 +30,7 @@ class RealClock:
     def __init__(self, speed: float = 1.0, start_s: float = 0.0) -> None:
         self._speed = speed
         self._start_s = start_s
+        # The time of day can be set while a campaign waits.
         self._origin = time.monotonic()
 
     @property

@@ -120,4 +120,5 @@ def _of_the_tree(group: str) -> list[EntryPoint]:
 
 
 def _package(point: EntryPoint) -> str:
+    # Those that were read from this tree's own pyproject.toml belong to no installed package.
     return point.dist.name if point.dist is not None else OURS

@@ -134,6 +134,7 @@ UNFIT = (ConfigError, DataError, ProcedureError)
 
 def one_line(text: str) -> str:
     """`text` with everything that would break a line or a terminal escaped, the middle left out where it is long."""
+    # What and where stand at the beginning of a message, the mend at its end.
     if len(text) > MESSAGE_CHARACTERS:
         text = f"{text[: MESSAGE_CHARACTERS // 2]} ... {text[-MESSAGE_CHARACTERS // 2 :]}"
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)

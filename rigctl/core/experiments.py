@@ -65,6 +65,7 @@ class Experiments(Mapping[str, Experiment]):
     def __len__(self) -> int:
         return len(self._by_id)
 
+    # Not before somebody asks: it imports the modules of all experiments.
     @cached_property
     def _by_id(self) -> dict[str, Experiment]:
         return {each.id: each for each in sorted(REGISTRY.sound(), key=lambda each: (each.rank, each.id))}

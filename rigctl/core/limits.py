@@ -20,6 +20,7 @@ class RotationLimits:
     def require_angle(self, name: str, angle_deg: float) -> None:
         """`LimitError` of the stage `name` when it must not turn there."""
         low, high = self.angle_min_deg, self.angle_max_deg
+        # NaN is refused too in this form.
         if not low <= angle_deg <= high:
             raise LimitError(f"{name}: {angle_deg:g} deg is outside the limits {low:g} to {high:g} deg")
 
@@ -52,12 +53,14 @@ class LinearLimits:
         self, name: str, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float
     ) -> None:
         """`LimitError` of the stage `name` when it must not, or cannot, oscillate so."""
+        # NaN is refused too in this form.
         if not (amplitude_mm > 0 and 0 < frequency_hz < math.inf and 0 < duration_s < math.inf):
             raise LimitError(
                 f"{name}: an oscillation needs amplitude, frequency and duration above zero, "
                 f"not {amplitude_mm:g} mm, {frequency_hz:g} Hz, {duration_s:g} s"
             )
         self.require_position(name, centre_mm)
+        # A sinusoid of amplitude A has the largest speed A w and the largest acceleration A w^2.
         w = 2.0 * math.pi * frequency_hz
         largest_mm, limit = min(
             (

@@ -101,12 +101,14 @@ def _all_at_once(actions: Sequence[tuple[str, Callable[[], None]]], deadline_s: 
         rests[number] = Rest(name, not why, time.monotonic() - began_s, why)
 
     threads = [
+        # Not a pool, whose end would wait for one that hangs; a daemon thread keeps no program from ending.
         threading.Thread(target=carry_out, args=(number, *action), daemon=True)
         for number, action in enumerate(actions)
     ]
     for thread in threads:
         thread.start()
     for thread in threads:
+        # All wait for the same deadline: six that hang take no longer than one.
         thread.join(max(began_s + deadline_s - time.monotonic(), 0.0))
     silence = f"no answer within {deadline_s:g} s"
     return tuple(rests.get(n) or Rest(name, False, deadline_s, silence) for n, (name, _) in enumerate(actions))
@@ -156,25 +158,32 @@ class _Watch:
         self._end = threading.Event()
         self._leaving = threading.Lock()
         self._stopped = threading.Lock()
+        # Held until everything has been stopped: the handler waits for it.
         self._stopped.acquire()
         self._bell, self._rope = socket.socketpair()
+        # A handler that waited for room would keep the main thread where it is.
         self._rope.setblocking(False)
         self._thread = threading.Thread(target=self._watch, name="signals", daemon=True)
 
     def __enter__(self) -> None:
         self._turns_s = sys.getswitchinterval()
+        # The thread that stops has to get the interpreter from a main thread that computes.
         sys.setswitchinterval(TURN_S)
         self._thread.start()
         self._waked = signal.set_wakeup_fd(self._rope.fileno(), warn_on_full_buffer=False)
+        # HUP is noted even where it is to be survived: by default it would end the process.
         watched = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         self._before = {number: signal.signal(number, self._note) for number in watched}
 
     def __exit__(self, *_: object) -> None:
+        # Before the handlers go: a watch thread that is about to interrupt then leaves it.
         self._end.set()
+        # Not while the watch thread sends TERM, which would meet the old handler and end the process.
         with self._leaving:
             signal.set_wakeup_fd(self._waked)
             for number, handler in self._before.items():
                 signal.signal(number, handler)
+        # No signal has the number 0: it only wakes the thread.
         self._ring(0)
         self._thread.join()
         sys.setswitchinterval(self._turns_s)
@@ -182,10 +191,12 @@ class _Watch:
         self._rope.close()
 
     def _note(self, number: int, _: object) -> None:
+        # The second TERM of this process to itself: only a handler can interrupt the main thread where it is.
         if self._overdue and not self._end.is_set():
             reason, self._overdue = self._overdue, ""
             raise Aborted(reason)
         self._ring(number)
+        # The main thread waits here for the stops, so that it begins no motion of its own meanwhile.
         if number in self._reasons and self._stopped.acquire(timeout=STOPS_FIRST_S):
             self._stopped.release()
 
@@ -194,6 +205,7 @@ class _Watch:
             self._rope.send(bytes([number]))
 
     def _watch(self) -> None:
+        # Other signals ring too, such as a change of the terminal's size.
         while not (asked := self._heard()) and not self._end.is_set():
             pass
         if asked:
@@ -213,5 +225,6 @@ class _Watch:
     def _interrupt(self, reason: str) -> None:
         with self._leaving:
             if not self._end.is_set():
+                # Before the signal, whose handler reads it.
                 self._overdue = reason
                 signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)

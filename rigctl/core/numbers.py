@@ -59,4 +59,5 @@ def is_missing(text: str) -> bool:
 
 def measurable(values: NDArray[np.generic]) -> bool:
     """Whether every number of an array that is not NaN is finite and at most `MAGNITUDE_MAX`."""
+    # NaN compares false, so missing values pass.
     return not bool((abs(values) > MAGNITUDE_MAX).any())

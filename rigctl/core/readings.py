@@ -59,6 +59,7 @@ def pasted_rows(response: FloatArray, conditions: Sequence[Sequence[object]]) ->
     `response` (n,) without missing values, `conditions` all other columns, each of length n.
     """
     rows = list(zip(*conditions, strict=True)) if conditions else [()] * len(response)
+    # NaN is not equal to itself, and two missing values are the same condition here.
     keys = [tuple("" if each != each else each for each in row) for row in rows]
     firsts: dict[object, int] = {}
     copies, originals = [], []
@@ -83,15 +84,19 @@ def _p_of_equal(response: FloatArray, groups: list[list[int]], equal: int) -> fl
     """Probability of so many equal responses among readings at the same conditions."""
     pairs, square, dof = 0, 0.0, 0
     for group in groups:
+        # Of different values only: copies would make the scatter of repeats too small.
         values = np.unique(response[group])
         pairs += len(group) * (len(group) - 1) // 2
         square += float(np.sum((values - values.mean()) ** 2))
         dof += len(values) - 1
     spread = float(response.std())
     scatter = math.sqrt(square / dof) if dof >= _FEW else _SCATTER_UNKNOWN * spread
+    # Without a scatter, or with one beyond that of all readings, nothing can be said against chance.
     if not 0.0 < scatter <= spread:
         return 1.0
+    # Two normal values lie in one step with probability step / (2 sqrt(pi) sigma).
     by_resolution = _resolution(response) / (2.0 * math.sqrt(math.pi) * scatter)
+    # At the same conditions values lie closer by spread / scatter, so equal ones are as much more frequent.
     by_frequency = _equal_elsewhere(response, groups) * spread / scatter
     return _binomial_tail(pairs, min(max(by_resolution, by_frequency), 1.0), equal)
 
@@ -102,10 +107,12 @@ def _equal_elsewhere(response: FloatArray, groups: list[list[int]]) -> float:
     everywhere = float(np.sum(np.unique(response, return_counts=True)[1] ** 2.0))
     within = sum(float(np.sum(np.unique(response[group], return_counts=True)[1] ** 2.0)) for group in groups)
     pairs = n**2.0 - sum(len(group) ** 2.0 for group in groups)
+    # One added to both, by Laplace's rule: never a probability of zero from a finite table.
     return float((everywhere - within + 1.0) / (pairs + 1.0))
 
 
 def _binomial_tail(trials: int, chance: float, least: int) -> float:
+    # Here, since scipy takes its time to import and few tables have equal rows.
     from scipy.special import bdtrc
 
     return float(bdtrc(least - 1, trials, chance))
@@ -115,6 +122,7 @@ def _resolution(response: FloatArray) -> float:
     """The largest step of which all values are multiples, to 12 digits of the largest."""
     largest = float(np.abs(response).max()) or 1.0
     unit = 10.0 ** (math.floor(math.log10(largest)) - _DECIMALS)
+    # Whole multiples of the last digit, so that the largest common step is an exact divisor.
     whole = np.rint(response / unit).astype(np.int64)
     return float(np.gcd.reduce(whole[whole != 0])) * unit
 

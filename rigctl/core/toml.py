@@ -30,6 +30,7 @@ def parsed(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         match = _SYNTAX.fullmatch(str(error))
         what = match[1] if match else str(error)
+        # At the end of the document tomllib names no line.
         line = int(match[2]) if match and match[2] else text.count("\n") + 1
         raise TomlFlaw(f"not TOML ({what}); mend the line", line) from None
     except RecursionError:
@@ -51,6 +52,7 @@ def _require_few_dots(text: str) -> None:
 
 
 def _require_shallow(document: dict[str, Any]) -> None:
+    # A list instead of recursion: depth is what has to be bounded here.
     pending: list[tuple[Any, int]] = [(document, 0)]
     while pending:
         value, depth = pending.pop()
@@ -69,6 +71,7 @@ def to_toml(tables: Mapping[str, Any]) -> str:
 
 def _table(path: str, table: Mapping[str, Any]) -> Iterator[str]:
     """The values of a table and, after them, the tables in it."""
+    # Values first: written behind the header of a sub-table they would belong to that.
     for key, value in table.items():
         if not _has_header(value) and value is not None:
             yield f"{_key(key)} = {to_toml_value(value)}\n"
@@ -99,11 +102,14 @@ def _key(name: str) -> str:
 def to_toml_value(value: object) -> str:
     """One value as it stands behind a key: a number, a text, a time, an array or an inline table."""
     match value:
+        # Before int, of which it is one in Python.
         case bool():
             return str(value).lower()
         case float():
+            # The shortest text that reads back as the same float; inf and nan are written the same in TOML.
             return repr(value)
         case str():
+            # TOML's basic strings are those of JSON, but DEL must be escaped.
             return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
         case datetime():
             return value.isoformat().replace("+00:00", "Z")

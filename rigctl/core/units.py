@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from rigctl.core.numbers import MAGNITUDE_MAX
 
+# Longer suffixes first: `accel_m_s2` ends in no shorter one, but `speed_m_s` ends in `_s` as well.
 _BY_SUFFIX = {
     "v_per_m_s2": "V/(m/s2)",
     "rad_s2": "rad/s2",
@@ -92,6 +93,7 @@ def power(unit: str, exponent: float) -> str:
     """A unit to a power: s, s2, (m/s)3, 1/s, s0.5."""
     if not unit or exponent == 1:
         return unit
+    # Without brackets the power of m/s would be read as one of s.
     plain = unit if unit.isalpha() else f"({unit})"
     return f"1/{plain}" if exponent == -1 else f"{plain}{exponent:g}"
 
@@ -118,6 +120,7 @@ def _canonical(unit: str) -> object:
 def _powers(text: str) -> dict[str, int] | None:
     """Of each symbol: m 1, s -2 for m/s2, m s-2 and m/s^2; None where a text is no product of symbols."""
     text = text.replace("**", "^").translate(_PLAIN)
+    # What is left when all parts are taken out is no unit.
     if len(text) > _CHARACTERS_MAX or _PART.sub("", text) or text.count("(") != text.count(")"):
         return None
     return _product(_PART.finditer(text))[0]
@@ -129,6 +132,7 @@ def _product(parts: Iterator[re.Match[str]]) -> tuple[dict[str, int], int]:
     sign = 1
     for part in parts:
         if part["between"]:
+            # A divisor is the next factor only: `m/s kg` is m kg/s.
             sign = -1 if "/" in part["between"] else 1
             continue
         exponent = int(part["power"] or 1)

@@ -40,6 +40,7 @@ class Waveform:
         turns = elapsed_s / self.period_s + self.phase_deg / 360.0
         if self.shape == "sine":
             return self.offset_v + self.amplitude_v * np.sin(2.0 * np.pi * turns)
+        # A quarter of a period on, so that phase 0 passes the offset upwards as a sine does.
         return self.offset_v + self.amplitude_v * (1.0 - 4.0 * np.abs((turns + 0.25) % 1.0 - 0.5))
 
 

@@ -79,6 +79,7 @@ class ConfigurationSettings(Table):
 
     @model_validator(mode="after")
     def _is_a_rotation(self) -> ConfigurationSettings:
+        # Of signed axes the determinant is +1, -1, or 0 where two are the same line.
         if not np.isclose(np.linalg.det(self._columns()), 1.0):
             raise ValueError(f"i = {self.i}, j = {self.j}, k = {self.k} is no right-handed triad")
         return self
@@ -147,6 +148,7 @@ class Package(Table):
 
     def face(self, axis: str, configuration: str, position: str) -> str:
         """The cube face that looks towards a head at `position` in the lab: x y z -x -y -z."""
+        # v_T = M v_C, and at theta = 0 turntable and lab agree: the transpose brings the direction back to the cube.
         normal = self.turntable_from_cube(axis, configuration).T @ unit_vector(position)
         component = int(np.argmax(np.abs(normal)))
         return ("-" if normal[component] < 0 else "") + "xyz"[component]
@@ -156,5 +158,6 @@ class Package(Table):
 
         The side face is the worst: it turns farthest from the rotation axis, and the motion runs along it.
         """
+        # The spot stands still in the lab; turning moves the face's centre sideways by its distance from the axis.
         sideways = abs((self.lever_mm + self.cube_side_mm / 2.0) * math.sin(math.radians(theta_deg)))
         return self.cube_side_mm / 2.0 - sideways - amplitude_mm

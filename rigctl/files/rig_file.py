@@ -96,6 +96,7 @@ class RigFile(Table):
     @property
     def world_sha256(self) -> str | None:
         """Hash of the simulated world's text; None for a real rig."""
+        # Of the text, not of its values: the text is what is kept beside the store.
         text = only_tables(self.text, "world")
         return hashlib.sha256(text.encode()).hexdigest() if text else None
 
@@ -168,6 +169,7 @@ def _with_comments_above(lines: list[tuple[bool, str]]) -> list[tuple[bool, str]
 def _require_separable_world(text: str, path: Path) -> None:
     """What a store keeps is the text without the world: the text must show where that begins and ends."""
     try:
+        # Cutting by lines can fail on unusual layouts, so both halves are parsed and looked at.
         seen, hidden = (parsed(take(text, "world")) for take in (without_tables, only_tables))
     except TomlFlaw:
         seen, hidden = {"world": None}, {}

@@ -48,6 +48,7 @@ def checked_file(model: type[Model], text: str, data: Mapping[str, Any], path: P
 def validated(model: type[Model], data: Mapping[str, Any], path: Path, prefix: str = "") -> Model:
     """Check data against a model, types as TOML has them; `ConfigError` with the first fault as file, key, mend."""
     try:
+        # Strict, or pydantic would take the text "1" for a number.
         return model.model_validate(_with_tuples(data), strict=True)
     except ValidationError as error:
         raise ConfigError(one_line(f"{path}: {explain(model, error, prefix)}")) from None
@@ -67,6 +68,7 @@ def explain(model: type[BaseModel], error: ValidationError, prefix: str = "") ->
     message = fault["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     given = fault.get("input")
+    # A whole table would make the message longer than it is of use.
     shown = f", not {given!r}" if isinstance(given, str | int | float | bool) else ""
     return f"{key or 'file'}: {message}{shown}{more}"
 
@@ -105,6 +107,7 @@ def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
     for part in path:
         fields = getattr(current, "model_fields", {})
         annotation = fields[part].annotation if part in fields else None
+        # The model may stand behind `| None` or in a `dict[str, ...]`.
         candidates = [annotation, *getattr(annotation, "__args__", ())]
         current = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), current)
     return [name for name in getattr(current, "model_fields", {}) if name not in NOT_KEYS]
