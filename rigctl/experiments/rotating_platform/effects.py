@@ -16,6 +16,7 @@ LENOIR = "Lenoir, Christophe, Reynaud 2013 (Measurement 46, 1411)"
 RECOVERIES_S = (1.0, 1.6, 2.5, 4.0, 6.3, 10.0, 16.0, 25.0, 40.0, 63.0, 100.0)
 DELAYS_S = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
 CUTOFFS_HZ = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 50.0, 100.0)
+# Lunisolar day, the Moon's half day, half a solar day, a quarter of the Moon's day (K1, M2, S2, M4).
 TIDES_S = (86164.0, 44714.0, 43200.0, 22357.0)
 
 
@@ -28,6 +29,7 @@ TIDES_S = (86164.0, 44714.0, 43200.0, 22357.0)
 )
 def platform_repeatability(run: PlatformRuns, stop: FloatArray, backlash: FloatArray) -> FloatArray:
     """The stops are not half a turn apart, and depend on the direction: d a_Y enters m_z, d a_Z enters m_y."""
+    # Nil at the first stop and the whole of it at half a turn.
     return 0.5 * (stop * (1.0 - run.cos) + backlash * run.direction)
 
 
@@ -126,6 +128,7 @@ def pendulum_reaction(run: PlatformRuns, d: FloatArray) -> FloatArray:
 def tide(run: PlatformRuns, a_sin: FloatArray, a_cos: FloatArray, period: float) -> FloatArray:
     """A real, slow tilt: (a_sin sin(2 pi t / T) + a_cos cos(2 pi t / T)) cos(theta), in the acceleration alone."""
     phase = 2.0 * np.pi * run.t / period
+    # Real acceleration: it turns with the frame, as a bias does not.
     return np.asarray((a_sin * np.sin(phase) + a_cos * np.cos(phase)) * run.cos)
 
 

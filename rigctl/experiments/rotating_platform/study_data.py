@@ -64,6 +64,7 @@ def imagined_cells(
     samples_made = round(periods * pattern.period_s * sample_rate_hz)
     t_s: FloatArray = np.asarray((np.arange(samples_made) + 0.5) / sample_rate_hz)
     theta, moving = _course(pattern, periods, t_s, mask_short_s, forward)
+    # Readings are not known; all that is asked of a proposal are derivatives and sigmas.
     nothing = np.zeros(t_s.size)
     samples = {
         "t_s": t_s,
@@ -83,6 +84,7 @@ def _course(
 ) -> tuple[FloatArray, FloatArray]:
     stop = 0.0 if pattern.dwells[0].sign > 0 else math.pi
     theta, moving = np.full(t_s.size, stop), np.zeros(t_s.size)
+    # A pattern that begins in the middle of a turn (a) has no dwell before.
     moving[t_s < pattern.dwells[0].start_s] = 1.0
     for number in range(periods):
         for turn in pattern.turns:
@@ -131,6 +133,7 @@ def imagined_channels(proposals: Sequence[Proposal], seen: Sequence[ChannelRun],
     channels: list[ChannelRun] = []
     made: dict[str, Cells] = {}
     noises: dict[str, RunNoise] = {each.channel: each.noise for each in seen}
+    # After everything there is: drifts and tides go on in time.
     later_s = max((_end_s(each.run) for each in seen), default=0.0) + BETWEEN_S
     for number, proposal in enumerate(proposals, start=1):
         given = proposal.settings

@@ -15,6 +15,7 @@ from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import SharedOffset
 from rigctl.workbench.verdict.noise_pool import saturated
 
+# Of fewer levels a variance cannot be estimated (decision 046).
 WORDS_OF_A_SCATTER = 5
 """Fewer words are a fixed number each, `level[W]`."""
 
@@ -39,6 +40,7 @@ def ratios_of(
         return {}
     weights = readings.sigma[:, None]
     design = saturated(slopes / weights, [_within(readings, effects, levels) / weights])
+    # Without one component the others change: asked again until all that remain are significant.
     asked = dict(levels)
     while True:
         found = variance_components(left / readings.sigma, design, list(asked.values()))
@@ -60,6 +62,7 @@ def levels_of(readings: Readings) -> dict[str, IntArray]:
     outer = np.zeros(readings.sigma.size, dtype=np.intp)
     for name in readings.spec.batch:
         inner = np.unique(readings.categories[name].values, return_inverse=True)[1]
+        # Nested: bottle 1 of the second day is another than bottle 1 of the first.
         outer = np.unique(np.stack([outer, inner], axis=1), axis=0, return_inverse=True)[1].ravel()
         levels[name] = outer
     for name, category in readings.categories.items():
@@ -70,6 +73,7 @@ def levels_of(readings: Readings) -> dict[str, IntArray]:
 
 def shared_offsets(readings: Readings, ratios: Ratios) -> tuple[SharedOffset, ...]:
     """As the workbench is told of them."""
+    # In units of the variance of a single reading, its own part included.
     levels, total = levels_of(readings), 1.0 + sum(ratios.values())
     return tuple(
         SharedOffset(name, levels[name], float(np.sqrt(ratio / total)))
@@ -82,6 +86,7 @@ def correlation(offsets: tuple[SharedOffset, ...], count: int) -> tuple[tuple[In
     """Of all readings, as `Observations.factors` has it."""
     if not offsets:
         return ()
+    # Unit diagonal: the sigmas hold the whole variance.
     matrix = np.eye(count) * (1.0 - sum(each.share**2 for each in offsets))
     for each in offsets:
         matrix += each.share**2 * np.equal.outer(each.level_of, each.level_of)
@@ -100,5 +105,6 @@ def _within(readings: Readings, effects: Mapping[str, TableEffect], levels: Mapp
     joined = np.hstack(columns)
     means = np.stack([np.bincount(cells, column) / count for column in joined.T], axis=1) if joined.size else joined
     inside = joined - means[cells] if joined.size else joined
+    # What varies between batches only is rounding within them.
     real = np.linalg.norm(inside, axis=0) > 1e-9 * np.linalg.norm(joined, axis=0)
     return np.asarray(inside[:, real])

@@ -20,6 +20,7 @@ from rigctl.workbench.study import Candidate, NotTestable, Term
 Whitener = Callable[[FloatArray], FloatArray]
 """Of columns (n, k), or of one (n,)."""
 
+# Of what the turning point explains: above, its second parameter buys next to nothing.
 _ALL_BUT_LITTLE = 0.95
 _SPANNED = 1e-7
 """A function is spanned by the model when less than this share of its norm lies outside."""
@@ -38,6 +39,7 @@ def candidate_of(form: Form, term: Term, response_unit: str, spanned: FloatArray
         tuple(f"{term.effect}{name}" for name in form.names()),
         form.units(response_unit),
         derivative,
+        # The size that would make all of the residual: of a table's effects nobody knows another.
         _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
     )
 
@@ -65,6 +67,7 @@ class Scans:
             space = _span([each for each, is_held in zip(trivial, held, strict=True) if is_held], len(spanned))
             stack = form.scan(self.choices(form))
             columns = stack.reshape(len(stack), -1)
+            # Twice: once leaves the rounding of a column that lies almost entirely in the span.
             for _ in range(2 if space.shape[1] else 0):
                 columns = columns - space @ (space.T @ columns)
             self._made[form.id, held] = Scan(columns.reshape(stack.shape))
@@ -133,6 +136,7 @@ def plugin_candidate(piece: PluginPiece, signal: FloatArray) -> Candidate | NotT
 
 
 def _without_trivial(form: Form, parts: list[FloatArray], spanned: FloatArray) -> FloatArray:
+    # Left out and not projected out: their difference from a large column would lose the digits.
     remaining = [part for part in parts if not _is_spanned(part, spanned)] or parts[-1:]
     derivative = np.sum(remaining, axis=0)
     space = _trivial_space(form, spanned)

@@ -26,6 +26,7 @@ def generic(readings: Readings, slopes: FloatArray) -> dict[str, TableEffect]:
     `slopes` (n, m) are the derivatives of the baseline where it is fitted alone.
     """
     columns, words = list(readings.columns.values()), list(readings.categories.values())
+    # The order counts: of effects that the readings cannot tell apart the first is named.
     effects: list[TableEffect] = [Drift(readings.order)]
     effects += [Power(column, exponent) for exponent in (1, 2, 3) for column in columns]
     effects += [Turning(column) for column in columns]
@@ -50,6 +51,7 @@ def _is_own(slope: FloatArray, columns: Sequence[Column]) -> bool:
 
 
 def _parallel(one: FloatArray, other: FloatArray) -> bool:
+    # Squares of large values would overflow.
     one, other = (each / (float(np.abs(each).max()) or 1.0) for each in (one, other))
     lengths = float(np.linalg.norm(one) * np.linalg.norm(other))
     return bool(abs(one @ other) >= (1.0 - _PARALLEL) * lengths)

@@ -16,6 +16,7 @@ BEYOND = 0.2
 """Of a column's range, how far past its ends values are thought possible."""
 
 PROPOSALS_MAX = 600
+# By the number of columns: 29, 15^2 and 8^3 places stay below the most there may be.
 _GRID = {1: 29, 2: 15, 3: 8}
 _GRID_MIN = 4
 _DIGITS = 4
@@ -67,6 +68,7 @@ def _grid(column: Column, points: int) -> list[float]:
     beyond = BEYOND * (high - low)
     # Where nothing was ever negative, nothing may be.
     lowest = max(low - beyond, 0.0) if low >= 0.0 else low - beyond
+    # Four digits of the range: values that somebody can set.
     step = 10.0 ** (np.floor(np.log10(high - low)) - _DIGITS + 1)
     return sorted(
         {float(f"{round(value / step) * step:.12g}") for value in np.linspace(lowest, high + beyond, points)}
@@ -75,6 +77,7 @@ def _grid(column: Column, points: int) -> list[float]:
 
 def _one_at_a_time(free: Sequence[Column]) -> list[tuple[float, ...]]:
     rows = np.stack([column.values for column in free], axis=1)
+    # A reading that was taken: the middle of every column may be a state that cannot be.
     middle = rows[int(np.argmin(np.sum(((rows - np.median(rows, axis=0)) / rows.std(axis=0)) ** 2, axis=1)))]
     places = {tuple(map(float, row)) for row in rows[:: max(len(rows) // (PROPOSALS_MAX // 2), 1)]}
     for place, column in enumerate(free):

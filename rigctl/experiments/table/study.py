@@ -41,6 +41,7 @@ from rigctl.workbench.study import (
 from rigctl.workbench.study_base import StudyBase
 from rigctl.workbench.verdict.offsets import in_units
 
+# Places along a grid from which a fit is tried where the one from the best place does not converge.
 _RESTARTS = 8
 
 
@@ -77,11 +78,13 @@ class TableStudy(StudyBase[TableData]):
             if term.effect in {piece.term.effect for piece in pieces}:
                 raise ConfigError(f"effect '{term.effect}' is in the model already; another needs another number")
             pieces.append(self._piece(term, pieces))
+        # Once more beside all others: each was first placed without those that come after it.
         for i, piece in enumerate(pieces):
             if isinstance(piece, ColumnPiece) and isinstance(piece.form, Scanned):
                 pieces[i] = self._placed(piece, pieces[:i] + pieces[i + 1 :])
         model = TableModel(self.observations, self.data.readings, tuple(pieces), self._starts(pieces))
         self._require_enough(len(model.starts))
+        # Imagined readings have no values that a fit could settle on.
         curved = len(self.data.readings.expression.linear_in()) < len(self.data.start)
         return self._settled(model) if curved and pieces and not self.data.imagined else model
 
@@ -181,6 +184,7 @@ class TableStudy(StudyBase[TableData]):
         assert isinstance(form, Scanned)
         beside = [each for each in others if _is_linear(each)]
         weight = self.data.readings.sigma[:, None]
+        # Linear about the baseline's own fit: good enough to find a place, which is then fitted.
         signal, slopes = self.data.baseline
         held = np.concatenate([slopes, *(_basis(each, slopes) for each in beside)], axis=1)
         near = piece.choice.get(form.scanned)

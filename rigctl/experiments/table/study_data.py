@@ -19,6 +19,7 @@ from rigctl.experiments.table.observe.readings import Readings, declares_noise, 
 from rigctl.experiments.table.proposals import with_proposals
 from rigctl.workbench.study import NoisePool, Observations, Proposal, Series
 
+# Of the response: data that a baseline fits exactly leave this much.
 _ROUNDING = 1e-13
 _GRID_POINTS, _GRID_LEAST = 1500, 100
 
@@ -39,6 +40,7 @@ class TableData:
         readings = read(source)
         data = cls(readings, baseline_start(readings))
         if not readings.spec.sigma and not declares_noise(source.header, readings.response.name):
+            # Relative weights only, but of the right size: the fit's tolerances are in units of them.
             data = cls(replace(readings, sigma=data.scatter()), data.start)
         signal, slopes = data.baseline
         return replace(data, ratios=ratios_of(data.readings, readings.response.values - signal, slopes, data.generic))

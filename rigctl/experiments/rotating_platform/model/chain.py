@@ -21,6 +21,7 @@ from rigctl.experiments.rotating_platform.observe.cells import BESIDE_S, Cells
 REFERENCE_C = 22.0
 """Where the thermal bias is zero."""
 
+# The longest look at a filter's ringing, however low its cut-off: cells beyond are long.
 _RINGS_S = 12.0
 
 
@@ -103,6 +104,7 @@ def off_stop(cells: Cells) -> FloatArray:
     After a turn they are those of the law behind the recorded angle; differences of angles are good to a per cent.
     """
     seen = cells.state[:, 3:5].T
+    # Twice differentiated, a recorded angle is mostly noise: the law fitted to its mean course is not.
     known = np.isin(cells.kind, list(_courses(cells))) & (cells.since_s < BESIDE_S)
     return np.where(seen.any(axis=0) & known, _about_turns(cells), seen)
 
@@ -167,4 +169,5 @@ def _sums_after(turn: bytes, before: int, rate_hz: float, delay_s: float, cutoff
     lasts_s = BESIDE_S + delay_s if cutoff_hz is None else min(_RINGS_S, 60.0 / cutoff_hz)
     times_s: FloatArray = np.asarray((np.arange(math.ceil(lasts_s * rate_hz)) + 0.5) / rate_hz)
     values = motion.forces(times_s - delay_s) if cutoff_hz is None else motion.filtered(cutoff_hz, times_s)
+    # Running sums: the mean over any cell is one difference.
     return np.concatenate([np.zeros((2, 1)), np.cumsum(values, axis=1)], axis=1)

@@ -28,6 +28,7 @@ from rigctl.workbench.study import Observations, Term
 _SHARED_STEPS = np.array([1e-3, 1e-6, 1e-6])
 _BIAS_STEP, _RATE_STEP = 1e-6, 1e-9
 _STEP_OF_TYPICAL = 1e-3
+# Rounding of the reduction, of which a sum over thousands of periods would still make a column.
 _NEGLIGIBLE_SIGMAS = 1e-7
 
 
@@ -98,6 +99,7 @@ class PlatformModel:
         for effect, arguments in passed:
             if effect.on == "reading_m_s2" and not effect.scanned:
                 reading = reading + effect(turned.at(signal=reading), **arguments)
+        # What effects add only: the baseline is a thousand times the noise and is reduced exactly, sample by sample.
         return np.asarray(reading - before)
 
     def jacobian(self, values: FloatArray) -> FloatArray:
@@ -117,6 +119,7 @@ class PlatformModel:
             derivatives[:, column] += self._slope(values, [column], float(_SHARED_STEPS[column]))
         runs = len(self.recorded.run_ids)
         for kind in range(len(OF_A_RUN)):
+            # All runs in one difference: the level of a run moves its own rows only.
             columns = list(range(len(SHARED) + kind * runs, len(SHARED) + (kind + 1) * runs))
             step = _BIAS_STEP if kind < len(CHANNELS) else _RATE_STEP
             slope = self._slope(values, columns, step)
@@ -138,6 +141,7 @@ class PlatformModel:
         above, below = values.copy(), values.copy()
         above[list(columns)] += step
         below[list(columns)] -= step
+        # Central: exact for the squares and products that effects make of the baseline.
         return np.asarray((self.added(above) - self.added(below)) / (2.0 * step))
 
 
@@ -152,6 +156,7 @@ def at_rest(recorded: Recorded, channel: str, values: FloatArray) -> PlatformRun
 
 def _turned(run: PlatformRuns, turned_by_rad: FloatArray | float) -> PlatformRuns:
     """With what acts along and across the sensing axis, the platform turned on by an angle."""
+    # First order in the angle: stops are off by some 1e-5 rad.
     cos = run.cos - turned_by_rad * run.sin
     sin = run.sin + turned_by_rad * run.cos
     own_y, own_z = run.a_y * cos + run.a_z * sin, run.a_z * cos - run.a_y * sin

@@ -62,6 +62,7 @@ class Motion:
             grid_s, whole = _filtered(self, cutoff_hz, end_s)
             return np.stack([np.interp(times_s, grid_s, row) for row in whole])
         # Turns of a table differ in when they begin: their answers are one.
+        # Rounded and without its start: the key of a cache that all turns of a recording share.
         law, lasts_s = self.course, math.ceil(end_s - self.first_s)
         grid_s, whole = _of_cycloid(round(law.duration_s, 6), round(abs(law.turn_rad), 6), cutoff_hz, lasts_s)
         squared, turning = (np.interp(times_s - law.start_s, grid_s, row) for row in whole)
@@ -77,6 +78,7 @@ def _of_cycloid(duration_s: float, turn_rad: float, cutoff_hz: float, lasts_s: i
 def _filtered(motion: Motion, cutoff_hz: float, end_s: float) -> tuple[FloatArray, FloatArray]:
     """Times up to `end_s`, and what the filter makes of the forces then, shape (2, times)."""
     zeros, poles, gain = signal.ellip(ORDER, RIPPLE_DB, STOP_DB, 2.0 * np.pi * cutoff_hz, analog=True, output="zpk")
+    # An elliptic filter of even order has its ripple at zero frequency too: brought to unit gain there.
     gain /= abs(gain * np.prod(-zeros) / np.prod(-poles))
     step_s = 1.0 / (_NODES_PER_CYCLE * cutoff_hz)
     grid = np.arange(motion.first_s, end_s + step_s, step_s)
@@ -106,6 +108,7 @@ def motion_of(course_rad: FloatArray, before: int, rate_hz: float) -> Motion:
         law = _Cycloid(where[0], max(where[1], 1.0 / rate_hz), turn_rad)
         return np.asarray(course_rad - course_rad[0] - law.angle(times_s))
 
+    # Two times fitted to a hundred angles come out to a small part of a sample.
     fitted = optimize.least_squares(misfit, [first_s, max(last_s - first_s, 1.0 / rate_hz)], x_scale=1.0 / rate_hz)
     start_s, duration_s = (float(each) for each in fitted.x)
     if math.sqrt(float(np.mean(fitted.fun**2))) < _CYCLOID_RAD:

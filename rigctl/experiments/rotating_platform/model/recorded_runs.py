@@ -20,6 +20,7 @@ from rigctl.workbench.study import Observations
 
 SHARED = ("tilt_gain", "accel_z0", "accel_y0")
 OF_A_RUN = tuple(f"{kind}_{channel}" for kind in ("bias", "bias_rate") for channel in CHANNELS)
+# Share of the tilt's column that constant accelerations do not imitate.
 _SEPARABLE = 1e-3
 
 
@@ -46,6 +47,7 @@ class Recorded:
     def rows(self) -> list[slice]:
         """Where in the vector each channel of a run stands."""
         starts = np.cumsum([0, *(each.value.size for each in self.channels)])[:-1]
+        # Data of spectra stand between measured and imagined runs.
         starts[self._measured :] += self._spectra
         return [slice(int(a), int(a) + each.value.size) for a, each in zip(starts, self.channels, strict=True)]
 
@@ -101,6 +103,7 @@ class Recorded:
         given, start = self.observations, np.zeros(self.baseline.shape[1])
         start[0] = 1.0
         made = np.array([run_id not in self.imagined for run_id in given.run_ids])[given.run_of]
+        # Imagined runs have no values.
         weight = made / given.sigma
         free = slice(0 if self.tilted else 1, None)
         left = given.value - self.commanded_y - (0.0 if self.tilted else self.baseline[:, 0])

@@ -19,6 +19,7 @@ from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 
 MINUTE_S = 60.0
 
+# Four numbers are fitted; beyond the condition a sine cannot be told from a trend over the record.
 _FEWEST_PERIODS, _MAX_CONDITION = 6, 30.0
 
 
@@ -56,6 +57,7 @@ def expected_sine(
 ) -> SineResponse:
     """The response to an external sine without noise; eq. 16 for pattern a, on the masked samples."""
     gain = transfer(sampled, 1.0 / external_period_s, estimator)
+    # The third output is the mean bias, which an external signal leaks into.
     shift = _shift(sampled, -float(np.angle(gain[2])), external_period_s)
     accel, bias = 2.0 * amplitude_m_s2 * np.abs(gain[[0, 2]])
     return SineResponse(float(accel), float(bias), 0.0, 0.0, shift)
@@ -102,6 +104,7 @@ def _sine(sampled: SampledPattern, values: FloatArray, external_period_s: float)
     scatter = float(((values[seen] - columns @ coefficients) ** 2).sum()) / (time_s.size - columns.shape[1])
     return _Sine(
         math.hypot(coefficients[0], coefficients[1]),
+        # Of the amplitude of a sine in N data of variance s^2: 2 s^2 / N.
         math.sqrt(2.0 * scatter / time_s.size),
         math.atan2(coefficients[1], coefficients[0]),
     )
@@ -109,6 +112,7 @@ def _sine(sampled: SampledPattern, values: FloatArray, external_period_s: float)
 
 def _shift(sampled: SampledPattern, lag_rad: float, external_period_s: float) -> Shift:
     """The lag, within half a period of the signal, for values stamped at start, centre and end of their window."""
+    # A lag and half a period more look alike with the sign reversed: the nearer is meant.
     centre_s = math.remainder(lag_rad, 2.0 * math.pi) * external_period_s / (2.0 * math.pi)
     before_s = 0.5 * sampled.pattern.period_s + sampled.centre_s
     after_s = 0.5 * sampled.pattern.period_s - sampled.centre_s

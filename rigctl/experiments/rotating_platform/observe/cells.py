@@ -115,11 +115,13 @@ class Cells:
     @cached_property
     def first(self) -> Int64Array:
         """Number in its period of the first sample of each cell."""
+        # u = 2 k + 1 - q counts half samples from mid-period: from the mean u back to the first k.
         return np.rint(0.5 * (self.centre + self.samples - self.count)).astype(np.int64)
 
     @cached_property
     def turn_number(self) -> Int64Array:
         """How many turns the run has made before each cell, shape (cells,)."""
+        # All cells after one turn agree in when it ended: so many different ends, so many turns.
         ended = np.where(self.since < FAR, self.period * self.samples + self.first - self.since, -1)
         ends, number = np.unique(ended, return_inverse=True)
         return np.asarray(number + (ends[0] >= 0))

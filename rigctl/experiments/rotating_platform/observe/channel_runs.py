@@ -64,6 +64,7 @@ def channel_runs(runs: Sequence[PlatformRun]) -> tuple[list[ChannelRun], dict[st
     for number, (run, reducers_of_run) in enumerate(reducers):
         for reducer in reducers_of_run:
             likelihoods = likelihoods_of[reducer.channel]
+            # A run's own spectrum comes first; those of the other runs of the channel are its prior (decision 022).
             others = likelihoods[:number] + likelihoods[number + 1 :]
             noise = run_noise(likelihoods[number], others, run.cells.period_s)
             channels.append(channel_run(run, reducer, noise))
@@ -94,6 +95,7 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     means, ramps = baseline_columns(cells, reducer.channel)
     bias_means, bias_ramps = bias_columns(cells)
     warmer = cells.state[:, 2] - np.nanmean(cells.state[:, 2]) if np.isfinite(cells.state[:, 2]).all() else None
+    # A bias that follows the temperature is an effect to be found and not noise.
     slow = [] if warmer is None or not np.ptp(warmer) > 0.0 else [warmer, warmer**2]
     columns = np.column_stack([means, bias_means, *slow])
     whole = np.column_stack([ramps, bias_ramps, *(np.zeros_like(each) for each in slow)])
@@ -125,6 +127,7 @@ def _likelihood(reducer: Reducer) -> Likelihood:
         reducer.per_group,
         residuals,
         fitted_columns,
+        # Of one period: sigma is that of the mean over all of them.
         Scatter(reducer.bin_weights(), sigma**2 * (dof + 1.0), dof),
     )
 
@@ -133,7 +136,9 @@ def channel_run(run: PlatformRun, reducer: Reducer, noise: RunNoise) -> ChannelR
     """A channel of a run with its observables and, from its noise, their covariance."""
     covariance = joint_covariance(noise, reducer.sampled, reducer.per_group, reducer.groups.tolist())
     sigma = np.sqrt(np.diag(covariance))
+    # Levels and slopes differ by powers of ten: correlations are factorised, sigmas kept apart.
     factor = np.linalg.cholesky(covariance / np.outer(sigma, sigma))
+    # A group that has lost periods is noisier; its correlations stay what they are.
     sigma = sigma * np.tile(np.sqrt(reducer.per_group / reducer.members) * reducer.inflation(), 4)
     bins = len(reducer.bins)
     whole = np.zeros((sigma.size + bins, sigma.size + bins))

@@ -115,6 +115,7 @@ def covariance_of_mean(
     """
     folded = _fold(weights, sample_rate_hz, density, sided, from_hz, periods)
     place = folded.place
+    # Fejer's kernel: what a mean over successive periods lets through.
     kernel = (np.sin(np.pi * periods * place) / (periods * np.sin(np.pi * place))) ** 2
     return np.asarray(folded.integral(kernel[None].astype(np.complex128))[0])
 
@@ -152,6 +153,7 @@ def _fold(
     edges = np.union1d(even, 4.0 ** -np.arange(float(_GRADING)))
     low, low_share = _composite(np.append(lowest, edges[edges > lowest]))
     transform = _transform(weights, low)
+    # Twice, for the interval on the other side of zero.
     value = 2.0 * low_share * two_sided(density, sided, low * width_hz)
     singular = np.einsum("f,af,bf->fab", value, transform.conj(), transform)
     divergent = np.zeros(len(weights), dtype=np.bool_)
@@ -180,6 +182,7 @@ def _harmonics(
         x = 0.5 * (node + 1.0)
         shifted = weights * np.exp(-2j * np.pi * x * np.arange(samples) / samples)
         transform = np.fft.fft(shifted)[:, 1:-1]
+        # Beyond half the sampling rate the transform's places are negative frequencies.
         frequency_hz = np.minimum(interval + x, samples - interval - x) * width_hz
         matrix = (transform.conj() * two_sided(density, sided, frequency_hz)) @ transform.T
         polynomials = legendre.legvander(np.array([node]), _HARMONIC_NODES - 1)[0]
@@ -198,6 +201,7 @@ def _transform(weights: FloatArray, place: FloatArray) -> ComplexArray:
         index = np.arange(start, start + part.shape[1])
         transform += np.exp(-2j * np.pi * cycles[:, None] * index) @ part.T
     series = chebyshev.chebvander(nodes, _TRANSFORM_NODES - 1).T @ transform * (2.0 / _TRANSFORM_NODES)
+    # The constant counts half in a series of Chebyshev's polynomials.
     series[0] *= 0.5
     return np.asarray((chebyshev.chebvander(2.0 * place - 1.0, _TRANSFORM_NODES - 1) @ series).T)
 
@@ -205,4 +209,5 @@ def _transform(weights: FloatArray, place: FloatArray) -> ComplexArray:
 def _diverges(density: Density, width_hz: float) -> bool:
     """Whether the density goes as 1/f or steeper where f goes to zero."""
     high, low = density(width_hz * 4.0 ** -np.array([_GRADING - 1.0, _GRADING]))
+    # Two steps of 4 towards zero show the slope; an integral of 1/f diverges, of less it does not.
     return bool(high > 0.0 and math.log(low / high) >= math.log(4.0) * (1.0 - _ZERO))

@@ -113,9 +113,11 @@ class _Cutter:
         self._turns = Turns(rate_hz, samples)
         self.ahead = self._turns.ahead
         self._rate_hz, self._samples = rate_hz, samples
+        # In the units of the readings, which come divided by the scale factor.
         self._full_scale = [chains.full_scale_v[name] / chains.gain_v_per_m_s2[name] for name in CHANNELS]
         edges = np.array(sorted({*AFTER_S, *NEAR_S, guard_s}))
         self._leads = np.array([round(BEFORE_S * rate_hz), round(lead_s * rate_hz)])
+        # A time that is a whole number of samples must not be rounded up to the next.
         self._edges = np.ceil(edges * rate_hz - 1e-6).astype(np.int64)
         self._bin_edges = np.ceil(np.array(AFTER_S) * rate_hz - 1e-6).astype(np.int64)
         self._longest = max(round(max(LONGEST_CELL_S, samples / rate_hz / _CELLS_PER_PERIOD) * rate_hz), 1)
@@ -181,6 +183,7 @@ class _Cutter:
             after[:, None] + longest[longest < (dwells.stop - after).max(initial=0)],
         ]
         inside = [edge[(edge > dwells.start[:, None]) & (edge < dwells.stop[:, None])] for edge in within]
+        # Where the angle changes sides without a flag: a cell has one sign.
         flips = np.flatnonzero((cos[1:] >= 0.0) != (cos[:-1] >= 0.0)) + 1
         periods = np.arange(0, length, self._samples)
         starts = np.unique(np.concatenate([dwells.start, dwells.stop, *inside, flips, periods]))
@@ -189,6 +192,7 @@ class _Cutter:
     def _add(self, block: FloatArray, dwells: Dwells, cos: FloatArray, starts: Int64Array) -> None:
         """The cells that begin at `starts`, but for those in which the platform moves."""
         q, length = self._samples, block.shape[1]
+        # Odd whole numbers from mid-period: their sums are exact, and no time is ever accumulated.
         u = (2.0 * (np.arange(length) % q) + 1.0 - q).astype(np.float64)
         kept, sizes = dwells.rests[starts], np.diff(np.append(starts, length))
 
@@ -242,6 +246,7 @@ class _Cutter:
             saturated = rests & ~gap & (np.abs(m) >= full_scale * (1.0 - 1e-12))
             elsewhere = rests & astray & ~gap & ~saturated
             used = rests & ~gap & ~saturated & ~elsewhere
+            # What is not used has no count and adds nothing: missing samples need no case of their own.
             usable = used.astype(np.float64)
             level = np.where(used, m, 0.0)
             sums = np.stack([total(x) for x in (usable, u * usable, u * u * usable, level, u * level)], axis=1)
@@ -280,4 +285,5 @@ def _drift(shapes: Int64Array) -> float:
         return 0.0
     at = 0.5 * shapes[whole, 3] / shapes[whole, 1]
     drift = float(np.polyfit(whole.astype(np.float64), at, 1)[0]) * (len(shapes) - 1)
+    # Below a sample it is the rounding of edges.
     return drift if abs(drift) >= 1.0 else 0.0

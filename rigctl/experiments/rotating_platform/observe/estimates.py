@@ -51,6 +51,7 @@ def usual_shape(shapes: Int64Array) -> Int64Array:
 
 def shifts(shapes: Int64Array, usual: Int64Array) -> Int64Array:
     """By how many samples each of `shapes` differs from the usual one; at least 1 where it differs."""
+    # Dwells that are whole but elsewhere miss no sample: their moments tell.
     missing = np.abs(shapes[:, :2] - usual[:2]).sum(axis=1)
     return np.where((shapes != usual).any(axis=1), np.maximum(missing, 1), 0)
 
@@ -117,6 +118,7 @@ def estimates(
     faulty = faults.any(axis=-1)
     enough = moments[..., 0].sum(axis=-1) >= FEWEST_SAMPLES * sampled.kept
     valid = enough & solvable
+    # With samples missing the projection's columns are no longer orthogonal: acceleration would leak into bias.
     outputs = joint if estimator == "joint-ls" else np.where(faulty, joint, _projection(moments))
     accel_mean, accel_slope, bias_mean, bias_slope = np.where(valid, outputs, np.nan)
     return PeriodEstimates(accel_mean, accel_slope, bias_mean, bias_slope, faulty & valid, ~valid, faults)
@@ -167,6 +169,7 @@ def _joint(moments: FloatArray) -> tuple[FloatArray, BoolArray]:
     count, time, square, level, ramp = np.moveaxis(moments, -1, 0)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = time / count
+        # One straight line for each sign: half their difference is acceleration, half their sum bias.
         slope = (ramp - mean * level) / (square - mean * time)
         at_centre = level / count - mean * slope
     lines = np.stack([at_centre, slope])

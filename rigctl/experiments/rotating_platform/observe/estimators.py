@@ -34,6 +34,7 @@ def weights(sampled: SampledPattern, estimator: Estimator = "projection") -> Flo
 def coarser(rows: FloatArray, sample_rate_hz: float, most: int) -> tuple[FloatArray, float]:
     """Weights, shape (outputs, samples), on a time base of at most so many samples a period, and its rate."""
     samples = rows.shape[1]
+    # A divisor: a period must stay a whole number of samples.
     step = next(d for d in range(1, samples + 1) if samples % d == 0 and samples // d <= most)
     return rows.reshape(len(rows), samples // step, step).sum(axis=2), sample_rate_hz / step
 

@@ -16,6 +16,7 @@ laboratory's own columns."""
 
 _FORMAT_COLUMNS = {"t_s", "theta_deg", "moving", "temperature_c", *READINGS.values(), *COMMANDS.values()}
 
+# Written times are rounded: a stated rate this near to their steps is the truer one.
 _SAME_RATE = 2e-3
 _WRAPPED_TURN = 0.75
 
@@ -39,6 +40,7 @@ class EvenSamples:
         if not self.samples:
             self._set_rate(t_s)
             self.own = tuple(sorted(set(chunk) - _FORMAT_COLUMNS))
+        # A step of several samples is a gap, which NaN fills, so that sample k of a period stays sample k.
         steps = np.maximum(np.rint(np.diff(t_s, prepend=self._last_s) / self._step_s), 1.0)
         self._last_s = float(t_s[-1])
         place = (np.cumsum(steps) - 1.0).astype(np.int64)
@@ -114,6 +116,7 @@ def held(moving: FloatArray, theta_rad: FloatArray) -> tuple[FloatArray, FloatAr
     after = np.where(after >= known.size, before, after)
     turned = (np.cos(theta_rad[before]) > 0.0) != (np.cos(theta_rad[after]) > 0.0)
     filled_in = np.where(known, moving, np.where(turned, 1.0, moving[before]))
+    # What nobody knows counts as moving: such samples are never used.
     return np.nan_to_num(filled_in, nan=1.0), np.nan_to_num(theta_rad[before])
 
 

@@ -19,6 +19,7 @@ from rigctl.experiments.rotating_platform.observe.lines import residual_blocks
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
 
 _LEVEL_BINS = 401
+# In modulation frequencies: below, the fits of each period take most of the power.
 _LOWEST = 2.5
 _LEAST_LEFT = 0.75
 _BANDS, _FEWEST_IN_BAND = 24, 30
@@ -41,6 +42,7 @@ def spectra(kept: Kept, runs: Mapping[str, tuple[Cells, Iterable[Columns]]], cha
         return before
     scan, peaks = LineScan(), {}
     for run_id, (cells, chunks) in runs.items():
+        # By the name: a run stays in its half whichever others there are.
         half = zlib.crc32(run_id.encode()) & 1
         for channel, parts in _scanned(chunks, chains, cells).items():
             for number, part in enumerate(parts):
@@ -89,17 +91,20 @@ def _part(left: FloatArray, kept: float, cells: Cells, whole: FloatArray) -> Sca
     remains = 1.0 - np.abs(np.fft.rfft(starts, length)[:MAX_BINS]) ** 2
     power *= (2.0 / kept) ** 2 / np.maximum(remains, 1.0 - _LEAST_LEFT)
     frequency: FloatArray = np.asarray(np.arange(power.size) * step_hz)
+    # The mean logarithm of an exponential variable is digamma(1) below that of its mean.
     logs = np.log(np.maximum(power, np.finfo(float).tiny)) - special.digamma(1.0)
     seen = (frequency > _LOWEST / cells.period_s) & (frequency < 0.5 * rate_hz - 2.0 / duration_s)
     use: FloatArray = np.asarray(seen & (remains > _LEAST_LEFT), dtype=np.float64)
     if use.sum() < 2 * _LEVEL_BINS:
         return None
+    # Taken off first: over 401 bins the mean of a steep spectrum would be that of its upper end.
     slope, use = _slope(frequency, logs, use)
     smooth = uniform_filter1d((logs - slope) * use, _LEVEL_BINS, mode="constant")
     share = uniform_filter1d(use, _LEVEL_BINS, mode="constant")
     inverse = np.exp(-slope - smooth / np.maximum(share, 1e-9)) * use
     normal = power * inverse
     logarithm = np.log(np.maximum(normal, np.finfo(float).tiny)) * use
+    # A line's power in units of the noise, less what the periods' mean has taken of it.
     inverse = inverse * remains
     return ScannedRun(step_hz, duration_s, rate_hz, np.stack([use, normal, logarithm, inverse]))
 
@@ -160,6 +165,7 @@ def found_lines(found: Spectra, periods_s: Iterable[float], alpha: float = 0.01,
     near_hz = _IMAGE_WIDTH / max(scan.shortest_s, 1.0)
     kept: list[FoundLine] = []
     while len(kept) < most:
+        # Runs of unlike length overlap in part: among the most unlikely places the one with the most power.
         score = np.where(log_p < 0.9 * log_p.min(), power - count, -np.inf)
         at = int(np.argmax(score))
         p_value = float(-np.expm1(trials * np.log1p(-min(math.exp(max(log_p[at], -700.0)), 0.5))))
@@ -168,6 +174,7 @@ def found_lines(found: Spectra, periods_s: Iterable[float], alpha: float = 0.01,
         kept.append(_line_at(at, p_value, halves, scan))
         line_hz = kept[-1].frequency_hz
         for tone_hz in tones:
+            # The mask repeats with the period, so a line has images whole modulation frequencies away.
             for order in range(-_IMAGES, _IMAGES + 1):
                 apart = np.minimum(
                     np.abs(frequency_hz - line_hz - order * tone_hz), np.abs(frequency_hz + line_hz + order * tone_hz)

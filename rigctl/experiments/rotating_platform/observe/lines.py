@@ -18,6 +18,7 @@ from rigctl.experiments.rotating_platform.observe.estimates import usual_mask
 from rigctl.experiments.rotating_platform.observe.even_samples import COMMANDED, EvenSamples, filled
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS, Chains
 
+# Samples of a block: each is transformed by itself, in memory that does not grow with the run.
 _SEGMENT = 1 << 18
 _ROUNDING = 1e-24
 
@@ -45,6 +46,7 @@ def residual_blocks(chunks: Iterable[Columns], chains: Chains, cells: Cells) -> 
     sampled = usual_mask(cells)
     sign, q = sampled.sign.astype(np.float64), cells.samples
     kept = np.abs(sign)
+    # What the joint fit of a period has: bias and acceleration, each with its slope.
     line = np.stack([kept, kept * sampled.time_s, sign, sign * sampled.time_s])
     basis = np.linalg.qr(line.T)[0].T
     stream = EvenSamples(chains, cells.period_s, cells.sample_rate_hz)
@@ -150,6 +152,7 @@ def refined(
             each = np.concatenate([np.zeros(0, dtype=np.complex128), *sums[channel]])
             middle_s = (np.arange(each.size) + 0.5) * cells.period_s
             shifted = np.exp(-2j * np.pi * np.outer(apart, middle_s)) @ each
+            # In units of each run's noise: quiet runs tell more.
             power += np.abs(shifted) ** 2 / max(square[channel], np.finfo(float).tiny)
             # An amplitude's noise is that of the sum over half the samples.
             weight += 0.25 * kept**2 / max(square[channel], np.finfo(float).tiny)

@@ -74,6 +74,7 @@ def fit_noise(spectrum: NoiseSpectrum) -> NoiseFit:
     above = spectrum.density[spectrum.frequency_hz > PENDULUM_CORNER_HZ]
     if above.size:
         start = best.parameters.copy()
+        # So small that it does no harm where there is none, and large enough to have a gradient.
         start[_PENDULUM] = np.log(_SMALL_PENDULUM * above.min() / pendulum_rise(spectrum.frequency_hz).max())
         with_pendulum = _minimum_from(spectrum, (*best.free, _PENDULUM), start, best.reference_hz)
         if with_pendulum.cost < best.cost - _BY_CHANCE_OF_ONE:
@@ -111,6 +112,7 @@ def _starts(spectrum: NoiseSpectrum, free: tuple[int, ...], reference_hz: float)
         columns = np.stack([np.ones_like(shape) if 0 in free else np.zeros_like(shape), shape], axis=1)
         root = np.sqrt(spectrum.weight) / spectrum.density
         levels, _ = nnls(columns * root[:, None], np.sqrt(spectrum.weight))
+        # A level that comes out as nil has no logarithm to begin from.
         floor = 1e-3 * spectrum.density.min()
         white = np.log(max(levels[0], floor)) if 0 in free else -np.inf
         starts.append(np.array([white, np.log(max(levels[1], floor)), exponent, -np.inf]))
@@ -137,6 +139,7 @@ def _gradients(spectrum: NoiseSpectrum, at: _Minimum) -> tuple[FloatArray, Float
     model = white + power_law + pendulum
     step = np.array([0.0, 0.0, _STEP, 0.0])
     above, below = (_parts(spectrum, at.parameters + sign * step, at.reference_hz)[1] for sign in (1.0, -1.0))
+    # What a band shows of a power law is a sum over its bins: by the exponent a difference is simplest.
     slope = (above - below) / (2.0 * _STEP)
     return model, np.stack([white, power_law, slope, pendulum])[list(at.free)] / model
 
@@ -147,6 +150,7 @@ def _scored(spectrum: NoiseSpectrum, at: _Minimum) -> _Minimum:
         model, gradient = _gradients(spectrum, at)
         score = (gradient * spectrum.weight) @ (spectrum.density / model - 1.0)
         step = np.linalg.lstsq((gradient * spectrum.weight) @ gradient.T, score, rcond=1e-12)[0]
+        # An e-fold at most: the likelihood is far from a parabola.
         step = step / max(1.0, float(np.abs(step).max()))
         while True:
             parameters = at.parameters.copy()

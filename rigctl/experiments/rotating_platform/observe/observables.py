@@ -38,6 +38,7 @@ TURN_CYCLES = tuple(range(3, 10))
 tell)."""
 
 _STRETCHES = 4
+# The highest peak of noise follows a known law: nothing about its spread is estimated.
 _KNOWN_DOF = 1e6
 
 
@@ -110,6 +111,7 @@ def stacked(
         run_of=np.array(run_of),
         pool_of=np.array(pool_of),
         group_of=np.zeros(len(series_of), dtype=np.intp),
+        # Runs are held out; of a single run its stretches.
         block_of=np.array([row.stretch if alone else row.run for row in rows]),
         covariates=_covariates(rows),
         factors=tuple(factors),
@@ -140,6 +142,7 @@ def _rows_of(
 def _whole_run(number: int, rows: list[Row]) -> int:
     """A row of a whole run, at its first: a spectrum is of no turn."""
     first = next(row for row in rows if row.run == number)
+    # The count of turns belongs to groups of periods.
     known = {name: value for name, value in first.covariates.items() if not name.startswith("turns")}
     rows.append(replace(first, covariates=known))
     return len(rows) - 1

@@ -102,6 +102,7 @@ class Pattern:
         sums = np.zeros((2, order + 1))
         for dwell in self.dwells:
             start, stop = dwell.start_s - 0.5 * self.period_s, dwell.stop_s - 0.5 * self.period_s
+            # From mid-period: what is even about it cancels there and nowhere else.
             sums[_row(dwell.sign)] += (stop**power - start**power) / power
         return sums
 
@@ -193,6 +194,7 @@ class SampledPattern:
     @cached_property
     def time_s(self) -> FloatArray:
         """Times of the samples from `centre_s`, shape (samples,)."""
+        # Whole numbers before the one division: times of a long record are never accumulated.
         twice = 2.0 * np.arange(self.samples) + (1.0 - self.samples)
         return np.asarray(twice / (2.0 * self.sample_rate_hz) - self.centre_s)
 
@@ -262,6 +264,7 @@ def _table_b(period_s: float, r: float) -> list[Dwell]:
 def _table_c(period_s: float, r: float) -> list[Dwell]:
     """The inner transition A is where the second moment of c vanishes on what the rotations leave."""
     h = 0.5 * period_s
+    # With a sign change h / 2 apart on either side, sum c and sum c t^2 vanish on the masked samples.
     inner = 0.5 * (math.sqrt(max(0.0, 1.25 * h * h - r * r)) - (0.5 * h + r))
     outer = inner + 0.5 * h
     return [
@@ -303,6 +306,7 @@ def _row(sign: int) -> int:
 def _odd_power_sum(first: int, count: int, order: int) -> int:
     """Sum of (first + 2 i)^order for i < count, by central moments of an arithmetic progression up to the fourth."""
     mean = first + count - 1
+    # About its mean, numbers 2 apart: odd moments vanish; the second and fourth are exact integers.
     square = count * (count * count - 1) // 3
     central = (count, 0, square, 0, square * (3 * count * count - 7) // 5)
     return sum(math.comb(order, j) * central[j] * mean ** (order - j) for j in range(order + 1))

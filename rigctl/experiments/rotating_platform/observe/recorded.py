@@ -84,4 +84,5 @@ def _needed(header: Header, name: str) -> float:
 
 def _full_scale(header: Header, column: str) -> float:
     channel = header.channels.get(column)
+    # A bundle from elsewhere may not say: then nothing is saturated.
     return math.inf if channel is None or channel.full_scale is None else channel.full_scale

@@ -23,7 +23,9 @@ from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 MOST_GROUPS = 120
 """A longer run's periods are averaged in so many groups of successive ones."""
 
+# Periods with a bin, of which its scatter is known.
 _FEWEST_TIMES = 4
+# The line that is fitted to each stop takes two of its bins' freedoms.
 _REDUNDANT = 2
 
 
@@ -45,6 +47,7 @@ class Reducer:
         self.cells, self.channel = cells, channel
         self._sums = cells.sums[:, CHANNELS.index(channel)]
         self.sampled = usual_mask(cells)
+        # u counts half samples: u / 2 f_s is a time.
         time = 2.0 * cells.sample_rate_hz
         centre = self.sampled.centre_s
         count, u, square, level, ramp = self._sums.T
@@ -190,6 +193,7 @@ class Reducer:
     def _of_levels(self) -> sparse.csr_matrix:
         """From the sums of a quantity in the cells to observables, (rows, cells)."""
         n, mean, spread = self._own_line
+        # Normal equations of a line: slope = (S_t - mean S) / spread, level = S / n - mean slope; here by S, below by S_t.
         return self._operator(1.0 / n + mean**2 / spread, -mean / spread, 1.0)
 
     @cached_property
@@ -211,6 +215,7 @@ class Reducer:
         cells = self.cells
         use = np.flatnonzero(self.valid[cells.period])
         group = np.searchsorted(self.groups, cells.period[use] // self.per_group)
+        # Half the sum and half the difference of the lines of either sign, averaged over the group.
         share = 0.5 / self.members[group]
         signed = share * cells.sign[use]
         size = self.groups.size
@@ -226,6 +231,7 @@ class Reducer:
             moment = np.bincount(cells.period[inside], self._time[inside], cells.periods)
             same = use[cells.sign[use] == each.sign]
             period = cells.period[same]
+            # A bin sees the readings less the line of its stop, which every cell of that stop has a part in.
             fitted = -(count[period] * level[same] + moment[period] * slope[same]) / total
             rows += [np.full(same.size, 4 * size + number), np.full(inside.size, 4 * size + number)]
             columns += [same, inside]

@@ -57,6 +57,7 @@ def noise_spectrum(samples: FloatArray, sample_rate_hz: float) -> NoiseSpectrum:
     level = whole - whole.mean()
     # With a sample of zero before the first, the tapers' transforms are differences of this one.
     line = np.concatenate([[0.0], level - t * (t @ level) / (t @ t)])
+    # A sine taper shifts by half a bin up and down: at twice the length all tapers are in one transform.
     transform = np.fft.rfft(line, 2 * (n + 1))
     last = (n + 1 - TAPERS) // 2
     sums = np.zeros(last)

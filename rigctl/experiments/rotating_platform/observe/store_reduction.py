@@ -67,6 +67,7 @@ def reduction(
         return _cells(source, record, believed, lines_hz).packed()
 
     found = Reduction.of(each_reduced(kept, records, make, _unpacked, progress))
+    # The samples have just been read: what is asked of them next is worked out at once (decision 016).
     if kept.added:
         scan(source, found.runs, lines_hz)
     return found
@@ -97,6 +98,7 @@ def _course(external: str, turns: FloatArray) -> FloatArray:
     if external == "sine":
         return np.asarray(np.sin(2.0 * np.pi * turns))
     if external == "triangle":
+        # As a sine: nil and rising at the start.
         return np.asarray(4.0 * np.abs((turns - 0.25) % 1.0 - 0.5) - 1.0)
     return np.ones(turns.size)
 
@@ -147,6 +149,7 @@ def _cells(source: RunSource, record: RunRecord, believed: Chains, lines_hz: Seq
     try:
         found = cells(_commanded(chunks_of(source, record.run_id), given))
         if lines_hz:
+            # A second pass: how large a line is shows in what the fits of the first have left.
             found = cells(samples_of(source, PlatformRun(record.run_id, given, found), lines_hz))
     except DataError as error:
         raise DataError(f"run {record.run_id}: {error}") from error

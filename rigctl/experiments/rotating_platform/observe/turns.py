@@ -62,6 +62,7 @@ class Turns:
         of_rest = np.flatnonzero(rests[bounds[:-1]])
         start, stop = bounds[of_rest], bounds[of_rest + 1]
         turned_at = np.where(start > 0, start, -self._since)
+        # Where the platform rests in a dwell, mask too short or not, it does so in the middle.
         middle_rad = theta_rad[(bounds[:-1] + bounds[1:]) // 2]
         # The difference of two angles could not tell: an encoder's last digit changes at rest too.
         still = rests & (np.abs(theta_rad - np.repeat(middle_rad, np.diff(bounds))) < _STILL_RAD)
@@ -112,6 +113,7 @@ class Turns:
         last_rad, direction = self._stop_rad, self._direction
         directions = np.empty(start.size)
         for number, (begin, end) in enumerate(zip(start.tolist(), stop.tolist(), strict=True)):
+            # A dwell that goes on from the block before had its turn there.
             if begin > 0 or self._since == 0:
                 turned = theta_rad[min(begin + self.ahead // 2, theta_rad.size - 1)] - last_rad
                 direction = float(np.sign(turned)) if abs(turned) > _STILL_RAD else direction
@@ -123,6 +125,7 @@ class Turns:
         beside = self.ahead // 2
         for begin, end in zip(stop[:-1].tolist(), start[1:].tolist(), strict=True):
             before_end = end - begin + beside
+            # The first turn sets the length; one that is longer by more than a sample is no turn of the table.
             self.before = self.before or before_end
             first, last = end - self.before, end + beside
             if first < 0 or last > theta_rad.size or abs(before_end - self.before) > 1:

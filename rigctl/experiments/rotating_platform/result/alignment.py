@@ -112,6 +112,7 @@ def _polar(scan: Fitted) -> tuple[Value, Value]:
     if not amplitude > 0.0:
         raise DataError("the angle scan of a channel shows no acceleration: tilt the platform, or look at its cable")
     part = scan.covariance[1:, 1:]
+    # Gradients of amplitude and phase by cos and sin.
     along, across = np.array([cos, sin]) / amplitude, np.array([-sin, cos]) / amplitude**2
     return (
         Value(amplitude, math.sqrt(along @ part @ along)),
@@ -135,6 +136,7 @@ def _fit(
     left, size, right = np.linalg.svd(columns * weight[:, None] / _sizes(columns), full_matrices=False)
     inverse = (right.T / size) / _sizes(columns)[:, None]
     values_of_fit = inverse @ (left.T @ (values * weight))
+    # Without stated sigmas the residuals' scatter is the noise.
     scale = float(((values - columns @ values_of_fit) ** 2).sum()) / dof if sigma is None else 1.0
     return Fitted(names, values_of_fit, scale * inverse @ inverse.T)
 

@@ -110,6 +110,7 @@ def flips(source: RunSource, chains: Chains) -> dict[str, Flipped]:
         try:
             read = [_read(source, record.run_id, READINGS[channel]) for record in records]
             readings = np.array([samples.mean() for samples in read])
+            # A line through two readings leaves no scatter: then that within each reading has to tell.
             sigma_v = None if len(signs) > 2 else np.array([_scatter(samples) for samples in read])
             fitted = flip(signs, readings, chains.g_m_s2, sigma_v)
             flipped[channel] = Flipped(fitted, chains.amplifier.get(channel))

@@ -51,6 +51,7 @@ def chain_noise(header: Header, records: Sequence[NoiseRecord]) -> Mapping[str, 
 
 
 def _of_channel(header: Header, records: Sequence[NoiseRecord], channel: str) -> ChainNoise:
+    # The last one is nearest to the chain as it is now.
     for record in reversed(records):
         if record.channel == channel and np.isfinite(record.fit.sigmas[:3]).all():
             return ChainNoise(record.fit.noise, f"noise record {record.run_id}")
@@ -136,9 +137,11 @@ def _wobbles(runs: Sequence[RunResult], chains: Chains) -> dict[str, Value] | No
         if not biases.size:
             return None
         alone = min(run.values[channel]["bias"].sigma for run in runs)
+        # From run to run: bias noise has no finite variance, and what one run says of itself is too small.
         sigma = float(biases.std(ddof=1) / math.sqrt(biases.size)) if biases.size > 1 else alone
         wobbles[name] = wobble(
             Value(float(biases.mean()), sigma),
+            # Constants of a recording come without an uncertainty.
             Value(chains.bias_v[channel], 0.0),
             Value(chains.gain_v_per_m_s2[channel], 0.0),
             chains.g_m_s2,

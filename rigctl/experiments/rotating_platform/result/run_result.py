@@ -29,6 +29,7 @@ from rigctl.experiments.rotating_platform.result.alignment import Value
 from rigctl.experiments.rotating_platform.result.precision import MEANS, Precision, run_means, run_precision
 from rigctl.experiments.rotating_platform.result.separation import Conditions, conditions
 
+# Of the bias in the mean acceleration: stops of equal weight leave rounding only.
 _BALANCED = 1e-9
 
 
@@ -118,10 +119,12 @@ def run_result(channels: Sequence[ChannelRun], believed: Mapping[str, PowerLawNo
     sampled = usual_mask(cells, keep)
     balance = conditions(sampled)
     asked = run.conditions.get("estimator") == "joint-ls"
+    # Where the stops do not weigh alike, the projection lets the bias into the acceleration.
     uneven = bool(cells.drift_s) or abs(balance.m0) > _BALANCED
     estimator: Estimator = "joint-ls" if asked or uneven else "projection"
     series = estimates(cells, keep, sampled, estimator)
     noises = {each.channel: each.noise for each in channels}
+    # What was commanded is no scatter of the measurement.
     accel = {channel: without_command(cells, series, number) for number, channel in enumerate(CHANNELS)}
     values, precisions = {}, {}
     for number, channel in enumerate(CHANNELS):
@@ -144,6 +147,7 @@ def run_result(channels: Sequence[ChannelRun], believed: Mapping[str, PowerLawNo
 
 def _dropped(cells: Cells) -> dict[str, int]:
     """Samples of dwells that were left out, by reason; lost in both channels counts once."""
+    # The last fault, dwells elsewhere, loses no sample.
     return {name: int(cells.faults[:, :, i].max(axis=1).sum()) for i, name in enumerate(FAULTS[:3])}
 
 

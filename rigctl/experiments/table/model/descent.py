@@ -47,6 +47,7 @@ def descend(residuals: Function, jacobian: Function, parameters: Sequence[Parame
         return first
     continued = [replace(each, start=float(value)) for each, value in zip(parameters, whole(minimum.x), strict=True)]
     second = _fitted(residuals, jacobian, continued)
+    # Judged by our own verdict: MINPACK says converged where a direction is undetermined.
     return second if second is not None and second.chi2 <= first.chi2 else first
 
 

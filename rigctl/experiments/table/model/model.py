@@ -82,12 +82,14 @@ class TableModel:
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
         signal, slopes = self._baseline(values)
+        # Groups shift the baseline's parameters: what is added on top of the signal (a plug-in) sees that change too.
         changes = np.concatenate([slopes, *(group.derivative(slopes) for group, _ in self._groups(values))], axis=1)
         adding = self._adding(values)
         changes = changes + sum(
             (piece.passed_on(part, signal, changes) for piece, part in adding), np.zeros_like(changes)
         )
         baseline, *groups = np.split(changes, np.cumsum([slopes.shape[1], *self._group_sizes])[:-1], axis=1)
+        # Parameters stand in the order of the terms, groups and others mixed.
         of_groups, of_others = iter(groups), iter([piece.slopes(part, signal) for piece, part in adding])
         pieces = [next(of_groups if isinstance(piece, GroupPiece) else of_others) for piece in self.pieces]
         return np.concatenate([baseline, *pieces], axis=1)
@@ -134,6 +136,7 @@ def as_result(model: TableModel, values: FloatArray, covariance: FloatArray) -> 
             continue
         cos, sin = (f"{piece.term.effect}{name}" for name in piece.form.names())
         at = [names.index(cos), names.index(sin)]
+        # sigma_A = |d A / d (cos, sin)| by the covariance, with d A = (cos, sin) / A.
         quadratures: FloatArray = np.asarray(values)[at]
         amplitude = float(np.linalg.norm(quadratures))
         variance = float(quadratures @ covariance[np.ix_(at, at)] @ quadratures)

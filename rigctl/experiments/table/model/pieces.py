@@ -18,6 +18,7 @@ from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Term
 
+# Central differences: the third derivative enters at 1e-8, rounding at 1e-12.
 _STEP_IN_TYPICAL = 1e-4
 
 
@@ -88,9 +89,11 @@ class ColumnPiece:
         if isinstance(self.form, Scanned):
             names.insert(0 if self.form.first else len(names), f"{self.term.effect}.{self.form.scanned}")
         parameters = [Parameter(name, float(value)) for name, value in zip(names, values, strict=True)]
+        # Beyond lies another peak of the periodogram, which a scan would have preferred.
         if isinstance(self.form, Periodic):
             lower, upper = self.form.neighbourhood(self.choice["period"])
             parameters[0] = Parameter(names[0], float(np.clip(values[0], lower, upper)), lower=lower, upper=upper)
+        # Predictions jump with the place and have no derivative by it.
         if isinstance(self.form, Step):
             parameters[-1] = Parameter(names[-1], float(values[-1]), fixed=True)
         return parameters
@@ -198,6 +201,7 @@ class PluginPiece:
 
     def passed_on(self, values: FloatArray, signal: FloatArray, changes: FloatArray) -> FloatArray:
         """See `Piece`; by central differences."""
+        # Along each column of changes, scaled so that the signal moves by a ten-thousandth of itself.
         size = float(np.abs(signal).max()) or 1.0
         largest = np.abs(changes).max(axis=0)
         scale = _STEP_IN_TYPICAL * size / np.where(largest > 0.0, largest, 1.0)

@@ -75,7 +75,9 @@ class Periodic(_OfColumn):
         """Periods from twice the spacing to twice the span, equally spaced in frequency (as Lomb and Scargle)."""
         column = self.column
         low = 0.5 / column.span
+        # Short of the Nyquist frequency, at which evenly spaced values show one quadrature only.
         high = max(column.frequency_max - 0.25 / column.span, 2.0 * low)
+        # Midway between neighbours the phase is off by so much, rms over the readings.
         step = 2.0 * _PHASE_STEP_RAD / (2.0 * np.pi * column.standard_deviation)
         points = min(int(np.ceil((high - low) / step)) + 1, points_max)
         return np.asarray(1.0 / (low + step * np.arange(points)[::-1]))
@@ -87,6 +89,7 @@ class Periodic(_OfColumn):
 
     def full_choice(self, value: float) -> dict[str, float]:
         """Period and origin."""
+        # Counted from far away (years since 0) the phase would turn with every digit of the period.
         middle = 0.5 * float(self.column.distinct[0] + self.column.distinct[-1])
         return {"period": value, "origin": middle if abs(middle) > _FAR_FROM_ZERO * self.column.span else 0.0}
 
@@ -142,6 +145,7 @@ class Exponential(_OfColumn):
     def full_choice(self, value: float) -> dict[str, float]:
         """Rate and origin."""
         low, high = float(self.column.distinct[0]), float(self.column.distinct[-1])
+        # exp(30) is 1e13: an amplitude counted from C = 0 would be a number that nobody can read.
         huge = abs(value) * max(abs(low), abs(high)) > _MODEST_EXPONENT
         return {"rate": value, "origin": (high if value > 0.0 else low) if huge else 0.0}
 
@@ -181,6 +185,7 @@ class Step(_OfColumn):
         """Places between neighbouring values, fewer where neighbours hardly differ."""
         places = self._places()
         below = np.searchsorted(np.sort(self.column.values), places)
+        # Two steps correlate by exp(-d / 2), with d the distance of their log odds of lying below.
         logit = np.log(below / (self.column.values.size - below))
         kept, last = [], -np.inf
         step = max(_STEP_LOGIT, (logit[-1] - logit[0]) / points_max if points_max > 1 else np.inf)
@@ -216,6 +221,7 @@ class Step(_OfColumn):
     def _places(self) -> FloatArray:
         values = np.sort(self.column.values)
         below = np.arange(_ROWS_BESIDE_A_STEP, values.size - _ROWS_BESIDE_A_STEP + 1)
+        # A step stands between two values, never among readings of the same one.
         below = below[values[below - 1] < values[below]] if below.size else below
         return np.asarray(0.5 * (values[below - 1] + values[below]))
 

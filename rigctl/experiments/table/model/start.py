@@ -22,6 +22,7 @@ POINTS_MAX = 1500
 _DRAWS, _TRIED = 400, 8
 _MODEST = 8
 _RANK = 1e-13
+# Squares beyond overflow when they are summed.
 _HUGE = 1e100
 
 
@@ -52,6 +53,7 @@ def _sizes(design: FloatArray) -> FloatArray:
     known = np.isfinite(peaks) & (peaks > np.finfo(float).tiny)
     norms = np.where(np.isfinite(peaks), 0.0, np.inf)
     with np.errstate(over="ignore"):
+        # By the largest value first: squares of it may overflow, or vanish.
         norms[known] = peaks[known] * np.linalg.norm(design[:, known] / peaks[known], axis=0)
     return norms
 
@@ -80,6 +82,7 @@ def baseline_start(readings: Readings) -> FloatArray:
     if missing:
         return _searched(readings, missing)
     asked = {name: given.get(name, 0.0) for name in expression.parameters}
+    # Both as given and with the linear parameters solved for: either may lie in the better valley.
     starts = [] if any(name not in given for name in expression.parameters) else [_array(readings, asked)]
     solved = _linear_part(readings, {name: given[name] for name in nonlinear})
     starts += [solved] if np.isfinite(_chi2(readings, solved)) else []
@@ -110,6 +113,7 @@ def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | N
     start = near if near is not None else float(min(grid, key=misfit))
     low = float(grid[grid < start].max(initial=-np.inf))
     high = float(grid[grid > start].min(initial=np.inf))
+    # The misfit of a step is constant between neighbouring values: all places are looked at.
     if isinstance(form, Step):
         places = form.places(low, high)
         return float(min(places, key=misfit)) if places.size else start
@@ -166,6 +170,7 @@ def _searched(readings: Readings, missing: list[str]) -> FloatArray:
     """Start values drawn over many orders of magnitude, the best of them fitted."""
     nonlinear = [name for name in readings.expression.parameters if name not in readings.expression.linear_in()]
     drawn = []
+    # The same seed always: the same table has the same start.
     for values in _draws(readings, missing, np.random.default_rng(0)):
         start = _linear_part(readings, {name: values[name] for name in nonlinear})
         drawn.append((_chi2(readings, start), start))
@@ -183,6 +188,7 @@ def _draws(readings: Readings, missing: Sequence[str], rng: np.random.Generator)
     """Values drawn for the `missing` parameters by the sizes of the columns, the others as they were given."""
     known = {name: readings.spec.start[name] for name in readings.spec.start if name not in missing}
     sizes = [float(np.abs(readings.numbers[name]).max()) or 1.0 for name in readings.expression.columns]
+    # A shift goes as a column, a rate as one over it, a curvature as one over its square.
     scales = np.array([1.0, *sizes, *(1.0 / size for size in sizes), *(1.0 / size**2 for size in sizes)])
     for _ in range(_DRAWS):
         size = rng.choice(scales, len(missing)) * 10.0 ** rng.uniform(-1.5, 1.5, len(missing))
@@ -200,6 +206,7 @@ def _refuse_without_influence(readings: Readings) -> None:
     idle = set(range(len(names)))
     for values in _places(readings):
         slopes = readings.baseline(values)[1]
+        # A derivative that is undefined is an influence as well.
         idle -= set(np.flatnonzero((~np.isfinite(slopes) | (slopes != 0.0)).any(axis=0)).tolist())
         if not idle:
             return

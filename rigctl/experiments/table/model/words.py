@@ -11,6 +11,7 @@ from rigctl.core.units import ratio
 from rigctl.experiments.table.model.form import Choice, Form, TableEffect
 from rigctl.experiments.table.observe.readings import Category, Column
 
+# A level of one reading would fit it exactly; a slope stands beside a level and needs as many again.
 _READINGS_OF_A_LEVEL, _READINGS_OF_A_SLOPE = 2, 4
 
 

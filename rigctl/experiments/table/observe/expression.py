@@ -55,6 +55,7 @@ class Expression:
         """Values, shape (n,), and derivatives by `parameters`, (n, m); NaN or infinite where undefined."""
         rows = _rows(self.columns, columns)
         with np.errstate(all="ignore"):
+            # Derivatives go along with the values (forward mode): they are exact and need no steps.
             value, slopes = _dual(self.tree, columns, values, rows)
         none = np.zeros(rows)
         derivative = [np.broadcast_to(slopes.get(name, none), rows) for name in self.parameters]
@@ -130,6 +131,7 @@ def _leaf(name: str, columns: _Columns, values: _Values, rows: int) -> _Dual:
         return columns[name], {}
     if name in values:
         return np.full(rows, values[name]), {name: np.ones(rows)}
+    # The one constant: anything else is a column or a parameter.
     return np.full(rows, math.pi), {}
 
 
@@ -153,6 +155,7 @@ def _combined(sign: str, left: _Dual, right: _Dual) -> _Dual:
             return a / b, _mixed(da, 1.0 / b, db, -a / b**2)
         case _:
             value = np.power(a, b)
+            # Limits at zero, where numpy has 0 * infinity.
             by_base = np.where(b == 0.0, 0.0, b * np.power(a, b - 1.0))
             by_exponent = np.where((a == 0.0) & (b > 0.0), 0.0, value * np.log(a))
             return value, _mixed(da, by_base, db, by_exponent)
@@ -205,6 +208,7 @@ def _undefined(node: Node, columns: _Columns, values: _Values, rows: int) -> Und
     if not_finite.size:
         operands = [float(_dual(part, columns, values, rows)[0][not_finite[0]]) for part in parts]
         return Undefined(node.at, _reason(node, operands), not_finite)
+    # The value may be finite where its derivative is not: sqrt(p x) at x = 0.
     steep = ~np.isfinite(sum(slopes.values(), np.zeros(rows)))
     if steep.any():
         return Undefined(node.at, "the derivative by a parameter is infinite", np.flatnonzero(steep))

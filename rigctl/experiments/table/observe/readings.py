@@ -81,6 +81,7 @@ class Column:
         if not alias.size:
             return limit
         sampling_frequency = float(frequencies[alias[0]])
+        # Large clusters tell fast periods by what varies within each of them.
         crowded = self.distinct.size > _VALUES_OF_A_SMALL_CLUSTER * (self.span * sampling_frequency + 1.0)
         return limit if crowded else min(limit, 0.5 * sampling_frequency)
 
@@ -177,6 +178,7 @@ def read(source: RunSource) -> Readings:
     _require_uncertainties(samples, spec)
     expression = _expression(spec, set(samples), set(texts))
     needed = [spec.response, *expression.columns, *(name for name in (spec.order, spec.sigma) if name)]
+    # Only what the baseline needs must be there: an effect that needs more says so when it is asked about.
     rows = readings_of(samples, texts, spec.response, spec.order, needed)
     if rows.size == 0:
         raise DataError("readings.csv: no row has a response and all that the baseline needs; fill in the gaps")
@@ -195,6 +197,7 @@ def read(source: RunSource) -> Readings:
             f"readings.csv: column {spec.response} is the same in every row; name a response that changes, or write"
             " it with more digits or in a smaller unit"
         )
+    # A number that names a batch is a word: its size means nothing.
     categories = {name: Category(name, np.array(text, dtype=np.str_)[rows]) for name, text in texts.items()}
     categories |= numbered
     return Readings(
@@ -276,6 +279,7 @@ def declares_noise(header: Header, response: str) -> bool:
 def _weight(header: Header, response: Column) -> float:
     declared = header.channels.get(response.name)
     declared_rms = declared.noise_rms if declared else None
+    # The last resort keeps sigmas above zero for a response that is the same everywhere.
     return declared_rms or _GUESSED_NOISE * response.standard_deviation or 1.0
 
 
@@ -290,6 +294,8 @@ def _blocks(spec: TableSpec, columns: dict[str, Column], categories: dict[str, C
             )
         return np.asarray(blocks, dtype=np.intp)
     if spec.order is not None:
+        # Ranks: stretches of equal numbers of readings, whatever the gaps between them.
         place = np.argsort(np.argsort(columns[spec.order].values, kind="stable"), kind="stable")
         return np.asarray(place * min(STRETCHES_MAX, max(rows // 2, 1)) // rows, dtype=np.intp)
+    # Rows are sorted by their contents, so every seventh has its share of all conditions.
     return np.asarray(np.arange(rows) % min(BLOCKS_MAX, max(rows // 2, 1)), dtype=np.intp)

@@ -59,6 +59,7 @@ def parse(text: str) -> Node:
     if len(text) > EXPRESSION_CHARACTERS:
         raise flaw(EXPRESSION_CHARACTERS, f"longer than {EXPRESSION_CHARACTERS} characters; write it shorter")
     tokens = {token.start(): token for token in _TOKEN.finditer(text) if token.lastgroup != "space"}
+    # Before Python's parser, so that every refusal is ours and names the character.
     _require_order(list(tokens.values()), len(text))
     # Python is given _ for every character of a number or a name. Of the text itself it would take lambda for a
     # keyword, read µ as μ, refuse 010, and count places in bytes. In parentheses a text may begin with a space.
@@ -143,6 +144,7 @@ class _Order:
         self._open.pop()
 
     def _operate(self, token: _Token) -> None:
+        # These two may be signs and then follow nothing.
         if token[0] not in {"+", "-"}:
             self._require_operand(token)
         self._operand = False
@@ -192,6 +194,7 @@ def _node(node: ast.expr, masked: str, tokens: dict[int, _Token]) -> Node:
         case ast.UnaryOp(ast.USub(), operand):
             return Operation("-", (_node(operand, masked, tokens),), at)
         case ast.BinOp(left, _, right):
+            # The tree does not say where an operator stands: behind the left operand, blanks and closing parentheses.
             found = _BEFORE_OPERATOR.match(masked, (left.end_col_offset or 0) - 1)
             assert found is not None
             operands = (_node(left, masked, tokens), _node(right, masked, tokens))
