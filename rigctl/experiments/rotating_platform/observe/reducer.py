@@ -193,7 +193,7 @@ class Reducer:
     def _of_levels(self) -> sparse.csr_matrix:
         """From the sums of a quantity in the cells to observables, (rows, cells)."""
         n, mean, spread = self._own_line
-        # Normal equations of a line: slope = (S_t - mean S) / spread, level = S / n - mean slope; here by S, below by S_t.
+        # A line's slope is (S_t - mean S) / spread, its level S / n - mean slope: here by S, below by S_t.
         return self._operator(1.0 / n + mean**2 / spread, -mean / spread, 1.0)
 
     @cached_property

@@ -125,6 +125,7 @@ def noise_records(source: RunSource) -> tuple[list[NoiseRecord], dict[str, str]]
     for record in _of(source, "noise"):
         rate_hz = float(record.conditions["sample_rate_hz"])
         for channel in CHANNELS:
+            # Days at 10 Hz: enough for any power law, and a transform that fits into memory.
             samples = _column(source, record.run_id, READINGS[channel])[:_LONGEST]
             try:
                 spectrum = noise_spectrum(samples, rate_hz)
