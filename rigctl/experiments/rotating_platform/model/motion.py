@@ -1,46 +1,126 @@
-"""The platform's motion about a turn, from its mean recorded angle: a cycloid where it is one, else a spline."""
+"""The platform's motion about a turn, from its mean recorded angle: a cycloid where it is one, else a spline.
+
+Behind the anti-alias filter a motion is a sum over the filter's poles p of the integrals of exp(p (t - s)) times the
+force at s. Cycloids are waves and splines polynomials: both integrals are known in closed form.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 from scipy import interpolate, optimize, signal
 
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import ComplexArray, FloatArray, Int64Array
 
 _CYCLOID_RAD = 2e-4
-_NODES_PER_CYCLE = 64.0
+_HARMONICS = 2
 ORDER, RIPPLE_DB, STOP_DB = 8, 0.1, 80.0
 """The anti-alias filter: elliptic."""
 
 
+class _Course(Protocol):
+    """A law of turning: square of the angular rate and angular acceleration, shape (2, times)."""
+
+    def __call__(self, times_s: FloatArray) -> FloatArray:
+        """While it lasts."""
+
+    def relaxed(self, pole: complex, times_s: FloatArray) -> ComplexArray:
+        """The integral of exp(pole (t - s)) times both over all s up to t."""
+
+
 @dataclass(frozen=True)
 class _Cycloid:
-    """theta = D (u - sin(2 pi u) / (2 pi)): rate and acceleration."""
+    """theta = D (u - sin(2 pi u) / (2 pi))."""
 
     start_s: float
     duration_s: float
     turn_rad: float
 
     def __call__(self, times_s: FloatArray) -> FloatArray:
-        phase = 2.0 * np.pi * np.clip((times_s - self.start_s) / self.duration_s, 0.0, 1.0)
+        phase = self._phase(times_s)
         rate = self.turn_rad / self.duration_s
-        return np.stack([rate * (1.0 - np.cos(phase)), 2.0 * np.pi * rate / self.duration_s * np.sin(phase)])
+        turning = 2.0 * np.pi * rate / self.duration_s * np.sin(phase)
+        return np.stack([(rate * (1.0 - np.cos(phase))) ** 2, turning])
+
+    def relaxed(self, pole: complex, times_s: FloatArray) -> ComplexArray:
+        """Wave by wave: rate^2 has the harmonics 0 to 2 of the turn, the acceleration the first."""
+        rate = self.turn_rad / self.duration_s
+        squared = rate**2 * np.array([0.25, -1.0, 1.5, -1.0, 0.25])
+        turning = 2.0 * np.pi * rate / self.duration_s * np.array([0.0, 0.5j, 0.0, -0.5j, 0.0])
+        rates = 2j * np.pi / self.duration_s * np.arange(-_HARMONICS, _HARMONICS + 1)
+        inside_s = np.clip(times_s - self.start_s, 0.0, self.duration_s)
+        waves = np.exp(np.outer(rates, inside_s)) - np.exp(pole * inside_s)
+        after_s = np.maximum(times_s - self.start_s - self.duration_s, 0.0)
+        return np.asarray(np.stack([squared, turning]) / (rates - pole) @ waves * np.exp(pole * after_s))
 
     def angle(self, times_s: FloatArray) -> FloatArray:
-        phase = 2.0 * np.pi * np.clip((times_s - self.start_s) / self.duration_s, 0.0, 1.0)
+        phase = self._phase(times_s)
         return np.asarray(self.turn_rad * (phase - np.sin(phase)) / (2.0 * np.pi))
+
+    def _phase(self, times_s: FloatArray) -> FloatArray:
+        return np.asarray(2.0 * np.pi * np.clip((times_s - self.start_s) / self.duration_s, 0.0, 1.0))
+
+
+class _Spline:
+    """A cubic spline of angles at even times, what moves being between the nodes `first` and `last`."""
+
+    def __init__(self, times_s: FloatArray, course_rad: FloatArray, first: int, last: int) -> None:
+        cubic, square, rate, _ = interpolate.CubicSpline(times_s, course_rad).c[:, first:last]
+        zero = np.zeros_like(rate)
+        self._nodes_s = times_s[first : last + 1]
+        # Powers of the time since the node, shape (5, 2, pieces).
+        self._powers = np.array(
+            [
+                [rate**2, 2.0 * square],
+                [4.0 * rate * square, 6.0 * cubic],
+                [4.0 * square**2 + 6.0 * rate * cubic, zero],
+                [12.0 * square * cubic, zero],
+                [9.0 * cubic**2, zero],
+            ]
+        )
+
+    def __call__(self, times_s: FloatArray) -> FloatArray:
+        piece, since_s = self._place(times_s)
+        return np.asarray((self._powers[:, :, piece] * since_s ** np.arange(5)[:, None, None]).sum(axis=0))
+
+    def relaxed(self, pole: complex, times_s: FloatArray) -> ComplexArray:
+        """Piece by piece: what was there at its node fades, and a polynomial comes in."""
+        step_s = float(self._nodes_s[1] - self._nodes_s[0])
+        came = np.einsum("kap,k->ap", self._powers, _relaxed_powers(pole, np.array([step_s]))[:, 0])
+        kept = np.exp(pole * step_s)
+        at_nodes = signal.lfilter([1.0], [1.0, -kept], np.hstack([np.zeros((2, 1)), came]))
+        piece, since_s = self._place(times_s)
+        own = (self._powers[:, :, piece] * _relaxed_powers(pole, since_s)[:, None]).sum(axis=0)
+        last = times_s >= self._nodes_s[-1]
+        after_s = np.where(last, times_s - self._nodes_s[-1], since_s)
+        before = np.where(last, at_nodes[:, -1:], at_nodes[:, piece])
+        return np.where(times_s > self._nodes_s[0], before * np.exp(pole * after_s) + np.where(last, 0.0, own), 0.0)
+
+    def _place(self, times_s: FloatArray) -> tuple[Int64Array, FloatArray]:
+        """In which piece a time is, and how long after its node."""
+        inside_s = np.clip(times_s, self._nodes_s[0], self._nodes_s[-1])
+        before = np.searchsorted(self._nodes_s, inside_s, side="right") - 1
+        piece = np.clip(before, 0, self._powers.shape[2] - 1).astype(np.int64)
+        return piece, inside_s - self._nodes_s[piece]
+
+
+def _relaxed_powers(pole: complex, since_s: FloatArray) -> ComplexArray:
+    """Integrals of exp(pole (t - s)) s^k over s from 0 to t, k = 0 to 4; shape (5, times)."""
+    found = [(np.exp(pole * since_s) - 1.0) / pole]
+    for k in range(1, 5):
+        found.append((k * found[-1] - since_s**k) / pole)
+    return np.stack(found)
 
 
 @dataclass(frozen=True)
 class Motion:
     """A turn between `first_s` and `last_s`, times from the end of its mask."""
 
-    course: Callable[[FloatArray], FloatArray]
+    course: _Course
     first_s: float
     last_s: float
 
@@ -52,48 +132,26 @@ class Motion:
     def forces(self, times_s: FloatArray) -> FloatArray:
         """Square of the angular rate and angular acceleration, shape (2, times)."""
         inside = (times_s >= self.first_s) & (times_s <= self.last_s)
-        rate, turning = self.course(np.clip(times_s, self.first_s, self.last_s))
-        return np.where(inside, np.stack([rate**2, turning]), 0.0)
+        return np.where(inside, self.course(np.clip(times_s, self.first_s, self.last_s)), 0.0)
 
     def filtered(self, cutoff_hz: float, times_s: FloatArray) -> FloatArray:
         """The same behind the anti-alias filter."""
-        end_s = max(self.last_s, float(times_s[-1]))
-        if not isinstance(self.course, _Cycloid):
-            grid_s, whole = _filtered(self, cutoff_hz, end_s)
-            return np.stack([np.interp(times_s, grid_s, row) for row in whole])
-        # Turns of a table differ in when they begin: their answers are one.
-        # Rounded and without its start: the key of a cache that all turns of a recording share.
-        law, lasts_s = self.course, math.ceil(end_s - self.first_s)
-        grid_s, whole = _of_cycloid(round(law.duration_s, 6), round(abs(law.turn_rad), 6), cutoff_hz, lasts_s)
-        squared, turning = (np.interp(times_s - law.start_s, grid_s, row) for row in whole)
-        return np.stack([squared, math.copysign(1.0, law.turn_rad) * turning])
+        poles, residues, direct = _anti_alias(cutoff_hz)
+        found = direct * self.forces(times_s)
+        for pole, residue in zip(poles.tolist(), residues.tolist(), strict=True):
+            found = found + 2.0 * np.real(residue * self.course.relaxed(pole, times_s))
+        return found
 
 
 @lru_cache(maxsize=64)
-def _of_cycloid(duration_s: float, turn_rad: float, cutoff_hz: float, lasts_s: int) -> tuple[FloatArray, FloatArray]:
-    motion = Motion(_Cycloid(0.0, duration_s, turn_rad), 0.0, duration_s)
-    return _filtered(motion, cutoff_hz, float(lasts_s))
-
-
-def _filtered(motion: Motion, cutoff_hz: float, end_s: float) -> tuple[FloatArray, FloatArray]:
-    """Times up to `end_s`, and what the filter makes of the forces then, shape (2, times)."""
+def _anti_alias(cutoff_hz: float) -> tuple[ComplexArray, ComplexArray, float]:
+    """The filter as one-pole filters side by side: one pole of each pair, its residue, and what passes at once."""
     zeros, poles, gain = signal.ellip(ORDER, RIPPLE_DB, STOP_DB, 2.0 * np.pi * cutoff_hz, analog=True, output="zpk")
     # An elliptic filter of even order has its ripple at zero frequency too: brought to unit gain there.
     gain /= abs(gain * np.prod(-zeros) / np.prod(-poles))
-    step_s = 1.0 / (_NODES_PER_CYCLE * cutoff_hz)
-    grid = np.arange(motion.first_s, end_s + step_s, step_s)
-    force = motion.forces(grid)
-    whole = gain * force if len(zeros) == len(poles) else np.zeros(force.shape)
-    # Parallel one-pole filters, each exact for a force that is straight between the nodes; poles come in pairs.
-    for number in np.flatnonzero(poles.imag > 0.0):
-        pole = poles[number]
-        residue = gain * np.prod(pole - zeros) / np.prod(pole - np.delete(poles, number))
-        kept = np.exp(pole * step_s)
-        new = (kept - 1.0 - pole * step_s) / (pole**2 * step_s)
-        old = (kept - 1.0) / pole - new
-        answer = signal.lfilter([new, old], [1.0, -kept], force.astype(np.complex128))
-        whole = whole + 2.0 * np.real(residue * answer)
-    return grid, whole
+    upper = np.flatnonzero(poles.imag > 0.0)
+    residues = [gain * np.prod(poles[n] - zeros) / np.prod(poles[n] - np.delete(poles, n)) for n in upper]
+    return poles[upper], np.array(residues), float(gain) if len(zeros) == len(poles) else 0.0
 
 
 def motion_of(course_rad: FloatArray, before: int, rate_hz: float) -> Motion:
@@ -101,8 +159,8 @@ def motion_of(course_rad: FloatArray, before: int, rate_hz: float) -> Motion:
     times_s: FloatArray = np.asarray((np.arange(course_rad.size) - before + 0.5) / rate_hz)
     turn_rad = float(course_rad[-1] - course_rad[0])
     moved = np.flatnonzero(np.abs(np.diff(course_rad)) > 1e-6)
-    first_s = float(times_s[moved[0]]) if moved.size else 0.0
-    last_s = float(times_s[moved[-1] + 1]) if moved.size else 0.0
+    first, last = (int(moved[0]), int(moved[-1]) + 1) if moved.size else (0, 1)
+    first_s, last_s = (float(times_s[each]) if moved.size else 0.0 for each in (first, last))
 
     def misfit(where: FloatArray) -> FloatArray:
         law = _Cycloid(where[0], max(where[1], 1.0 / rate_hz), turn_rad)
@@ -113,9 +171,4 @@ def motion_of(course_rad: FloatArray, before: int, rate_hz: float) -> Motion:
     start_s, duration_s = (float(each) for each in fitted.x)
     if math.sqrt(float(np.mean(fitted.fun**2))) < _CYCLOID_RAD:
         return Motion(_Cycloid(start_s, duration_s, turn_rad), start_s, start_s + duration_s)
-    spline = interpolate.CubicSpline(times_s, course_rad)
-
-    def by_spline(at_s: FloatArray) -> FloatArray:
-        return np.stack([spline(at_s, 1), spline(at_s, 2)])
-
-    return Motion(by_spline, first_s, last_s)
+    return Motion(_Spline(times_s, course_rad, first, last), first_s, last_s)
