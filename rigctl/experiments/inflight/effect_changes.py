@@ -73,6 +73,7 @@ class EffectChanges:
                 [each / size for each in self._evaluated(effect, one)]
                 for size, one in zip(typical, np.diag(typical), strict=True)
             ]
+            # All at once and at twice the size: a square of one or a product of two would show.
             whole = self._evaluated(effect, 2.0 * typical)
             summed = [
                 sum(2.0 * size * unit[half] for size, unit in zip(typical, units, strict=True))
@@ -88,6 +89,7 @@ class EffectChanges:
         key = (effect.id, tuple(parameters.items()))
         if key not in self._evaluations:
             if len(self._evaluations) > _MOST_KEPT:
+                # Simplest bound of memory: a fit asks for the same few values again and again.
                 self._evaluations.clear()
             changes = {each: reducer.changes(effect, parameters) for each, reducer in self._reducers.items()}
             self._evaluations[key] = [half for each in self._runs for half in changes[each]]

@@ -78,6 +78,7 @@ def tracker_bias(run: FlightRun, s_x: FloatArray, s_y: FloatArray, s_z: FloatArr
 def tracker_aberration(run: FlightRun, orbital: FloatArray, annual: FloatArray) -> FloatArray:
     """Aberration of starlight left in: an attitude error at f_orb, and a constant one about Y."""
     cosine, sine = np.cos(run.orbital * run.t), np.sin(run.orbital * run.t)
+    # The semi-major axis, 7097 km: v/c of the satellite.
     speed = 7.1e6 * run.orbital / LIGHT_M_S
     constant = EARTH_ORBIT_M_S / LIGHT_M_S
     return attitude_error(

@@ -67,6 +67,7 @@ def flown_again(run: ReducedRun, run_id: str, settings: Mapping[str, Any]) -> Re
         frequency_hz=float(settings.get("calibration_frequency_hz", session.frequency_hz)),
         phase_rad=float(settings.get("phase_rad", session.phase_rad)),
     )
+    # Flown again as it was: the very same run, whose reduction there is already.
     if wanted == session:
         return replace(run, run_id=run_id)
     conditions = {**run.conditions, **{name: settings[name] for name in STIMULUS_SETTINGS if name in settings}}
@@ -88,6 +89,7 @@ def _columns(run: ReducedRun, wanted: Session) -> dict[str, FloatArray]:
     faster = (wanted.frequency_hz / session.frequency_hz) ** 2
     columns = {}
     for name, column in grid.columns.items():
+        # A displacement's acceleration goes as w^2 of it: of moved masses, and of the angle in the turning session.
         accelerates = name[0] == "m" if session.moves_masses else name.startswith("dw_") and session.name == "dy"
         growth = (ratio * np.where(at_stimulus, faster, 1.0) if accelerates else ratio) ** harmonic
         lines = amplitudes(rows, column)

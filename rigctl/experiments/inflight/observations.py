@@ -63,6 +63,7 @@ def _covariates(given: Observed) -> dict[str, FloatArray]:
         numbers = [float(v) if isinstance(v, int | float) and not isinstance(v, bool) else math.nan for v in values]
         column = np.array(numbers)
         if name == "start_s":
+            # The time of a half is that of its middle.
             column = column + np.array([0.5 * (half.start_s + half.stop_s) for _, _, half in rows])
         if np.isfinite(column).any() and np.nanmax(column) > np.nanmin(column):
             covariates[name] = column

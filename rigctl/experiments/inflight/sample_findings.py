@@ -22,6 +22,7 @@ def pulses_in(scans: Sequence[RunScan]) -> Line | None:
     count = sum(len(each.pulses.at_s) for each in scans)
     if not count:
         return None
+    # Either sign counts.
     expected = sum(each.pulses.trials for each in scans) * 2.0 * float(stats.norm.sf(THRESHOLD_SIGMA))
     amplitude = np.concatenate([np.abs(each.pulses.amplitude) for each in scans])
     sigma = np.concatenate([each.pulses.sigma for each in scans])
@@ -43,6 +44,7 @@ def changing_level_in(scans: Sequence[RunScan]) -> Line | None:
     logs = np.log(np.concatenate(levels))
     between_neighbours = 0.5 * float(np.mean(np.diff(logs) ** 2))
     change = _quantity(
+        # Levels are variances: the noise itself changes by half their logarithm.
         0.5 * math.sqrt(2.0 * max(float(np.var(logs)) - between_neighbours, 0.0)),
         0.5 * math.sqrt(2.0 * between_neighbours / len(logs)),
         "1",
@@ -61,6 +63,7 @@ def strongest_line_in(scans: Sequence[RunScan], known_hz: Sequence[float]) -> Li
     return _line(
         Term("steady-line", {"run": peak.run_id, "frequency_hz": peak.frequency_hz}),
         amplitude,
+        # The strongest of so many runs.
         float(-np.expm1(len(peaks) * np.log1p(-min(peak.p_value, 1.0 - 1e-16)))),
         amplitude=amplitude,
         frequency=_quantity(peak.frequency_hz, 0.0, "Hz"),

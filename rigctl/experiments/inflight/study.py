@@ -92,6 +92,7 @@ class InflightStudy(CatalogueStudy[FlightData]):
         beside = [effect for effect in self.catalogue.values() if effect.id in present]
         shared = np.asarray(values[: len(data.baseline.parameters)])
         return [
+            # Both forms compete: whether each sensor has a coefficient of its own is for the data to say.
             [_candidate(Term(each.id, choice), each, data, shared, beside) for choice, each in forms(effect)]
             for effect in effects
         ]

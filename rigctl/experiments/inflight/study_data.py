@@ -165,6 +165,7 @@ def run_scans(
 
     Kept for just these runs and pulses.
     """
+    # The baseline is fitted to all runs: one more changes what it leaves of each.
     names = " ".join(sorted(run.run_id for run in runs))
     kept = kept_by(source, "samples", names.encode() + b"".join(pulses.tobytes() for pulses in pulses_s.values()))
 

@@ -53,6 +53,7 @@ class InflightModel:
         columns = [-baseline.jacobian(shared, changes)]
         for effect, parameters in self._by_effect(values):
             for derivative in self.data.effects.derivatives(effect, parameters):
+                # Effects are taken out of the measured side: predictions move by plus what they do.
                 columns.append(baseline.shift(shared, derivative)[:, None])
         return np.hstack(columns)
 

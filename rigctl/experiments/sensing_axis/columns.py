@@ -40,6 +40,7 @@ def _units(run: Mapping[str, Any], columns: Columns, _: Mapping[str, float]) -> 
     known = np.isfinite(stage)
     if known.sum() < SAMPLES_MIN:
         return UnitFindings()
+    # A jump of the encoder is no swing.
     low, high = np.percentile(stage[known], [1.0, 99.0])
     swing = 0.5 * float(high - low)
     amplitude = float(run.get("amplitude_mm", math.nan))
@@ -59,9 +60,11 @@ def _units(run: Mapping[str, Any], columns: Columns, _: Mapping[str, float]) -> 
 
 def _frequency(t_s: FloatArray, swing: FloatArray, threshold: float) -> float:
     """From the times at which it passes from one side to the other; NaN when it passes less than three times."""
+    # Near the middle, noise would pass from side to side many times.
     far = np.abs(swing) > threshold
     side, at_s = np.sign(swing[far]), t_s[far]
     passes_s = at_s[1:][np.diff(side) != 0]
+    # Passes are half a period apart.
     return 0.5 * (passes_s.size - 1) / float(passes_s[-1] - passes_s[0]) if passes_s.size > 2 else math.nan
 
 

@@ -100,6 +100,7 @@ def pitch_gravity(run: Runs, pi1: FloatArray) -> FloatArray:
 )
 def bench_recoil(run: Runs, c: FloatArray) -> FloatArray:
     """The stage's reaction rolls the bench: S gains k g c A w^2 cos(d), in one mounting a shift of theta0."""
+    # a = -w^2 x: in phase with the displacement, like a shift of the null.
     return -c * run.a * run.g * np.cos(run.theta - run.theta0)
 
 
@@ -113,6 +114,7 @@ def bench_recoil(run: Runs, c: FloatArray) -> FloatArray:
 def yaw_lever(run: Runs, lever_cos: FloatArray, lever_sin: FloatArray) -> FloatArray:
     """Guide yaw moves a sensor off the stage's axis: S gains k A w^2 (lever_cos cos d + lever_sin sin d)."""
     angle = run.theta - run.theta0
+    # As the inertial term: a = -w^2 x.
     return -run.a * (lever_cos * np.cos(angle) + lever_sin * np.sin(angle))
 
 
@@ -152,6 +154,7 @@ def axis_tilt(run: Runs, eps_cos: FloatArray, eps_sin: FloatArray) -> FloatArray
 )
 def resonance(run: Runs, inv_w0_squared: FloatArray, damping: FloatArray) -> FloatArray:
     """The proof mass is a damped spring: response grows towards its resonance and lags."""
+    # What is added to the signal, not what becomes of it.
     return run.filtered(lambda s: 1.0 / (1.0 + s**2 * inv_w0_squared + s * damping)) - run.signal
 
 
@@ -247,6 +250,7 @@ def mains_pickup(run: Runs, amplitude: FloatArray, frequency: FloatArray) -> Flo
 )
 def laser_cosine(run: Runs, dt: FloatArray) -> FloatArray:
     """A beam is tilted by t + dt, not by t: the reading is the motion along the face's normal over their cosine."""
+    # The reading was worked out with the stated tilt; c . n with the true one takes its place.
     stated = np.cos(run.tilt) * run.along + np.sin(run.tilt) * run.across
     true = np.cos(run.tilt + dt) * run.along + np.sin(run.tilt + dt) * run.across
     return np.asarray(run.signal * (stated / true - 1.0))

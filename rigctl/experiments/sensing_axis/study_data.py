@@ -61,6 +61,7 @@ class _Conditions:
 def _after_recorded(runs: Sequence[RunObservables], limits: Limits) -> _Conditions:
     faces = {name: face for run in runs for name, face in run.faces.items()}
     ends = [run.start_s + run.duration_s for run in runs if np.isfinite(run.start_s)]
+    # Without a rig file lasers are believed as far out as they have been seen to work.
     farthest_deg = degrees(max((abs(run.theta_rad) for run in runs if run.lasers_m), default=-1.0) + 1e-6)
     return _Conditions(
         place=place_of(last_of(runs)),
@@ -100,6 +101,7 @@ def _imagined(
     frequency_hz, dwell_s = float(given["frequency_hz"]), float(given["dwell_s"])
     start_s = float(given.get("start_s", common.start_s + wait_s.get(given.get("temperature_c", np.nan), 0.0)))
     motion = np.zeros(HARMONICS, dtype=np.complex128)
+    # X_1 = -iA: x = A sin(w t).
     motion[0] = -1e-3j * amplitude_mm
     heads = common.heads if common.in_sight(abs(theta_deg), amplitude_mm) else ()
     return RunObservables(
@@ -162,6 +164,7 @@ class _Noise:
             return np.full(HARMONICS + 1, level**2), _NOMINAL_DC_V, np.full(HARMONICS + 1, 40.0)
         nearest = min(abs(run.frequency_hz - frequency_hz) for run, _ in known) + 1e-4
         near = [(run, channel) for run, channel in known if abs(run.frequency_hz - frequency_hz) <= nearest]
+        # S = sigma^2 T: longer runs know an amplitude better.
         density = np.median([channel.sigma**2 * run.duration_s for run, channel in near], axis=0)
         mean = float(np.median([channel.sigma[0] for _, channel in known]))
         return np.asarray(density), mean, np.median([channel.dof for _, channel in near], axis=0)

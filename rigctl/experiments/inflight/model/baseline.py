@@ -27,6 +27,7 @@ _GAIN_RATIO = 1e-4
 _LOOSE = (1e-3, 1e-3, 1e-3, 0.1, 0.1, 0.3, 0.1, 0.1, 1e6, 1e6)
 """Priors of the parameters themselves, hundreds of times their bounds: without its session one is not determined."""
 
+# A complex step: the imaginary part is the derivative, no difference is taken and nothing is rounded off.
 _STEP = 1e-40
 
 
@@ -134,6 +135,7 @@ class Baseline:
             return each.parts(table[each.compared] @ c)
         own, inverse = _own(each, table), values[self._gain_of[each.run_id]]
         force = own @ own_force(each.session)
+        # With the gain's inverse on the measured side the equation is linear in it.
         return each.parts(table[each.compared] @ c, inverse * (own @ own_channel(each.session)) - force)
 
     def jacobian(self, values: FloatArray, changes: Sequence[ComplexArray] | None = None) -> FloatArray:
@@ -174,5 +176,6 @@ def joint_estimate(stretches: Sequence[Stretch]) -> FitResult:
         lambda p: baseline.residual(p) / sigma,
         baseline.parameters,
         jacobian=lambda p: baseline.jacobian(p) / sigma[:, None],
+        # The loose priors are meant to determine what no session does, far below the usual limit.
         rcond=1e-12,
     )

@@ -36,14 +36,17 @@ def coefficients(session: Session, amplitudes: Amplitudes, p: AnyArray) -> AnyAr
         c[INDEX[name]] = value
 
     k_1, k_2 = of_masses(k2d, k2c, ad11)
+    # The loop holds the mean of both outputs at zero: unequal squares move the two levels apart by this much.
     level = 0.5 * (k_1 - k_2) * amplitudes.mean_square
     if session.name in QUADRATIC:
         level = np.zeros_like(dx)
         k_1, k_2 = (in_loop_of_one_mass(k, session, amplitudes) for k in (k_1, k_2))
     for name, factor, curve, mu in (("m1", 1.0 - ad11, k_1, level), ("m2", -(1.0 + ad11), k_2, -level)):
+        # y = m - k m^2 + 2 k^2 m^3 (E10), written out for m counted from its level mu.
         put(name, factor * (1.0 - 2.0 * curve * mu + 6.0 * curve**2 * mu**2))
         put(f"{name}^2", factor * (6.0 * curve**2 * mu - curve))
         put(f"{name}^3", factor * 2.0 * curve**2)
+    # The parameters are a_c11 times the off-centring; the other rows need the off-centring itself.
     x, y, z = dx / ac11, dy / ac11, dz / ac11
     put("t_xx", -dx)
     put("t_xy", -(dy + ac12 * x))
@@ -51,6 +54,7 @@ def coefficients(session: Session, amplitudes: Amplitudes, p: AnyArray) -> AnyAr
     put("t_yy", -ac12 * y)
     put("t_yz", -(ac12 * z + ac13 * y))
     put("t_zz", -ac13 * z)
+    # In is antisymmetric in the angular acceleration; w^2 is nothing where the pointing is inertial.
     put("dw_x", ac13 * y - ac12 * z)
     put("dw_y", dz - ac13 * x)
     put("dw_z", ac12 * x - dy)

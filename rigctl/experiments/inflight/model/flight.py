@@ -110,6 +110,7 @@ def _flight(
     """A session with samples `c`; an effect may ask for any of `columns`."""
     measured = np.array([[c[f"m{mass}_{axis}"] for axis in "xyz"] for mass in (1, 2)])
     gradient = np.array([[c[f"t_{''.join(sorted(i + j))}"] for j in "xyz"] for i in "xyz"])
+    # On trial both masses move, so that an effect of either is seen to do something.
     moved, speed = (each + 0.5 * both_moved * each[::-1] for each in _moved(session, t_s))
     missing = np.full(len(t_s), np.nan)
     return FlightRun(
@@ -128,6 +129,7 @@ def _flight(
         columns=columns,
         signal={
             MEASURED_POINT: measured,
+            # A force shows as the measured acceleration but for the gain, which is 1 to a hundredth.
             FORCE_POINT: measured,
             GRADIENT_POINT: gradient,
             PLACE_POINT: moved[1] - moved[0],
@@ -210,6 +212,7 @@ def _in_gradient(run: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
     # The true gradient is the recorded one and what is added: what is recorded lacks it.
     made = {name: -added["xyz".index(name[2]), "xyz".index(name[3])] for name in GRADIENTS}
     wave = (run.moved[1] - run.moved[0]).sum(axis=0)
+    # There mass 1 moves: the injected signal is minus p_2 - p_1.
     wave = -wave if run.session == "k2c_1" else wave
     return made | {f"moved g_{name}": wave * made[f"t_{name}"] for name in ("xx", "xy", "xz", "yy", "zz")}
 

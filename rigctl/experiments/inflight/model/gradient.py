@@ -37,6 +37,7 @@ def precession(
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, none, -s], [none, one, none], [s, none, c]])
     precessed = np.einsum("ijn,jkn,lkn->iln", turn, gradient, turn) - gradient
+    # Kepler to first order in e: nu = M + 2 e sin M, (a/r)^3 = 1 + 3 e cos M.
     grown = 2.0 * np.sin(mean) * _turned(gradient, _TURN_Y) + 3.0 * np.cos(mean) * gradient
     return np.asarray(precessed + eccentricity_rate * t_s * grown)
 
@@ -48,6 +49,7 @@ def flattening(orbital: float, t_s: FloatArray, products: FloatArray) -> FloatAr
     cosine, sine = np.cos(orbital * t_s), np.sin(orbital * t_s)
     u = np.array([cosine, np.zeros_like(cosine), sine])
     axis_m = (EARTH_M3_S2 / orbital**2) ** (1.0 / 3.0)
+    # GM / a^3 is the square of the orbital frequency.
     factor = -0.5 * (orbital * EARTH_RADIUS_M / axis_m) ** 2
     along = np.einsum("ij,jn->in", products, u)
     latitude = np.einsum("in,in->n", u, along)

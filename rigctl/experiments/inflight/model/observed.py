@@ -30,6 +30,7 @@ LEAST = 1e-30
 
 _NOISE_ROUNDS = 12
 _LEVELS = 3
+# Times the level: noise gives a bin so high once in a million (e^-14).
 _OUTLIER = 14.0
 _NEIGHBOURS = 25
 _HANN_WIDTH = 1.5
@@ -63,6 +64,7 @@ def run_noises(runs: Sequence[ReducedRun], values: FloatArray) -> list[RunNoise]
         form = RunNoise(weights, scale_hz, float("nan"), 0.0)
         levels = np.array([_level(density / form.density(f)) for f, density in spectra])
     return [
+        # Neighbouring bins under a Hann window are not independent.
         RunNoise(weights * level, scale_hz, _own(run), max(2.0 * len(f) / _HANN_WIDTH, 8.0))
         for run, level, (f, _) in zip(runs, levels, spectra, strict=True)
     ]
@@ -74,6 +76,7 @@ def _left_over(run: ReducedRun, values: FloatArray) -> FloatArray:
 
 def _level(ratio: FloatArray) -> float:
     """Mean of a periodogram over its form; bins far above the rest count no more."""
+    # The median of an exponential variable is ln 2 of its mean.
     level = float(np.median(ratio)) / np.log(2.0)
     for _ in range(_LEVELS):
         level = float(np.mean(ratio[ratio < _OUTLIER * level]))
@@ -96,8 +99,10 @@ def fitted_density(f_hz: FloatArray, density: FloatArray) -> tuple[FloatArray, f
     model = np.full(len(f_hz), float(np.median(density)) / np.log(2.0))
     weights = np.zeros(len(POWERS))
     for _ in range(_NOISE_ROUNDS):
+        # Relative to the model of the round before: a bin scatters by as much as its density.
         rows = shapes[used] / model[used, None]
         size = np.linalg.norm(rows, axis=0)
+        # No part of a density is negative.
         weights = optimize.nnls(rows / size, density[used] / model[used])[0] / size
         model = np.maximum(shapes @ weights, 1e-3 * model)
         used = density < _OUTLIER * model

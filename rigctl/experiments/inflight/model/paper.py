@@ -26,6 +26,7 @@ _BESIDE = {"theta_cx": "ac12", "ad22": "ad12", "ad33": "ad13"}
 
 _ROWS = ("dx", "dz", "dy", "ac12", "ac13", "ad11", "ad12", "ad13", "k2d", "k2c_1", "k2c_2", *_BESIDE)
 _AT = {name: place for place, name in enumerate(_ROWS)}
+# Bounds of the parameters: steps of differences and units of the linear algebra.
 _SIZES = np.array([2e-5, 2e-5, 2e-5, 3e-3, 3e-3, 1e-2, 2e-3, 2e-3, 1e4, 1e4, 1e4, 3e-3, 1e-2, 1e-2])
 _OWN = {"ad22": "y", "ad33": "z"}
 _QUADRATIC = {"k2c_1": ("m1", "m2", 1.0), "k2c_2": ("m2", "m1", -1.0)}
@@ -61,6 +62,7 @@ def paper_estimate(runs: Mapping[str, FittedRun]) -> PaperEstimate:
     for _ in range(SWEEPS):
         before = a.copy()
         for place, run in rows.items():
+            # The newest values at once (Gauss and Seidel), in the order of the paper's table.
             a[place] = _solved(place, a, run)
         moves.append(a - before)
     covariance = _covariance(a, rows)
@@ -79,6 +81,7 @@ def _rows_of(runs: Mapping[str, FittedRun]) -> dict[int, FittedRun]:
 
 def _solved(place: int, a: FloatArray, run: FittedRun) -> float:
     y, regressor = _equation(place, a, run)
+    # Only what is in phase with the regressor: the quadrature belongs to nothing that is sought.
     return float(np.real(np.vdot(regressor, y)) / np.real(np.vdot(regressor, regressor)))
 
 
@@ -94,7 +97,10 @@ def _equation(place: int, a: FloatArray, run: FittedRun) -> tuple[ComplexArray, 
         moving, fixed, sign = _QUADRATIC[name]
         gradient = sum(a[k] * linear[k] for k in range(3)) + _cross(a, table)
         linked = a[5] * table.of(fixed) + a[6] * table.of("y") + a[7] * table.of("z")
+        # Less the sensor held fixed, the drag-free residual cancels; left in, it costs 1e4 s2/m. The gradient on the
+        # moved mass would bias k_1 and k_2 by 90 s2/m, always with the same sign.
         y = table.of(moving) - table.of(fixed) - sign * (gradient + 2.0 * linked) + table.of("moved g_xx")
+        # Of the newest value: the correction is a small one, and sweeps settle it.
         share = in_loop_of_one_mass(a[place], session, table) / a[place] if a[place] else 1.0
         return y[own], share * table.of(f"{moving}^2")[own]
     y = table.of("m1") - table.of("m2") - _cross(a, table) - _cubic(a, table)
@@ -156,6 +162,7 @@ def _covariance(a: FloatArray, rows: Mapping[int, FittedRun]) -> FloatArray:
             step[other] = _SIZES[other]
             change = _solved(place, a + step, run) - _solved(place, a - step, run)
             slopes[i, j] = (i == j) - 0.5 * change / _SIZES[other]
+    # Metres and s2/m in one matrix: inverted in units of the bounds.
     inverse = np.linalg.inv(slopes * _SIZES[there] / _SIZES[there][:, None])
     inverse *= _SIZES[there][:, None] / _SIZES[there]
     covariance = np.zeros((len(a), len(a)))

@@ -28,7 +28,8 @@ STRETCH_S = 200.0
 _CHUNK = 1 << 15
 _FITTED_S = 4.0
 _SPECTRUM_S = 1024.0
-_LOWEST_ORBITS = 9.0
+# In bins of that spectrum (9 mHz): below are most lines of a session, and little of a pulse.
+_LOWEST_BINS = 9.0
 _NEAR_BINS = 60
 _HIGHEST = 0.45
 """Of the sampling rate: read-out noise is steep at the end of the spectrum."""
@@ -97,6 +98,7 @@ def across(grid: Grid, axis: str) -> FloatArray:
     apart, common = one - two, 0.5 * (one + two)
     both = grid.present[1:] & grid.present[:-1]
     apart_steps, common_steps = np.diff(apart)[both], np.diff(common)[both]
+    # Differences from sample to sample: slow drifts, different in both, have no say in the ratio.
     power = float(common_steps @ common_steps)
     ratio = float(apart_steps @ common_steps) / power if power > 0.0 else 0.0
     left = apart - ratio * common
@@ -120,6 +122,7 @@ def unsteadiness(levels: Sequence[FloatArray]) -> float:
     logs = np.log(np.concatenate([each[each > 0.0] for each in levels]))
     spread = float(np.var(logs))
     apart = float(0.5 * np.mean(np.diff(logs) ** 2))
+    # Von Neumann's ratio: for independent levels it is about N(1, 1/n).
     return float(stats.norm.sf((1.0 - apart / spread) * np.sqrt(len(logs))))
 
 
@@ -151,7 +154,9 @@ def _without_lines(run: ReducedRun, grid: Grid, left: FloatArray) -> FloatArray:
 def _density(left: FloatArray, present: BoolArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
     length = min(round(_SPECTRUM_S * rate_hz), len(left))
     share = max(float(np.mean(present)), 1e-3)
+    # A median over segments, which pulses do not lift.
     f_hz, density = signal.welch(left, rate_hz, nperseg=length, average="median")
+    # Missing samples count as zeros: the power is that of the part that is there.
     return f_hz, np.asarray(density / share)
 
 
@@ -162,10 +167,11 @@ def _pulses(left: FloatArray, grid: Grid, f_hz: FloatArray, density: FloatArray)
     shape = np.zeros(count)
     shape[: len(since_s)] = np.exp(-since_s / FALL_S) - np.exp(-since_s / RISE_S)
     at_hz = np.fft.rfftfreq(count, grid.step_s)
+    # Never much quieter than typical: dividing by a dip of the estimate would let it choose the pulse.
     noise = np.interp(at_hz, f_hz, np.maximum(density, 1e-3 * np.median(density)))
     template = np.fft.rfft(shape)
     share = np.conj(template) / noise
-    share[at_hz < _LOWEST_ORBITS / _SPECTRUM_S] = 0.0
+    share[at_hz < _LOWEST_BINS / _SPECTRUM_S] = 0.0
     # sigma of the estimate: 1 / sqrt(4 sum |H|^2 / S df), H the transform of the pulse in time.
     information = 4.0 * float(np.sum(np.real(share * template))) * grid.step_s / count
     # Neither an abrupt edge nor what wraps around is a pulse.
@@ -188,6 +194,7 @@ def _combined(channels: Sequence[Pulses]) -> Pulses:
     at_s, amplitude, sigma = (
         np.concatenate([getattr(each, name) for each in channels]) for name in ("at_s", "amplitude", "sigma")
     )
+    # The strongest first; what lies within a pulse's length of it is the same pulse.
     kept: list[int] = []
     for place in np.argsort(-sigma, kind="stable"):
         if all(abs(at_s[place] - at_s[other]) > AFTER_S for other in kept):
@@ -204,6 +211,7 @@ def _scale(sigmas: FloatArray, seen: BoolArray, count: int) -> FloatArray:
         here = np.abs(sigmas[start:stop][seen[start:stop]])
         if len(here) > count // 4:
             middles.append(0.5 * (start + stop))
+            # Of a normal variable the median of |x| is 0.6745 sigma.
             scales.append(float(np.median(here)) / 0.6745)
     if not scales:
         return np.ones(len(sigmas))
@@ -220,6 +228,7 @@ def _peak(run: ReducedRun, left: FloatArray, grid: Grid) -> Peak | None:
     known += [h * session.frequency_hz + j * session.orbital_hz for h in (1, 2, 3, 4) for j in range(-4, 5)]
     free = f_hz > 0.4 * session.orbital_hz
     for line_hz in known:
+        # The main lobe of a Hann window reaches 2 / T on either side.
         free &= np.abs(f_hz - line_hz) > 2.5 * width_hz
     power, f_hz = power[free], f_hz[free]
     around, stood_for = _around(power)

@@ -17,6 +17,7 @@ THINNED_S = 4.0
 """Step of thinned columns: effects and the noise near the lines are slower by far."""
 
 _STAGES = 4
+# Of a step: written times are rounded; more is another grid.
 _SHIFT = 0.25
 _WHOLE, _PART = 0.999, 0.3
 """How much of the kernel must have met samples: all of it, or where some are missing a part."""
@@ -80,6 +81,7 @@ def thinned(grid: Grid) -> Grid:
     The bell (a boxcar with itself, four times) keeps read-out noise from folding down to the lines.
     """
     every = max(round(THINNED_S / grid.step_s), 1)
+    # Zeros of fourth order at every multiple of the thinned rate, where noise would fold onto zero.
     kernel = np.ones(1)
     for _ in range(_STAGES):
         kernel = np.convolve(kernel, np.ones(every) / every)
@@ -87,6 +89,7 @@ def thinned(grid: Grid) -> Grid:
     weight = np.ones(len(grid.t_s)) if whole else taper(grid.present, grid.step_s)
     met = signal.upfirdn(kernel, weight, down=every)
     used = met > (_WHOLE if whole else _PART)
+    # Beside a gap the average is of what is there.
     share = np.where(used, met, 1.0)
     columns = {
         name: np.where(used, signal.upfirdn(kernel, weight * _filled(column), down=every) / share, 0.0)

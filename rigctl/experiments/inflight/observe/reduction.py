@@ -48,9 +48,11 @@ def between_lines(session: Session, grid: Grid) -> BetweenLines:
     f_hz = np.fft.rfftfreq(len(left), grid.step_s)
     highest_hz = min(max(1.6 * lines_hz[-1], 30.0 * session.orbital_hz), 0.25 / grid.step_s)
     apart = np.min(np.abs(f_hz[:, None] - np.array(lines_hz)), axis=1)
+    # Two bins: the half width of a Hann window's main lobe.
     used = (f_hz > 0.4 * session.orbital_hz) & (f_hz < highest_hz) & (apart > 2.0 / grid.duration_s)
     bins = np.fft.rfft(window[:, None] * left, axis=0)[used]
     scale = np.sqrt(2.0 * grid.step_s / np.sum(window**2))
+    # The bell of the thinning is divided out.
     gain = thinning_gain(f_hz[used], session.sample_period_s, grid.step_s)
     return BetweenLines(f_hz[used], np.asarray(scale * bins / gain[:, None]))
 
@@ -67,6 +69,7 @@ def _lines_to_leave_out(session: Session, duration_s: float) -> list[float]:
 
 def _without_lines(grid: Grid, left: FloatArray, lines_hz: list[float]) -> FloatArray:
     x = np.linspace(-1.0, 1.0, len(left))
+    # Lines nearer than that are one to a stretch so long.
     least_hz = 0.9 / grid.duration_s
     apart = [lines_hz[0], *(after for before, after in pairwise(lines_hz) if after - before > least_hz)]
     design = np.vstack([templates(grid.t_s, apart), np.ones_like(x), x, x**2])
@@ -151,6 +154,7 @@ def halves_of(session: Session, grid: Grid) -> tuple[ReducedStretch, ...]:
 
 
 def _stretch(session: Session, grid: Grid, lines: Sequence[Line]) -> ReducedStretch:
+    # Levels beside all known lines, also those that are not asked for: they are in the samples all the same.
     frequencies = tuple(session.frequency_of(line) for line in lines)
     known = tuple(session.frequency_of(line) for line in session.reduced_lines(grid.duration_s))
     if bool(grid.present.all()):

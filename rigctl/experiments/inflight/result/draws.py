@@ -40,6 +40,7 @@ class ExpectedNoise:
         """
         white = self.white_m_s2_rthz**2 * (1.0 + self.corner_hz / f_hz)
         twice = (2.0 * np.sin(math.pi * step_s * f_hz) / step_s) ** 2
+        # Twice: the difference of two sensors.
         return np.asarray(2.0 * (white + (self.readout_m_rthz * twice) ** 2))
 
 
@@ -99,6 +100,7 @@ def reduced(
     groups = (prepared.published, prepared.observed)
     parts = [np.zeros((len(SERIES), len(rows), len(draws))) for rows in groups]
     totals = np.zeros((len(SERIES), len(draws)))
+    # Series from here on are nil: forces always, what is moved unless the session moves masses.
     filled = INDEX["force x" if session.moves_masses else "moved"]
     at = 0
     memory, products = np.zeros((len(SERIES), CHUNK, len(draws))), [part[:filled].copy() for part in parts]
@@ -132,6 +134,7 @@ def rows_of(flown: Flown) -> _Rows:
     """The weights of a session, made once for all of its draws: large, so those of one session at a time."""
     with _MAKING:
         if flown not in _HELD:
+            # Weights of one session are hundreds of megabytes.
             _HELD.clear()
             _HELD[flown] = _rows(flown)
         return _HELD[flown]

@@ -88,6 +88,7 @@ def budget(errors: FloatArray) -> dict[str, Any]:
     scale = np.array([paper.rows[name].per_unit_m_s2 for name in NAMES])
     worst, mean = errors.max(axis=0) * scale, errors.mean(axis=0) * scale
     return {
+        # The paper adds the rows linearly, as if all errors conspired.
         "total_worst_m_s2": float(worst.sum()),
         "total_mean_m_s2": float(mean.sum()),
         "reference": {"total_worst_m_s2": paper.total_worst_m_s2, "total_mean_m_s2": paper.total_mean_m_s2},

@@ -85,6 +85,7 @@ class Runs:
 
     def moved(self, added: FloatArray) -> Runs:
         """The same runs with the motion changed by `added` [m], velocity and acceleration with it."""
+        # Differentiated in its Fourier series: exact on the grid.
         v = _filtered(added, self.omega, lambda s: s)
         a = _filtered(added, self.omega, lambda s: s**2)
         return self.at(x=self.x + added, v=self.v + v, a=self.a + a)
@@ -123,6 +124,7 @@ def periodic_motion(
 def harmonics(signal: FloatArray, count: int) -> ComplexArray:
     """Amplitudes c_0 .. c_count of periodic signals on the grid: signal = c_0 + Re sum_h c_h exp(i h w t)."""
     spectrum: ComplexArray = np.fft.rfft(signal, axis=-1)[..., : count + 1] / signal.shape[-1]
+    # A real signal has half of each amplitude at the negative frequency.
     spectrum[..., 1:] *= 2.0
     return spectrum
 

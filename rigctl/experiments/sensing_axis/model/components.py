@@ -53,6 +53,7 @@ def stacked(runs: Sequence[RunObservables], heads: Sequence[str]) -> Stacked:
     """Everything that was measured of `runs`, run by run."""
     series = series_of(heads)
     value, sigma, dof = (np.array(rows) for rows in zip(*(_row(run, heads) for run in runs), strict=True))
+    # Relative weights only: most of a mean's noise lies below 1/T, where no run's spectrum reaches.
     sigma[:, 0] = _pooled_mean_sigma(runs)
     present = np.isfinite(value) & np.isfinite(sigma) & (sigma > 0.0)
     run_of, series_index = (np.asarray(each, dtype=np.intp) for each in np.nonzero(present))
@@ -68,6 +69,7 @@ def stacked(runs: Sequence[RunObservables], heads: Sequence[str]) -> Stacked:
             series_of=series_index,
             run_of=run_of,
             pool_of=pool_of,
+            # Another axis is another sensor: its drift has nothing to do with this one's.
             group_of=np.array([axes.index(run.axis) for run in runs], dtype=np.intp)[run_of],
             block_of=_blocks(runs),
             covariates=_covariates(runs),

@@ -130,6 +130,7 @@ def residuals_of(model: RecordingModel, values: FloatArray) -> FloatArray:
 
 def _observe(prediction: Prediction) -> FloatArray:
     accel = prediction.accel_v
+    # In phase is eq. 5; the quadrature tells the resonance's damping; the mean the level.
     parts = [accel[:, 1].real, accel[:, 1].imag, accel[:, 0].real]
     parts += [prediction.lasers_m[:, head, 1].real for head in range(prediction.lasers_m.shape[1])]
     return np.stack(parts, axis=1)
@@ -148,6 +149,7 @@ def _row(run: RunObservables, heads: Sequence[str]) -> tuple[list[float], list[f
         laser = run.lasers_m.get(head)
         usable = laser is not None and bool(np.isfinite(laser.value[1]))
         values.append(laser.value[1].real if laser is not None and usable else 0.0)
+        # Of infinite uncertainty: the datum is left out, and rows stay as long as each other.
         sigmas.append(laser.sigma[1] if laser is not None and usable else np.inf)
     return values, sigmas
 
@@ -173,6 +175,7 @@ def fit_mounting(
     effects: Sequence[Effect],
 ) -> RecordingFit:
     """Fit the runs of a mounting. At one frequency roll is a shift of the null: it enters with the second one."""
+    # Fitted frequencies: the same set-point comes out a little different from run to run.
     one_frequency = len({round(run.frequency_hz, 2) for run in runs}) == 1
     separable = tuple(effect for effect in effects if effect.id != ROLL or not one_frequency)
     return fit_recording(RecordingModel(runs, package, heads, g_m_s2, separable))

@@ -28,6 +28,7 @@ def from_vector(delta_rad: FloatArray) -> FloatArray:
     cross = np.zeros((*delta.shape[:-1], 3, 3))
     cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -delta[..., 2], delta[..., 1], -delta[..., 0]
     cross -= np.swapaxes(cross, -1, -2)
+    # sin a / a and (1 - cos a) / a^2, in forms that are right at a = 0.
     first = np.sinc(angle / np.pi)
     second = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
     rotation: FloatArray = np.eye(3) + first * cross + second * (cross @ cross)
@@ -44,6 +45,7 @@ def motion_in_cube(theta_rad: FloatArray, delta_rad: FloatArray, nominal: FloatA
 
 def leaning(position: FloatArray) -> FloatArray:
     """The direction in the lab towards which the beam of a head at `position` is tilted, shape (3,)."""
+    # Beams at the side are tilted upwards, that from above along the motion.
     return np.array([1.0, 0.0, 0.0]) if abs(position[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
 
 

@@ -141,14 +141,17 @@ class RecordingModel:
                 observe(self.predict(values + moved, accel=family.accel, lasers=family.lasers))
                 for moved in (step, -step)
             )
+            # Of a run only its own member of the family moved: its row is that member's derivative.
             columns = family.first + np.array(family.index)
             jacobian[rows, :, columns] = (upper - lower) / (2.0 * step[columns][:, None])
         return jacobian.reshape(-1, len(self.parameters))
 
     def _accel(self, run: Runs, given: Mapping[str, FloatArray]) -> ComplexArray:
         run = run.at(theta0=self._passed("null_rad", run, given, run.theta0))
+        # Eq. 5: a = -w^2 x, so that S rises with theta - theta0 (docs/physics.md).
         inertia = -np.sin(run.theta - run.theta0) * run.a
         force = self._passed("specific_force_m_s2", run, given, inertia)
+        # The level is static: effects behind this point (gain drifts) act on it too.
         volts = self._passed("sensor_output_v", run, given, given["gain"] * force + given["dc"])
         return referred(harmonics(volts, HARMONICS))
 
@@ -173,6 +176,7 @@ class RecordingModel:
             along=along,
             across=across,
             tilt=place.tilt,
+            # 1 for a head along y, across the motion.
             side=np.abs(place.outward[..., 1]),
             signal=run.x * ahead / cosine,
         )
@@ -200,6 +204,7 @@ class RecordingModel:
             v=v,
             a=a,
             theta=theta,
+            # A place holder: the parameter of each run's mounting takes it in every prediction.
             theta0=theta,
             omega=omega,
             amplitude=column([run.amplitude_m for run in self.runs]),

@@ -17,6 +17,7 @@ from rigctl.files.package import HeadSettings, Package, SensorSettings
 LEVEL_PRIOR_RAD = 15e-3
 """delta_x enters only times theta: runs near the null leave it to the operator's level reading."""
 
+# One for each angle of the mounting rotation, delta_x through the stage angle.
 _HEADS_THAT_FIX_A_CUBE = 3
 
 Make = Callable[[str, RunObservables], Parameter]
@@ -174,6 +175,7 @@ class Layout:
         """The package's data sheet knows the resonance roughly; a null search close to the null does not."""
         sensor = self._sensor(run)
         value: float = getattr(sensor, parameter)
+        # 1/w0^2 is known half as well as w0.
         prior = _belief(value, 2.0 * sensor.u_frequency if parameter == "inv_w0_squared" else sensor.u_q)
         return _absent(typical, name, run) if prior is None else Parameter(name, value, 1e-2 * value, prior=prior)
 
@@ -183,6 +185,7 @@ def _belief(value: float, relative: float) -> Prior | None:
 
 
 def _mean(name: str, run: RunObservables) -> Parameter:
+    # The first run's level: levels differ by a volt from mounting to mounting.
     return Parameter(name, run.accel_v.value[0].real, 1e-3)
 
 

@@ -109,6 +109,7 @@ def reduce_with_residuals(
             if laser is not None:
                 channels[name] = laser[0]
     order = np.arange(1, HARMONICS + 1)
+    # Back from "in phase with x" to x = A sin(w t): X_1 = -iA.
     motion_m = stage.amplitudes_referred_to(reference) * (-1j) ** order
     return ReducedRun(run_id, dict(conditions), basis.frequency_hz, basis.duration_s, motion_m, channels), residuals
 
@@ -177,7 +178,9 @@ class PooledNoise:
         for h in range(1, harmonics + 1):
             psd, dof[h] = self._level(run, name, h * run.frequency_hz)
             variance[h] = psd / run.duration_s
+        # A record without whole periods knows an amplitude a little less well than S / T.
         variance *= channel.variance_factor
+        # Noise below a step of the converter may leave no trace in the residuals, but not in the amplitudes.
         return Amplitudes(channel.value, np.sqrt(np.maximum(variance, channel.floor)), dof, channel.lines)
 
     def _level(self, run: ReducedRun, name: str, frequency_hz: float) -> tuple[float, float]:
@@ -225,6 +228,7 @@ def _channel(
 ) -> tuple[ReducedChannel, Residuals] | None:
     """A channel, without the samples that have no value; None when too few are left."""
     seen = np.isfinite(column)
+    # A channel with gaps of its own has a basis of its own: what is orthogonal on all samples is not on these.
     if not seen.all():
         if seen.mean() < _MIN_KEPT_SAMPLES:
             return None

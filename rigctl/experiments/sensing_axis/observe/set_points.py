@@ -62,6 +62,7 @@ def overhead(runs: Sequence[RunObservables]) -> float:
     if len(runs) < 3 or not np.isfinite(starts).all():
         return OVERHEAD_S
     order = np.argsort(starts)
+    # From the end of a run to the beginning of the next.
     gaps = np.diff(starts[order]) - np.array([runs[i].duration_s for i in order[:-1]])
     return float(np.median(np.maximum(gaps, 0.0)))
 
@@ -121,6 +122,7 @@ def peak_output_v(
     """What a sensor gives up to [V] at a set-point, as far as its gain and the level of a mounting are known."""
     sensor = package.axes[axis].sensor[configuration]
     w = 2.0 * pi * frequency_hz
+    # |H| of eq. 1: near its resonance a sensor saturates at a fraction of the force.
     response = 1.0 / abs(complex(1.0 - w**2 * sensor.inv_w0_squared, w * sensor.damping))
     force_m_s2 = 1e-3 * amplitude_mm * w**2 * abs(sin(radians(theta_deg)))
     return sensor.gain_v_per_m_s2 * response * force_m_s2 + package.level_limit_v
@@ -143,6 +145,7 @@ def _rooms(runs: Sequence[RunObservables]) -> list[float]:
     if not np.isfinite(known).all() or np.ptp(known) <= _SAME_K:
         return []
     reach = max(float(np.ptp(known)) / 2.0, ROOM_K)
+    # Both ways: a coefficient shows in the difference.
     return [round(float(known.mean()) - reach, 1), round(float(known.mean()) + reach, 1)]
 
 

@@ -46,6 +46,7 @@ def reduction(
         try:
             run, residuals = reduce_with_residuals(record.run_id, record.conditions, samples, lines_hz)
         except DataError:
+            # Remembered all the same: else its samples would be read again at every question.
             scan.add(record, lambda: None)
             raise
         scan.add(record, lambda: scanned(residuals.basis, residuals.values, run.channels[ACCEL].noise))
@@ -56,6 +57,7 @@ def reduction(
     for run in each_reduced(Kept(source, recipe(lines_hz)), records, make, unpacked, progress):
         if isinstance(run, ReducedRun):
             noise.add(run)
+            # Spectra of thousands of runs do not fit into memory; the pool has taken what it needs of them.
             runs.append(run.without_spectra())
         else:
             runs.append(run)
@@ -138,6 +140,7 @@ def _observed(noise: PooledNoise, run: ReducedRun | LeftOut) -> RunObservables |
 def _group(record: RunRecord) -> tuple[str, int]:
     """Whose noise a run shares, and in which half of them it is held out."""
     given = record.conditions
+    # By the name: a run stays in its half whichever others there are.
     return f"{given['axis']} {given['configuration']}", zlib.crc32(record.run_id.encode()) & 1
 
 

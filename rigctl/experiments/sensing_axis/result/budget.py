@@ -107,6 +107,7 @@ def _axis_budget(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainti
 def _basis(axis: AxisResult) -> FloatArray:
     """Two directions perpendicular to the axis: the motion at the pendulum nulls, and what completes the triad."""
     normal = axis.plane.normal
+    # The first vector is one of the pendulum mountings, which come first.
     first = axis.vectors[0] - (axis.vectors[0] @ normal) * normal
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(normal, first)])
@@ -131,6 +132,7 @@ def _scatter(axis: AxisResult) -> list[_Input]:
                     dof=dof,
                     source="half-cone deviation of the vectors",
                 ),
+                # All vectors of a configuration move out of the plane together: their mean is what is uncertain.
                 members[:, None] * normal,
             )
         )
@@ -160,6 +162,7 @@ def _response(
     """What one unit of a change of the model does to the vectors, refitted to first order."""
     values = fit.result.values
     slope = (residuals_of(changed(step), values) - residuals_of(changed(-step), values)) / (2.0 * step)
+    # The fit follows the change: mounting rotations absorb a part of it.
     moved = -fit.result.covariance @ fit.result.jacobian[: len(slope)].T @ slope
     return np.array([fit.vector_slopes(null) @ moved for null in axis.nulls])
 
@@ -176,6 +179,7 @@ def _scaled(model: RecordingModel, head: str, by: float) -> RecordingModel:
         return (
             dict(lasers_m)
             if reading is None
+            # A head that reads too much by this saw a smaller motion.
             else {**lasers_m, head: replace(reading, value=reading.value * (1.0 - by))}
         )
 
@@ -188,6 +192,7 @@ def _cube(axis: AxisResult, uncertainties: Uncertainties) -> list[_Input]:
     inputs = []
     for i, j in ((0, 1), (1, 2), (2, 0)):
         effect = np.zeros_like(axis.vectors)
+        # The angle's error is shared between the two faces: which of them is off nobody knows.
         effect[:, i] = 0.5 * axis.vectors[:, j]
         effect[:, j] = 0.5 * axis.vectors[:, i]
         name = f"cube faces {'xyz'[i]}{'xyz'[j]}"
@@ -207,6 +212,7 @@ def _corrections(axis: AxisResult, fit: RecordingFit) -> list[_Input]:
         if name not in fit.result.names:
             continue
         index, u = fit.model.index(name), fit.result.sigma(name)
+        # How all parameters go along when this one is off by a unit: the regression on it.
         moved = fit.result.covariance[:, index] / u**2
         effect = np.array([fit.vector_slopes(null) @ moved for null in axis.nulls])
         source = "covariance of the fit"
@@ -244,6 +250,7 @@ def _included(axis: AxisResult, uncertainties: Uncertainties) -> list[Included]:
     covariances = [null.vector_covariance for null in axis.nulls if null.vector_covariance is not None]
     fitted = np.sqrt(np.mean([normal @ covariance @ normal for covariance in covariances]))
     nulls = np.sqrt(np.mean([null.theta0_sigma_rad**2 for null in axis.nulls]))
+    # Uniform within a step.
     resolution = uncertainties.get("rotation", {}).get("resolution_arcsec", 0.0) * ARCSEC / math.sqrt(12.0)
     return [
         Included("null search (noise of the accelerometer)", float(nulls)),
