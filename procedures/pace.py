@@ -34,14 +34,18 @@ class Pace:
     @classmethod
     def of_record(cls, clock: Clock, started_s: float, delay_s: float, period_s: float, samples: int) -> Pace:
         """Of a record begun at `started_s`, answered just now, whose first sample comes `delay_s` later."""
+        # `TIMING_S` is of the wall clock, everything else here of the rig's.
         fast = clock.speed if math.isfinite(clock.speed) else 1.0
+        # Somewhere between the command and its answer the record began.
         tolerance_s = TIMING_S * fast + max(clock.now_s() - started_s, 0.0)
         return cls(started_s + delay_s, period_s, samples, tolerance_s)
 
     def require(self, meter: str, received: int, asked_s: float, answered_s: float) -> None:
         """`InstrumentError` unless so many samples can have come by a time between question and answer."""
+        # Late by the time of the question: the count can be no older than that.
         if received < self.samples and asked_s > self._due_s(received) + self.tolerance_s:
             raise self._off(meter, received, asked_s - self._due_s(received), "late")
+        # Early by the time of the answer: the count can be no newer.
         if received and answered_s < self._due_s(received - 1) - self.tolerance_s:
             raise self._off(meter, received - 1, self._due_s(received - 1) - answered_s, "early")
 

@@ -25,6 +25,7 @@ def record(
 
     `InstrumentError` when samples come at another pace than they were asked for.
     """
+    # First all that follow, then the meter that paces: its first edge must find them armed.
     for follower in followers:
         follower.arm(samples, period_s)
     start_s = readout.start(samples, period_s)
@@ -33,6 +34,7 @@ def record(
     parts: list[FloatArray] = []
     received = 0
     while received < samples:
+        # Every second, so that a kill costs no more and an abort is heeded.
         session.wait_s(min(1.0, (samples - received) * period_s) + period_s)
         asked_s = session.clock.now_s()
         part = readout.fetch()[:, 0]

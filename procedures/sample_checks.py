@@ -84,12 +84,14 @@ def odd_sample(
         return None
     for kernel, looked_at in ((NEIGHBOURS, slice(None)), (END, [0, -1])):
         distances = np.abs(np.convolve(values, kernel, mode="valid"))
+        # Each of the samples that a kernel weighs may be off by half a digit.
         allowed = _allowed(distances, purest, false_alarm) + 0.5 * resolution * float(np.abs(kernel).sum())
         seen = np.zeros_like(distances)
         seen[looked_at] = distances[looked_at]
         seen[np.isnan(seen)] = 0.0
         place = int(np.argmax(seen))
         if seen[place] > allowed and seen[place] > (aside := TRANSIENT * _nearby(distances, place)):
+            # The kernel tells that one of these is odd; the one farthest from their median is it.
             near = values[place : place + 5]
             sample = place + int(np.nanargmax(np.abs(near - np.nanmedian(near))))
             return sample, float(seen[place]), max(allowed, aside)
@@ -98,6 +100,7 @@ def odd_sample(
 
 def _nearby(distances: FloatArray, place: int) -> float:
     """The largest distance beside those that one sample, or a break, makes."""
+    # Without two to either side, which share the odd sample through the kernel.
     aside = [*distances[max(place - 8, 0) : max(place - 2, 0)], *distances[place + 3 : place + 9]]
     return float(np.nanmax(np.nan_to_num(aside), initial=0.0))
 
@@ -107,6 +110,7 @@ def _allowed(distances: FloatArray, purest: float, false_alarm: float) -> float:
     known = distances[np.isfinite(distances)]
     if len(known) < SMALLEST // 2:
         return math.inf
+    # A column without noise has no scale of its own.
     sigma = max(MAD_TO_SIGMA * median_of(known), purest)
     return sigma * sigmas_allowed(len(known), false_alarm)
 
@@ -118,22 +122,27 @@ def shifted_from(column: Column) -> int | None:
     """
     sine, known = column.sine, column.known
     coefficients = sine.fit(column.values, known, 4)
+    # Offset, drift and the fundamental: what a shift in time changes.
     basis, values = sine.waves[:4], column.values
     if not known.all():
         basis, values = basis[:, known], values[known]
     residual = values - coefficients @ basis
+    # The derivative of the sine times one sample period: what a shift by one sample adds.
     step = (
         2.0 * math.pi * sine.frequency_hz * sine.period_s * (coefficients[3] * basis[2] - coefficients[2] * basis[3])
     )
     along = _from_each_on(step * basis)
+    # What the fit of the sine takes off of such a step.
     projected = (along * np.linalg.solve(basis @ basis.T, along)).sum(axis=0)
     size = _from_each_on(step**2) - projected
+    # Near the end a step is as good as part of the sine: nothing can be said.
     usable = size > 1e-9 * float(step @ step)
     if not usable.any():
         return None
     shift = np.divide(_from_each_on(step * residual), size, out=np.zeros_like(size), where=usable)
     explained = shift**2 * size
     place = int(np.argmax(explained))
+    # Samples are lost or doubled as a whole; another size is another cause.
     whole = abs(abs(float(shift[place])) - 1.0) < SHIFT_WITHIN
     return (
         int(np.flatnonzero(known)[place])
@@ -151,6 +160,7 @@ def encoder_flaw(column: Column, acceleration_mm_s2: float) -> Flaw | None:
     """Against the sine that was commanded, and the largest acceleration of the drive."""
     position_mm = column.values
     if len(position_mm) > 2:
+        # Second differences over the square of the period are accelerations.
         bends = np.abs(np.diff(position_mm, 2)) / column.sine.period_s**2
         if bends.max() > 2.0 * acceleration_mm_s2:
             sample = int(np.argmax(bends)) + 1
@@ -188,7 +198,9 @@ def laser_flaw(column: Column, position: Column, latency_s: float) -> Flaw | Non
         return Flaw(column.channel, 0, why)
     period_s = column.sine.period_s
     w = 2.0 * math.pi * column.sine.frequency_hz
+    # Modulo half a turn: a head on the other side sees the motion with the other sign.
     late_rad = math.remainder(seen.phase_rad - stage.phase_rad - w * latency_s, math.pi)
+    # Edges may be taken a whole sample early or late, which is caught from half a period on.
     beyond_rad = abs(late_rad) - w * (0.5 * period_s + LATENCY_S)
     if beyond_rad > 0.0 and beyond_rad > 2.0 * _phase_noise_rad(column, seen):
         why = f"moves {1e3 * late_rad / w:+.3g} ms away from the encoder; samples are {period_s:g} s apart"
@@ -208,6 +220,7 @@ def voltage_flaw(channel: Channel, column: Column) -> Flaw | None:
     volts, range_v = column.values, channel.full_scale
     if flaw := _beyond(channel, volts):
         return flaw
+    # A clipped sine is no sine, and its corners are no wrong samples.
     if not column.known.all() or (range_v is not None and np.abs(volts).max() >= range_v):
         return None
     seen = column.course

@@ -31,6 +31,7 @@ class Sine:
     def __init__(self, times_s: FloatArray, frequency_hz: float) -> None:
         self.frequency_hz = frequency_hz
         self.period_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else math.inf
+        # Harmonics up to a little below half the sampling rate, where a wave and its alias are one.
         orders = min(HARMONICS, int(0.45 / (frequency_hz * self.period_s)))
         self.waves = _waves(times_s, frequency_hz, orders) if orders else np.empty((0, len(times_s)))
 
@@ -41,6 +42,7 @@ class Sine:
 
     def fit(self, values: FloatArray, used: BoolArray, waves: int) -> FloatArray:
         """The coefficients of the first so many waves, from the samples used."""
+        # Without gaps all columns share one matrix of products.
         if used.all():
             basis, products = self.waves[:waves], self.products[:waves, :waves]
         else:
@@ -55,6 +57,7 @@ def _waves(times_s: FloatArray, frequency_hz: float, orders: int) -> FloatArray:
     waves[0], waves[1] = 1.0, (times_s - times_s.mean()) / np.ptp(times_s)
     harmonic = np.ones_like(turning)
     for order in range(1, orders + 1):
+        # Powers of one rotation instead of a cosine and a sine for every harmonic.
         harmonic = harmonic * turning
         waves[2 * order], waves[2 * order + 1] = harmonic.real, harmonic.imag
     return waves
@@ -100,19 +103,24 @@ class Column:
     def course(self) -> Course | None:
         """Its course, fitted without samples that stand out; None where too few have a value."""
         waves, known = len(self.sine.waves), self.known
+        # Three samples for every coefficient, or the residual is no measure of noise.
         if not waves or known.sum() < max(SMALLEST, 3 * waves):
             return None
         used = known
+        # Outliers pull the first fit; what stands out is left out, until nothing changes.
         for _ in range(4):
             coefficients = self.sine.fit(self.values, used, waves)
             residual = self.values - coefficients @ self.sine.waves
             distance = np.abs(residual)
+            # Eight sigma by the median: nothing of Gaussian noise, and most of a wrong sample.
             near = known & (distance <= 8.0 * MAD_TO_SIGMA * median_of(distance[known]))
+            # More than a tenth are no outliers: then the sine is not what the column does.
             if (near == used).all() or near.sum() < 0.9 * known.sum():
                 break
             used = near
         cosine, sine = (float(each) for each in coefficients[2:4])
         amplitude = math.hypot(cosine, sine)
+        # a cos wt + b sin wt = A cos(wt + phase).
         return Course(amplitude, math.atan2(-sine, cosine), residual, max(PUREST * amplitude, self.rounded))
 
 
@@ -130,5 +138,6 @@ def resolution_of(values: FloatArray, least: float) -> float:
 def median_of(values: FloatArray) -> float:
     """Of values that are not NaN; numpy's own looks for those at length."""
     low, high = (len(values) - 1) // 2, len(values) // 2
+    # Both middle places at once; sorting all of it is not needed.
     ordered = np.partition(values, (low, high))
     return 0.5 * float(ordered[low] + ordered[high])

@@ -45,6 +45,7 @@ def _remarks(name: str, session: FlightSession, orbit_period_s: float) -> list[s
         return []
     cycles = stimulus.frequency_hz * session.duration_s
     per_orbit = stimulus.frequency_hz * orbit_period_s
+    # In inverse durations: that is how wide a line is.
     away = abs(per_orbit - round(per_orbit)) * session.duration_s / orbit_period_s
     if cycles < 1.0:
         raise ConfigError(
@@ -90,16 +91,20 @@ class _Recording:
         self.session.wait_s(start_s - self.session.clock.now_s())
         period_s = satellite.sample_period_s
         samples, got = round(self.asked.duration_s / period_s), 0
+        # An orbit of patience after its end; what has not come down by then is lost.
         over_s = start_s + self.asked.duration_s + self.flight.orbit_period_s
         while got < samples:
             self.session.checkpoint()
             left_s = (samples - got) * period_s
             self.session.wait_s(min(left_s, self.flight.orbit_period_s))
             rows = on_grid(satellite.name, satellite.fetch(), got, samples, period_s)
+            # Before a row is written: the run is an attempt then, and is flown again.
             require_possible(satellite.name, rows.came, channels, got)
             if flaw := flaw_of(rows.came, channels):
+                # What shows that the loop did not hold is kept, although the run is not valid.
                 self._write(writer, channels, rows.all)
                 return {"start_s": start_s, "valid": False, "reason": flaw}
+            # What never came is a gap: the analysis takes missing samples as they are.
             if not len(rows.all) and self.session.clock.now_s() > over_s:
                 rows = OnGrid(rows.came, gap(got, samples, period_s, len(channels)))
             self._write(writer, channels, rows.all)

@@ -122,6 +122,7 @@ def _asked(runs: Sequence[Proposal]) -> dict[str, Any]:
     for run in runs:
         stimulus = {key: float(run.settings[name]) for key, name in _STIMULUS.items() if name in run.settings}
         by_session.setdefault(str(run.settings["session"]), Counter())[tuple(stimulus.items())] += 1
+    # A campaign flies each session once; the stimulus that is proposed most often tells most.
     chosen = {name: dict(stimuli.most_common(1)[0][0]) for name, stimuli in by_session.items()}
     return {"sessions": list(chosen), "stimuli": {name: stimulus for name, stimulus in chosen.items() if stimulus}}
 
@@ -129,6 +130,7 @@ def _asked(runs: Sequence[Proposal]) -> dict[str, Any]:
 def allowed(store: Store, rig: Instruments | None) -> Allowed | None:
     """What the satellite's limits leave; of a satellite that is not known what was flown already."""
     if rig is None:
+        # Limits that are not known are at least as wide as what was flown.
         flown = [_settings(run.conditions) for run in store.runs()]
         return lambda proposal: _settings(proposal.settings) in flown
     return within(flight_of(rig), procedure_of(campaign_of(store)))

@@ -86,6 +86,7 @@ def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> Packed:
     """Simulate a unit and reduce it. `NotWanted` as soon as it is `unwanted`."""
     asked = unit.study.session(unit.name, unit.orbit_period_s)
     telemetry = unit.ensemble.telemetry(unit.draws, unit.run, asked, CHUNK)
+    # Asked by the reduction while telemetry comes, as a unit of sixteen draws takes seconds.
     return reduced(unit.flown, telemetry, unit.ensemble.columns, unit.draws, unwanted)
 
 
@@ -154,6 +155,7 @@ class MonteCarloWork(Work):
 
     def _units(self, run: int, name: SessionName) -> dict[str, Unit]:
         everything = range(self.study.draws)
+        # As many draws as fill the compiled loop: one alone would cost as much.
         draws = [tuple(everything[at : at + self.ensemble.at_once]) for at in everything[:: self.ensemble.at_once]]
         return {
             f"{name} of {some[0]} to {some[-1]}": Unit(
@@ -165,6 +167,7 @@ class MonteCarloWork(Work):
     def _simulate(self, session: Session, submit: Submit, run: int, name: SessionName) -> None:
         units, kept = self._units(run, name), Kept(session.store, RECIPE)
         there = session.store.reduced_names(str(RECIPE))
+        # All at once, so that workers are never idle; what comes of them is taken in order.
         promised = {key: submit(unit) for key, unit in units.items() if key not in there}
         for key, unit in units.items():
             if key in promised:
@@ -172,10 +175,12 @@ class MonteCarloWork(Work):
             session.counted(len(unit.draws), replayed=key in there)
 
     def _estimate(self, session: Session) -> None:
+        # Scores that are kept need neither their units nor another estimate.
         scored = {int(document.data["draw"]) for document in session.store.documents(DRAW)}
         by_session = {name: self._units(run, name) for run, name in enumerate(self.study.sessions, 1)}
         sessions: dict[str, Flown] = {name: next(iter(units.values())).flown for name, units in by_session.items()}
         kept = Kept(session.store, RECIPE)
+        # Unit by unit of draws: only the sessions of these sixteen are in memory together.
         for keys in zip(*by_session.values(), strict=True):
             unscored = sorted(set(next(iter(by_session.values()))[keys[0]].draws) - scored)
             units = {name: _there(kept, key) for name, key in zip(sessions, keys, strict=True)} if unscored else {}

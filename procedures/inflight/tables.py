@@ -18,6 +18,7 @@ Orbits = Annotated[float, Field(ge=1e-2, le=1e3)]
 StimulusHz = Annotated[float, Field(ge=1e-7, le=1e3)]
 Amplitude = Annotated[float, Field(ge=1e-15, le=1.0)]
 
+# Of 5950 s. Frequencies with a whole number of periods in them leak into no other line.
 TEN_ORBITS_S = 59500.0
 _UNITS = {"drag-free": "m/s2", "attitude": "rad", "none": ""}
 

@@ -35,12 +35,15 @@ def on_grid(satellite: str, rows: FloatArray, got: int, samples: int, period_s: 
 
     `ImplausibleSample` for stamps that are no sample times, or do not rise.
     """
+    # A stamp may be NaN; it is no sample time and is refused below.
     with np.errstate(invalid="ignore"):
         places = rows[:, 0] / period_s
+        # Written so that NaN is off.
         off = ~((np.abs(places - np.rint(places)) < STAMP_WITHIN) & (places > -0.5) & (places < samples + 1.0))
     if off.any():
         raise _stamp(satellite, rows, int(np.argmax(off)), "is no sample time of the session", got)
     numbers = np.rint(places).astype(np.int64)
+    # A packet that was sent again lies before what has come already.
     new = numbers >= got
     came, numbers = rows[new], numbers[new]
     if len(numbers) and (np.diff(numbers) <= 0).any():
@@ -59,6 +62,7 @@ def require_possible(satellite: str, rows: FloatArray, channels: tuple[Channel, 
     """`ImplausibleSample` for what nothing in orbit is; NaN is lost."""
     for place, channel in enumerate(channels[1:], 1):
         low, high = POSSIBLE.get(channel.unit, (-np.inf, np.inf))
+        # NaN is neither: it was lost on the way.
         beyond = (rows[:, place] < low) | (rows[:, place] > high)
         if beyond.any():
             sample = int(np.argmax(beyond))

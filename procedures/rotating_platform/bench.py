@@ -79,6 +79,7 @@ class PlatformBench:
     def restore(self) -> None:
         """After a restart: the platform as the last recorded run has left it, turned in the same direction."""
         if self._left is not None:
+            # By way of the rest before, so that the last one is reached from the same side.
             for theta_deg in self._left.angles_deg[-2:]:
                 self.platform.move_to(theta_deg)
 
@@ -93,6 +94,7 @@ class PlatformBench:
         `SafetyStop` or `InstrumentError` when it has lost its reference: any angle it says is then none.
         """
         theta_deg = self.platform.angle().value
+        # After the angle: a reference that is still there now was there when the angle was said.
         require_homed(self.platform)
         self.platform.confirm_in_step()
         if abs(theta_deg - asked_theta_deg) > ANGLE_TOLERANCE_DEG:

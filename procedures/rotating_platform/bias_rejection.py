@@ -155,6 +155,7 @@ class Plan:
             forward = self._turning(run) == "forward"
             return time_table.modulation(sampled.pattern, run.periods or 1, forward=forward)
         if run.pattern == "scan":
+            # Half a step short of a whole turn, so that rounding cannot add 360 deg, which is 0 deg again.
             angles_deg = np.arange(0.0, 360.0 - 0.5 * run.step_deg, run.step_deg).tolist()
             return time_table.scan(
                 angles_deg, run.dwell_s, run.rotation_s or self.procedure.rotation_s or SCAN_TURN_S
@@ -175,6 +176,7 @@ def run(session: Session, bench: PlatformBench, plan: Plan) -> None:
     for recording, after in zip_longest(plan.recordings, plan.recordings[1:]):
         with session.step(recording.key):
             _record(session, bench, recording, plan.procedure.estimator)
+            # Sensors are put back when the last of successive flips is over, not between +g and -g.
             if recording.g_sign and (after is None or not after.g_sign):
                 session.once(f"{recording.key}: put back", lambda: session.operator.flip(0))
     session.guarded("level", bench.apparatus(), bench.level)
@@ -182,6 +184,7 @@ def run(session: Session, bench: PlatformBench, plan: Plan) -> None:
 
 def _record(session: Session, bench: PlatformBench, recording: Recording, estimator: Estimator) -> None:
     def recorded(writer: RunWriter) -> dict[str, Any]:
+        # Inside the run: a run that is repeated after a fault asks for the sensors as they have to lie.
         if recording.g_sign:
             session.operator.flip(recording.g_sign)
         return measure(session, bench, writer, recording.wanted, _watch(session, recording, estimator))

@@ -34,6 +34,7 @@ class Course:
         self._starts_s = np.array([motion.start_s for motion in table.motions])
         self._stops_s = np.array([motion.stop_s for motion in table.motions])
         self._edge_s = SAME_SAMPLE * sample_period_s
+        # A leg that ended before all times: from the beginning the platform stands.
         self._legs = [Leg(-math.inf, -math.inf, begin_deg, begin_deg)]
 
     @property
@@ -56,11 +57,13 @@ class Course:
             np.array([getattr(leg, name) for leg in self._legs])
             for name in ("began_s", "ended_s", "from_deg", "to_deg")
         )
+        # Times before the first leg belong to it.
         leg = np.maximum(np.searchsorted(began_s, times_s, side="right") - 1, 0)
         theta_deg = to_deg[leg]
         under_way = times_s < ended_s[leg]
         leg = leg[under_way]
         part = (times_s[under_way] - began_s[leg]) / (ended_s[leg] - began_s[leg])
+        # What is left of a cycloid, counted back from where the leg ends, which the encoder has said.
         theta_deg[under_way] -= (to_deg[leg] - from_deg[leg]) * (
             1.0 - part + np.sin(2.0 * np.pi * part) / (2.0 * np.pi)
         )

@@ -36,6 +36,7 @@ class LiveEstimate:
         self._stream.take(columns)
         self._rows_to_come -= columns["t_s"].size
         if self._rows_to_come <= 0:
+            # Cells look ahead to the next turn, and after the last sample there is none.
             self._stream.end()
         cells = self._stream.cells()
         if cells is not None:

@@ -63,6 +63,7 @@ class RecordingUnderWay:
         self._period_s = 1.0 / wanted.sample_rate_hz
         motions = wanted.table.motions
         before_s = RUN_UP_S - motions[0].start_s if motions and motions[0].start_s < RUN_UP_S else 0.0
+        # Whole samples, so that the run's grid is part of the meters' grid.
         self._run_up = math.ceil(before_s * wanted.sample_rate_hz)
         self._course = Course(wanted.table, bench.standing_deg(wanted.table.begin_deg), self._period_s)
         self._stream = Stream(
@@ -86,6 +87,7 @@ class RecordingUnderWay:
             if after is None or self._now_s() < after.start_s:
                 self._turn(motion)
         self._wait_until(self._wanted.table.duration_s)
+        # The last samples are still on their way, or a record is being begun again.
         while not self._stream.finished:
             self._fetch()
             self._session.wait_s(min(self._period_s, 1.0))
@@ -106,6 +108,7 @@ class RecordingUnderWay:
 
     def _turn(self, motion: Motion) -> None:
         """A turn that begins late takes less time, within limits, so as to be over in time."""
+        # A record that ends here is taken in first: the next one begins while the platform turns and nothing counts.
         if self._stream.record_ends_s < self._bench.clock.now_s() + self._period_s:
             self._fetch()
         else:
@@ -114,6 +117,7 @@ class RecordingUnderWay:
 
     def _carry_out(self, motion: Motion) -> None:
         from_deg, began_s, what = self._course.last_theta_deg, self._now_s(), f"turn to {motion.to_deg:g} deg"
+        # The turn alone is tried again; meters and source go on, and its samples count as moving until it is done.
         to_deg, ended_s = self._session.guarded(what, self._bench.turning, lambda: self._turned(motion))
         self._course.add(Leg(began_s, ended_s, from_deg, to_deg))
         self._stood_s = ended_s
@@ -149,6 +153,7 @@ class RecordingUnderWay:
         """Turn from wherever it is; the angle it came to, and when the controller said that it had [deg, s]."""
         stage, from_deg = self._bench.platform, self._bench.platform.angle().value
         shortest_s = SLACK * shortest_turn_s(stage.limits, abs(motion.to_deg - from_deg))
+        # Over a little before its time, and never faster than the limits allow, however late it is begun.
         stage.turn_to(motion.to_deg, max(motion.stop_s - EARLY_S - self._now_s(), shortest_s, EARLY_S))
         ended_s = self._now_s()
         return self._bench.standing_deg(motion.to_deg), ended_s
@@ -191,6 +196,7 @@ class RecordingUnderWay:
         self._bench.source.require_running()
         if not self._stands():
             now_s = self._now_s()
+            # A turn to where it should stand, of no duration: at once.
             self._carry_out(Motion(now_s, now_s, self._course.last_theta_deg))
         for block in blocks:
             self._keep(block)
@@ -203,9 +209,11 @@ class RecordingUnderWay:
         if not len(rows):
             return
         index = np.arange(len(rows), dtype=np.float64) + (block.first + needless - self._run_up)
+        # The run begins half a period before its first sample.
         times_s: FloatArray = (index + 0.5) * self._period_s + block.late_s
         moving, theta_deg = self._course.moving(times_s), self._course.theta_deg(times_s)
         rows = self._believed(rows, moving)
+        # By the source's own start: its waveform runs since then, not since the run began.
         elapsed_s = self._rig_time_s(0.0) + times_s - self._started.start_s
         tilt = {name: waveform.volts(elapsed_s) for name, waveform in self._started.waveforms.items()}
         columns = {
@@ -217,6 +225,7 @@ class RecordingUnderWay:
             "moving": moving.astype(np.float64),
             "temperature_c": np.full(len(rows), self._temperatures_c[-1]),
         }
+        # Written before it is watched: what the live estimate makes of it must not keep it from the store.
         self._writer.stream(columns)
         self._course.forget(float(times_s[-1]))
         self._watch(columns)
@@ -226,10 +235,12 @@ class RecordingUnderWay:
         meters: tuple[PacingMeter | FollowingMeter, ...] = (self._bench.readout, self._bench.voltmeter)
         for place, meter in enumerate(meters):
             (channel,) = meter.channels()
+            # While the platform moves its samples change as no noise does.
             resting = np.where(moving, np.nan, rows[:, place])
             if (flaw := voltages_flaw(channel, resting)) is not None:
                 rows = rows.copy()
                 rows[flaw.sample :, place] = np.nan
+                # From here on replies may be shifted; a new record is in step again.
                 self._stream.give_up(flaw.of(meter.name), len(rows) - flaw.sample)
         return rows
 

@@ -126,6 +126,7 @@ class Stream:
 
         Raises `ProcedureError` when several records in a row fail.
         """
+        # A record that ends between two fetches begins the next one at once, which may have rows already.
         while not self.finished:
             try:
                 self._take()
@@ -150,9 +151,11 @@ class Stream:
         while True:
             self._take_pairs()
             a, b = self._waiting
+            # Rows are pairs: one meter may be a sample ahead of the other.
             count = min(len(a), len(b), self._end - self._next)
             self._waiting = [a[count:], b[count:]]
             if count:
+                # Rows that came end a series of failures.
                 self._failures = 0
                 self._give(np.stack([a[:count], b[:count]], axis=1))
             over_s = self._session.clock.now_s() - self.record_ends_s
@@ -167,6 +170,7 @@ class Stream:
     def _take_pairs(self) -> None:
         """What both have; nothing of the following meter where it lacks a sample: whose are the others?"""
         reading_s = self._following.first_sample_after_s + LOOK_S
+        # So many samples may lie between the answers of the two.
         behind = int(2.0 * reading_s / self._period_s)
         for _ in range(LOOKS):
             # One after the other: what the first has is kept when the second fails.
@@ -176,6 +180,7 @@ class Stream:
             if missing <= behind:
                 return
             self._session.wait_s(reading_s)
+        # Which edge it missed is unknown, so none of its samples can be given a time.
         self._waiting[1] = np.empty(0)
         raise InstrumentError(
             f"{self._following.name}: {missing} samples never came; check the trigger line",
@@ -186,6 +191,7 @@ class Stream:
         """What the pacing meter has; none of it where samples do not come when they should."""
         asked_s = self._session.clock.now_s()
         rows = self._rows_of(self._pacing)
+        # Counted from the beginning of the record, as its time stamps are.
         came = self._next - self._first + len(self._waiting[0]) + len(rows)
         self._pace.require(self._pacing.name, came, asked_s, self._session.clock.now_s())
         self._waiting[0] = np.concatenate([self._waiting[0], rows])
@@ -194,6 +200,7 @@ class Stream:
         rows = meter.fetch()[:, 0]
         if len(rows):
             meter.confirm_in_step()
+        # A meter gives NaN for an overload; what is lost it does not give at all.
         self._overloads[meter.name] += int(np.sum(np.isnan(rows)))
         return rows
 
@@ -211,9 +218,11 @@ class Stream:
                     f"{self._failures + 1} records in a row failed, the last one: {error}"
                 ) from error
             self._tell(error)
+            # Both, whichever failed: their samples are pairs, and both begin the next record.
             for meter in (self._pacing, self._following):
                 with suppress(RigError):
                     meter.stop()
+            # Longer after every failure in a row; the samples of that time are a gap.
             self._session.wait_s(RETRIES_S[self._failures])
             self._failures += 1
             try:
@@ -262,6 +271,7 @@ class Stream:
         self._waiting = [np.empty(0), np.empty(0)]
         if number is None:
             end = self._end_after(0)
+            # Armed before the other starts, or its first edges would be missed.
             self._following.follow(end, self._period_s)
             started_s = self._pacing.start(end, self._period_s)
             self._set_pace(started_s, end)
@@ -269,6 +279,7 @@ class Stream:
             self._first, self._end = 0, end
             return 0
         soonest_s = self._session.clock.now_s() + PREPARE_S + delay_s
+        # A grid time far enough ahead to be set up for.
         planned = max(number, math.ceil((soonest_s - self._begun_s) / self._period_s))
         if planned >= self._samples:
             self._first = self._end = self._samples
@@ -279,8 +290,10 @@ class Stream:
         started_s = self._pacing.start(end - planned, self._period_s, at_s)
         self._set_pace(started_s, end - planned)
         first_s = started_s + delay_s
+        # The start may come later than asked for; samples are then numbered by when they really come.
         began = round((first_s - self._begun_s) / self._period_s)
         self._late_s = first_s - self._time_s(began)
+        # As many samples as planned, but none beyond the run.
         self._first, self._end = began, min(end + began - planned, self._samples)
         self._session.event("record", sample=began, late_s=self._late_s)
         return began
@@ -294,6 +307,7 @@ class Stream:
         reach = number + self._longest
         if reach >= self._samples:
             return self._samples
+        # The last turn within reach, since no sample counts there.
         index = bisect.bisect_right(self._breaks, reach) - 1
         return self._breaks[index] if index >= 0 and self._breaks[index] > number else reach
 

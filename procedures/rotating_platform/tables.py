@@ -69,6 +69,7 @@ class ListedRun(Table):
             raise ValueError(f"pattern {self.pattern} needs modulation_period_s and periods")
         if self.pattern in {"flip", "noise"} and self.duration_s is None:
             raise ValueError(f"pattern {self.pattern} needs duration_s")
+        # The scan must end one step before where it began.
         if self.pattern == "scan" and not math.isclose(360.0 / self.step_deg, round(360.0 / self.step_deg)):
             raise ValueError(f"step_deg {self.step_deg:g} does not divide a whole turn")
         if (self.external == "constant") != (self.external_period_s is None):

@@ -51,6 +51,7 @@ class TimeTable:
                     f"{limits.angle_max_deg:g} deg; turn back and forth, or widen the limits if no cable minds"
                 )
         for motion in self.motions:
+            # Turns are over a little before their time, so they have less of it.
             _check_speed(name, limits, abs(motion.to_deg - theta_deg), motion.stop_s - motion.start_s - EARLY_S)
             theta_deg = motion.to_deg
 
@@ -60,14 +61,17 @@ def modulation(pattern: Pattern, periods: int, *, forward: bool = False) -> Time
     duration_s = periods * pattern.period_s
     turns = [
         (k * pattern.period_s + turn.start_s, k * pattern.period_s + turn.stop_s, turn.to_sign)
+        # From one period before: a turn of it may reach into the run.
         for k in range(-1, periods)
         for turn in pattern.turns
     ]
     within = [turn for turn in turns if turn[1] > 0.0 and turn[0] < duration_s]
+    # Before a turn the platform stands where that turn does not go.
     first_sign = -within[0][2] if within else pattern.dwells[0].sign
     begin_deg = theta_deg = _stop_theta_deg(first_sign)
     motions = []
     for start_s, stop_s, sign in within:
+        # Always the same direction: the angle goes on beyond 180 deg, as far as cables allow.
         theta_deg = theta_deg + HALF_TURN_DEG if forward else _stop_theta_deg(sign)
         motions.append(Motion(start_s, stop_s, theta_deg))
     return TimeTable(begin_deg, tuple(motions), duration_s)

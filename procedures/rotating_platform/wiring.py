@@ -28,6 +28,7 @@ def bench_of(rig: Instruments, procedure: Procedure) -> PlatformBench:
         raise ConfigError(f"{path}: the outputs of {source.name} have to be {TILT_Y} and {TILT_Z}")
     for name in COLUMNS.constants:
         if name not in rig.file.constants:
+            # Without them what is measured could not be analysed; said before the first run, not after the last.
             raise ConfigError(f"{path}: [constants.{name}] is missing; add it")
     thermometers = rig.by_role("thermometer")
     return PlatformBench(

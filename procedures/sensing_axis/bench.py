@@ -66,6 +66,7 @@ class SetPoint:
     @property
     def samples(self) -> int:
         """Samples of the whole periods that the duration asks for, at least one."""
+        # Rounding of a product must not add a whole period.
         periods = max(math.ceil(self.dwell_s * self.frequency_hz - 1e-6), 1)
         return math.ceil(periods / self.frequency_hz * self.sample_rate_hz)
 
@@ -208,21 +209,25 @@ class Bench:
         if session.recorded(key):
             self._last_point = point
         else:
+            # A pause must come before the operator is asked and anything moves.
             session.checkpoint()
             before()
         return session.acquire(key, asked, measure, self.apparatus(lasers=lasers))
 
     def _measure(self, session: Session, writer: RunWriter, point: SetPoint, lasers: bool) -> dict[str, Any]:
+        # Every run sets out from rest, so that nothing of the run before is in it (docs/decisions/011).
         self.rest()
         self._turn_to(point.theta_deg, point.approach)
         self._oscillate(point)
         session.wait_s(self._settling_s(point))
+        # Once before and once after the record: a stage that slipped in between shows.
         angle = self.rotation.angle()
         temperature = [self._temperature_c()]
         recorders: list[PacedRecorder] = [self.linear]
         if lasers:
             recorders += self.lasers
         start_s, columns = record(session, writer, self.readout, recorders, point.samples, 1.0 / point.sample_rate_hz)
+        # Before and after, of which the run has the mean.
         temperature.append(self._temperature_c())
         require_standing(self.rotation.name, point.theta_deg, [angle.value, self.rotation.angle().value])
         require_steady(temperature)
@@ -257,9 +262,11 @@ class Bench:
 
     def _settling_s(self, point: SetPoint) -> float:
         """Time until the free oscillation has died away that stopping, turning and starting have excited."""
+        # The drive acts on the sensor by the sine of the angle to its null, at most in full.
         offset_deg = min(abs(point.theta_deg) + NULL_WITHIN_DEG, 90.0)
         excited_m_s2 = point.peak_acceleration_m_s2 * math.sin(math.radians(offset_deg))
         ring_down_s = self.package.axes[point.axis].sensor[point.configuration].ring_down_s
+        # Time constants until the free oscillation is below what matters; none where it is so from the start.
         return ring_down_s * max(math.log(excited_m_s2 / RESIDUAL_TRANSIENT_M_S2), 0.0)
 
     def _turn_to(self, theta_deg: float, approach: int) -> None:
@@ -268,13 +275,16 @@ class Bench:
         if self._last_approach == approach and abs(now_deg - theta_deg) < ANGLE_RESOLUTION_DEG / 2:
             return
         aside_deg = theta_deg - approach * self.approach_overshoot_deg
+        # Only where it has to come back: a stage on the right side already arrives from there.
         if approach * (now_deg - aside_deg) > 0.0:
             self.rotation.move_to(aside_deg)
         self.rotation.move_to(theta_deg)
         self._last_approach = approach
 
     def _oscillate(self, point: SetPoint) -> None:
+        # It ends by itself, so it has to outlast settling, arming and the record; `rest` ends it earlier.
         lasting_s = 1.5 * point.dwell_s + 2 * OSCILLATION_MARGIN_S
+        # Before the command: if that fails on its way, nobody knows whether the stage moves.
         self._oscillating = True
         self.linear.oscillate(0.0, point.amplitude_mm, point.frequency_hz, lasting_s)
 

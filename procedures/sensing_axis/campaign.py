@@ -62,11 +62,13 @@ def allowed(store: Store, rig: Instruments | None) -> Allowed | None:
     """What the stages' limits, the recorders' memories and the sensor's range leave."""
     if rig is None:
         return None
+    # No number: whether the bench can do it does not depend on which mounting it is.
     bench, procedure, mounting = bench_of(rig), procedure_of(campaign_of(store)), Mounting(*place_of(store), 0)
 
     def possible(proposal: Proposal) -> bool:
         point = scan.set_point(procedure, mounting, ListedRun.model_validate(settings_of_run(proposal)))
         try:
+            # A run whose spots leave the cube is possible, without lasers.
             bench.check(point, lasers=bench.spots_stay(point))
             bench.check_level(point)
         except (LimitError, ConfigError):

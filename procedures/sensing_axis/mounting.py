@@ -71,10 +71,13 @@ class Fixture:
         seated = f"{mounting.key} mounted"
         if not self.session.done(seated):
             self.session.checkpoint()
+            # A person will touch the package: nothing may move.
             self.session.guarded("rest", self.bench.apparatus(), self.bench.rest)
+            # On a virtual clock the hands have to act when they did, or drifts meet the mounting at another time.
             self._take_up()
             self.session.operator.remount(mounting.axis, mounting.configuration, mounting.number)
             self._mounted = mounting
+        # After the hands: killed before it, the mounting is made again under the same number.
         self.session.once(seated, lambda: True)
         self._level(mounting)
 
@@ -84,6 +87,7 @@ class Fixture:
             return
         lost = f"{mounting.key} lost"
         operator = self.session.operator
+        # Once said, it holds for every later restart.
         if self.session.done(lost) or not operator.still_mounted(
             mounting.axis, mounting.configuration, mounting.number, self._levelled(mounting)
         ):
@@ -94,6 +98,7 @@ class Fixture:
     def _levelled(self, mounting: Mounting) -> Levelled | None:
         """When this mounting was levelled last, perhaps by an earlier campaign of the store."""
         store = self.session.store
+        # A levelling counts once its reading is kept: what was broken off is done anew.
         done = {None, *(event.data["key"] for event in store.events("once"))}
         levellings = [
             event
@@ -117,12 +122,14 @@ class Fixture:
                 self.confirm(mounting)
                 self._take_up()
                 at_s = self.session.operator.level(reading_v)
+                # Hands with a clock of their own say when; a person's moment is now.
                 if at_s is None:
                     at_s = self.session.clock.now_s()
                 angle_deg = self.session.guarded(
                     key, self.bench.apparatus(), lambda: self.bench.rotation.angle().value
                 )
                 levelled = {"mounting": mounting.key, "angle_deg": angle_deg, "at_s": at_s}
+                # Before the reading: killed in between, the levelling is not among those done and is repeated.
                 self.session.event(LEVELLED, **levelled, key=self.session.key(key))
             reading_v = self.session.once(key, lambda: self._static_output_v(mounting), self.bench.apparatus())
             if abs(reading_v) < limit_v:
@@ -135,6 +142,7 @@ class Fixture:
     def _static_output_v(self, mounting: Mounting) -> float:
         self.confirm(mounting)
         ring_down_s = self.bench.package.axes[mounting.axis].sensor[mounting.configuration].ring_down_s
+        # Levelling has set the sensor swinging; three time constants leave a twentieth.
         self.session.wait_s(3.0 * ring_down_s)
         readings = [self.bench.readout.voltage().value for _ in range(LEVEL_READINGS)]
         mean = float(np.mean(readings))

@@ -42,6 +42,7 @@ def check_noise(
         finding = (
             f"noise check: {worst_m_s2_rthz:.2g} m/s2/rtHz at the drive's frequencies, allowed {limit_m_s2_rthz:.2g}"
         )
+        # Kept, so that nobody is asked again after a restart.
         accepted = session.once("noise accepted", lambda: session.operator.accept(f"{finding}. Start anyway?"))
         if not accepted:
             raise ProcedureError(f"{finding}; wait for a quieter room or raise targets.noise_m_s2_rthz")
@@ -54,6 +55,7 @@ def _density_v_rthz(volts: FloatArray, frequency_hz: float) -> float:
 
     segment = min(len(volts), int(SEGMENT_S * SAMPLE_RATE_HZ))
     frequencies, psd = welch(volts, fs=SAMPLE_RATE_HZ, nperseg=segment, detrend="constant")
+    # A third of an octave in all, half of it to either side.
     near = np.abs(np.log2(np.maximum(frequencies, 1e-9) / frequency_hz)) <= 1.0 / 6.0
     return float(np.sqrt(np.mean(psd[near])))
 
@@ -64,6 +66,7 @@ def _record(session: Session, bench: Bench, duration_s: float) -> FloatArray:
     parts: list[FloatArray] = []
     while sum(map(len, parts)) < samples:
         left_s = (samples - sum(map(len, parts))) / SAMPLE_RATE_HZ
+        # One sample more, so that the last fetch finds the last reading.
         session.wait_s(min(left_s, 5.0) + 1.0 / SAMPLE_RATE_HZ)
         parts.append(bench.readout.fetch()[:, 0])
     volts = np.concatenate(parts)

@@ -63,6 +63,7 @@ class NullSearch:
         null = self._approach()
         theta_deg = _set_point_deg(null)
         target_rad = self.settings.theta0_sigma_arcsec * ARCSEC
+        # Each frequency at least once: without one of them roll and angle are one parameter.
         pending = list(self.pair)
         while pending or null.theta0_sigma_rad > target_rad:
             if len(self.runs) >= MAX_RUNS:
@@ -70,6 +71,7 @@ class NullSearch:
                     f"{self.mounting.key}: theta0 known to {null.theta0_sigma_rad / ARCSEC:.2f} arcsec only after "
                     f"{MAX_RUNS} runs, target {self.settings.theta0_sigma_arcsec:g}: is the room quiet?"
                 )
+            # After that whichever limits theta0 now.
             frequency_hz = pending.pop(0) if pending else self._weakest()
             self._measure(theta_deg, frequency_hz, self._missing_s(frequency_hz, target_rad))
             null = self._null()
@@ -148,12 +150,15 @@ class NullSearch:
 
     def _times_s(self) -> dict[float, float]:
         """Acquisition time near the null, by frequency."""
+        # The first run only finds the way and stands too far from the null.
         near = self.runs[1:]
+        # One of the list of frequencies but for rounding.
         return {f: sum(r.duration_s for r in near if abs(r.frequency_hz - f) < 0.01) for f in self.pair}
 
     def _noise(self) -> dict[float, float]:
         """Density of the acceleration noise at each frequency [(m/s2)^2/Hz]."""
         sensor = self.bench.package.axes[self.mounting.axis].sensor[self.mounting.configuration]
+        # After the coarse run alone the noise is the one the room was measured to have.
         if len(self.runs) == 1:
             return dict.fromkeys(self.pair, self.settings.noise_m_s2_rthz**2)
         return {f: noise_density(self.runs, f) / sensor.gain_v_per_m_s2**2 for f in self.pair}
@@ -170,6 +175,7 @@ def expected_dwells_s(settings: NullSearchSettings, effects: Sequence[Effect]) -
     """
     pair = _pair(settings, effects)
     allowed_m_s2 = settings.theta0_sigma_arcsec * ARCSEC * _slope_m_s2(settings, pair)
+    # One run is the coarse one.
     most = (MAX_RUNS - 1) // len(pair)
     if allowed_m_s2 * math.sqrt(most * settings.max_run_s) < settings.noise_m_s2_rthz * math.sqrt(len(pair) * MARGIN):
         raise ConfigError(
@@ -191,8 +197,10 @@ def _pair(settings: NullSearchSettings, effects: Sequence[Effect]) -> tuple[floa
 
 def _slope_m_s2(settings: NullSearchSettings, pair: Sequence[float]) -> float:
     w2 = [(2.0 * math.pi * f) ** 2 for f in pair]
+    # With roll in the model only the difference of w^2 between the two frequencies tells the angle.
     return 1e-3 * settings.amplitude_mm * (w2[0] - (w2[1] if len(w2) > 1 else 0.0))
 
 
 def _set_point_deg(null: NullPoint) -> float:
+    # The stage can stand nowhere else, and a name of a run must not depend on the last bits of a fit.
     return round(math.degrees(null.theta0_rad) / ANGLE_RESOLUTION_DEG) * ANGLE_RESOLUTION_DEG

@@ -64,6 +64,7 @@ def quick_check(session: Session, bench: Bench, fixture: Fixture, start: SetPoin
     null = fit.null(mounting.axis, mounting.configuration, mounting.number)
     theta0_deg = round(math.degrees(null.theta0_rad) / ANGLE_RESOLUTION_DEG) * ANGLE_RESOLUTION_DEG
     plus, minus = (
+        # A quarter turn away the spots have left the cube.
         measure(f"reversal {point.theta_deg - theta0_deg:+.0f} deg", point, lasers=False)
         for point in reversal_points(replace(start, theta_deg=theta0_deg))
     )
@@ -79,6 +80,7 @@ def reversal_points(null: SetPoint) -> tuple[SetPoint, SetPoint]:
 
 
 def _compare(theta0_deg: float, plus: RunObservables, minus: RunObservables, laser_scale: float | None) -> QuickCheck:
+    # Over the acceleration that the encoder shows: the two amplitudes need not be equal.
     forwards, backwards = (run.accel_v.value[1] / run.peak_acceleration_m_s2 for run in (plus, minus))
     sigma = np.hypot(*(run.accel_v.sigma[1] / run.peak_acceleration_m_s2 for run in (plus, minus)))
     difference = forwards - backwards

@@ -32,6 +32,7 @@ class CapturingStage(LinearStage, PacedRecorder, Protocol):
 def require_standing(stage: str, asked_deg: float, angles_deg: Sequence[float]) -> None:
     """`ImplausibleSample` when the encoder, before and after a run, is not where the stage was sent."""
     for theta_deg in angles_deg:
+        # NaN fails in this form.
         if not abs(theta_deg - asked_deg) <= ANGLE_TOLERANCE_DEG:
             message = f"{stage}: {theta_deg:g} deg where {asked_deg:g} deg was asked for"
             raise ImplausibleSample(message, channel="theta_deg", instrument=stage)
@@ -65,6 +66,7 @@ class Recorders:
         for laser in self.lasers:
             for head in laser.channels():
                 if (values_mm := columns.get(head.name)) is not None:
+                    # Against the encoder, which has a latency of its own.
                     late_s = head.latency_s - stage.latency_s
                     flaw = laser_flaw(Column(head.name, sine, values_mm), position, late_s)
                     flaws.append((laser.name, flaw))
@@ -97,6 +99,7 @@ class Recorders:
         channel = self.readout.channels()[0]
         volts = columns[channel.name]
         known = volts[np.isfinite(volts)]
+        # An overload is NaN.
         saturated = len(volts) - len(known)
         if channel.full_scale is not None:
             saturated += int(np.sum(np.abs(known) >= channel.full_scale))

@@ -47,7 +47,9 @@ def set_points(campaign: CampaignFile) -> SetPoints:
         for run in scan.listed(procedure)
     ]
     full = tuple(Proposal(each, each["dwell_s"] + OVERHEAD_S) for each in settings)
+    # Repetitions are one option: whoever chooses may take it several times.
     distinct = list({tuple(each.items()): each for each in settings}.values())
+    # Longer runs at the same set-points: fewer turns and settlings for the same information.
     longer = [
         {**each, "dwell_s": long_s}
         for each in distinct

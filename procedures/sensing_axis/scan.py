@@ -121,6 +121,7 @@ class Scan:
     _rooms: Sequence[Event] = field(init=False)
 
     def __post_init__(self) -> None:
+        # Where rooms are simulated on a virtual clock; a real room is as it is.
         virtual = math.isinf(self.session.clock.speed)
         self._rooms = self.session.of_recorded_runs(ROOM) if virtual else ()
 
@@ -142,6 +143,7 @@ class Scan:
         self.spare += 1
         left = [
             replace(wanted, point=replace(wanted.point, mounting=mounting.number))
+            # Only what is left: runs before the disturbance were made in a sound mounting.
             for wanted in stretch.wanted
             if not self.session.recorded(_key(old, wanted))
         ]
@@ -159,6 +161,7 @@ class Scan:
 
     def _restore_room(self) -> None:
         """After a restart a world on a virtual clock has to be told what its room has been through."""
+        # Once: from here on the rooms are those of this process.
         rooms, self._rooms = self._rooms, ()
         for room in rooms:
             self._room_c = room.data["temperature_c"]
@@ -166,8 +169,10 @@ class Scan:
 
     def _condition(self, temperature_c: float | None, key: str) -> None:
         if temperature_c is not None and temperature_c != self._room_c:
+            # The room takes hours, for which nothing need oscillate.
             self.bench.rest()
             self.session.guarded("taking up", self.bench.apparatus(), self.session.take_up)
+            # Before the hands begin: the room sets out from here.
             at_s = self.session.clock.now_s()
             self.session.operator.bring_room_to(temperature_c)
             self.session.event(ROOM, temperature_c=temperature_c, at_s=at_s, key=self.session.key(key))
@@ -248,6 +253,8 @@ def _ordered(wanted: Sequence[Wanted], procedure: Procedure, index: int) -> tupl
     """As listed, or shuffled; a temperature is gone to once, its runs are shuffled among themselves."""
     if procedure.order == "as-listed" or procedure.name == "angle-scan":
         return tuple(wanted)
+    # The same order whenever the campaign is resumed, another one for every mounting.
     shuffled = [wanted[i] for i in np.random.default_rng([procedure.order_seed, index]).permutation(len(wanted))]
     rooms = list(dict.fromkeys(each.temperature_c for each in wanted))
+    # A stable sort: the random order stays within each temperature.
     return tuple(sorted(shuffled, key=lambda each: rooms.index(each.temperature_c)))

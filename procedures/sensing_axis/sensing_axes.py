@@ -69,6 +69,7 @@ class Plan(campaigns.Plan):
     @property
     def spare(self) -> int:
         """The first mounting number that nothing is planned for."""
+        # Beyond those of other campaigns of the store and of this one's plan.
         return max([self.seated.count, *(mounting.number for mounting in self.mountings)]) + 1
 
     def search(self, noise_m_s2_rthz: float) -> NullSearchSettings:
@@ -136,6 +137,7 @@ class Plan(campaigns.Plan):
             self._check_scan(bench)
         if procedure.name == "scan":
             return
+        # Roll and angle differ by their dependence on frequency alone.
         if any(effect.id == ROLL for effect in self.effects) and len(procedure.frequencies_hz) == 1:
             raise ConfigError(
                 f"model.effects: at one frequency {ROLL} cannot be told from theta0; "
@@ -144,6 +146,7 @@ class Plan(campaigns.Plan):
         for point in self._extremes():
             bench.check(point, lasers=True)
         if procedure.name == "quick-check":
+            # A quarter turn aside the spots have left the cube, and the lasers are not read.
             for point in reversal_points(self._extremes()[0]):
                 bench.check(point, lasers=False)
         if procedure.name in NULL_SEARCHES:
@@ -226,12 +229,14 @@ def _six_mountings(session: Session, bench: Bench, plan: Plan) -> None:
         with session.step(f"axis {mounting.axis} {phase}"), session.step(f"mounting {mounting.number}"):
             try:
                 fixture.mount(mounting)
+                # Once, in the first mounting: it is the room that is asked about, not the package.
                 if noise_m_s2_rthz is None:
                     noise_m_s2_rthz = _check_noise(session, bench, fixture, plan, mounting)
                 NullSearch(session, bench, fixture, mounting, plan.search(noise_m_s2_rthz), plan.effects).find()
             except MountingLostError as lost:
                 session.event("mounting-lost", mounting=mounting.key, reason=str(lost))
                 _discard(session, mounting)
+                # At once, in the place of the one that was lost.
                 pending.insert(0, Mounting(mounting.axis, mounting.configuration, spare))
                 spare += 1
 
