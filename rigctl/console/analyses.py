@@ -37,6 +37,7 @@ class Analyses:
         self._tell = tell
         self._searched: tuple[object, ...] = ()
         self._searched_s = 0.0
+        # One search at a time: asked after every run, they would queue up behind a slow one.
         self._searching = False
 
     def close(self) -> None:
@@ -65,6 +66,7 @@ class Analyses:
         signs = (view.path, len(view.runs))
         if signs == self._searched or self._searching or time.monotonic() - self._searched_s < LIVE_S:
             return
+        # Noted before it is asked: a run that ends meanwhile is a reason to ask again.
         self._searched, self._searched_s = signs, time.monotonic()
         self._searching = True
         self._start("null-search", self._search(view.path))
@@ -94,6 +96,7 @@ class Analyses:
             if not quiet:
                 self._tell(in_one_line(error), "error")
         finally:
+            # Whatever was asked may have changed the model, and its line shows "…" until it is told anew.
             if not quiet and what != "model":
                 self.ask(store, "model", quiet=True)
 

@@ -28,12 +28,14 @@ class Analyst:
         try:
             return await _outcome(self._pool(live).submit(_work_out, what, *arguments, self._plugins))
         except BrokenProcessPool:
+            # A pool that is broken stays so; the next question makes another.
             self._pools.pop(live, None)
             raise
 
     def close(self) -> None:
         """End the processes, whatever they are at."""
         for pool in self._pools.values():
+            # The pool itself would wait for what they are at, which may take minutes.
             for process in list(pool._processes.values()):
                 process.terminate()
             pool.shutdown(wait=False)
@@ -41,6 +43,7 @@ class Analyst:
 
     def _pool(self, live: bool) -> ProcessPoolExecutor:
         if live not in self._pools:
+            # Not fork: this process has threads, whose locks a fork would copy as they are.
             context = multiprocessing.get_context("spawn")
             with contextlib.redirect_stderr(sys.__stderr__):  # its children need a real one, not the console's
                 resource_tracker.ensure_running()
@@ -70,7 +73,9 @@ def _work_out(what: str, *arguments: Any) -> Any:
 
 
 def _begin() -> None:
+    # Ctrl-C at the terminal goes to all its processes; the console ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Without the terminal nobody shows what is worked out.
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     nowhere = os.open(os.devnull, os.O_RDWR)

@@ -35,6 +35,7 @@ class Console(Shell):
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
+        # Before whatever has the focus: it stops also from a dialog or an entry.
         Binding("f8,ctrl+x", "stop", "STOP", priority=True, key_display="F8"),
         Binding("f1", "help", "Help", key_display="F1"),
         Binding("o", "open", "Open"),
@@ -71,6 +72,7 @@ class Console(Shell):
         self._feed.start()
         self.set_interval(DRAW_S, self._draw)
         self.action_screen(self.kept.screen)
+        # Once there is something to stop; textual's own handlers are in place by now.
         self._signals.enter_context(ended_by_signals(self._signalled))
         self.set_timer(FIRST_S, self._open_first)
 
@@ -89,6 +91,7 @@ class Console(Shell):
 
     def on_unmount(self) -> None:
         """Leave everything in order: instruments at rest, state kept."""
+        # Threads first, which would post to a screen that is gone; signals last, as they stop instruments until then.
         self._feed.close()
         self._analyses.close()
         self.make_safe()
@@ -103,7 +106,9 @@ class Console(Shell):
         """On the thread that signals wake: what has to be done needs no screen, which may hang with its terminal."""
         lost = reason == TERMINAL_LOST
         if lost:
+            # First: whatever is written to a lost terminal waits for ever.
             self._leave_terminal()
+        # Before anything is told: this thread is the one that stops.
         self._holding.bring_to_rest()
         if lost:
             self._terminal_lost()
@@ -121,6 +126,7 @@ class Console(Shell):
         if self._holding.bench is not None:
             notice += "; the rig was brought to rest"
         view = self._view
+        # Only to a campaign of our own; another's terminal may be there still.
         if view is not None and view.alive and self._campaigns.signal(view.path, signal.SIGHUP):
             stops = tomllib.loads(view.campaign_toml).get("on_terminal_lost") == "stop"
             notice += f"; the campaign {'was stopped' if stops else 'went on'}, as its file chose ({view.path})"
@@ -171,6 +177,7 @@ class Console(Shell):
         ended = before is not None and before.path == message.view.path and before.alive and not message.view.alive
         if before is None or before.path != message.view.path:
             self._analyses.ask(message.view.path, "model", quiet=True)
+        # A result is worked out when a store is opened and when its campaign ends, not after every run.
         if (before is None or ended) and message.view.runs and not message.view.alive:
             self._analyses.ask(message.view.path, "result", quiet=True)
         if ended:
@@ -181,9 +188,11 @@ class Console(Shell):
     @while_running
     def on_campaign_ended(self, message: say.CampaignEnded) -> None:
         """A process of ours has ended."""
+        # 130 is an abort, which the operator has asked for.
         if message.status not in {0, 130}:
             self._note(message.last_line or f"the campaign's process ended with status {message.status}", "error")
         if self._holding.bench is None:
+            # The rig was given free for the campaign; it is held again as before.
             self._holding.take()
 
     @while_running
@@ -204,8 +213,10 @@ class Console(Shell):
     def action_stop(self) -> None:
         """STOP: from every screen and dialog, whatever else is going on."""
         view = self._view
+        # What is held here first: it needs no other process.
         held = self._holding.stop()
         if view is not None and view.alive:
+            # Three ways, as any one may be the only one open: its signal, its store, its instruments.
             self._campaigns.signal(view.path, signal.SIGTERM)
             self._send("request", view.path, "abort")
             self._holding.stop_from_outside(view)
@@ -292,6 +303,7 @@ class Console(Shell):
             self._note("no campaign is watched; o opens a store", "warning")
             return
         self._act(f"{message.kind} {view.path}")
+        # A campaign whose process has ended is resumed by another, which needs the rig free.
         if message.kind == "resume" and not view.alive:
             self._holding.give(lambda: self._campaigns.resume(view.path))
             return

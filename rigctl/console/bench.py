@@ -60,20 +60,24 @@ class LiveBench:
         """Stop every instrument, and once more where a motion was begun behind the stop."""
         stations = list(self.stations.values())
         for station in stations:
+            # Before any stop is sent: a motion that is between two of its steps then does not set out.
             station.stops += 1
         first = bring_to_rest(station.instrument for station in stations)
+        # A motion that goes on after its instrument has stopped was begun behind the stop.
         late = [station.instrument for station in stations if not station.settled.wait(SETTLE_S)]
         again = {rest.instrument: rest for rest in bring_to_rest(late)}
         return tuple(again.get(rest.instrument, rest) for rest in first)
 
     def close(self) -> tuple[Rest, ...]:
         """Bring everything to rest, disconnect, and give the instruments free for others; may be called twice."""
+        # First, so that no thread asks or connects anew while all is brought to rest.
         self._closing.set()
         self.reconnect()
         rests = self.bring_to_rest()
         for station in self.stations.values():
             station.thread.join(THREADS_END_S)
         let_go([station.instrument for station in self.stations.values()])
+        # Given free last: until here nobody else may connect.
         self._held.close()
         return rests
 
@@ -85,6 +89,7 @@ def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
     """
     file = read_rig(path)
     held = ExitStack()
+    # Held before anything is made of it: two consoles cannot both get this far.
     held.enter_context(rig_of_ones_own(file))
     try:
         return LiveBench(Rig(file), held, post)

@@ -48,13 +48,16 @@ class Campaigns:
         log = log_of(store)
         with log.open("ab") as said:
             process = subprocess.Popen(  # noqa: S603
+                # The same interpreter: another one on the path may have another version.
                 [sys.executable, "-m", "rigctl.cli", *arguments],
                 stdin=read,
                 stdout=subprocess.DEVNULL,
                 stderr=said,
                 pass_fds=(write,),
+                # Not in the terminal's session: a hang-up reaches it only if we pass it on.
                 start_new_session=True,
             )
+        # Both ends live in the campaign now.
         os.close(read)
         os.close(write)
         self._running[store] = process

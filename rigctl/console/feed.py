@@ -39,9 +39,11 @@ class Feed:
 
     def _run(self) -> None:
         while not self._ended:
+            # Before the path is read: a change that comes in between is seen at once.
             self._changed.clear()
             path = self._path
             if path is None or not path.exists():
+                # A store that is not there yet is looked for again; without a name somebody has to give one.
                 self._changed.wait(LOOK_S if path else None)
                 continue
             from rigctl.console.store_watch import follow  # stores are imported after the first paint
@@ -50,4 +52,5 @@ class Feed:
                 follow(path, self._changed, self._post, LOOK_S)
             except Exception as error:  # noqa: BLE001 - whatever is wrong with a store, the console goes on
                 self._post(Noted(str(error), "error"))
+                # Until another store is named: this one would fail in the same way every time.
                 self._changed.wait()

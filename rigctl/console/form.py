@@ -95,6 +95,7 @@ def entries(text: str) -> list[Entry | Listing]:
         said = data.get(table, {}) if table else data
         for key, field in model.model_fields.items():
             choices, words, listed = _kind(field.annotation)
+            # Experiments are installed, so their names are in no annotation.
             choices = tuple(measured()) if (table, key) == ("", "experiment") else choices
             if (table, key) == ("procedure", "name"):
                 choices = tuple(dict.fromkeys((*choices, *procedures_for(str(data.get("experiment"))))))
@@ -145,8 +146,10 @@ def changed(text: str, entry: Entry, typed: str) -> str:
     end = _end_of_value(lines, place) if place is not None else 0
     new = [f"{entry.key} = {_literal(entry, typed)}"] if typed.strip() else []
     if place is not None:
+        # A comment behind a value stays; behind an array over several lines there is no one place for it.
         lines[place:end] = [new[0] + _comment(lines[place])] if new and end == place + 1 else new
     elif new and (first > 0 or not entry.table):
+        # Before the empty lines that end a table.
         while last > first and not lines[last - 1].strip():
             last -= 1
         lines[last:last] = new
@@ -186,8 +189,10 @@ def _literal(entry: Entry, typed: str) -> str:
 
 
 def _scalar(typed: str, words: bool) -> str:
+    # Whatever is no number is written as a text, so that the file stays TOML and the fault names the key.
     if words or not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", typed):
         return json.dumps(typed.strip('"'), ensure_ascii=False)
+    # TOML wants a digit on both sides of the point.
     number = re.sub(r"^([+-]?)\.", r"\g<1>0.", typed)
     return re.sub(r"\.(?=$|[eE])", ".0", number)
 
@@ -207,6 +212,7 @@ def _end_of_value(lines: list[str], place: int) -> int:
     """The line after a value, which may be an array over several lines."""
     for end in range(place + 1, len(lines) + 1):
         try:
+            # Only a parser knows where an array ends: brackets may stand in texts.
             tomllib.loads("\n".join(lines[place:end]))
         except tomllib.TOMLDecodeError:
             continue
@@ -216,6 +222,7 @@ def _end_of_value(lines: list[str], place: int) -> int:
 
 def _comment(line: str) -> str:
     """What stands behind a value on its line."""
+    # The first # before which the line is a whole value: one in a text leaves the text open.
     for place in (i for i, character in enumerate(line) if character == "#"):
         try:
             tomllib.loads(line[:place])

@@ -56,10 +56,12 @@ class Holding:
 
     def close(self) -> tuple[Rest, ...]:
         """Bring everything to rest and let go; waits until that is done."""
+        # Waits for a rig that is just being taken, which would be left held otherwise.
         with self._one_at_a_time:
             return self._let_go()
 
     def _let_go(self) -> tuple[Rest, ...]:
+        # Out of sight first: nothing may be asked of a bench that is being closed.
         bench, self.bench = self.bench, None
         return () if bench is None else bench.close()
 
@@ -77,6 +79,7 @@ class Holding:
 
         try:
             with self._one_at_a_time:
+                # The rig held so far may share instruments with the one to come.
                 self._let_go()
                 self.bench = open_bench(rig, self._post)
         finally:

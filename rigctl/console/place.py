@@ -11,4 +11,5 @@ def kind_of(path: Path) -> tuple[str, str]:
 
     text = read_text(path)
     tables = parsed_file(text, path)
+    # A campaign file needs one of these keys, and no rig file has them.
     return ("campaign" if "experiment" in tables or "procedure" in tables else "rig"), text

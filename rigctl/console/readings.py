@@ -108,6 +108,7 @@ def readings_of(instrument: Instrument) -> Iterator[tuple[str, Reading]]:
         yield "voltage", instrument.voltage()
 
 
+# Asked ten times a second for the same two files.
 @lru_cache(maxsize=4)
 def toml_of(text: str) -> dict[str, Any]:
     """A file kept in a store, which was checked when it was put there."""

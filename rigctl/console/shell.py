@@ -87,11 +87,13 @@ class Shell(App[None]):
 
     def action_screen(self, name: str) -> None:
         """Show one of the five."""
+        # Below a dialog nothing changes, or it would ask about something that is no longer shown.
         if len(self.screen_stack) > 1:
             return
         self._base.query_one(ContentSwitcher).current = name
         self._base.query_one(TabBar).current = name
         self.kept.screen = name
+        # So that the screen that is chosen is drawn, though the store has not changed.
         self._shown_view = None
         self._focus_pane()
 
@@ -165,6 +167,7 @@ class Shell(App[None]):
         current = self.kept.screen
         bench, view = self._holding.bench, self._view
         held = view is not None and view.alive
+        # A campaign that holds the rig is asked for it by its store; our own bench is closed then.
         if current == "rig" and bench is not None and not held:
             self._panes.rig.show_bench(bench.views(), bench.strips())
         if view is None:
@@ -231,6 +234,7 @@ class Shell(App[None]):
             banner.say("")
             self._close_question()
         elif (view.path, question.number) != self._asked:
+            # Asked once by itself; who has left it comes back with F9.
             self._asked = (view.path, question.number)
             self._close_question()
             banner.say(f"! OPERATOR: {question.text.partition(' Type ')[0]}  (F9 answers)")
@@ -253,6 +257,7 @@ class Shell(App[None]):
         def go(text: str | None) -> None:
             if text is not None:
                 self._act(f"answer '{text}' to: {question.text.partition(' Type ')[0]}")
+                # With its number: the campaign may ask something else by the time the word is written.
                 self._send("answer", store, text, question.number)
 
         self.push_screen(QuestionDialog(question.number, question.text, question.choices), go)

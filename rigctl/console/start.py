@@ -30,6 +30,7 @@ def start(place: Path | None, plugins: Sequence[Path]) -> None:
     try:
         console.run()
     finally:
+        # Also where the screen could not be drawn or has failed on its way.
         console.make_safe()
     require_rest(console.unsafe)
     if console.interrupted:
@@ -44,6 +45,7 @@ def watch_terminal(terminal: int = 0) -> None:
 
     def watch() -> None:
         hung_up = select.poll()
+        # No events but the hang-up, which poll always tells; reading would take away keys.
         hung_up.register(terminal, 0)
         if any(event & select.POLLHUP for _, event in hung_up.poll()):
             os.kill(os.getpid(), signal.SIGHUP)
@@ -60,6 +62,7 @@ def _leave_terminal() -> None:
     nowhere = os.open(os.devnull, os.O_RDWR)
     for descriptor in range(3):
         os.dup2(nowhere, descriptor)
+    # The main thread may hang in a write that never returns.
     last_resort = threading.Timer(LEAVE_S, os._exit, (1,))
     last_resort.daemon = True
     last_resort.start()

@@ -43,7 +43,10 @@ def load(directory: Path) -> ConsoleState:
     except (OSError, TypeError, ValueError):
         return ConsoleState()
     usable = {
-        each.name: kept[each.name] for each in fields(ConsoleState) if type(kept.get(each.name)) is type(each.default)
+        # A file of another version, or edited by hand, must not end the console.
+        each.name: kept[each.name]
+        for each in fields(ConsoleState)
+        if type(kept.get(each.name)) is type(each.default)
     }
     state = ConsoleState(**usable)
     return state if state.screen in SCREENS else ConsoleState()
@@ -53,6 +56,7 @@ def save(directory: Path, state: ConsoleState) -> None:
     """Keep the state, whole or not at all; a directory that cannot be written is no reason to fail."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
+        # Another console may save at the same time: whole files take turns.
         with tempfile.NamedTemporaryFile("w", dir=directory, delete=False, encoding="utf-8") as file:
             json.dump(asdict(state), file, indent=1)
         Path(file.name).replace(directory / "console.json")

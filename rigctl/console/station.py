@@ -87,11 +87,13 @@ class Station:
     def move(self, value: float) -> None:
         """Home the stage if needed and move it."""
         stage: Any = self.instrument
+        # Homing does only what is still to be done.
         self._set_out("moving", stage.home, lambda: stage.move_to(value))
 
     def jog(self, step: float) -> None:
         """Move the stage by a step from where it says it is now: what is on the screen may be a moment old."""
         stage: Any = self.instrument
+        # Read when the key is pressed: homing may come first, and a stop in it ends the jog as well.
         stops = self.stops
 
         def go() -> None:
@@ -117,6 +119,7 @@ class Station:
             self._post(Noted(f"{self.name}: {self.state}; it cannot be moved now", "warning"))
             return
         stops = self.stops
+        # A motion refused by the limits leaves the instrument as it was.
         before, self.state = self.state, state
         self.settled.clear()
 
@@ -154,6 +157,7 @@ class Station:
                 for label, reading in readings_of(self.instrument):
                     value = Value(label, reading.value, reading.unit, time.monotonic())
                     self._values.setdefault(label, deque(maxlen=STRIP_LENGTH)).append(value)
+                # Why it stopped stays to be read, until it is moved again.
                 if self.state not in {*MOTIONS, "stopped"}:
                     self._error = ""
             except RigError as error:
@@ -167,6 +171,7 @@ class Station:
     def _connect(self) -> None:
         self.state = "connecting"
         self.instrument.open()
+        # Before it is asked who it is: nothing moves here that nobody has asked to.
         self._bring_to_rest_first()
         identity = self.instrument.identify()
         self._identity = " ".join(part for part in (identity.model, identity.serial, identity.firmware) if part)
@@ -185,6 +190,7 @@ class Station:
         if self._error != why:
             self._post(Noted(why, "error"))
         self._error = why
+        # The thread that moves it tells its end; here it is only asked.
         if self.state not in MOTIONS:
             self.state = "lost"
             with suppress(Exception):  # it is lost already, and who is told of failures has been told

@@ -35,6 +35,7 @@ def follow(path: Path, ended: threading.Event, post: Callable[[Message], object]
         seen: object = None
         watched = _Watched(store)
         while not ended.is_set():
+            # Looked at before the store is read: what is written in between shows at the next look.
             now = _signs(path)
             if now != seen:
                 seen = now
@@ -52,6 +53,7 @@ def earlier(store: Path, search: Search, before: int) -> list[LogLine]:
 def _signs(path: Path) -> tuple[object, ...]:
     """What changes when somebody writes the store, or its campaign's process ends."""
     signs: list[object] = [is_running(path)]
+    # Commits go into the log first; the file itself changes at a checkpoint only.
     for each in (path, path.with_name(path.name + "-wal")):
         try:
             status = each.stat()
@@ -81,6 +83,7 @@ class _Watched:
         alive = is_running(store.path)
         self._read_events()
         self._runs += store.runs(skip=len(self._runs))
+        # They are there before the first run and stay.
         self._identities = self._identities or store.identities()
         self._read_samples(alive)
         return StoreView(
@@ -113,6 +116,7 @@ class _Watched:
         acquiring = [run.run_id for run in unfinished if run.state == "acquiring"]
         finished = self._runs[-1].run_id if self._runs else ""
         run_id = acquiring[-1] if acquiring else finished
+        # A run that is finished does not change; while it is recorded it is read anew each time.
         if not run_id or (run_id == self._run_id and not self._recording and not acquiring):
             return
         samples = self._store.last_samples(run_id, SAMPLES)

@@ -72,6 +72,7 @@ def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell:
     """
     if out is not None and not out.parent.is_dir():
         raise DataError(f"{out}: cannot be written: there is no directory {out.parent}; make it first")
+    # A study has no runs to compare and diagnose, but a result to show.
     drawn = _without_runs(bench)
     if drawn is None:
         evidence = gather(bench, tell)
@@ -80,6 +81,7 @@ def write_report(bench: Workbench, out: Path | None, figures: Path | None, tell:
         plates, left_out, text = list(drawn.plates), drawn.left_out, study_page(bench.store, drawn) if out else ""
     written = write_plates(plates, left_out, figures) if figures else []
     if out is not None:
+        # Beside the page, so that the replacement is one step of one file system.
         partial = out.with_name(f".{out.name}.{os.getpid()}")
         try:
             partial.write_text(text, encoding="utf-8")
@@ -109,6 +111,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
     rungs = bench.history(tell)
     comparisons = [bench.compare(version) for version in _side_by_side(bench, tell)]
     tell("diagnosing")
+    # What was diagnosed already is not asked again: a diagnosis takes minutes.
     diagnosis = versions.kept_diagnosis(store, current, ALPHA) or bench.diagnose(ALPHA, tell).as_json()
     tell("drawing")
     last = comparisons[-1]
@@ -129,6 +132,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
 def _drawn(bench: Workbench, lines_hz: Sequence[float], missing: Sequence[Any]) -> Drawn:
     try:
         return drawing_of(bench.store.header.experiment, bench.store.path).draw(bench, lines_hz, missing)
+    # A report is written all the same: the model may be judged where no result can be had.
     except UNFIT as error:
         return Drawn(left_out={"result": str(error)})
 
@@ -139,8 +143,10 @@ def _side_by_side(bench: Workbench, tell: Tell) -> Iterator[versions.ModelVersio
     for version in versions.versions(bench.store):
         try:
             usable.append(bench.version(version.version))
+        # A version whose plug-in is not there cannot be evaluated; the others can.
         except ConfigError as error:
             tell(str(error))
+    # The first and the latest ones: what lies between tells least.
     chosen = usable if len(usable) <= SIDE_BY_SIDE else [usable[0], *usable[1 - SIDE_BY_SIDE :]]
     for version in chosen:
         tell(f"comparing version {version.version}")
@@ -192,6 +198,7 @@ def page(evidence: Evidence) -> str:
 def _warned(rungs: Sequence[Mapping[str, Any]]) -> list[str]:
     """What speaks against the current version, and which is the last that nothing speaks against."""
     warned = warning_sentences(rungs[-1:])
+    # The last version without a warning is the one to go back to.
     sound = [rung["version"] for rung in rungs if not rung.get("warnings")]
     return [*warned, f"Nothing speaks against version {sound[-1]}."] if warned and sound else warned
 

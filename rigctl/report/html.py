@@ -91,6 +91,7 @@ def table(table: ResultTable) -> str:
 
 def figure(plate: Plate[Any]) -> str:
     """A figure with its caption, in the page's own ink on its own paper."""
+    # Ink and paper of the figure become those of the page, in the dark too.
     svg = svg_element(plate).replace("#000000", "currentColor").replace("#ffffff", "var(--paper)")
     return f"<figure>{svg}<figcaption>{_words(plate.caption)}</figcaption></figure>"
 

@@ -14,8 +14,10 @@ def quantity(value: float | None, sigma: float | None, unit: str = "") -> str:
         return "not determined"
     if not sigma:
         return _spaced(number(value, 6), unit)
+    # By the larger of the two, so that both stand under one power of ten.
     exponent = _exponent(max(abs(value), sigma))
     scale = 0 if exponent in _FIXED else exponent
+    # Two digits of the sigma.
     decimals = max(0, 1 + scale - _exponent(sigma))
     pair = f"{value / 10.0**scale:.{decimals}f} +- {sigma / 10.0**scale:.{decimals}f}"
     return _spaced(f"({pair})e{scale:+03d}" if scale else pair, unit)
@@ -30,6 +32,7 @@ def probability(p: float | None) -> str:
     """A p value: what is too small to matter by its power of ten."""
     if p is None or not math.isfinite(p):
         return "-"
+    # A double underflows there; the p-value itself is not zero.
     if p <= 0.0:
         return "<1e-300"
     return f"{p:.1e}" if p < 1e-3 else f"{p:.2g}"

@@ -39,6 +39,7 @@ class ProgressBar:
         """The status as `rigctl status --json` gives it."""
         try:
             self._show(status)
+        # The terminal went away; the campaign's own file says whether it goes on.
         except OSError:
             return
 
@@ -54,6 +55,7 @@ class ProgressBar:
                 left=left,
             )
         elif step.split(" / ")[0] != self._last:
+            # In a log a line per step of the procedure, not one per run.
             self._last = step.split(" / ")[0]
             self._console.print(
                 f"{status['state']}: {self._last}, {status['runs_done']} of {status['runs_planned']} runs, "

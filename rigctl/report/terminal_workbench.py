@@ -89,6 +89,7 @@ def _inseparable(diagnosis: Findings) -> list[str]:
     """What concerns the result or the suggested effects, and how much else there is."""
     concerns = [
         pair
+        # A night's catalogue has hundreds of pairs that concern nobody.
         for pair in diagnosis["inseparable"]
         if pair["from"].startswith("baseline:") or {pair["effect"], pair["from"]} & set(diagnosis["suggested"])
     ]

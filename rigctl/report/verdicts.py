@@ -72,6 +72,7 @@ def warning_sentences(rungs: Sequence[Findings]) -> list[str]:
 
 def transfer_sentence(transfer: Findings) -> str:
     """Does a model fitted to one store hold for another?"""
+    # An error below 1 is chance: no more is asked of the other store than noise.
     refitted, transferred = transfer["error_own"], transfer["error_transferred"]
     holds = "holds" if transferred <= HOLDS_WITHIN * max(refitted, 1.0) else "does not hold"
     return (
@@ -177,6 +178,7 @@ def fixed_choice(rank: Findings) -> dict[str, Any]:
     return {
         key: value
         for key, value in rank["choice"].items()
+        # An origin of zero is no choice.
         if f"{rank['effect']}.{key}" not in rank["parameters"] and (key, value) != ("origin", 0.0)
     }
 

@@ -58,6 +58,7 @@ class FileTab(TabPane):
         saved = "" if self.form.saved else "  (not saved: Ctrl+S)"
         line = Text(f"✗ {why}" if why else f"✓ {self.form.path} is valid{saved}", style="bold" if why else "")
         self.query_one("#file-line", Static).update(line)
+        # Faults begin with the key, or name an unknown one before a semicolon.
         for field in self.query_one("#form").query(Input):
             key = field.name or ""
             wrong = bool(why) and (why.startswith((f"{key}:", f"{key} ", f"{key}.")) or f" {key};" in why)

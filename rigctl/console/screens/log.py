@@ -91,6 +91,7 @@ class LogPane(Vertical):
 
     def _look_for(self, search: Search) -> None:
         self.search, self._earlier = search, []
+        # What is kept here at once; what lies further back comes when the store has been gone through.
         self._rewrite()
         if search != Search():
             self.post_message(SearchAsked(search))

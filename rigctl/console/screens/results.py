@@ -61,6 +61,7 @@ class ResultsPane(Vertical):
 
     async def _show(self, tabs: Mapping[str, Sequence[Widget]]) -> None:
         content = self.query_one("#results-tabs", TabbedContent)
+        # Removing and adding tabs takes several turns of the loop, and two results may come at once.
         async with self._one_at_a_time:
             before = content.active
             for tab in self._shown:

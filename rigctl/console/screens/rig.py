@@ -74,6 +74,7 @@ class RigPane(Vertical):
     def _show_instruments(self, views: Sequence[InstrumentView]) -> None:
         table = self.query_one(DataTable)
         rows = {view.name: _row(view) for view in views}
+        # Rows are written anew only where instruments came or went; otherwise the cells that differ.
         if list(self._rows) != list(rows):
             table.clear()
             for name, row in rows.items():

@@ -24,6 +24,7 @@ CHARTS = ("accelerometer", "lasers", "stage", "angle")
 OF_KIND = {"accelerometer": "accelerometer", "displacement": "lasers", "position": "stage", "angle": "angle"}
 """Which chart shows a channel of a recording; those of other kinds take charts that would be empty."""
 
+# Around the drive's frequencies, 0.3 to 0.6 Hz.
 NOISE_BAND_HZ = (0.2, 2.0)
 
 
@@ -102,6 +103,7 @@ class Charts(Grid):
     def _show_spectrum(
         self, frequency_hz: FloatArray, density: FloatArray, gain: float, unit: str, target: float | None
     ) -> None:
+        # The density of constant readings is zero; its logarithm is left out below.
         with np.errstate(divide="ignore"):
             x, y = np.log10(frequency_hz), np.log10(density / gain)
         keep = np.isfinite(y)

@@ -94,6 +94,7 @@ class WorkbenchPane(Vertical):
         lines = []
         for place, (name, points) in enumerate(list(residuals["series"].items())[:MAX_SERIES]):
             x, y = (np.array([point[i] for point in points]) for i in (0, 1))
+            # Residuals of a wrong model reach hundreds of sigma: logarithmic to either side, linear within one.
             lines.append(Line(x, np.sign(y) * np.log10(1.0 + np.abs(y)), name, MARKS[place], place))
         levels = tuple(
             (float(np.sign(s) * np.log10(1 + abs(s))), f"{s:+d}σ" if s else "0")

@@ -7,6 +7,7 @@ import numpy as np
 from rigctl.core.arrays import FloatArray, Int64Array
 
 BLANK = 0x2800
+# Unicode numbers the upper six dots by columns and the lowest two last.
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.int64)
 
 
@@ -20,6 +21,7 @@ def dotted(x: FloatArray, y: FloatArray, width: int, height: int) -> Int64Array:
     """Code points, shape (height, width), of dots at x in [0, 2 width), y in [0, 4 height) counted from below."""
     cells = np.zeros((height, width), dtype=np.int64)
     finite = np.isfinite(x) & np.isfinite(y)
+    # Rows count from the top.
     column, row = np.rint(x[finite]).astype(int), np.rint(4 * height - 1 - y[finite]).astype(int)
     inside = (column >= 0) & (column < 2 * width) & (row >= 0) & (row < 4 * height)
     column, row = column[inside], row[inside]
@@ -32,6 +34,7 @@ def joined(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     if len(x) < 2:
         return x, y
     steps = np.maximum(np.abs(np.diff(x)), np.abs(np.diff(y)))
+    # Points far outside the picture would make a line of millions.
     counts = np.clip(np.nan_to_num(np.ceil(steps)), 1, 400).astype(int)
     start = np.repeat(np.arange(len(counts)), counts)
     share = (np.arange(len(start)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[start]

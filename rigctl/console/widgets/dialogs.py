@@ -244,6 +244,7 @@ class QuestionDialog(Dialog[str]):
 
     def contents(self) -> ComposeResult:
         """The question, the words, the entry."""
+        # The campaign's own prompt ends in how to answer at its terminal.
         yield Static(Text(self._text.partition(" Type '")[0].removesuffix(" [y/n] ")), classes="question")
         yield Static(Text(f"Write {' or '.join(self._choices)}:"))
         yield Input(compact=True)

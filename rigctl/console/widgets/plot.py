@@ -142,6 +142,7 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
     area = _Area(columns, rows, across, _range(picture.y_range, [line.y for line in lines], 0.05))
     sheet = _Sheet(area, palette)
     _draw_levels(sheet, picture.levels)
+    # Lines first: a mark must not be drawn over.
     for line in lines:
         _draw_line(sheet, line)
     for line in lines:
@@ -181,6 +182,7 @@ def _range(given: tuple[float, float] | None, values: Sequence[FloatArray], marg
         return given
     known = np.concatenate([each[np.isfinite(each)] for each in values])
     low, high = float(known.min()), float(known.max())
+    # A constant has an axis too: a thousandth of its value to either side.
     spread = (high - low) or max(abs(high) * 1e-3, _FLAT)
     return (low, high) if high > low and not margin else (low - margin * spread, high + margin * spread or spread)
 

@@ -25,6 +25,7 @@ def draw(workbench: Workbench, lines_hz: Sequence[float], found: Sequence[Any]) 
     del lines_hz, found
     believed = chains(workbench.store.header)
     scanned, why_not = scans(workbench.store, believed)
+    # Without an analysis the scans, which need none, are still told.
     try:
         result = analyse(workbench)
     except (ProcedureError, DataError) as error:
@@ -42,6 +43,7 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
     notes += [f"left out: {why}" for why in found["left_out"].values()]
     notes.append(f"Not tested by any modulation: {', '.join(found['not_tested'])}.")
     shown = [_recording(found), _means(runs), _precision(found), _responses(runs)]
+    # Notes stand once, below the last table.
     *others, last = [each for each in shown if each.rows]
     return [*others, replace(last, notes=notes)]
 
@@ -113,6 +115,7 @@ def _short(value: Mapping[str, float | None]) -> str:
     mean, sigma = value["value"], value["sigma"]
     if mean is None or sigma is None:
         return "-"
+    # The heading of the table has the power of ten.
     return quantity(1e6 * mean, 1e6 * sigma).replace(" +- ", "±")
 
 

@@ -98,6 +98,7 @@ def null_search(store: Store) -> dict[str, Any]:
         return fit, fit.null(first.axis, first.configuration, first.mounting)
 
     fit, null = null_after(len(runs))
+    # Each is a fit of its own, which takes its time while a campaign runs; more are kept by the console.
     earlier = range(1, len(runs)) if len(runs) <= FEW else ()
     where, sigma_arcsec = f"{first.axis} {first.configuration} {first.mounting}", null.theta0_sigma_rad / ARCSEC
     return {
@@ -112,10 +113,12 @@ def null_search(store: Store) -> dict[str, Any]:
 def _response(title: str, rows: Sequence[ResponseRow]) -> Picture:
     """Figure 12 for a terminal: a line and marks for each frequency, the crossing at zero."""
     far = max(abs(row.theta_minus_theta0_arcsec) for row in rows if row.kind == "measured")
+    # Also where all runs stand at the null: 20 arcsec to either side.
     reach = max(1.2 * far, 20.0)
     lines = []
     measured_hz = {row.frequency_hz for row in rows if row.frequency_hz and row.kind == "measured"}
     for place, frequency in enumerate(sorted(measured_hz)):
+        # The coarse run is degrees away and would flatten the crossing.
         near = [row for row in rows if row.frequency_hz == frequency and abs(row.theta_minus_theta0_arcsec) <= reach]
         for kind, mark, name in (("model", "", ""), ("measured", MARKS[place % 6], f"{frequency:.2g} Hz")):
             shown = [row for row in near if row.kind == kind]
@@ -135,6 +138,7 @@ def _axes(axes: Mapping[str, Any], reference: Mapping[str, Any]) -> ResultTable:
     for name, axis in axes.items():
         numbers = [f"{axis['std_hc_2sigma_arcsec']:.2f}", f"{axis['theta_m_arcsec']:+.3f}", str(axis["vectors"])]
         rows.append([name, *_components(axis["coc"]), *numbers, "pass" if axis["pass"] else "FAIL"])
+        # Rounding may leave a variance along the axis, which is zero, below zero.
         sigmas = [max(axis["covariance"][i][i], 0.0) ** 0.5 for i in range(3)]
         rows.append([" ±σ", *(f"{sigma:.1e}" for sigma in sigmas), "", "", "", ""])
         if name in printed:

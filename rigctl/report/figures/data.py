@@ -30,6 +30,7 @@ class Plate(Generic[Row]):
 
     def write(self, directory: Path) -> list[Path]:
         """Write both files; returns their paths."""
+        # Both from the same rows: what is drawn is what is written.
         svg, table = directory / f"{self.name}.svg", directory / f"{self.name}.csv"
         with figure_style():
             save_svg(self.draw(self.rows), svg, self.name)
@@ -53,11 +54,13 @@ def svg_document(plate: Plate[Any]) -> str:
 def svg_element(plate: Plate[Any]) -> str:
     """The figure as one SVG element, to stand in a page."""
     text = svg_document(plate)
+    # Without the XML declaration, which cannot stand inside a page.
     return text[text.index("<svg") :]
 
 
 def _write_csv(path: Path, rows: Sequence[object]) -> None:
     """One column per field; floats to the last digit, empty where there is no value."""
+    # The csv module writes its own line ends.
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(field.name for field in fields(rows[0]))  # type: ignore[arg-type]

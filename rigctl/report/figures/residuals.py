@@ -68,6 +68,7 @@ def residual_plate(covariate: str, comparisons: Sequence[Comparison]) -> Plate[R
     """Make the figure of one covariate; rows of series in the order of their misfit under the first version."""
     misfit = {(c.channel, c.component): c.chi2 / max(c.data, 1) for c in comparisons[0].channels}
     rows = [row for comparison in comparisons for row in _rows(covariate, comparison)]
+    # Worst first under the first version: the order stays while versions take the misfit away.
     rows.sort(key=lambda row: -misfit.get((row.channel, row.component), 0.0))
     caption = (
         f"Residuals (data − model) in units of their noise against {axis_label(covariate)}, by version of the model; "
@@ -81,6 +82,7 @@ def _rows(covariate: str, comparison: Comparison) -> Iterator[ResidualRow]:
     given = comparison.observations
     effects = " + ".join(term.effect for term in comparison.terms)
     values, levels = given.of_runs(covariate), given.levels.get(covariate, ())
+    # Runs that do not have the covariate are no points.
     for i in np.flatnonzero(np.isfinite(values)):
         series = given.series[given.series_of[i]]
         yield ResidualRow(
@@ -116,6 +118,7 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
     for (version, effects), panel in zip(versions, panels[0], strict=True):
         panel.set_title(_heading(version, effects), loc="left")
     words = {row.value: row.level for row in rows if row.level}
+    # Words that touch are written upright.
     upright = sum(len(word) + 1 for word in words.values()) * len(versions) > LETTERS
     few = _few([row.value for row in rows])
     for panel in panels[-1]:
@@ -158,6 +161,7 @@ def _scale(axes: Axes, residuals: Sequence[float]) -> None:
     half = 1.0 + math.log10(
         largest / LINEAR_SIGMA
     )  # of the axis, in decades: up to LINEAR_SIGMA it is as long as one
+    # So many decades apart that ticks do not touch.
     decades = [10.0**k for k in range(1, int(math.log10(largest)) + 1, math.ceil(half / TICKS_APART))]
     upper = [LINEAR_SIGMA, *decades] if half <= CROWDED else decades
     axes.yaxis.set_major_locator(FixedLocator([*(-tick for tick in reversed(upper)), 0.0, *upper]))

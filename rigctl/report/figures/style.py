@@ -37,7 +37,9 @@ _RC: dict[str, Any] = {
     "xtick.top": True,
     "ytick.right": True,
     "hatch.linewidth": 0.5,
+    # Text stays text: it can be searched, and takes the page's colour.
     "svg.fonttype": "none",
+    # Else matplotlib draws the ids of clip paths at random, and equal figures differ as files.
     "svg.hashsalt": "rigctl",
 }
 
@@ -70,12 +72,14 @@ def series_style(index: int) -> SeriesStyle:
 @contextmanager
 def figure_style() -> Iterator[None]:
     """Draw and save within: matplotlib's defaults with ours, whatever the user's own settings say."""
+    # A user's own matplotlibrc must not change figures.
     with matplotlib.style.context(["default", _RC]):
         yield
 
 
 def new_figure(height_in: float) -> Figure:
     """An empty figure as wide as a page."""
+    # Not pyplot, which keeps every figure and may want a display.
     return Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
 
 

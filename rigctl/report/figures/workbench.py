@@ -84,9 +84,11 @@ def _draw_errors(axes: Axes, rows: Sequence[LadderRow]) -> None:
             axes.plot(*zip(*points, strict=True), look.marker, color=look.color, linestyle=look.line, label=label)
     axes.axvline(1.0, color=INK, linewidth=0.6)
     axes.set_yticks(range(len(rows)), [f"{row.version}  {row.change}" for row in rows])
+    # The first on top.
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_xlabel("error / noise")
     errors = [e for row in rows for e in (row.error_fit, row.error_held_out) if e]
+    # On a linear axis a baseline that is far off would press all later versions together.
     if errors and max(errors) > 5.0 * min(errors):
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

@@ -57,6 +57,7 @@ def rich_table(table: ResultTable, **look: Any) -> Table:
     filled = table.filled()
     drawn = Table(padding=(0, 1), **look)
     for name in filled.columns:
+        # A table wider than the terminal loses no text.
         drawn.add_column(Text(name.lstrip("#")), justify="right" if name.startswith("#") else "left", overflow="fold")
     for row, marked in zip(filled.rows, filled.marks, strict=True):
         drawn.add_row(*map(Text, row), style="bold" if marked else None)

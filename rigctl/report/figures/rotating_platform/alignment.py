@@ -91,6 +91,7 @@ def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
     look = series_style(0)
     tilt.errorbar(
         [r.commanded_m_s2 for r in points],
+        # Less the printed line: the slope is near 1, and differences would not be seen.
         [r.value_m_s2 - (r.printed_m_s2 or 0.0) for r in points],
         yerr=[r.sigma_m_s2 for r in points],
         fmt=look.marker,

@@ -46,6 +46,7 @@ def course_plate(
         z = CHANNELS.index("z")
         period_s = run.sampled.pattern.period_s
         for number_, commanded in enumerate(run.commanded):
+            # The middle of the samples that count, not of the period.
             time_s = (number_ + 0.5) * period_s + run.sampled.centre_s
             rows.append(
                 CourseRow(
@@ -113,6 +114,7 @@ def _expected_bias(run: RunResult, gain: float, chains: Chains) -> Any:
     amplitude = abs(float(run.run.conditions["v_z_v"])) / chains.command_v_per_m_s2["z"] * gain
     expected = expected_sine(run.sampled, amplitude, period_s, run.estimator)
     times_s = (np.arange(len(run.series)) + 0.5) * run.sampled.pattern.period_s + run.sampled.centre_s
+    # The bias lags the command by this much, stamped at the centre of the window.
     lag_s = 60.0 * expected.shift.centre_min
     mean = float(np.nanmean(run.series.bias_mean[:, CHANNELS.index("z")]))
     return mean + 0.5 * expected.bias_pp * np.sin(2.0 * np.pi * (times_s - lag_s) / period_s)

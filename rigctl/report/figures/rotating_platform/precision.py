@@ -135,6 +135,7 @@ def draw_table(rows: Sequence[PrecisionRow]) -> Figure:
     figure = new_figure(2.6)
     axes = figure.subplots()
     for index, channel in enumerate(CHANNELS):
+        # Side by side, or the channels' intervals would cover each other.
         look, shift = series_style(index), 1.0 + 0.04 * (2 * index - 1)
         for kind in ("measured", "theory"):
             points = [r for r in rows if r.kind == kind and r.channel == channel]

@@ -35,6 +35,7 @@ _PLACE = (
     f"at a tilt of {TILT_M_S2:g} m/s2, {WARMER_K:g} K warming over a run, {LATER_S:g} s after the recording began, "
     f"in the channel of sensor A"
 )
+# Seen only while the platform still moves: with a mask that is long enough it adds nothing.
 _MASK_SHORT = ("off-centre",)
 
 
@@ -93,6 +94,7 @@ def _recorded(pattern: str, period_s: float, mask_short_s: float) -> Recorded:
     share = cells.time_s / (cells.periods * cells.period_s)
     cells.state[:, 2] = 22.0 + WARMER_K * share
     run = PlatformRun("signature", {"start_s": LATER_S}, cells)
+    # Noise enters no number here; it has to be something.
     silent = RunNoise(1e-12, np.zeros(EXPONENTS.size), 1.0)
     channels: list[ChannelRun] = [channel_run(run, Reducer(cells, name), silent) for name in CHANNELS]
     return Recorded(tuple(channels), 9.81)

@@ -73,6 +73,7 @@ def representative(runs: Iterable[RunObservables]) -> list[RunObservables]:
 def by_frequency(runs: Iterable[RunObservables]) -> list[list[RunObservables]]:
     """Runs grouped by drive frequency, lowest first."""
     groups: list[list[RunObservables]] = []
+    # Sorted, so that one comparison with the group's lowest is enough.
     for run in sorted(runs, key=lambda run: run.frequency_hz):
         if groups and run.frequency_hz < groups[-1][0].frequency_hz * (1.0 + SAME_FREQUENCY):
             groups[-1].append(run)
@@ -98,6 +99,7 @@ def _rows(fit: RecordingFit, null: NullPoint, runs: Sequence[RunObservables]) ->
         line = _scale(gain, template) * _predicted(fit, template, theta)
         rows += [_row("model", null, t, y, frequency) for t, y in zip(theta, line, strict=True)]
         zeros = sorted(_zeros(theta, line), key=lambda zero: abs(zero - null.theta0_rad))
+        # A line may cross zero again far away; the crossing near the null is meant.
         rows += [_row("apparent null", null, zero, 0.0, frequency) for zero in zeros[:1]]
         at_null.append(float(np.interp(null.theta0_rad, theta, line)))
     rows.append(_row("null", null, null.theta0_rad, float(np.mean(at_null))))

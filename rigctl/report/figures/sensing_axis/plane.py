@@ -77,6 +77,7 @@ def _rows(axis: AxisResult, settings: AxisSettings) -> list[PlaneRow]:
 
 def _in_plane_rad(vectors: FloatArray, normal: FloatArray, j: int) -> FloatArray:
     """Angles from cube axis j, projected on the plane, turning right-handed about the normal."""
+    # The cube's axis less its part along the normal.
     first = np.eye(3)[j] - normal[j] * normal
     first = first / np.linalg.norm(first)
     return np.asarray(np.arctan2(vectors @ np.cross(normal, first), vectors @ first))
@@ -121,6 +122,7 @@ def _draw_directions(axes: Axes, angles_deg: Sequence[float], look: SeriesStyle,
     for tip in vectors:
         axes.plot([0.0, tip.real], [0.0, tip.imag], linestyle=look.line, color=look.color, linewidth=0.5)
     mean = vectors.mean()
+    # About the mean direction, as angles near 180 deg would tear the mean of numbers apart.
     spread = np.degrees(np.angle(vectors / mean)).std(ddof=min(1, len(vectors) - 1))
     # Adding zero turns a rounded -0.00 into 0.00.
     angle = f"{round(float(np.degrees(np.angle(mean))), 2) + 0.0:.2f}° ± {spread:.2f}°".replace("-", "−")

@@ -61,6 +61,7 @@ def signature_plate(effect: Effect) -> Plate[SignatureRow]:
     widest = SPOT_DEG if heads else SIDEWAYS_DEG
     angles = np.linspace(-widest, widest, _POINTS)
     runs = [_run(f, float(angle), heads) for f in FREQUENCIES_HZ for angle in angles]
+    # Of an empty recording: the nominal package.
     package = recorded_package(Header("sensing-axis"))
     base = RecordingModel(runs, package, heads, 9.80665, origins=Origins(20.0, 0.0))
     model = base.with_effects((effect,))
@@ -88,6 +89,7 @@ def _rows(added: FloatArray, runs: Sequence[RunObservables], heads: Sequence[str
     series = series_of(heads)
     size = np.max(np.abs(added), axis=0)
     kinds = np.array([each.unit for each in series])
+    # An effect may change nothing of a kind of channel.
     relative = np.array([s / max(size[kinds == unit].max(), 1e-15) for s, unit in zip(size, kinds, strict=True)])
     shown = [i for i in np.argsort(-relative, kind="stable") if relative[i] > 1e-6][:MAX_PANELS]
     return [
@@ -106,6 +108,7 @@ def _rows(added: FloatArray, runs: Sequence[RunObservables], heads: Sequence[str
 
 def _run(frequency_hz: float, theta_deg: float, heads: Iterable[str]) -> RunObservables:
     motion = np.zeros(HARMONICS, np.complex128)
+    # x(t) = A sin wt, in the convention of a cosine's complex amplitude.
     motion[0] = -1j * AMPLITUDE_M
     silent = Amplitudes(
         np.zeros(HARMONICS + 1, np.complex128), np.ones(HARMONICS + 1), np.ones(HARMONICS + 1), np.zeros(0, complex)

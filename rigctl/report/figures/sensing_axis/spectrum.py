@@ -64,6 +64,7 @@ def _pooled(source: RunSource, lines_hz: Sequence[float]) -> dict[str, Spectrum]
 
 
 def _rows(channel: str, kind: Any, left: Spectrum, unit: str) -> list[SpectrumRow]:
+    # A pooled spectrum of a night has more bins than a page has dots.
     thin = left.compact()
     density = np.sqrt(np.maximum(thin.psd, 0.0))
     return [

@@ -47,12 +47,14 @@ def term_plates(model: TableModel, values: FloatArray) -> Iterator[Plate[TermRow
     residuals = given.value - model.predict(values)
     signal = model.signal(values)
     for piece, part in model.with_values(values):
+        # A term of two columns has no one axis.
         if not isinstance(piece, ColumnPiece) or len(piece.form.columns) != 1:
             continue
         added, column = piece.added(part, signal), piece.form.columns[0]
         places, axis = column.values, axis_label(column.name)
         if isinstance(piece.form, Periodic):
             period = float(part[0])
+            # Phases count from the origin of the fit.
             places = (column.values - piece.choice["origin"]) / period % 1.0
             axis = f"phase of {period:.5g} {column.unit} / {_PHASE}".replace("  ", " ")
         words = piece.form.category.values if isinstance(piece.form, Slope) else np.full(places.size, "")
