@@ -62,10 +62,12 @@ class InflightStudy(CatalogueStudy[FlightData]):
     def model(self, terms: Sequence[Term]) -> InflightModel:
         """The model with these terms; `ConfigError` for an unknown effect, `DataError` when data for it lack."""
         of_each = {term.effect: bool(term.choice) for term in terms}
+        # A term with a choice has the form with a coefficient of each sensor.
         effects = [forms(effect)[-1 if of_each[effect.id] else 0][1] for effect in self.chosen(terms)]
         named = {effect.id for effect in effects}
         if len(named) < len(terms):
             raise ConfigError("an effect is in the model twice; name it once")
+        # Pulses first: what is left of the samples then tells the levels.
         data = self.data.without_pulses if PULSES in named else self.data
         data = data.by_level if LEVEL in named else data
         effects = [effect for effect in effects if effect.id not in _IN_SAMPLES]

@@ -92,6 +92,7 @@ class FlightData:
         """All runs with their noise."""
         here = self.recorded.observed
         noise_of = {run.run_id: noise for run, noise in zip(here.runs, here.noises, strict=True)}
+        # An imagined session has the noise of the run that it repeats.
         noises = (noise_of.get(like, here.noises[0]) for like, _ in self.imagined)
         return Observed((*here.runs, *(run for _, run in self.imagined)), (*here.noises, *noises), here.values)
 
@@ -125,6 +126,7 @@ class FlightData:
         first = 0
         for run in self.observed.runs:
             orbital_hz = run.session.orbital_hz
+            # Nobody recorded the temperature: at the orbit's frequency and twice that it could have been anything.
             waves = (
                 () if temperatures(run.coarse.columns) else templates(run.coarse.t_s, (orbital_hz, 2.0 * orbital_hz))
             )

@@ -33,6 +33,7 @@ class SensingAxisModel:
         self.inner = inner
         self.terms = tuple(terms)
         self._data = data
+        # Nulls are stage angles, which files and commands give in degrees; the fit is in radians.
         in_degrees = [parameter.name.startswith("theta0[") for parameter in inner.parameters]
         self._shown = np.where(in_degrees, _DEGREES, 1.0)
         self.parameters: Sequence[Parameter] = tuple(
@@ -170,6 +171,7 @@ def _flaw(effect: Effect, model: RecordingModel) -> str | None:
     """What a column that is missing, or a number that is, makes of the effect."""
     for run in _asked(effect, model):
         try:
+            # A result that is no number is what is looked for here.
             with np.errstate(all="ignore"):
                 added = effect(run, **effect.typical)
         except RigError as error:
@@ -183,6 +185,7 @@ def _flaw(effect: Effect, model: RecordingModel) -> str | None:
 def _asked(effect: Effect, model: RecordingModel) -> list[Runs]:
     if effect.on == "laser_m":
         return [model.at_head(head) for head in (model.reach(effect) or model.heads)]
+    # Any finite signal will do: what is asked is whether the conditions are known.
     return [model.conditions.at(signal=model.conditions.x)]
 
 

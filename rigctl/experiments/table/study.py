@@ -119,6 +119,7 @@ class TableStudy(StudyBase[TableData]):
                 continue
             reason = why_not(effect, self.data.readings)
             if isinstance(effect, Form) and not reason:
+                # In this order: a form that is another one by name is not asked about further.
                 reason = (
                     has_another_name(effect, spanned) or self._shared(effect) or self._simpler(effect, jacobian, left)
                 )

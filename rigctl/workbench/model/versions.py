@@ -235,6 +235,7 @@ def still_held(store: Store, version: ModelVersion) -> frozenset[str]:
 
 @functools.cache
 def _code() -> str:
+    # The text of the program itself: nobody has to remember to count up a version.
     root = Path(__file__).parents[2]
     digest = hashlib.sha256()
     for path in sorted(path for package in CODE for path in (root / package).rglob("*.py")):

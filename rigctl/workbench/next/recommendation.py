@@ -116,6 +116,7 @@ def _plain(other: str) -> str:
 
 def _counted(runs: Sequence[Proposal]) -> str:
     takes_s = total_s(runs)
+    # A table's readings have no rig time that anybody knows.
     known = bool(np.isfinite(takes_s))
     noun = ("run" if known else "reading") + ("" if len(runs) == 1 else "s")
     return f"{len(runs)} {noun}{f' ({takes_s / 60.0:.1f} min of rig time)' if known else ''}"

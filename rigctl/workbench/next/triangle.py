@@ -55,6 +55,7 @@ def triangle_of(
     """
     there, ahead = slice(imagined.made if made is None else made), slice(imagined.made, None)
     kept = np.any(imagined.fitted[ahead] != 0.0, axis=0) | np.isin(imagined.names, list(wanted))
+    # A prior as weak as possible: what is left of an absorbed effect must not pass for information.
     firmness = np.where(imagined.of_effects, SECOND_ORDER, ROUNDING)
     places, asked = _columns_of(terms, imagined)
     possible, sizes = _possible(others, imagined)
@@ -109,6 +110,7 @@ def _eliminated(settled: FloatArray, firmness: FloatArray, others: FloatArray) -
     length = np.linalg.norm(settled, axis=0)
     belief = np.diag(firmness * np.where(length > 0.0, length, 1.0))
     none = np.zeros((len(belief), others.shape[1]))
+    # One factorisation eliminates: below the rows of what is settled stands the triangle of the rest.
     root = root_of(np.vstack([np.hstack([belief, none]), np.hstack([settled, others])]))
     return root[: len(belief), len(belief) :], root[len(belief) :, len(belief) :]
 

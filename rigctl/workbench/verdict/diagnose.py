@@ -50,6 +50,7 @@ def diagnose(
         terms=search.given,
         suggested=suggested,
         ranking=ranking(search, alike),
+        # By the model that was asked about: what absorbs an effect there makes the result uncertain.
         inseparable=inseparable_effects(first),
         unexplained=unexplained,
         not_testable={each.effect: each.reason for each in first.not_testable},

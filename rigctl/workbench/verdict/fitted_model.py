@@ -241,4 +241,5 @@ def _touched(after: FittedModel, before: FittedModel) -> IntArray:
     given = after.model.observations
     largest = np.zeros(len(given.series))
     np.maximum.at(largest, given.series_of, change)
+    # What an effect does in the other series is rounding, or less than anybody would see.
     return np.flatnonzero(largest > 1e-3 * largest.max())

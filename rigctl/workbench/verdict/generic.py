@@ -104,6 +104,7 @@ class Generic:
     def best(self, noise: Noise, projector: Projector, rng: np.random.Generator) -> Best | None:
         """The strongest shape in the residuals; None where all shapes are absorbed."""
         rows = len(projector.left)
+        # Single precision, and fewer draws of long data: the count of trials needs no more.
         draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // rows, 200)), rows), dtype=np.float32)
         fitted = draws @ projector.basis.astype(np.float32)
         smallest = np.ones(len(draws))

@@ -18,6 +18,7 @@ from rigctl.workbench.verdict.fitted_model import FittedModel, refitted_values
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
 
+# The tolerance is far below the 1e-6 by which the ladder's -2 log L may rise at most.
 _ROUNDS, _TOLERANCE = 30, 1e-9
 
 
@@ -33,6 +34,7 @@ class Optimum:
 def maximum_likelihood(fitted: FittedModel, estimator: NoiseEstimator, parents: Sequence[Optimum] = ()) -> Optimum:
     """The least -2 log L from the fit, and from optima of models with fewer terms, the new ones at zero."""
     starts = [(fitted.values, estimator.likeliest(fitted.unexplained(), fitted.noise))]
+    # From there the search can only descend: no more terms, no higher -2 log L.
     starts += [(_with_nothing_new(fitted.model, parent.values), parent.noise) for parent in parents]
     found = [_descended(fitted, estimator, values, noise) for values, noise in starts]
     return min(found, key=lambda optimum: optimum.minus_2_log_l)

@@ -50,6 +50,7 @@ class Noise:
         """W columns, shape (n,) or (n, k): independent, of unit variance where `columns` are this noise."""
         scaled = columns / (self.sigma if columns.ndim == 1 else self.sigma[:, None])
         for where, factor in self.factors:
+            # R = L L': L^-1 makes a correlated group independent.
             scaled[where] = solve_triangular(factor, scaled[where], lower=True, check_finite=False)
         return np.asarray(scaled, dtype=np.float64)
 
@@ -82,6 +83,7 @@ class Noise:
         """Standard deviation of each datum, correlations included, shape (n,)."""
         total = self.sigma.copy()
         for where, factor in self.factors:
+            # The diagonal of L L': in R = 1 + ratio * kernel it is more than the white part's 1.
             total[where] *= np.sqrt(np.sum(factor**2, axis=1))
         return total
 

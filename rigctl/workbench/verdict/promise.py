@@ -38,6 +38,7 @@ def warnings(attempt: Attempt, parent: Attempt | None, promised: Mapping[str, fl
             f"chi-square ends at {attempt.result.chi2:.4g}, above the {chi2:.4g} that the diagnosis promised: "
             "the fit has ended elsewhere; diagnose again"
         )
+    # One noise for both, the account's, so that the errors compare.
     if parent is not None and rise_beyond_chance(attempt.held_out, parent.held_out) > _STANDARD_ERRORS:
         told.append(
             f"the error on runs held out rises from {parent.held_out.error():.4g} to {attempt.held_out.error():.4g}, "

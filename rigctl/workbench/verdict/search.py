@@ -239,6 +239,7 @@ class Search:
             return float("inf")
         # One noise for all: the sigma of each trial is its own guess.
         price = 2.0 * (0.5 * scored.score.statistic - attempt.evidence(scored))
+        # The price is what evidence takes off T / 2, brought to the scale of chi-square.
         return trial.chi2_with(attempt.noise) + price
 
     def _is_improvement(self, attempt: Attempt, scored: Scored) -> bool:

@@ -88,6 +88,7 @@ class Baseline:
         """Of the nuisances; the gains across the sensitive axis are measured where control shakes the satellite."""
         priors = {name: Prior(*prior) for name, prior in _PRIORS.items()}
         for name, session, series in (("ad22", "ad12", "y"), ("ad33", "ad13", "z")):
+            # The thrusters' noise and the stimulus shake both masses alike: the ratio of outputs is that of gains.
             measured = [
                 gain_ratio(each.amplitudes.of(f"own {series}")[place], each.amplitudes.of(series)[place])
                 for each in self.stretches

@@ -43,6 +43,7 @@ def reduced_without(source: RunSource, run: ReducedRun, pulses_s: FloatArray) ->
         again = reduce_run(run.run_id, run.conditions, samples, orbit_period_of(source))
         return packed(replace(again, remarks=run.remarks))
 
+    # By the pulses themselves: other pulses make another reduction of the same run.
     return kept_by(source, "without", pulses_s.tobytes()).once(run.run_id, make, lambda kept: unpacked(kept, run))
 
 

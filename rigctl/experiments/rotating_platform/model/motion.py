@@ -131,6 +131,7 @@ class Motion:
 
     def forces(self, times_s: FloatArray) -> FloatArray:
         """Square of the angular rate and angular acceleration, shape (2, times)."""
+        # A spline goes on beyond its ends; the platform is at rest there.
         inside = (times_s >= self.first_s) & (times_s <= self.last_s)
         return np.where(inside, self.course(np.clip(times_s, self.first_s, self.last_s)), 0.0)
 

@@ -74,6 +74,7 @@ def stacked(
 
     def take(each: ChannelRun, own_rows: list[int]) -> None:
         first = len(COMPONENTS) * CHANNELS.index(each.channel)
+        # Outputs of a run are correlated with each other and from period to period; runs are not.
         factors.append((np.arange(len(run_of), len(run_of) + len(own_rows)), each.factor))
         series_of.extend(first + output for output in range(4) for _ in each.reducer.groups)
         series_of.extend(first + 4 + (one.number == BEFORE) for one in each.reducer.bins)

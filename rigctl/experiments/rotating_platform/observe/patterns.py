@@ -150,6 +150,7 @@ class SampledPattern:
         if not (math.isfinite(self.sample_rate_hz) and self.sample_rate_hz > 0.0):
             raise ConfigError(f"{self.pattern.label}: sample_rate_hz is {self.sample_rate_hz:g}: it must be positive")
         samples = self.pattern.period_s * self.sample_rate_hz
+        # Else the pattern would drift against the samples from period to period.
         if abs(samples - round(samples)) > _SAME_SAMPLE or round(samples) < 1:
             raise ConfigError(
                 f"{self.pattern.label} is {samples:g} samples at {self.sample_rate_hz:g} Hz: "
@@ -211,6 +212,7 @@ class SampledPattern:
         return np.array(sums, dtype=np.float64) / scale
 
     def _first_at(self, time_s: float) -> int:
+        # Sample k stands for its middle: it belongs to a dwell that begins no later than that.
         return min(self.samples, math.ceil(time_s * self.sample_rate_hz - 0.5 - _SAME_SAMPLE))
 
 

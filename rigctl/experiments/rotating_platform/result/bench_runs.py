@@ -144,6 +144,7 @@ def _scan(source: RunSource, record: RunRecord, chains: Chains) -> Scan:
     if "theta_deg" not in samples:
         raise DataError("a scan needs the column theta_deg; add it")
     theta_rad = np.deg2rad(samples["theta_deg"])
+    # A bundle may lack the flag: then the angle's steps tell.
     moving = samples.get("moving", np.concatenate([[0.0], np.abs(np.diff(theta_rad)) > 1e-6]))
     rests = (moving == 0.0) & np.isfinite(theta_rad)
     edges = np.flatnonzero(np.concatenate([[True], rests[1:] != rests[:-1]]))

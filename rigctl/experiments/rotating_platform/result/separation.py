@@ -94,10 +94,12 @@ def separation(sampled: SampledPattern, estimator: Estimator = "projection") -> 
     """What `estimator` makes of the pattern; raises `ConfigError` where it has nothing to work with."""
     balance = conditions(sampled)
     kept, t = np.abs(sampled.sign).astype(np.float64), sampled.time_s
+    # The leak of a drift t^j is the output's response to that very drift.
     powers = kept * t ** np.arange(len(DRIFT))[:, None]
     leaks = weights(sampled, estimator)[:2] @ powers.T
     allowed = _rounding_of_edges(sampled, powers)
     free = np.abs(leaks) <= allowed
+    # The first order that leaks, less one; the False ends the list where none does.
     order = int(np.argmin([*free[0], False])) - 1
     mean, slope = (tuple(float(each) for each in row) for row in leaks)
     return Separation(estimator, balance, mean, slope, order, bool(free[1, :2].all()))

@@ -128,6 +128,7 @@ def _pools(
         name = "DC" if component.component == "DC" else f"{by_configuration(runs[run])} {component.name}"
         names.setdefault(name, []).append(known)
         index.append(list(names).index(name))
+    # Without times nothing tells which runs are neighbours: their means count as independent.
     order = "start_s" if timed else None
     pools = tuple(
         NoisePool(name, 0.0, order) if name == "DC" else NoisePool(name, float(np.mean(known)))

@@ -107,6 +107,7 @@ def forecast(model: RecordingModel) -> RecordingFit:
 
 
 def _fitted(model: RecordingModel, measured: FloatArray, sigma: FloatArray) -> RecordingFit:
+    # What was not measured has no uncertainty and drops out.
     free = np.isfinite(sigma)
 
     def residuals(values: FloatArray) -> FloatArray:
@@ -117,6 +118,7 @@ def _fitted(model: RecordingModel, measured: FloatArray, sigma: FloatArray) -> R
         return (-slopes / sigma[..., None])[free]
 
     result = least_squares(residuals, model.parameters, jacobian=jacobian, max_iterations=MAX_ITERATIONS)
+    # A null at a limit or in a valley is no null.
     if result.verdict != "converged":
         raise ProcedureError(f"the runs do not determine the model: {result.reason}")
     return RecordingFit(model, result)

@@ -50,6 +50,7 @@ class SensingAxisResult:
 
     def _angles(self) -> dict[str, Any]:
         angles = {}
+        # Axes are measured in mountings of their own: their errors are independent.
         for a, b in combinations(self.axes, 2):
             angle = angle_between(self.axes[a].plane.axis, self.axes[b].plane.axis)
             degrees = math.degrees(angle.rad)
@@ -92,6 +93,7 @@ def axis_result(name: str, package: Package, nulls: Sequence[NullPoint]) -> Axis
     usable = [null for null in nulls if null.vector_coc is not None]
     vectors = np.array([null.vector_coc for null in usable]).reshape(-1, 3)
     plane = fit_plane(vectors, package.axes[name].nominal_axis)
+    # A rotation measured elsewhere: it turns the axis and leaves its scatter alone.
     uoaf = np.asarray(package.uoaf_from_coc) @ plane.normal
     return AxisResult(name, plane, tuple(usable), vectors, uoaf, package.requirement_arcsec)
 

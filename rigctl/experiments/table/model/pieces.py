@@ -121,6 +121,7 @@ class ColumnPiece:
     def _split(self, values: FloatArray) -> tuple[Choice, FloatArray]:
         if not isinstance(self.form, Scanned):
             return self.choice, values
+        # A period stands before its amplitudes, a rate or a place behind.
         at = 0 if self.form.first else -1
         return {**self.choice, self.form.scanned: float(values[at])}, np.delete(values, at)
 

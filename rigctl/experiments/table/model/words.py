@@ -157,6 +157,7 @@ def indicators(category: Category) -> FloatArray:
 
 def beyond_first(category: Category) -> tuple[str, ...]:
     """What a word has more than the first, such as .B-A."""
+    # The first word has no number of its own: the baseline's constant is there already.
     first, *others = category.levels
     return tuple(f".{level}-{first}" for level in others)
 
