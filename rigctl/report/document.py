@@ -166,14 +166,14 @@ def study_page(store: Store, drawn: Drawn) -> str:
 
 def page(evidence: Evidence) -> str:
     """The report as one HTML document."""
-    store, diagnosis, current = evidence.store, evidence.diagnosis, evidence.rungs[-1]
+    store, diagnosis, headline = evidence.store, evidence.diagnosis, _headline(evidence.rungs)
     title, name = store.header.title or store.path.name, store.path.name
     repeated = repeats_line(repeats_in(store))
     body = [
         html.heading(title, 1),
         html.paragraph(
             f"{store.header.experiment}, {_amount(evidence)}; "
-            f"model version {current['version']}: {model_name(current['effects'])}; {name}",
+            f"model version {headline['version']}: {model_name(headline['effects'])}; {name}",
             "soft",
         ),
         *([html.paragraph(f"Runs: {repeated}.", "soft")] if repeated else []),
@@ -195,12 +195,17 @@ def page(evidence: Evidence) -> str:
     return html.page(title, body)
 
 
+def _headline(rungs: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+    """The last version that nothing speaks against; the current one where there is none."""
+    return next((rung for rung in reversed(rungs) if not rung.get("warnings")), rungs[-1])
+
+
 def _warned(rungs: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What speaks against the current version, and which is the last that nothing speaks against."""
-    warned = warning_sentences(rungs[-1:])
-    # The last version without a warning is the one to go back to.
-    sound = [rung["version"] for rung in rungs if not rung.get("warnings")]
-    return [*warned, f"Nothing speaks against version {sound[-1]}."] if warned and sound else warned
+    """What speaks against the current version, and which one the headline stays with."""
+    warned, headline = warning_sentences(rungs[-1:]), _headline(rungs)
+    if headline is not rungs[-1]:
+        warned.append(f"Nothing speaks against version {headline['version']}.")
+    return warned
 
 
 def _amount(evidence: Evidence) -> str:
