@@ -25,6 +25,7 @@ _OVERSAMPLING = 2.0
 _MASKED_HARMONICS = 12
 # In units of 1/T: the main lobe of a rectangular window ends at 1, its largest side lobe is at 1.43.
 _CLEAR_BINS = 1.5
+# Bins beside a fitted line are known in part only.
 _WHOLE_BIN = 0.8
 
 

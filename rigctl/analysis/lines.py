@@ -136,6 +136,7 @@ class _Test:
             return None
         p_value = self.p_corrected(at)
         frequency_hz = float(self.frequency_hz[at])
+        # There a bump may be narrower than three bins, and the neighbours would not see it.
         if frequency_hz * _NARROWEST_BUMP * self.scan.shortest_s < 3.0:
             # A bump is wider than a bin: each further look at one is given half the level.
             self._looks += 1
@@ -201,6 +202,7 @@ class _Test:
     def leave_out(self, at: int) -> None:
         """Close the frequencies a line at `at` spreads to, and take its side lobes off."""
         apart = np.abs(self.frequency_hz - self.frequency_hz[at])
+        # The main lobe and the first side lobes of the shortest run.
         self.open[apart < 3.0 / self.scan.shortest_s] = False
         # The harmonics' fit moves some of a strong line's side lobes about.
         lobes = np.minimum(1.0, 3.0 / np.maximum(np.pi * apart * self.scan.shortest_s, 1e-9) ** 2)

@@ -151,6 +151,7 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 def _sign_towards(nominal_axis: FloatArray, normal: FloatArray) -> float:
     nominal = np.asarray(nominal_axis, dtype=np.float64)
     along = float(nominal @ normal)
+    # Nearer than six degrees to the plane, the side of the normal would be a guess.
     if not abs(along) > 0.1 * float(np.linalg.norm(nominal)):
         raise ProcedureError(
             "the nominal axis lies in the plane of the motion vectors: check which axis these mountings belong to"

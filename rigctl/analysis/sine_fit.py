@@ -214,7 +214,7 @@ class HarmonicBasis:
         turn = np.empty(self.samples, dtype=np.complex128)
         np.cos(angle, out=turn.real)
         np.sin(angle, out=turn.imag)
-        # Harmonics as powers of one phasor: a product costs a tenth of a sine.
+        # Harmonics as powers of one phasor: a product is cheaper than a sine.
         phasor = turn
         for h in range(self.harmonics):
             rows[2 + 2 * h], rows[3 + 2 * h] = phasor.real, phasor.imag

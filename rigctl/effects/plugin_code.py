@@ -22,7 +22,7 @@ from rigctl.effects.catalogue import Effect, described, effects_in, line_of
 CALL_PATIENCE_S = 60.0
 """A call of an effect takes milliseconds, seconds on days of samples."""
 
-# What is overdue is noticed so much later at most; a timer for each call would cost more than most calls.
+# What is overdue is noticed so much later at most: one thread looks after all calls, and none is started for each.
 _LOOK_S = 0.5
 
 

@@ -10,6 +10,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.workbench.study import Term
 
+# Relative: values of scans are a factor of 1.3 to 2 apart, and the truth lies about so near to the best of them.
 _SCAN_SPREAD = 0.3
 
 

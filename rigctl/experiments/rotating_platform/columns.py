@@ -25,6 +25,7 @@ from rigctl.campaign.layout import (
 )
 from rigctl.experiments.rotating_platform.observe.patterns import MODULATED
 
+# Times in minutes that are taken for seconds make sixty times as many periods as there were.
 TURNS_PER_PERIOD_MIN = 0.1
 PERIODS_MIN = 20.0
 

@@ -13,6 +13,7 @@ from rigctl.effects.catalogue import effect
 from rigctl.experiments.rotating_platform.model.chain import PlatformRuns
 
 LENOIR = "Lenoir, Christophe, Reynaud 2013 (Measurement 46, 1411)"
+# Five to a decade: what lies between is looked for afterwards.
 RECOVERIES_S = (1.0, 1.6, 2.5, 4.0, 6.3, 10.0, 16.0, 25.0, 40.0, 63.0, 100.0)
 DELAYS_S = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
 CUTOFFS_HZ = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 50.0, 100.0)

@@ -126,7 +126,7 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
         for rough in found_lines(reduced.spectra, periods_s):
             line = refined_line(self.source, reduced.runs, lines_hz, rough)
             term = Term(LINE, {"frequency_hz": line.frequency_hz})
-            # Runs are not in phase and both channels feel the ground: one line, told in the first channel's name.
+            # The powers of both channels were summed: it is one line, told in the first channel's name.
             lines.append(steady_line(line, term, "m_z", "m/s2", longest_s))
         return lines
 

@@ -26,6 +26,7 @@ from rigctl.experiments.rotating_platform.observe.store_reduction import Platfor
 from rigctl.workbench.study import Proposal
 
 PATTERNS = ("b", "c")
+# Periods and levels of the paper; of its patterns those that a drifting bias does not leak through.
 PERIODS_S = (60.0, 300.0, 1200.0)
 LEVELS_V = (0.0, 0.5, 1.0, 1.5)
 TURNS_S = (2.5, 3.2)

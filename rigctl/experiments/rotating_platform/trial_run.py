@@ -18,7 +18,6 @@ def trial_run(point: str) -> PlatformRuns:
         return np.asarray(rng.uniform(low, high, cells))
 
     t = np.linspace(0.0, 1410.0, cells)
-    # All other conditions are drawn, so that no two of them go together by chance of a regular design.
     sign = np.where(np.arange(cells) % 2, -1.0, 1.0)
     a_z, a_y = scattered(1e-4, 2e-3), scattered(-1e-3, -1e-4)
     force = sign * a_z

@@ -29,6 +29,7 @@ ALIKE_WITHIN = 1.5
 """What is asked and what is seen may differ by this factor without a word: peak to peak for amplitude is 2."""
 
 SAMPLES_MIN = 16
+# Enough to know amplitude and frequency, whatever the length of a run.
 SAMPLES_LOOKED_AT = 1_000_000
 
 _AMPLITUDE_IN = {1e3: "um", 1e-3: "m", 1e6: "nm", 1e-6: "km", 1e9: "pm", 1e-9: "Mm"}

@@ -162,6 +162,7 @@ class _Noise:
         if not known:
             level = _NOMINAL_M_RTHZ if head else _NOMINAL_V_RTHZ
             return np.full(HARMONICS + 1, level**2), _NOMINAL_DC_V, np.full(HARMONICS + 1, 40.0)
+        # Fitted frequencies of one set-point differ in their last digits.
         nearest = min(abs(run.frequency_hz - frequency_hz) for run, _ in known) + 1e-4
         near = [(run, channel) for run, channel in known if abs(run.frequency_hz - frequency_hz) <= nearest]
         # S = sigma^2 T: longer runs know an amplitude better.

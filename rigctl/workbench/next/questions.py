@@ -127,5 +127,6 @@ def _sigma(covariance: FloatArray, amplitudes: IntArray, scanned: IntArray) -> F
     across = covariance[np.ix_(amplitudes, scanned)]
     known = np.linalg.pinv(covariance[np.ix_(scanned, scanned)])
     return np.asarray(
+        # Schur's complement: what is left of the amplitudes' covariance when the scanned values are known.
         np.sqrt(np.maximum(np.diag(covariance[np.ix_(amplitudes, amplitudes)] - across @ known @ across.T), 0.0))
     )

@@ -31,12 +31,15 @@ ROUNDS = 2
 REFINED_FROM = 0.05
 """Corrected p-values below are worth a look between the values of a scan."""
 
+# Of a logarithm: the full fit goes on from there.
 _SCAN_TOLERANCE = 1e-4
+# An effect with more choices is a scan: all of them together would span everything.
 _SCANNED = 3
 # Of a candidate's square sum: with less of it in data of unsure noise its p-value stays.
 _PART = 1e-3
 # Degrees of freedom beyond which an estimated scale is as good as known.
 _WELL_KNOWN = 500.0
+# Of a ratio of sigmas that is the same for all data but for their last digit.
 _ROUNDING = 1e-13
 
 

@@ -25,10 +25,12 @@ from rigctl.workbench.verdict.score import ABSORBED, Score, p_of
 
 # A law is fitted to them, so that tails beyond 1 / 300 can be told.
 DRAWS = 300
+# The law is looked for among these: no fewer degrees than a variance needs, no wider than eight times.
 DEGREES = (40.0, 25.0, 16.0, 11.0, 8.0, 6.0, 5.0, 4.0, 3.0)
 SCALES = np.geomspace(1.0, 8.0, 13)
 # Draws that are not absorbed, below which no law is fitted.
 _FEW = 50
+# Of one effect: the choices of a scan meet much the same noise.
 _CHOICES = 20
 _HIGH = 20.0
 """Where tails are compared: some four sigma."""
@@ -157,6 +159,7 @@ def _statistics(
     fitted: FloatArray, columns: FloatArray, widths: IntArray, left: FloatArray
 ) -> tuple[FloatArray, IntArray]:
     """(T, dimensions) of candidates whose columns stand side by side, `widths` of them each."""
+    # Within each draw's own whitening: what is fitted is projected out anew.
     basis = orthonormal(fitted, 1e-8)
     free = columns - basis @ (basis.T @ columns)
     along = free.T @ (left - basis @ (basis.T @ left))

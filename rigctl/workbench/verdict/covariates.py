@@ -11,6 +11,7 @@ from rigctl.core.arrays import FloatArray
 COPY = 1e-4
 """Two conditions say the same when their squared correlation is nearer to 1: one follows the other within 1 %."""
 
+# Relative: a set-point that varies in its last digits only is one.
 _CONSTANT = 1e-6
 
 

@@ -28,6 +28,7 @@ SHAPE_DRAWS = 1000
 _SIDEWAYS, _COPY = 1e-3, 0.999
 # Numbers drawn at most: 16 MB in single precision.
 _MANY = 1 << 22
+# Beyond, keeping the columns of all shapes would take gigabytes.
 _FEW_DATA = 20_000
 _NONE = np.zeros((0, 0))
 _NO_SMALLER = 1e-12

@@ -37,8 +37,10 @@ LARGEST_POOL = 400
 """Beyond, the correlation is looked for in a stretch of so many data; its scale is everybody's."""
 
 _LIKELIHOOD = 1e-6
+# Of a column of unit length: what is left less of lies in the span already.
 _INDEPENDENT = 1e-3
 _NEGLIGIBLE = 1e-3
+# Where everything is fitted: F has no law without a degree of freedom.
 _FLOOR_DOF = 1.0
 _DIFFERENCES = 1e-6
 """Of a column's length: what is left where a derivative by differences should be none."""
@@ -132,6 +134,7 @@ class Pool:
 
     def _likeliest_correlation(self, residuals: FloatArray, now: Correlation) -> Correlation:
         shortest, longest = self._time_scales
+        # What is faster than that looks white to these data, and what is slower a level.
         low, high = (shortest / 4.0, 8.0 * longest) if now.kind == "exp" else EXPONENT_RANGE
 
         def correlation(place: FloatArray) -> Correlation:

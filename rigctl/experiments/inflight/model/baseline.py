@@ -15,6 +15,7 @@ from rigctl.experiments.inflight.model.parameters import NAMES, NUISANCE_UNITS, 
 from rigctl.experiments.inflight.observe.series import INDEX, Amplitudes, with_true_attitude
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
 
+# Bounds of the paper (K1 1e-2, theta_c 2.5e-3 rad, K2 14000 s2/m) over root 3: uniform within them.
 _PRIORS = dict(
     zip(NUISANCES, ((1.0, 6e-3), (0.0, 1.5e-3), (0.0, 8e3), (0.0, 8e3), (0.0, 6e-3), (0.0, 6e-3)), strict=True)
 )

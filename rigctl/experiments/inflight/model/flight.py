@@ -91,6 +91,7 @@ def trial_run(point: str) -> FlightRun:
     u = dict(zip("xyz", (np.cos(angle), np.zeros_like(angle), np.sin(angle)), strict=True))
     sizes = {"m1_": 1e-8, "m2_": 1e-8, "att_": 1e-5, "dw_": 1e-8}
     columns = {
+        # GM / r^3 is n^2, 1.1e-6 1/s2 for this orbit.
         **{f"t_{i}{j}": 1.1e-6 * (3.0 * u[i] * u[j] - (i == j)) for i, j in ("xx", "xy", "xz", "yy", "yz", "zz")},
         **{f"{name}{axis}": size * rng.standard_normal(_MADE_UP) for name, size in sizes.items() for axis in "xyz"},
         **{f"temperature_{mass}_k": 1e-3 * rng.standard_normal(_MADE_UP) for mass in (1, 2)},

@@ -6,6 +6,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 
+# WGS 84.
 EARTH_RADIUS_M, EARTH_M3_S2 = 6378137.0, 3.986004418e14
 
 _TURN_Y = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])

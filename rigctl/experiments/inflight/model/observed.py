@@ -32,6 +32,7 @@ _NOISE_ROUNDS = 12
 _LEVELS = 3
 # Times the level: noise gives a bin so high once in a million (e^-14).
 _OUTLIER = 14.0
+# Bins about the stimulus: some 33 degrees of freedom under a Hann window.
 _NEIGHBOURS = 25
 _HANN_WIDTH = 1.5
 """Bins per independent one under a Hann window."""
@@ -104,6 +105,7 @@ def fitted_density(f_hz: FloatArray, density: FloatArray) -> tuple[FloatArray, f
         size = np.linalg.norm(rows, axis=0)
         # No part of a density is negative.
         weights = optimize.nnls(rows / size, density[used] / model[used])[0] / size
+        # Never so little that a single bin outweighs all others in the next round.
         model = np.maximum(shapes @ weights, 1e-3 * model)
         used = density < _OUTLIER * model
     return weights, scale_hz

@@ -17,7 +17,9 @@ from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import AFTER_S, NEEDED, raw_series
 from rigctl.experiments.inflight.observe.weights import taper, templates
 
+# Of crackling in orbit: e^(-t / 3 s) - e^(-t / 1 s).
 RISE_S, FALL_S = 1.0, 3.0
+# By chance once in fifty calibrations: 2e-9 at each of ten million places.
 THRESHOLD_SIGMA = 6.0
 EDGE_S = 12.0
 """No pulse is looked for within this time of a gap or an end: there the filter cannot tell them apart."""
@@ -33,7 +35,9 @@ _LOWEST_BINS = 9.0
 _NEAR_BINS = 60
 _HIGHEST = 0.45
 """Of the sampling rate: read-out noise is steep at the end of the spectrum."""
+# Twenty fall times: nothing is left.
 _PULSE_S = 60.0
+# Long beside a pulse, short beside an orbit, in the course of which noise may grow louder.
 _STEADY_S = 600.0
 _QUIETEST = 0.5
 """Of what a run's spectrum says: noise is no less than that at any time."""

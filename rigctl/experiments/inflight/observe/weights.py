@@ -20,6 +20,7 @@ from scipy import fft, signal
 from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 
+# As published. Shorter than the transient of such a band-pass (950 s), which the templates share.
 DROPPED_S = 200.0
 TAPER_S = 12.0
 """Weights rise over so long from the edge of a gap."""

@@ -25,6 +25,7 @@ from rigctl.workbench.placed import (
 )
 from rigctl.workbench.study import Observations, Term
 
+# Small beside what they are steps of: a gain of 1, tilts and biases of 1e-3 m/s2, their change over hours.
 _SHARED_STEPS = np.array([1e-3, 1e-6, 1e-6])
 _BIAS_STEP, _RATE_STEP = 1e-6, 1e-9
 _STEP_OF_TYPICAL = 1e-3
@@ -131,6 +132,7 @@ class PlatformModel:
     def _on_baseline(self) -> bool:
         """Whether what the effects add depends on the baseline's parameters."""
         typical = [parameter.typical for each in self.placed for parameter in each.parameters]
+        # With and without tilt and bias of the usual size.
         here, there = np.zeros((2, len(self.parameters)))
         here[self._baseline_size :] = there[self._baseline_size :] = typical
         there[: len(SHARED)] = (1.0, 1e-3, 1e-3)

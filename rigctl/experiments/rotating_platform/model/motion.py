@@ -16,6 +16,7 @@ from scipy import interpolate, optimize, signal
 
 from rigctl.core.arrays import ComplexArray, FloatArray, Int64Array
 
+# A hundredth of a degree: a platform that is farther off, rms over its turn, follows another law.
 _CYCLOID_RAD = 2e-4
 _HARMONICS = 2
 ORDER, RIPPLE_DB, STOP_DB = 8, 0.1, 80.0
@@ -49,6 +50,7 @@ class _Cycloid:
     def relaxed(self, pole: complex, times_s: FloatArray) -> ComplexArray:
         """Wave by wave: rate^2 has the harmonics 0 to 2 of the turn, the acceleration the first."""
         rate = self.turn_rad / self.duration_s
+        # (1 - cos)^2 = 3/2 - 2 cos + cos(2 .) / 2, written as waves.
         squared = rate**2 * np.array([0.25, -1.0, 1.5, -1.0, 0.25])
         turning = 2.0 * np.pi * rate / self.duration_s * np.array([0.0, 0.5j, 0.0, -0.5j, 0.0])
         rates = 2j * np.pi / self.duration_s * np.arange(-_HARMONICS, _HARMONICS + 1)

@@ -25,6 +25,7 @@ from rigctl.experiments.rotating_platform.observe.run_noise import (
 from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun
 
 _REWEIGHTED = 5
+# Of fewer none can be spared: then the first group stays, though a run may begin without a turn.
 _FEWEST_GROUPS = 6
 _RANK = 1e-12
 

@@ -18,9 +18,11 @@ from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
 from rigctl.experiments.rotating_platform.observe.lines import residual_blocks
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains
 
+# A level from so many bins is known to 6 %, pi / sqrt(6 * 401).
 _LEVEL_BINS = 401
 # In modulation frequencies: below, the fits of each period take most of the power.
 _LOWEST = 2.5
+# What the periods' mean takes of a line is corrected for up to a quarter (decision 022).
 _LEAST_LEFT = 0.75
 _BANDS, _FEWEST_IN_BAND = 24, 30
 _SCAN, _PEAKS = "scan", "peaks"

@@ -20,6 +20,7 @@ from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READ
 
 # Samples of a block: each is transformed by itself, in memory that does not grow with the run.
 _SEGMENT = 1 << 18
+# (1e-12 m/s2)^2 a sample: a command that is straight within periods leaves no more.
 _ROUNDING = 1e-24
 
 

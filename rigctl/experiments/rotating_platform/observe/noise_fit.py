@@ -21,6 +21,7 @@ from rigctl.experiments.rotating_platform.observe.spectrum import NoiseSpectrum,
 
 # What is free of ln white, ln power law at the reference frequency, exponent, ln pendulum; two are simpler noise.
 _BOTH, _WHITE, _POWER_LAW, _PENDULUM = (0, 1, 2), (0,), (1, 2), 3
+# At 0 a power law is white noise; what tapers make of one is known below 3.
 _SLOPES = (0.05, 2.9)
 _STARTS = np.arange(0.2, 2.9, 0.3)
 _STEP = 1e-4

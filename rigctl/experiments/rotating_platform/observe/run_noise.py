@@ -31,13 +31,16 @@ RATIOS = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 25)])
 """Of the power law over the white part at `AT_HZ`."""
 
 AT_HZ = 0.01
-# With 60, chi-square of clean recordings came out 7 % too small (decision 022).
+# Runs of a channel share one sensor, so that the others weigh much; it was 60 once (decision 022).
 PRIOR_TRANSFORMS = 250.0
 """So many transforms the other runs count for at most."""
 
 TAPERS = 3
+# Lower frequencies of the series belong to drifts, some of which are effects.
 _LOWEST_PLACE = 3
+# The four outputs of a period.
 _FOR_A_TRANSFORM = 4.0
+# Of logarithms: the levels of one sensor differ by a third from run to run.
 _USUAL_BETWEEN = 0.1
 _FINE, _LONG = 1200, 1 << 16
 _NEGLIGIBLE = 1e-4

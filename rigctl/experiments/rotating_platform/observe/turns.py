@@ -14,6 +14,7 @@ from rigctl.experiments.rotating_platform.observe.even_samples import held
 OFF_STOP_DEG = 0.02
 """A dwell that never comes so near to 0 or half a turn is one that stopped elsewhere."""
 
+# A ten-thousandth of a degree, the last digit of a recorded angle.
 _STILL_RAD = 2e-6
 
 

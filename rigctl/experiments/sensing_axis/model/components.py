@@ -18,6 +18,7 @@ BLOCKS_OF_TIME = 5
 """Stretches of a recording that are held out in turn, where mountings are too few for that."""
 
 _SET_APART = 0.01
+# With two, each would be predicted from a single other one.
 _MIN_MOUNTINGS = 3
 
 _LINES = tuple(

@@ -209,4 +209,5 @@ def _certified(u_scale: float, name: str, _: RunObservables) -> Parameter:
 
 def _absent(typical: float, name: str, _: RunObservables) -> Parameter:
     """A parameter of which only the plausible size is known: it starts from zero."""
+    # The step of central differences: a hundredth of what the effect usually is.
     return Parameter(name, 0.0, 1e-2 * typical)

@@ -17,6 +17,7 @@ from rigctl.experiments.table.observe.readings import Column
 _PHASE_STEP_RAD = 0.14
 _RATE_RATIO = 1.3
 _STEP_LOGIT = 0.05
+# Fewer readings beyond a step are outliers.
 _ROWS_BESIDE_A_STEP = 3
 _SLOWEST_RATE, _FASTEST_RATE = 0.5, 1e3
 _MODEST_EXPONENT = 30.0
@@ -137,6 +138,7 @@ class Exponential(_OfColumn):
     def grid(self, points_max: int) -> FloatArray:
         """Rates of both signs, equally spaced in their logarithm, from half an e-fold in the span to one a row."""
         span = self.column.span
+        # In spans: e-folds from one value to the next, but never so fast that exp leaves its range.
         fastest = min(max(span / self.column.spacing, 20.0), _FASTEST_RATE)
         count = int(np.ceil(np.log(fastest / _SLOWEST_RATE) / np.log(_RATE_RATIO))) + 1
         rates = np.geomspace(_SLOWEST_RATE, fastest, min(count, max(points_max // 2, 2))) / span

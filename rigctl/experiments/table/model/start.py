@@ -191,6 +191,7 @@ def _draws(readings: Readings, missing: Sequence[str], rng: np.random.Generator)
     # A shift goes as a column, a rate as one over it, a curvature as one over its square.
     scales = np.array([1.0, *sizes, *(1.0 / size for size in sizes), *(1.0 / size**2 for size in sizes)])
     for _ in range(_DRAWS):
+        # Three decades about each of the sizes.
         size = rng.choice(scales, len(missing)) * 10.0 ** rng.uniform(-1.5, 1.5, len(missing))
         sign = rng.choice([-1.0, 1.0], len(missing))
         yield {**known, **dict(zip(missing, size * sign, strict=True))}
