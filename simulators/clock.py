@@ -19,6 +19,7 @@ class SimulationClock:
     speed: float
 
     def __init__(self) -> None:
+        # Re-entrant: an event may have an instrument answer, which takes the lock again.
         self.lock = threading.RLock()
         self._queue: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
@@ -30,6 +31,7 @@ class SimulationClock:
     def call_at(self, at_s: float, callback: Callable[[], None]) -> None:
         """Run `callback` under the lock when rig time reaches `at_s` (at once on the next advance if past)."""
         with self.lock:
+            # Events of one time run in the order in which they were asked for, and callbacks are never compared.
             heapq.heappush(self._queue, (at_s, next(self._order), callback))
 
     def next_event_s(self) -> float:
@@ -40,6 +42,7 @@ class SimulationClock:
     def run_due(self) -> None:
         """Run every event whose time has come."""
         with self.lock:
+            # An event may ask for another one at once.
             while self._queue and self._queue[0][0] <= self.now_s():
                 heapq.heappop(self._queue)[2]()
 
@@ -78,9 +81,11 @@ class VirtualClock(SimulationClock):
             deadline_s = self._now_s + timeout_s
             while not condition():
                 if self.next_event_s() > deadline_s:
+                    # A negative time-out must not take the clock back.
                     self._now_s = max(self._now_s, deadline_s)
                     return False
                 at_s, _, callback = heapq.heappop(self._queue)
+                # Nor may an event that was due before now.
                 self._now_s = max(self._now_s, at_s)
                 callback()
             return True
@@ -109,6 +114,7 @@ class ScaledClock(SimulationClock):
         deadline_s = self.now_s() + timeout_s
         while True:
             self.run_due()
+            # Conditions look at instruments, which events of other threads change.
             with self.lock:
                 if condition():
                     return True

@@ -33,6 +33,7 @@ class Wiring:
     @property
     def trigger(self) -> TriggerLine:
         """The line with the pulses of the pacing instrument."""
+        # In front of one instrument: the others still get their edges.
         missing = self.plan.missing_edges
         return self.pace if missing is None else LossyTrigger(self.pace, missing, self.plan.seed, self.tap)
 

@@ -89,6 +89,7 @@ class HislipPort:
     @property
     def listening(self) -> bool:
         """False while an attempt to connect finds nobody."""
+        # Only faulty instruments know when nobody listens.
         return bool(getattr(self._instrument, "listening", True))
 
     def connect(self, send: Callable[[bytes], None]) -> Channel:
@@ -97,6 +98,7 @@ class HislipPort:
 
     def begin(self, channel: Channel) -> Session:
         """A new session on its synchronous channel."""
+        # Session numbers have 16 bits on the wire.
         number = next(self._numbers) & 0xFFFF
         session = Session(number, self._instrument, channel)
         self._sessions[number] = session
@@ -105,6 +107,7 @@ class HislipPort:
     def find(self, number: int) -> Session | None:
         """The session of that number that waits for its asynchronous channel."""
         session = self._sessions.get(number)
+        # A session has one asynchronous channel; a second is none.
         return session if session and session.asynchronous is None else None
 
     def forget(self, session: Session) -> None:
@@ -154,6 +157,7 @@ class Channel:
         self.tell(Kind.ERROR, code, 0, text.encode())
 
     def _next(self) -> Message | None:
+        # A message that was refused for its size is passed over as it comes, not kept.
         skipped = min(self._to_skip, len(self._received))
         del self._received[:skipped]
         self._to_skip -= skipped
@@ -223,9 +227,11 @@ class Session:
         """Data, trigger, and the end of a device clear."""
         match message.kind:
             case Kind.DEVICE_CLEAR_COMPLETE:
+                # A device clear empties both parsers; a fresh connection to the instrument is just that.
                 self._connection.close()
                 self._connect()
                 self.synchronous.tell(Kind.DEVICE_CLEAR_ACKNOWLEDGE)
+            # What was sent before the clear was complete is to be ignored.
             case _ if self._clearing:
                 pass
             case Kind.DATA | Kind.DATA_END:
@@ -242,6 +248,7 @@ class Session:
         match message.kind:
             case Kind.ASYNC_MAX_MSG_SIZE if len(message.payload) == 8:
                 wanted = int.from_bytes(message.payload, "big")
+                # The client's limit is for whole messages, header included.
                 self._max_payload = max(1, min(wanted - HEADER.size, MAX_PAYLOAD_BYTES))
                 tell(Kind.ASYNC_MAX_MSG_SIZE_RESPONSE, payload=MAX_PAYLOAD_BYTES.to_bytes(8, "big"))
             case Kind.ASYNC_STATUS_QUERY:
@@ -269,6 +276,7 @@ class Session:
         self._message_id = message.parameter
         self._waiting = False
         self._last_byte = payload[-1:] or self._last_byte
+        # The end of a message is the LF that a raw socket would carry; some clients send it themselves.
         if ends and self._last_byte != b"\n":
             payload += b"\n"
         if ends:
@@ -280,6 +288,7 @@ class Session:
         if self._clearing or self._ended:
             return
         self._response += data
+        # Instruments send LF at the end of a message; faulty ones may not, and say so.
         if not (data.endswith(b"\n") or self._whole):
             return
         response, self._response = bytes(self._response), bytearray()

@@ -119,10 +119,12 @@ def unheard() -> Tap:
 
 def into_file(path: Path) -> Listener:
     """Appends each measurement as a line, so that a killed process leaves all but the last; `OSError`."""
+    # At once, so that a name that cannot be written is told before anything is measured.
     path.open("a", encoding="ascii").close()
 
     def write(measurement: Measurement) -> None:
         fields = {**vars(measurement), "at_s": measurement.at_s.tolist(), "values": _with_nulls(measurement.values)}
+        # Opened for every line: nothing waits in a buffer when the process is killed.
         with path.open("a", encoding="ascii") as file:
             file.write(json.dumps(fields) + "\n")
 
@@ -153,4 +155,5 @@ def _whole(pieces: list[Measurement]) -> Measurement:
 
 
 def _with_nulls(values: FloatArray) -> list[float | None]:
+    # JSON has no NaN.
     return [None if value != value else value for value in values.tolist()]

@@ -45,6 +45,7 @@ class Ballistic:
 
     def sample(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Position, velocity and acceleration at the given times."""
+        # At rest since ever: infinite time by zero velocity would be NaN.
         if math.isinf(self.start_s):
             return np.full_like(times_s, self.position), np.zeros_like(times_s), np.zeros_like(times_s)
         dt = times_s - self.start_s
@@ -138,6 +139,7 @@ class MotionAxis:
         """Position, velocity and acceleration, each of the shape of `times_s`."""
         times_s = np.asarray(times_s, dtype=np.float64)
         index = self._segment_index(times_s)
+        # Mostly all times lie in one segment.
         if times_s.size and index.min() == index.max():
             return self._segments[int(index.flat[0])].sample(times_s)
         out = np.empty((3, *times_s.shape))
@@ -162,6 +164,7 @@ class MotionAxis:
         times_s = np.asarray(times_s, dtype=np.float64)
         before = [self._forgotten_direction]
         for segment, following in itertools.pairwise(self._segments):
+            # A segment at rest keeps the direction it was reached in.
             before.append(_last_direction(segment, following.start_s) or before[-1])
         velocity = self.sample(times_s)[1]
         return np.where(velocity == 0.0, np.array(before)[self._segment_index(times_s)], np.sign(velocity))
@@ -187,6 +190,7 @@ class MotionAxis:
             self._command(at_s, [Ballistic(at_s, start)], at_s)
             return at_s
         sign = math.copysign(1.0, distance)
+        # A short move never reaches its speed: it is a triangle.
         peak = min(speed, math.sqrt(abs(distance) * acceleration))
         ramp_s = peak / acceleration
         cruise_s = abs(distance) / peak - ramp_s
@@ -269,6 +273,7 @@ class MotionAxis:
 
     def _command(self, at_s: float, segments: Sequence[Segment], end_s: float) -> None:
         kept = [s for s in self._segments if s.start_s < at_s]
+        # The segment that was under way then is kept: a look that far back still finds it.
         while len(kept) > 1 and kept[1].start_s < at_s - self._history_s:
             forgotten = kept.pop(0)
             self._forgotten_direction = _last_direction(forgotten, kept[0].start_s) or self._forgotten_direction
@@ -279,6 +284,7 @@ class MotionAxis:
     def _note_stops(self, at_s: float, segments: Sequence[Segment]) -> None:
         kept = [stop for stop in self._stops if stop.start_s < at_s] or self._stops[:1]
         overtaken = self._stops[len(kept)] if len(kept) < len(self._stops) else None
+        # A motion commanded before the last one has ended is counted from that one's beginning.
         began_s = overtaken.began_s if overtaken is not None else at_s
         while len(kept) > 1 and kept[1].start_s < at_s - self._history_s:
             kept.pop(0)

@@ -72,6 +72,7 @@ class OperatorConnection:
     def _request(self, line: bytes) -> None:
         try:
             outcome = self._handler(_parse(line))
+        # Deeply nested JSON ends the parser like this.
         except (ValueError, RecursionError) as error:
             self._answer({"error": str(error)})
             return

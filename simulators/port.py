@@ -35,6 +35,7 @@ class Port:
 
     def look(self) -> None:
         """See whether anybody listens."""
+        # Only faulty instruments know when nobody listens.
         listening = bool(getattr(self._instrument, "listening", True))
         if listening and self._listener is None:
             self._open()
@@ -51,6 +52,7 @@ class Port:
     def _open(self) -> None:
         listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
+            # A port that was just closed may be opened again at once.
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listener.bind((LOOPBACK, self._number))
         except (OSError, OverflowError) as error:

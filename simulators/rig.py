@@ -106,6 +106,7 @@ class SimulatedRig:
                 self.measured.run = number
                 self.bench.announce_run(number)
                 for index, meter in enumerate(self._noisy):
+                    # By the meter's place and the run's number: a resumed campaign meets the same noise.
                     meter.key_noise(self.bench.seed, index, number)
                 return self.clock.now_s()
             case {"clock": int() | float() as at_s} if math.isfinite(at_s):
@@ -124,6 +125,7 @@ class SimulatedRig:
             except ValueError as error:
                 return {"error": str(error)}
             answer = self.answer(done_s)
+        # Outside the lock, or nobody could be served while the hands are at work.
         self.clock.sleep_s(done_s - self.clock.now_s())
         return {"done": True, **answer}
 
@@ -136,12 +138,14 @@ class SimulatedRig:
         settings = _checked(declared.settings, spec.simulator, f"instruments.{name}.simulator")
         plan = _plan(name, spec)
         if plan.clock_drift is not None:
+            # On top of what the instrument has anyway.
             ppm = getattr(settings, "clock_ppm", 0.0) + plan.clock_drift.ppm
             settings = settings.model_copy(update={"clock_ppm": ppm})
         tap = self.measured.tap(name, declared.columns(spec))
         instrument = declared.build(spec, Site(tap, plan, self._pace, self.clock, self.bench), settings)
         if isinstance(instrument, DrawsNoise):
             self._noisy.append(instrument)
+        # What has no wire suffers its faults itself.
         if not spec.faults or not declared.wired:
             return instrument
         return FaultyInstrument(instrument, plan, self.clock, serial=spec.serial, tap=tap)

@@ -73,6 +73,7 @@ class _Terminal:
 
     def __init__(self, unread_s: float) -> None:
         self._near, self._far = pty.openpty()
+        # A terminal would echo what comes and make other line ends of it.
         tty.setraw(self._far)
         os.set_blocking(self._near, False)
         self.device = os.ttyname(self._far)
@@ -88,6 +89,7 @@ class _Terminal:
     def send(self, data: bytearray) -> int:
         if self._full_since is not None and time.monotonic() - self._full_since > self._unread_s:
             self._full_since = None
+            # As if sent: the caller then forgets it.
             return len(data)
         try:
             sent = os.write(self._near, data)
@@ -138,6 +140,7 @@ class _Client:
 
     def look(self) -> None:
         """See whether the instrument has ended the connection."""
+        # Only connections that may end themselves have it.
         if self._ended or not getattr(self._connection, "hung_up", False):
             return
         if isinstance(self._stream, _Terminal):  # a wire has no connection to end: the next one begins
@@ -191,6 +194,7 @@ class _Client:
         wanted = selectors.EVENT_WRITE if self._unsent else 0
         if not self._ended and len(self._unsent) < HIGH_WATER_BYTES:
             wanted |= selectors.EVENT_READ
+        # A selector cannot watch for nothing; a client with nothing left to do is over.
         if wanted and wanted != self._watched:
             self._selector.modify(self._stream, wanted, self.ready)
             self._watched = wanted
@@ -218,6 +222,7 @@ class Server:
         self._clients: set[_Client] = set()
         self._ports: list[Port] = []
         self._stopping = False
+        # A byte on it ends the wait: `stop` may come from another thread or a signal handler.
         self._bell, self._rope = socket.socketpair()
         self._bell.setblocking(False)
         self._rope.setblocking(False)
@@ -244,6 +249,7 @@ class Server:
     def serve(self, stop: Callable[[], bool] | None = None) -> None:
         """Serve until `stop()` is true (looked at after every event) or `stop` is called."""
         while True:
+            # Before connections are looked at: an event may end them.
             self._clock.run_due()
             self._settle()
             if self._stopping or (stop and stop()):
@@ -284,6 +290,7 @@ class Server:
         except OSError:
             return  # it left again before we came to it
         stream.setblocking(False)
+        # Or the second of two short replies would wait for the client's acknowledgement of the first.
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._clients.add(_Client(stream, instrument, self._clock, self._selector))
 

@@ -81,7 +81,9 @@ class VoltageLine:
 
     def drive(self, from_s: float, volts: Signal) -> None:
         """The voltage from now on; `from_s` never runs backwards."""
+        # Of two voltages set at one instant the later one counts.
         kept = [course for course in self._courses if course[0] < from_s]
+        # The oldest one goes when the next one covers all that is remembered.
         while len(kept) > 1 and kept[1][0] < from_s - LINE_HISTORY_S:
             kept.pop(0)
         self._courses = [*kept, (from_s, volts)]

@@ -59,6 +59,7 @@ class PositionCapture:
         taken = recorded[self._read : self._read + count]
         self._note(self._read, taken)
         if self._settings.capture_read == "continues":
+            # Which of the two controllers do is not known for sure, so it is a setting.
             self._read += len(taken)
         return taken
 
@@ -71,16 +72,20 @@ class PositionCapture:
             return
         in_mm = taken / self._settings.counts_per_mm if self._settings.capture_unit == "counts" else taken
         edges_s = self._edges_s[first : first + len(taken)]
+        # The tap hears where the stage truly was, before the encoder's noise and rounding.
         true_mm = self._axis.sample(edges_s + self._settings.capture_latency_s)[0] - self._settings.home_position_mm
         self._tap.note("position", edges_s, in_mm)
         self._tap.note("true position", edges_s, true_mm)
 
     def _recorded(self, now_s: float) -> FloatArray:
+        # Kept once it is full: the world remembers only its recent past.
         if self._complete is not None:
             return self._complete
+        # Another trigger number is wired to nothing.
         if self._points == 0 or self.trigger != self._settings.capture_trigger:
             return np.empty(0)
         latency_s = self._settings.capture_latency_s
+        # An edge is recorded when its position is latched, not when it comes.
         until_s = min(now_s - latency_s, self._ended_s)
         edges_s = self._line.edges(self._armed_s, until_s)[: self._points]
         self._edges_s = edges_s
@@ -92,10 +97,13 @@ class PositionCapture:
     def _latched(self, times_s: FloatArray) -> FloatArray:
         s = self._settings
         if self.input != s.capture_input:
+            # Another input has no encoder: it records zeros, as does a controller that was set up wrong.
             return np.zeros(len(times_s))
         position_mm = self._axis.sample(times_s)[0] - self._zero_mm
         if s.encoder_noise_mm:
+            # By seed and run, not in sequence: a resumed campaign meets the same noise.
             random = generator(s.seed, "captured encoder", *self.run_key)
             position_mm = position_mm + random.normal(0.0, s.encoder_noise_mm, len(times_s))
+        # The encoder counts; what is read is a whole number of counts.
         counts = np.round(position_mm * s.counts_per_mm)
         return counts if s.capture_unit == "counts" else counts / s.counts_per_mm

@@ -18,6 +18,7 @@ from simulators.keyed_random import generator
 from simulators.motion import MotionAxis
 
 SLOWEST_MM_S = 1e-4
+# Beyond these a controller would refuse; the bounds are chosen, as no source gives them.
 FREQUENCIES_HZ = (1e-3, 1e3)
 LIMIT_FAULTS = AxisFault.CW_HARD_LIMIT | AxisFault.CCW_HARD_LIMIT | AxisFault.CW_SOFT_LIMIT | AxisFault.CCW_SOFT_LIMIT
 
@@ -64,10 +65,12 @@ class AxisController:
     def restart(self) -> None:
         """As after switching on: disabled, not homed."""
         now_s = self._clock.now_s()
+        # Without power the stage brakes by itself, as far as the world is concerned.
         if self._axis.velocity(now_s):
             self._axis.halt(now_s, self._settings.abort_deceleration_mm_s2)
         self.enabled = False
         self.homed = False
+        # A cause that is still there is a fault after switching on as well.
         self._fault = self._lasting
         self.zero_mm = self._axis.position(now_s)
         self._activity = Activity.NONE
@@ -99,11 +102,13 @@ class AxisController:
         now_s = self._ready_to_move()
         if speed_mm_s < SLOWEST_MM_S:
             raise Invalid
+        # A set-point beyond a limit is accepted or refused, as set up; either way nothing moves.
         if self._rejected(speed_mm_s, target_mm):
             return now_s
         start_s = self._standing_s(now_s, ramp_mm_s2)
         end_s = self._axis.move_to(start_s, target_mm + self.zero_mm, speed_mm_s, ramp_mm_s2)
         self._begin(Activity.LINEAR if linear else Activity.MOVE, now_s, end_s, watch_until_s=end_s)
+        # After the start: a drive that cannot follow finds out while it moves.
         self._check_following(now_s, ramp_mm_s2)
         return end_s
 
@@ -122,6 +127,7 @@ class AxisController:
         self._axis.jog(now_s, velocity_mm_s, ramp_mm_s2)
         ramp_s = (before_mm_s + speed_mm_s) / ramp_mm_s2
         s = self._settings
+        # As far as it could run before it meets the switch at the far end.
         way_mm = s.travel_max_mm - s.travel_min_mm + 0.5 * before_mm_s * ramp_s
         self._begin(Activity.JOG, now_s, math.inf, watch_until_s=now_s + ramp_s + way_mm / speed_mm_s)
         self._check_following(now_s, ramp_mm_s2)
@@ -133,14 +139,17 @@ class AxisController:
         if distance_mm == 0.0 or not FREQUENCIES_HZ[0] <= frequency_hz <= FREQUENCIES_HZ[1]:
             raise Invalid
         amplitude_mm = distance_mm / 2 if s.oscillate_distance == "peak-to-peak" else distance_mm
+        # The controller makes the frequency by its own clock.
         true_hz = frequency_hz * (1.0 + s.clock_ppm * 1e-6)
         w = 2.0 * math.pi * true_hz
         start_s = self._standing_s(now_s, self._parameters[Parameter.DEFAULT_RAMP_RATE])
+        # OSCILLATE begins at one end, so the other is twice the amplitude away.
         far_end_mm = self._axis.position(start_s) - self.zero_mm + 2 * amplitude_mm
         if self._rejected(abs(amplitude_mm) * w, far_end_mm):
             return now_s
         amplitudes = [amplitude_mm, *(amplitude_mm * h for h in s.harmonics)]
         end_s = self._axis.oscillate(start_s, true_hz, amplitudes, cycles)
+        # One cycle shows every place that the motion reaches.
         self._begin(Activity.OSCILLATE, now_s, end_s, watch_until_s=start_s + 1.0 / true_hz)
         self._check_following(now_s, abs(amplitude_mm) * w * w)
         return end_s
@@ -175,6 +184,7 @@ class AxisController:
 
     def suffer(self, fault: AxisFault) -> None:
         """A fault appears that cannot be acknowledged before `recover`."""
+        # Kept aside: acknowledging cannot clear what still has a cause.
         self._lasting |= fault
         self.trip(fault)
 
@@ -204,6 +214,7 @@ class AxisController:
         s = self._settings
         position_mm = self._axis.position(now_s) - self.zero_mm
         if s.encoder_noise_mm:
+            # By time, so that one more question shifts no other reading.
             random = generator(s.seed, "encoder", round(now_s * 1e9))
             position_mm += random.normal(0.0, s.encoder_noise_mm)
         return round(position_mm * s.counts_per_mm) / s.counts_per_mm
@@ -246,12 +257,14 @@ class AxisController:
 
     def _now(self) -> float:
         now_s = self._clock.now_s()
+        # An axis at rest has nothing to catch up with.
         if self._activity is not Activity.NONE:
             self._advance(now_s)
         return now_s
 
     def _advance(self, now_s: float) -> None:
         if self._limit_s <= min(now_s, self._end_s):
+            # At its own time, however late somebody looks: what the axis does does not depend on being asked.
             self._trip(self._limit_s, self._limit_fault)
         if self._activity is not Activity.NONE and now_s >= self._end_s:
             if self._activity is Activity.HOME:
@@ -270,6 +283,7 @@ class AxisController:
 
     def _wake_at(self, at_s: float) -> None:
         if math.isfinite(at_s):
+            # So that it happens by itself too, such as the end of a wait that holds a reply back.
             self._clock.call_at(at_s, self._wake)
 
     def _wake(self) -> None:

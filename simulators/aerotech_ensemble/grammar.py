@@ -31,11 +31,13 @@ class Command:
     value: str | None = None
 
 
+# A record is read register by register: the same thousand lines after every run.
 @lru_cache(maxsize=8192)
 def parse(line: bytes) -> Command:
     """The command in a line without its terminator; `Invalid` when it has no such shape."""
     if len(line) > LINE_LENGTH_MAX:
         raise Invalid
+    # A byte that is no ASCII is no keyword; it must not end the simulator.
     found = _KEYWORD.fullmatch(line.decode("ascii", errors="replace"))
     if found is None:
         raise Invalid

@@ -41,6 +41,7 @@ class SimulatedEnsemble:
         self._clock = clock
         self._settings = settings or EnsembleSimulatorSettings()
         self._interpreter = Interpreter(clock, axis, trigger, self._settings, tap or unheard())
+        # A fault ends a motion, and with it the wait for its end.
         self._interpreter.axis.on_fault = self._end_wait
         self._clients: list[_Client] = []
         self._waits = 0
@@ -93,6 +94,7 @@ class SimulatedEnsemble:
 
     def received(self, client: _Client) -> None:
         """Interpret the lines of a client whose turn it is."""
+        # One line at a time: while a command blocks, the others wait in the client's buffer.
         while not self._busy and self._clients and client is self._clients[0]:
             line = client.take_line()
             if line is None:
@@ -111,6 +113,7 @@ class SimulatedEnsemble:
     def _begin_service(self, client: _Client) -> None:
         client.last_s = self._clock.now_s()
         self._watch(client)
+        # Its lines may have come while it waited for its turn.
         self.received(client)
 
     def _watch(self, client: _Client) -> None:
@@ -121,6 +124,7 @@ class SimulatedEnsemble:
     def _check_idle(self, client: _Client, timeout_s: float) -> None:
         if client.hung_up:
             return
+        # Whoever waits for a reply is not silent.
         if self._busy:
             client.last_s = self._clock.now_s()
         if self._clock.now_s() < client.last_s + timeout_s:
@@ -130,6 +134,7 @@ class SimulatedEnsemble:
 
     def _answer(self, client: _Client, line: bytes) -> None:
         try:
+            # Each line has one answer, whatever it is: the status character says which.
             reply = self._interpreter.execute(parse(line))
         except Invalid:
             client.send(self._status(b"!"))
@@ -154,6 +159,7 @@ class SimulatedEnsemble:
         self._waiting_client = client
         self._waits += 1
         wait = self._waits
+        # By number: a time-out that comes after the end of its wait must not end the next one.
         self._clock.call_at(until_s, lambda: self._end_wait(wait))
         timeout_s = self._interpreter.parameters[Parameter.COMMAND_TIMEOUT] / 1000.0
         if timeout_s > 0:
@@ -167,11 +173,13 @@ class SimulatedEnsemble:
         if timed_out:
             client.send(self._status(b"$"))
         else:
+            # A motion that ended in a fault is answered by `#`.
             client.send(self._status(b"#" if self.controller.fault() else b"%"))
         if self._clients:
             self.received(self._clients[0])
 
     def _lose_power(self) -> None:
+        # Nobody is answered until it has started again.
         self._busy, self._waiting_client = True, None
         for client in tuple(self._clients):
             client.hang_up()

@@ -174,6 +174,7 @@ class Interpreter:
 
     def _enable(self) -> None:
         self.axis.enable()
+        # As EPICS found on real controllers, and sends WAIT MODE NOWAIT after each ENABLE.
         self._modes.default_wait()
 
     def _axis_status(self) -> str:
@@ -184,6 +185,7 @@ class Interpreter:
 
     def _plane_status(self, words: tuple[str, ...]) -> Reply:
         (plane,) = exactly(1, words)
+        # The axis is in plane 0; the other planes are empty.
         return str(int(self.axis.plane_status())) if whole(plane, 0, PLANES - 1) == 0 else "0"
 
     def _task_state(self, words: tuple[str, ...]) -> Reply:
@@ -250,6 +252,7 @@ class Interpreter:
         return self._moving_until(end_s) if self._settings.oscillate_waits else None
 
     def _moving_until(self, end_s: float) -> Reply:
+        # With a fault, or already there, there is nothing to wait for.
         if self._modes.wait == NOWAIT or self.axis.fault() or not self.axis.moving():
             return None
         return Blocked(end_s + (self._settings.settle_s if self._modes.wait == INPOS else 0.0))
@@ -329,8 +332,10 @@ class Interpreter:
             case ("READ", first, points):
                 count = whole(points, 1, self._settings.double_registers)
                 start = whole(first, 0, self._settings.double_registers - count)
+                # Sources do not say what happens, so it is a setting.
                 if self._settings.capture_short_read == "refuse" and self.capture.left(now_s) < count:
                     raise Faulted
+                # What is in the registers is in the unit of the axis, or in counts.
                 self._registers.store(start, self.capture.take(now_s, count) / self._register_unit)
             case _:
                 raise Invalid

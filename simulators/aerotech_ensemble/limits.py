@@ -17,8 +17,10 @@ BISECTIONS = 50
 
 def first_crossing_s(axis: MotionAxis, from_s: float, until_s: float, bound: float, side: int) -> float:
     """When the axis first is farther out than now and beyond `bound` (side 1: above it, -1: below); inf if never."""
+    # Motions are smooth, so 512 looks find a crossing; bisection then finds its time to the last bit.
     times_s = np.linspace(from_s, until_s, SAMPLES)
     position = axis.sample(times_s)[0]
+    # Only outwards: an axis that stands beyond a switch may move off it.
     crossed = np.flatnonzero((side * (position - bound) > 0.0) & (side * (position - position[0]) > 0.0))
     if len(crossed) == 0:
         return math.inf
@@ -72,6 +74,7 @@ class AxisLimits:
         s = self._settings
         setup = int(self._parameters[Parameter.END_OF_TRAVEL_LIMIT_SETUP])
         levels = AxisStatus.ESTOP_LEVEL if s.estop_level != emergency_stop else AxisStatus(0)
+        # The parameter says at which level each switch is closed; the status has the raw levels.
         if (position_mm >= s.travel_max_mm) == bool(setup & 4):
             levels |= AxisStatus.CW_LIMIT_LEVEL
         if (position_mm <= s.travel_min_mm) == bool(setup & 2):
@@ -81,4 +84,5 @@ class AxisLimits:
     def _soft(self) -> tuple[float, float] | None:
         low = self._parameters[Parameter.SOFTWARE_LIMIT_LOW]
         high = self._parameters[Parameter.SOFTWARE_LIMIT_HIGH]
+        # Both zero: no soft limits are set up.
         return None if low == high == 0.0 else (low, high)

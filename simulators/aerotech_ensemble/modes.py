@@ -41,6 +41,7 @@ class MotionModes:
     def ramp_mm_s2(self, speed_mm_s: float, way_mm: float) -> float:
         """The acceleration of a motion of this speed over this way."""
         if self._ramp_mode == RAMP_WORDS["TIME"]:
+            # A speed of zero has no ramp time.
             return speed_mm_s / self._ramp_time_s or self._ramp_rate_mm_s2
         if self._ramp_mode == RAMP_WORDS["DIST"] and way_mm:
             return speed_mm_s**2 / (2.0 * self._ramp_distance_mm)
@@ -103,6 +104,7 @@ class MotionModes:
             3: self._profiling,
             4: self._s_curve_percent,
             6: self.speed_mm_s,
+            # Acceleration and deceleration are the same here.
             7: self._ramp_rate_mm_s2,
             10: self._ramp_rate_mm_s2,
         }

@@ -34,6 +34,7 @@ def random_plans(
     random = generator(seed, "fault plans")
     tables: dict[str, dict[str, Any]] = {}
     for _ in range(faults):
+        # Sorted first: a set has no order that another process would repeat.
         name = str(random.choice(sorted(possible)))
         table = tables.setdefault(name, {"seed": int(random.integers(1 << 31))})
         fault = str(random.choice(sorted(set(possible[name]) - NEVER_DRAWN)))
@@ -43,6 +44,7 @@ def random_plans(
 
 def _drawn(fault: str, random: np.random.Generator, between_s: tuple[float, float], replies: int) -> dict[str, Any]:
     at_s = round(float(random.uniform(*between_s)), 3)
+    # Evenly over the logarithm: as many spells of seconds as of minutes.
     lasting_s = round(float(np.exp(random.uniform(np.log(1.0), np.log(60.0)))), 3)
     match fault:
         case "clock_drift":
@@ -57,6 +59,7 @@ def _drawn(fault: str, random: np.random.Generator, between_s: tuple[float, floa
             return {"between_s": [at_s, at_s + lasting_s]} if random.random() < AT_A_TIME else {"nth": [2, 3]}
         case _ if fault in WIRE_FAULTS:
             by_time = random.random() < AT_A_TIME
+            # Evenly over the logarithm, so that the first replies are struck as often as the later ones.
             when = {"at_s": at_s} if by_time else {"nth": [int(replies ** random.random())]}
             return {**when, **_wire_details(fault, random)}
         case _:

@@ -87,6 +87,7 @@ class FaultyInstrument:
         if isinstance(event, PowerCycle):
             self._powered = False
             for connection in self._connections:
+                # On a serial line nothing ends: it is only silent.
                 connection.lose_power(ends=not self._serial)
         cast(Faultable, self._inner).befall(event)
         self.tell(self.plan.name_of(event), Occasion(0, self._clock.now_s()))
@@ -96,6 +97,7 @@ class FaultyInstrument:
         if isinstance(event, PowerCycle):
             self._powered = True
             for connection in self._connections:
+                # Lines that outlived the power cut lead to a living instrument again.
                 connection.reach(self._inner)
 
 
@@ -105,6 +107,7 @@ class Occasions:
     def __init__(self, clock: SimulationClock) -> None:
         self._clock = clock
         self._numbers = itertools.count(1)
+        # So that a fault at the very beginning strikes the first reply.
         self._last_s = math.nextafter(clock.now_s(), -math.inf)
 
     def next(self) -> Occasion:
@@ -136,6 +139,7 @@ class FaultyConnection:
     @property
     def hung_up(self) -> bool:
         """True once the fault or the instrument has ended the connection."""
+        # Not before what is still under way has come.
         return self._cut or (not self._waiting and bool(getattr(self._inner, "hung_up", False)))
 
     def receive(self, data: bytes) -> None:
@@ -168,15 +172,18 @@ class FaultyConnection:
     def _reply(self, data: bytes) -> None:
         occasion = self._instrument.next_reply()
         struck = self._plan.struck(occasion)
+        # In one order, whatever the set's is.
         for fault in sorted(struck):
             self._instrument.tell(fault, occasion)
         exchange = Exchange(occasion.number, data, self._command, self._previous)
+        # The reply as the instrument gave it, not as it was spoilt.
         self._previous = data
         delay_s = self._plan.delay_s(struck)
         if not delay_s and not self._waiting:
             self._deliver(struck, exchange)
             return
         self._waiting.append((struck, exchange))
+        # A late reply holds back those behind it: a wire keeps their order.
         self._release_s = max(self._release_s, occasion.at_s + delay_s)
         self._instrument.call_at(self._release_s, self._deliver_waiting)
 

@@ -145,6 +145,7 @@ class _Recurring:
 
     def begin_with(self, now_s: float) -> None:
         """Whatever is on now, else the next."""
+        # A resumed campaign begins in the middle of what lasts.
         running = self._event.within(self._seed, now_s, now_s)
         if running:
             self._begin(running[-1])
@@ -158,6 +159,7 @@ class _Recurring:
 
     def _begin(self, stretch: Stretch) -> None:
         self._befall(self._event)
+        # What is over at once has no end to tell of.
         if stretch.end_s > stretch.begin_s:
             self._clock.call_at(stretch.end_s, lambda: self._end(stretch))
         else:

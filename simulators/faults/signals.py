@@ -27,8 +27,10 @@ class FaultySensor:
         """What it makes of true values at rig times, same shape."""
         values = values.copy()
         for begin_s, struck in self._stretches("stuck", times_s):
+            # Stuck at the value it had when it began, also where this stretch is asked for in pieces.
             values[struck] = self._stuck_at.setdefault(begin_s, float(values[struck].flat[0]))
         for _, struck in self._stretches("saturation", times_s):
+            # NaN stays NaN: a lost target does not saturate.
             values[struck] = np.copysign(self._saturated, values[struck]) + 0.0 * values[struck]
         for _, struck in self._stretches("target_lost", times_s):
             values[struck] = np.nan
@@ -67,12 +69,14 @@ class LossyTrigger(TriggerLine):
         """Those that arrive in (after_s, until_s]."""
         edges = self._line.edges(after_s, until_s)
         spell = ~np.isnan(self._missing.strikes_at(self._seed, edges))
+        # By the edge's time, in microseconds: the same edge is lost however often it is asked for.
         drawn = 0.5 + 0.5 * uniform_of_integers(self._salt, np.round(1e6 * edges).astype(np.int64))
         lost = spell & (drawn < self._missing.share)
         self._tell(edges[lost])
         return edges[~lost]
 
     def _tell(self, lost_s: FloatArray) -> None:
+        # Edges are asked for again and again; each is told once.
         new_s = lost_s[lost_s > self._told_until_s]
         if new_s.size:
             self._told_until_s = float(new_s[-1])

@@ -81,6 +81,7 @@ class FaultyTelemetry:
 
     def fetch(self) -> FloatArray:
         """The rows that came down since the last call; `LinkLost`."""
+        # First what sensors suffer, which is true; then what the way down does to it.
         rows = self._sensed(self._satellite.fetch())
         if len(rows):
             self._send(rows, self._packets.next())
@@ -95,10 +96,12 @@ class FaultyTelemetry:
         for fault in sorted(struck):
             self._tap.note(f"fault {fault}", occasion.at_s, occasion.number)
         if "disconnect" in struck:
+            # What was in this packet is lost with it.
             raise LinkLost("ground segment (simulated): no connection to the satellite; wait for the next contact")
         if "silent" in struck:
             return
         come_s = occasion.at_s + plan.delay_s(struck)
+        # The same packet comes down a second time.
         self._under_way.extend([(come_s, rows)] * (2 if "duplicated" in struck else 1))
 
     def _sensed(self, rows: FloatArray) -> FloatArray:

@@ -76,9 +76,11 @@ class Fault(Table):
         return (
             occasion.number in self.nth
             or (self.after is not None and occasion.number > self.after)
+            # The first reply at or after the time: a fault between two replies strikes the next one.
             or any(occasion.before_s < at_s <= occasion.at_s for at_s in self.at_s)
             or (
                 self.probability > 0.0
+                # By name and number: what else was drawn, or how often, does not matter.
                 and generator(seed, type(self).__name__, occasion.number).random() < self.probability
             )
         )
@@ -114,6 +116,7 @@ class Event(Table):
         first = max(math.floor(after_s / SLOT_S), 0)
         coming = [at_s for at_s in self.at_s if at_s > after_s]
         if self.per_hour:
+            # Without an end to the search a rate near zero would be drawn for ever.
             drawn = (at_s for slot in range(first, first + HORIZON_SLOTS) for at_s in self._drawn(seed, slot))
             coming += next(([at_s] for at_s in drawn if at_s > after_s), [])
         return Stretch(min(coming), min(coming) + self.length_s) if coming else None
@@ -133,6 +136,7 @@ class Event(Table):
     def _touching(self, seed: int, from_s: float, until_s: float) -> Iterator[Stretch]:
         begins = list(self.at_s)
         if self.per_hour:
+            # Also spells that began in an earlier slot and still last.
             slots = range(max(math.floor((from_s - self.length_s) / SLOT_S), 0), math.floor(until_s / SLOT_S) + 1)
             begins += [at_s for slot in slots for at_s in self._drawn(seed, slot)]
         for begin_s in begins:

@@ -156,6 +156,7 @@ class WireFaults(Table):
         """What is sent in place of a reply, piece by piece: nothing, itself, or spoilt, with more around it."""
         if "silent" in struck:
             return ()
+        # In this order: what is spoilt, how often it comes, what goes before it.
         sent = [self._spoilt(struck, exchange.number, exchange.reply)]
         if "duplicated" in struck:
             sent *= 2
@@ -170,6 +171,7 @@ class WireFaults(Table):
 
     def _spoilt(self, struck: Container[str], number: int, reply: bytes) -> bytes:
         if self.wrong_identity is not None:
+            # Before the reply is spoilt: the model answers so, the wire comes after.
             reply = reply.replace(self.wrong_identity.text.encode(), self.wrong_identity.instead.encode())
         if "garbage" in struck:
             reply = self._gibberish(number, reply)
@@ -194,6 +196,7 @@ class WireFaults(Table):
         random = generator(self.seed, "stray", number)
         strays = bytes(int(each) for each in random.integers(*STRAY, count))
         body, _ = parted(reply)
+        # A block is counted by its header: strays within would be part of its numbers.
         binary = reply.startswith(b"#") or not reply.isascii()
         place = 0 if binary else int(random.integers(0, len(body) + 1))
         return reply[:place] + strays + reply[place:]

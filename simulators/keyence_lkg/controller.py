@@ -120,6 +120,7 @@ class Controller:
 
     def zero(self, indices: Sequence[int]) -> None:
         """Auto-zero on."""
+        # What is stored so far is taken with the zero it was measured with.
         self._storage.take()
         for output in self.wired(indices):
             output.zero(self.clock.now_s())
@@ -149,6 +150,7 @@ class Controller:
         command = self._commands.get(main)
         if command is None:
             raise Refused(Fault.COMMAND)
+        # After the reply to R0 it still takes a while until measuring commands are taken.
         ready = self.clock.now_s() >= self._ready_s
         if command.setting == self._measuring or (self._measuring and not ready):
             raise Refused(Fault.STATUS)
@@ -160,17 +162,20 @@ class Controller:
         name = main
         if main in ("SW", "SR") and parameters and self.settings.refusal_names_setting:
             name = parameters[0]
+        # A refusal quotes what was sent, which may be anything.
         echo = "".join(c if c.isascii() and c.isprintable() else "?" for c in name[:10])
         return Answer(f"ER,{echo},{self._model.codes[fault]}", self.settings.reply_delay_s)
 
     def _change_mode(self, main: str, parameters: list[str]) -> Answer:
         if parameters:
             raise Refused(Fault.COUNT)
+        # A change to the mode it is in is a status error.
         if self._measuring == (main == "R0"):
             raise Refused(Fault.STATUS)
         self._measuring = main == "R0"
         if not self._measuring:
             self._storage.stop()
+            # Before settings change: values belong to those they were stored under.
             self._storage.take()
             return Answer(main, self.settings.reply_delay_s)
         self._apply_registers()
@@ -222,6 +227,7 @@ class Controller:
         )
         share = self.settings.storage_values
         if self._model.storage_shared and stored:
+            # One memory for all outputs that are stored.
             share //= len(stored)
         cycle_s = STORAGE_CYCLES[cycle] * self._cycle_s() if cycle < len(STORAGE_CYCLES) else None
         return Plan(min(count, share), cycle_s, stored)
@@ -240,6 +246,7 @@ class Controller:
 
     def _storage_status(self, _: list[str]) -> str:
         running = "1" if self._storage.running else "0"
+        # Two counts at least, as the manual's reply has them.
         counts = [self._storage.count(index) for index in range(max(2, len(self.outputs)))]
         return ",".join(["AN", running, *(f"{count:0{self.settings.count_digits}d}" for count in counts)])
 

@@ -27,12 +27,14 @@ class Kernel:
 
 def moving_average(cycles: int, cycle_s: float) -> Kernel:
     """The mean over the last `cycles` sampling cycles; sparse for many, with the same mean delay."""
+    # The mean delay is that of all cycles; a moving average of 262144 would be sampled without end.
     points = min(cycles, _POINTS)
     return Kernel(np.linspace(0.0, cycles - 1.0, points) * cycle_s, np.full(points, 1.0 / points))
 
 
 def low_pass(cutoff_hz: float) -> Kernel:
     """First order."""
+    # Eight time constants: what is left is below the last digit.
     time_constants = np.linspace(0.0, 8.0, _POINTS)
     weights = np.exp(-time_constants)
     return Kernel(time_constants / (2.0 * math.pi * cutoff_hz), weights / weights.sum())
@@ -84,6 +86,7 @@ class Output:
 
     def _filtered(self, times_s: FloatArray) -> FloatArray:
         lags_s, weights = self.kernel.lags_s, self.kernel.weights
+        # In blocks: a storage of a million values times 64 taps would be half a gigabyte.
         rows = max(1, _BLOCK // len(lags_s))
         blocks = [times_s[i : i + rows, None] - lags_s for i in range(0, len(times_s), rows)]
         with np.errstate(invalid="ignore"):  # inf - inf: out of range both ways is no value

@@ -92,6 +92,7 @@ class Registers:
         return self._written.get((self.program, name, output), self.table[name].default)
 
     def _find(self, parameters: list[str]) -> tuple[Register, int, list[str]]:
+        # The longer name first: HB,M is another setting than HB with output M.
         for length in (2, 1):
             register = self.table.get(tuple(parameters[:length]))
             if register is not None:

@@ -52,6 +52,7 @@ class Session:
         *lines, rest = bytes(self._buffer).split(b"\r")
         self._buffer = bytearray(rest)
         for line in lines:
+            # The end of a line that was refused already.
             if self._overlong:
                 self._overlong = False
             else:
@@ -64,6 +65,7 @@ class Session:
             self._buffer.clear()
 
     def _serve(self) -> None:
+        # The next command is looked at only after the reply to the one before has gone.
         while self._lines and not self._replying:
             answer = self._answer(self._lines.popleft())
             reply = answer.text.encode("ascii") + b"\r"

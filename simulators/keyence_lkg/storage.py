@@ -15,6 +15,7 @@ from simulators.keyence_lkg.values import shown_mm
 from simulators.measured import Tap
 from simulators.wiring import TriggerLine
 
+# Well within what the world remembers.
 _LOOK_EVERY_S = 30.0
 
 
@@ -77,6 +78,7 @@ class DataStorage:
         """Go on storing, or begin anew when the plan has changed."""
         if self.running:
             return
+        # Started again with the same plan it goes on.
         if plan != self._plan:
             self._plan = plan
             self.clear()
@@ -84,6 +86,7 @@ class DataStorage:
         # An edge at the very instant of the start counts, once.
         self._seen_s = max(self._seen_s, math.nextafter(self._start_s, -math.inf))
         self._running = bool(plan.outputs) and self._count < plan.count
+        # By number, so that the looks of an earlier start end.
         self._run += 1
         self._look_again(self._run)
 
@@ -111,6 +114,7 @@ class DataStorage:
     def _look(self) -> None:
         if not self._running:
             return
+        # A value counts as stored when it is measured, `latency_s` after its edge.
         until_s = self._clock.now_s() - self._latency_s
         instants = self._instants(until_s)[: self._plan.count - self._count]
         if len(instants):
@@ -124,6 +128,7 @@ class DataStorage:
         cycle_s = self._plan.cycle_s
         if cycle_s is None:
             return self._trigger.edges(self._seen_s, until_s)
+        # Rounding must not lose the cycle that ends right now.
         first, last = (math.floor((t - self._start_s) / cycle_s + 1e-6) for t in (self._seen_s, until_s))
         return np.asarray(self._start_s + cycle_s * np.arange(max(first, 0) + 1, last + 1), dtype=np.float64)
 

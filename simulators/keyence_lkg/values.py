@@ -21,6 +21,7 @@ def format_value(value_mm: float, decimals: int) -> str:
     for places in range(decimals if math.isfinite(value_mm) else 0, 0, -1):
         text = f"{value_mm:+08.{places}f}"
         if len(text) == 8:
+            # The display has no negative zero.
             return text if text.strip("-0.") else text.replace("-", "+")
     return OVER_RANGE if value_mm > 0 else UNDER_RANGE
 

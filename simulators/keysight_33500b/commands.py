@@ -116,6 +116,7 @@ class Commands:
             output = self._output(number)
             value, limit = kind(output).clip(text)
             put(output, value)
+            # Set first and told afterwards: the generator bends a setting and goes on.
             if limit:
                 raise ScpiError(-222, f"value clipped to {limit} limit")
 
@@ -145,6 +146,7 @@ def _offsets(output: Output) -> Number:
 
 
 def _load(output: Output) -> str:
+    # SCPI's number for infinity.
     return _sent(output.load_ohm if math.isfinite(output.load_ohm) else 9.9e37)
 
 

@@ -78,6 +78,7 @@ class Output:
     @property
     def scale(self) -> float:
         """What arrives at the load that voltages are reckoned for, of an open circuit's."""
+        # Into a finite load part of the voltage is lost over the generator's own 50 ohm.
         return 1.0 if math.isinf(self.load_ohm) else self.load_ohm / (self.load_ohm + SOURCE_OHM)
 
     def change(self, **fields: object) -> None:
@@ -95,6 +96,7 @@ class Output:
     def set_frequency(self, frequency_hz: float) -> None:
         """The nearest step; the waveform goes on from the phase it has."""
         now_s = self._clock.now_s()
+        # The phase it has now is kept: a change of frequency makes no jump.
         turns = float(self._course.turns(np.array([now_s]))[0])
         step_hz = self._settings.frequency_step_hz
         nearest_hz = max(round(frequency_hz / step_hz) * step_hz, FREQUENCY_MINIMUM_HZ)

@@ -44,6 +44,7 @@ class TimedReadings:
 
     def due(self, now_s: float) -> FloatArray:
         """The instants of the readings that are there and were not given out yet."""
+        # Two more than are due, as rounding may be off by one; what is not there yet is cut off below.
         reach = 2 + math.floor((now_s - self._lag_s - self.first_s) / self.period_s)
         times = self.first_s + self.period_s * np.arange(self._taken, min(reach, self.count), dtype=np.float64)
         times = times[times + self._lag_s <= now_s]
@@ -84,6 +85,7 @@ class PacedReadings:
         self._seen_s = armed_s
         self._triggers = int(min(triggers, BOUNDLESS))
         self._offsets_s = delay_s + period_s * np.arange(int(samples))
+        # While its readings last the meter hears no edge.
         self._busy_s = float(self._offsets_s[-1]) + period_s
         self._ready_s = -math.inf
         self._scheduled = np.empty(0)
@@ -114,10 +116,12 @@ class PacedReadings:
         return self._triggers * len(self._offsets_s) + len(self._scheduled)
 
     def _accept(self, edges: FloatArray) -> FloatArray:
+        # Edges that follow each other as fast as readings must not be missed for rounding.
         tolerance_s = 1e-9
         if not len(edges):
             return edges
         gaps_s = np.diff(edges, prepend=self._ready_s - self._busy_s)
+        # The usual case, all edges far enough apart, without a loop.
         if np.all(gaps_s >= self._busy_s - tolerance_s):
             self._ready_s = float(edges[-1]) + self._busy_s
             return edges

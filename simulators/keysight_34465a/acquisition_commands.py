@@ -107,6 +107,7 @@ class AcquisitionCommands:
         return measure
 
     def _read(self) -> Pending:
+        # READ? would wait for a trigger that this client can no longer send.
         if self._setup.trigger_source == "BUS":
             raise ScpiError(-214)
         self._meter.initiate()
@@ -147,6 +148,7 @@ class AcquisitionCommands:
             return remove()
 
         def wake_s() -> float:
+            # Woken when enough readings are there, or when none will come any more.
             return min(meter.stored_s(count - len(meter.memory)), meter.idle_s())
 
         return Pending(lambda: there() or meter.idle, remove, wake_s)

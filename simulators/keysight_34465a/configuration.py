@@ -107,6 +107,7 @@ class Configuration:
         """The shortest time from one reading to the next without a range change."""
         integration_s = self.integration_s
         overhead_s = 0.0 if integration_s < 300e-6 else TIMER_OVERHEAD_S
+        # Autozero measures zero beside each reading, for as long.
         return (integration_s + overhead_s) * (2 if self.integrations[self.function].autozero else 1)
 
     @property

@@ -70,6 +70,7 @@ class MeasurementCommands:
         autorange = range_v.upper() in ("AUTO", "DEF", "DEFAULT")
         chosen_v = 10.0 if autorange else VOLTAGE_RANGE.parse(range_v)
         automatic_resolution = resolution_v.upper() in ("DEF", "DEFAULT")
+        # A resolution belongs to a range; with autorange there is none to refer it to.
         if autorange and not automatic_resolution:
             raise ScpiError(-221)
         self._meter.configure("VOLT")
@@ -116,6 +117,7 @@ class MeasurementCommands:
         last = self._meter.memory.last
         self._meter.change()
         if mode == "ONCE" and last is not None:
+            # Ranges reach to 120 % of their name.
             self._setup.range_v = next_choice(RANGES_V, abs(last) / 1.2)
         self._setup.autorange = mode == "ON"
 

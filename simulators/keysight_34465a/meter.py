@@ -49,6 +49,7 @@ class Meter:
         self._tap = tap
         self._signals = {"VOLT": volts, "TEMP": celsius}
         self._trigger_out, self._trigger_in = trigger_out, trigger_in
+        # A reading stands for `latency_s` after its edge and cannot be there before.
         self._lag_s = max(settings.latency_s, 0.0)
         self._readings: Readings | None = None
         self._triggers_awaited = 0.0
@@ -86,6 +87,7 @@ class Meter:
         self.memory.clear()
         self._tap.begin()
         setup = self.configuration
+        # A too short interval is not refused: only the questionable register tells.
         if setup.sample_source == "TIM" and setup.timer_s < setup.timer_minimum_s * (1 - 1e-9):
             self.questionable.event |= TIMING_VIOLATION
         if setup.trigger_source == "IMM":
@@ -124,6 +126,7 @@ class Meter:
         self.advance()
         readings = self._readings
         if isinstance(readings, TimedReadings) and readings.remaining:
+            # All later samples are late by the jump, and so are their edges.
             readings.first_s += jump_s
             if self._trigger_out is not None:
                 self._trigger_out.end(self._clock.now_s())
@@ -174,6 +177,7 @@ class Meter:
     def _take(self, times_s: FloatArray) -> None:
         readings = self._measure(times_s + self._settings.latency_s)
         valid = np.where(np.abs(readings) >= OVERLOAD, np.nan, readings)
+        # The tap hears what was measured, before scaling makes other numbers of it.
         self._tap.note(self.configuration.function, times_s, valid)
         if self.memory.append(self._scaled(readings)):
             self.questionable.event |= MEMORY_OVERFLOW
@@ -199,6 +203,7 @@ class Meter:
         """Readings on the own timer, the first complete after one integration; each gives a VM COMP edge."""
         setup = self.configuration
         first_s = self._clock.now_s() + (setup.trigger_delay_s or 0.0) + setup.integration_s
+        # A clock that goes fast makes periods short.
         period_s = setup.period_s / (1.0 + 1e-6 * self._settings.clock_ppm)
         readings = TimedReadings(first_s, period_s, count, self._lag_s)
         self._readings = readings
@@ -215,6 +220,7 @@ class Meter:
     def _as_voltage(self, volts: FloatArray) -> FloatArray:
         setup = self.configuration
         if setup.autorange:
+            # Each reading on the smallest range that holds it.
             index = np.minimum(np.searchsorted(OVERLOAD_V, np.abs(volts)), len(RANGES_V) - 1)
         else:
             index = np.full(len(volts), RANGES_V.index(setup.range_v))

@@ -186,6 +186,7 @@ class EspAxis:
         self.target_deg = target_deg
         self.done = False
         settings, place_deg = self._settings, target_deg + self._zero_deg
+        # The end of travel stops it, whatever the software limits say.
         within_deg = min(max(place_deg, settings.travel_min_deg), settings.travel_max_deg)
         if within_deg != place_deg:
             error = 4 if within_deg < place_deg else 5
@@ -218,6 +219,7 @@ class EspAxis:
 
     def _when_at_rest(self, step: Callable[[], None]) -> None:
         if self.velocity() == 0.0:
+            # What was still to come of an earlier command does not come any more.
             self._action += 1
             step()
         else:
@@ -229,6 +231,7 @@ class EspAxis:
 
     def _then(self, at_s: float, step: Callable[[], None]) -> None:
         self._action += 1
+        # By number: a step that another command has overtaken must not happen.
         action = self._action
 
         def due() -> None:

@@ -119,6 +119,7 @@ class SimulatedEsp301:
             try:
                 answer = execute(self, command)
             except Refused as refused:
+                # No reply: a refusal only goes into the queue of errors.
                 self.report(refused.code)
             else:
                 if answer is not None:
@@ -129,6 +130,7 @@ def _suffer(axis: EspAxis, event: Event) -> None:
     match event:
         case PowerCycle():
             axis.switch_off()
+        # Without a closed loop there is nothing to follow.
         case FollowingError() if axis.motor_on:
             axis.fail_following()
         case LimitHit():

@@ -33,6 +33,7 @@ class LineReader:
     def feed(self, data: bytes) -> Iterator[str]:
         """Every line completed by `data`."""
         *lines, rest = (self._pending + data.decode("latin-1").replace("\n", "")).split("\r")
+        # One character more than allowed, which tells that the line is too long.
         self._pending = rest[: self._characters_max + 1]
         for line in lines:
             yield line[: self._characters_max + 1]

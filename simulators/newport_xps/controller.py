@@ -203,6 +203,7 @@ class XpsClient:
                 if self.hung_up:
                     return
                 if self._unanswered is not None:
+                    # A socket takes one call at a time: the second is told that the first has not finished.
                     self._send(format_reply(-1, (text,)))
                 else:
                     self._execute(text)

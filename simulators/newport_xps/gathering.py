@@ -93,8 +93,10 @@ class Gathering:
             raise Refused(-32)
         if first < 0 or count < 1 or first + count > self.count():
             raise Refused(-17)
+        # Pieces are joined when somebody asks, not at every capture.
         self._rows = [np.concatenate(self._rows)]
         rows = self._rows[0][first : first + count]
+        # A row is at least two bytes: more rows would not fit into a reply anyway.
         text = "".join(";".join(map(format_number, row)) + "\n" for row in rows[: REPLY_BYTES_MAX // 2])
         if len(text) > REPLY_BYTES_MAX:
             raise Refused(-3)
@@ -103,6 +105,7 @@ class Gathering:
     def _capture(self) -> None:
         if self._count == self._wanted:
             return
+        # Rounding must not lose the point of this very instant.
         elapsed = int((self._clock.now_s() - self._start_s) / self._period_s + 1e-6) + 1
         due = np.arange(self._count, min(self._wanted, elapsed))
         if due.size:

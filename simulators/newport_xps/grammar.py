@@ -95,6 +95,7 @@ class Signature:
         if len(arguments) != len(inputs) + len(outputs):
             raise Refused(-9)
         for kind, placeholder in zip(outputs, arguments[len(inputs) :], strict=True):
+            # `double *`, `double*` and blanks between are all sent by clients in use.
             if re.sub(r"\s", "", placeholder) != f"{kind}*":
                 raise Refused(WRONG_TYPE[kind])
         pairs = list(zip(inputs, arguments, strict=False))

@@ -102,6 +102,7 @@ class Group:
     def kill(self, done: Done) -> None:
         """Brake hard whatever happens and switch the motors off; always allowed."""
         self._enders.append(done)
+        # A second kill only waits for the first.
         if self.state is not GroupState.EMERGENCY_BRAKING:
             self.state = GroupState.EMERGENCY_BRAKING
             code = self._settings.killed_motion_code
@@ -128,6 +129,7 @@ class Group:
         for positioner, velocity_deg_s, acceleration_deg_s2 in velocities:
             positioner.check_jog(velocity_deg_s, acceleration_deg_s2)
         now_s = self._clock.now_s()
+        # A brake planned for the travel limit does not hold for the new velocity.
         self._action += 1
         for positioner, velocity_deg_s, acceleration_deg_s2 in velocities:
             brake_s = positioner.start_jog(now_s, velocity_deg_s, acceleration_deg_s2)
@@ -162,6 +164,7 @@ class Group:
             following = GroupState.READY_FOLLOWING_ERROR
         for positioner in self.positioners.values():
             positioner.error_word |= FOLLOWING_ERROR_BIT
+        # The state changes at once; the stage has still to come to rest.
         self._end(following, -25)
         self._brake_hard(lambda: None)
 
@@ -230,6 +233,7 @@ class Group:
 
     def _then(self, at_s: float, step: Callable[[], None]) -> None:
         self._action += 1
+        # By number: a step that another action has overtaken must not happen.
         action = self._action
 
         def due() -> None:
@@ -242,6 +246,7 @@ class Group:
         """Enter a resting state: tell those who waited for the action, then those who ended it."""
         self._action += 1
         self.state = state
+        # Taken out first: whoever is told may begin the next action at once.
         blocked, self._blocked = self._blocked, []
         enders, self._enders = self._enders, []
         for done in blocked:

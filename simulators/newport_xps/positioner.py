@@ -96,6 +96,7 @@ class Positioner:
         if self._settings.motion_law == "trapezoid":
             return self.axis.move_to(at_s, target, self.speed_deg_s, self.acceleration_deg_s2)
         distance_deg = abs(target - self.axis.position(at_s))
+        # Of a cycloid the peak speed is twice the mean, the peak acceleration 2 pi distances by time squared.
         by_speed_s = 2.0 * distance_deg / self.speed_deg_s
         by_acceleration_s = math.sqrt(2.0 * math.pi * distance_deg / self.acceleration_deg_s2)
         return self.axis.turn_to(at_s, target, max(by_speed_s, by_acceleration_s))
@@ -111,7 +112,9 @@ class Positioner:
         if velocity_deg_s == 0.0:
             return np.inf
         ramped_s = at_s + abs(velocity_deg_s - self.velocity(at_s)) / acceleration_deg_s2
+        # Signed, as the velocity is.
         braking_deg = 0.5 * velocity_deg_s * abs(velocity_deg_s) / acceleration_deg_s2
+        # False is the lower limit, True the upper one.
         limit_deg = self.travel_deg[velocity_deg_s > 0]
         left_deg = limit_deg - braking_deg - self.setpoint(ramped_s)
         return max(at_s, ramped_s + left_deg / velocity_deg_s)
@@ -119,6 +122,7 @@ class Positioner:
     def brake(self, at_s: float, deceleration_deg_s2: float | None = None) -> float:
         """Brake to rest; returns when it stands [s]."""
         stands_s = self.axis.halt(at_s, deceleration_deg_s2 or self.acceleration_deg_s2)
+        # After a stop its target is where it stands: relative moves go on from there.
         self.target_deg = self.setpoint(stands_s)
         return stands_s
 

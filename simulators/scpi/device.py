@@ -75,6 +75,7 @@ class ScpiShell:
 
     def error(self, error: ScpiError) -> None:
         """Queue an error; when full the last one becomes -350."""
+        # Command, execution, device and query errors: bits 5 to 2 of the event register (IEEE 488.2).
         bit = {1: 32, 2: 16, 3: 8, 4: 4}[-error.code // 100]
         self.standard.event |= bit
         if len(self._errors) < QUEUE_LENGTH:
@@ -110,6 +111,7 @@ class ScpiShell:
             session.resume()
         now_s = self.clock.now_s()
         wake_s = min((s.wake_s() for s in self._sessions), default=math.inf)
+        # One wake-up that is due before this one is enough: it looks again.
         if math.isfinite(wake_s) and not now_s < self._wake_s <= wake_s:
             self._wake_s = wake_s = max(wake_s, now_s + SHORTEST_WAIT_S)
             self.clock.call_at(wake_s, self.resume)
@@ -140,6 +142,7 @@ class ScpiShell:
         self._completion_asked = True
 
     def _completed(self) -> Register:
+        # Looked at when somebody asks: no message tells that an operation has ended.
         if self._completion_asked and not self._busy():
             self._completion_asked = False
             self.standard.event |= 1
@@ -151,6 +154,7 @@ class ScpiShell:
         return status + 64 * bool(status & self._service_enable)
 
     def _set_service_enable(self, value: float) -> None:
+        # Bit 6 is the summary itself and cannot be enabled.
         self._service_enable = int(value) & ~64
 
     def _clear(self) -> None:
@@ -221,6 +225,7 @@ class Session:
                 self._execute(self._units.popleft())
                 continue
             if self._replies:
+                # One message for all queries of a message: a client reads up to its LF.
                 self._send(b";".join(self._replies) + b"\n")
                 self._replies.clear()
             if not self._messages:
@@ -233,6 +238,7 @@ class Session:
     def _begin(self, message: bytes) -> None:
         self._path = ""
         try:
+            # Any byte can be decoded; strange ones are for the grammar to refuse.
             self._units.extend(split_message(message.decode("latin-1")))
         except ScpiError as error:
             self._shell.error(error)
@@ -261,6 +267,7 @@ class Session:
 
     def _resolve(self, unit: Unit) -> Unit:
         """The header from the root; after a semicolon it goes on where the last one was (SCPI-99, 6.2.4)."""
+        # Common commands leave the path as it is.
         if unit.header.startswith("*"):
             return unit
         header = unit.header[1:] if unit.header.startswith(":") else self._path + unit.header

@@ -61,6 +61,7 @@ _UNIT = re.compile(
 )
 _PATTERN_TOKEN = re.compile(r"(?P<short>[A-Z]+)(?P<rest>[a-z]*)|<n>|[][{}?*]")
 _PATTERN_SIGNS = {"[": "(?:", "]": ")?", "{": "(?:", "}": ")", "?": r"\?", "*": r"\*", "<n>": r"(\d*)"}
+# IEEE 488.2: all control characters; LF has ended the message before.
 _WHITE = "".join(map(chr, range(33)))
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?)\s*([A-Z]*)", re.IGNORECASE | re.ASCII)
 _WORD = re.compile(r"[A-Z][A-Z0-9_]*", re.IGNORECASE | re.ASCII)
@@ -108,6 +109,7 @@ def _split(text: str, separator: str) -> list[str]:
     parts, start, quote = [], 0, ""
     for i, character in enumerate(text):
         if quote:
+            # A doubled quote ends the string and begins it again, which for splitting is the same.
             quote = "" if character == quote else quote
         elif character in "'\"":
             quote = character
@@ -209,6 +211,7 @@ class Boolean:
             return text.upper() == "ON"
         if _WORD.fullmatch(text):
             raise ScpiError(-224)
+        # A number is rounded first (SCPI-99, 7.3).
         return abs(_quantity(text, "")) >= 0.5
 
     def format(self, value: bool) -> str:
@@ -246,6 +249,7 @@ def _quantity(text: str, unit: str) -> float:
         raise ScpiError(-104)
     suffix = match[2].upper()
     multiplier = suffix.removesuffix(unit) if unit else suffix
+    # A multiplier alone is no unit: `3 M` is neither mega nor metres.
     if (suffix and not unit) or multiplier not in _DIVISORS or (multiplier and multiplier == suffix):
         raise ScpiError(-131)
     return float(match[1]) / _DIVISORS[multiplier]

@@ -69,6 +69,7 @@ class AccelerometerBench:
             raise ValueError(f"no sensor '{axis}' in the package; it has: {', '.join(self._settings.sensors)}")
         if configuration not in get_args(Configuration):
             raise ValueError(f"no configuration '{configuration}'; use: {', '.join(get_args(Configuration))}")
+        # For the type checker, which does not follow `get_args`.
         known: Configuration = "pendulum" if configuration == "pendulum" else "flag"
         self._put(mountings.mount(self._settings, axis, known, mounting))
         self._levelled = None
@@ -97,6 +98,7 @@ class AccelerometerBench:
 
     def _level(self, mounting: Mounting, at_s: float, angle_deg: float) -> None:
         angle_rad = math.radians(round(angle_deg, LEVELLING_DIGITS))
+        # The hand levels by the output, which has bias and drift in it.
         wanted_m_s2 = Electronics(self._settings, mounting, self._room).felt_m_s2(mounting.level_v, at_s)
         vertical_table = about_z(-angle_rad) @ vertical_lab(self._settings)
         self._put(mountings.levelled(mounting, vertical_table, wanted_m_s2 / self._settings.g_m_s2))
@@ -122,6 +124,7 @@ class AccelerometerBench:
 
     def announce_run(self, number: int) -> None:
         """The next trains belong to this run; what nature did before is forgotten."""
+        # First: a train that began before belongs to the run before.
         self._note_train()
         self._since_s = self._clock.now_s()
         self._run = number
@@ -154,6 +157,7 @@ class AccelerometerBench:
         }
 
     def _put(self, mounting: Mounting) -> None:
+        # First: a train that began before is with the mounting before.
         self._note_train()
         self._mounting = mounting
         self._mounted[mounting.key] = mounting
@@ -169,6 +173,7 @@ class AccelerometerBench:
         """The trains the times fall in, each with a mask of its times; a reading outside is its own train."""
         self._note_train()
         left = np.ones(times_s.shape, dtype=np.bool_)
+        # Where two trains claim a time, as at the end of one that was cut, the later one has it.
         for train in reversed(self._trains):
             chosen = left & train.covers(times_s)
             if chosen.any():
@@ -179,6 +184,7 @@ class AccelerometerBench:
         if self._mounting is None:
             return
         for at_s in np.unique(times_s[left]):
+            # By time, in microseconds: asked again it is the same reading.
             key = self._key(self._mounting, "single", round(1e6 * at_s))
             single = Train(float(at_s), _SINGLE_PERIOD_S, 1)
             yield (

@@ -21,6 +21,7 @@ class SensorConfiguration(WorldTable):
     """The sensor's second-order response in one configuration; `ideal` leaves only its gain."""
 
     frequency_hz: float = Field(ge=1e-3, le=1e6)
+    # Above 0.5 a sensor rings; the integrator is one for such.
     q: float = Field(default=10.0, gt=0.5)
     gain_v_per_m_s2: float = Field(gt=0.0)
     ideal: bool = False
@@ -32,6 +33,7 @@ class SensorSettings(WorldTable):
     cube_axis: CubeAxis
     true_axis: tuple[float, float, float]
     bias_v: float | None = None
+    # Gravity stiffens the hanging sensor: its gain falls as the square of its frequency rises.
     pendulum: SensorConfiguration = SensorConfiguration(frequency_hz=4.53, gain_v_per_m_s2=59.7)
     flag: SensorConfiguration = SensorConfiguration(frequency_hz=3.5, gain_v_per_m_s2=100.0)
 
@@ -39,6 +41,7 @@ class SensorSettings(WorldTable):
     @classmethod
     def _unit(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
         length = math.hypot(*axis)
+        # Not `<= 0.0`, which would let NaN pass.
         if not length > 0.0:
             raise ValueError("true_axis has no direction; give three numbers, not all zero")
         x, y, z = axis
@@ -53,6 +56,7 @@ class LaserSettings(WorldTable):
     """One triangulation head: where it stands in the lab, how its beam is tilted, how well it reads."""
 
     position: Literal["+x", "+y", "+z"]
+    # Tilted on purpose: seen head-on, a mirror-like face would blind the head.
     tilt_deg: float = Field(default=5.0, gt=-30.0, lt=30.0)
     noise_um: float = Field(default=0.05, ge=0.0)
 
@@ -98,9 +102,11 @@ class BenchSettings(WorldTable):
 
     kind: Literal["sensing-axis"] = "sensing-axis"
     seed: int
+    # Rome's.
     g_m_s2: float = Field(default=9.803, gt=0.0)
     sensors: dict[str, SensorSettings]
     lasers: dict[str, LaserSettings]
+    # Two such angles at every mounting make the paper's 25 arcsec (2 sigma).
     scatter_arcsec: float = Field(default=12.5, ge=0.0)
     mounting_sigma_rad: float = Field(default=2e-3, ge=0.0)
     bias_sigma_v: float = Field(default=0.1, ge=0.0)
@@ -165,5 +171,6 @@ def isa_twin(seed: int = 1) -> BenchSettings:
             "laser_2_mm": LaserSettings(position="+y"),
             "laser_3_mm": LaserSettings(position="+z"),
         },
+        # 0.5 arcsec over 25 mm.
         effects={"roll-gravity": {"rho1": 9.7e-5}},
     )

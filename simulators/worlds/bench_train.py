@@ -82,6 +82,7 @@ class BenchTrain:
 
     def _block_of_noise(self, head: str, block: int) -> FloatArray:
         if (head, block) not in self._noise:
+            # In blocks by number: the noise of an edge without that of all before it.
             rng = generator(*self._key, "laser", head, block)
             self._noise[head, block] = rng.standard_normal(_BLOCK)
         return self._noise[head, block]

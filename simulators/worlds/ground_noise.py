@@ -34,6 +34,7 @@ class GroundNoise:
         self._state = np.zeros((2, 2, 3))
         if self._bump_rms > 0.0:
             ring_down_s = quality / (math.pi * settings.bump_frequency_hz)
+            # Run in for ten ring-downs, to be stationary from the first row on.
             self._bump(math.ceil(10.0 * ring_down_s / step_s))
 
     def take(self, count: int) -> FloatArray:

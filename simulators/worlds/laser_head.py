@@ -34,6 +34,7 @@ class LaserHead:
         self._zero_m = mounting.laser_zero_m[name]
         self._yaw = settings.size("yaw", "psi1")
         self._curvature = settings.size("laser-nonlinearity", "q", name)
+        # Of the heads only the one across the motion has crosstalk, unless another is given some by name.
         side = head.position == "+y" or f"chi[{name}]" in settings.effects.get("laser-crosstalk", {})
         self._crosstalk = settings.size("laser-crosstalk", "chi", name) if side else 0.0
         outward = np.array(_OUTWARD[head.position])
@@ -44,6 +45,7 @@ class LaserHead:
         nominal = nominal_table_from_cube(settings.sensors[mounting.axis].cube_axis, mounting.configuration)
         face_cube = nominal.T @ outward
         self._normal_table = mounting.table_from_cube @ face_cube
+        # The cube's other two axes are the edges of the face.
         first_edge = np.roll(np.abs(face_cube), 1)
         self._edges_table = [
             mounting.table_from_cube @ first_edge,
@@ -60,6 +62,7 @@ class LaserHead:
         normal = turned_about_z(self._normal_table, turned)
         cosine = _dot(normal, self._beam)
         centre = (-self._lever_m * np.sin(angle), self._lever_m * np.cos(angle))
+        # A face seen from its side; `seen` leaves it out below.
         with np.errstate(divide="ignore", invalid="ignore"):
             # The guide's yaw turns the face as it moves; that a face also swings about the cube's centre is left out.
             from_motion = moved * normal[0] / cosine

@@ -52,6 +52,7 @@ def mount(settings: BenchSettings, axis: str, configuration: Configuration, numb
     """The package put in place, not yet levelled; the same numbers give the same mounting."""
     sensor = settings.sensors[axis]
     rng = generator(settings.seed, "mounting", axis, configuration, number)
+    # New draws go to the end: before these they would change every mounting of a seed.
     delta = settings.mounting_sigma_rad * rng.standard_normal(3)
     strain = settings.scatter_arcsec * _ARCSEC_RAD * rng.standard_normal(2)
     level_v = settings.level_residual_v * rng.uniform(-1.0, 1.0)
@@ -96,6 +97,7 @@ def truth(settings: BenchSettings, mounting: Mounting) -> dict[str, object]:
 
 
 def _tilted(axis: FloatArray, angles_rad: FloatArray) -> FloatArray:
+    # The direction least along the axis: the product with it cannot vanish.
     least = int(np.argmin(np.abs(axis)))
     first = np.cross(axis, np.eye(3)[least])
     first /= np.linalg.norm(first)

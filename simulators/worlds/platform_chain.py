@@ -39,6 +39,7 @@ class IndexedNoise:
         if first < self._begin:
             raise ValueError(f"the noise of sample {first} is forgotten; ask in order of time")
         while (missing := last + 1 - self._begin - len(self._kept)) > 0:
+            # In pieces: the noise of a gap is made and forgotten, and need not be in memory at once.
             fresh = self._stream.take(min(missing, 64 * BLOCK))
             self._kept = np.concatenate([self._kept, fresh])
             self._forget(first - BLOCK)
@@ -134,6 +135,7 @@ class ChainRecord:
     def _recovering(self, attitude: Attitude) -> FloatArray:
         """What dies away after a turn, the same each time or with the sign of its direction."""
         total = np.zeros(attitude.angle_rad.shape)
+        # While the platform turns nothing recovers, as before the first turn.
         since_s = np.where(np.isnan(attitude.dwelt_s), math.inf, attitude.dwelt_s)
         for effect, sign in (("recovery", 1.0), ("recovery-signed", attitude.direction)):
             size = self._size(effect, "e")

@@ -44,6 +44,7 @@ class RingingFilter:
         out = np.zeros(own_s.shape)
         motions = self._turntable.motions(own_s, self._tail_s)
         wanted = {(stop.began_s, stop.start_s): stop for stop in motions}
+        # Turns whose answer has died away are dropped: a record has days of them.
         self._solved = {key: self._solved.get(key) or self._solve(stop) for key, stop in wanted.items()}
         for (began_s, ended_s), (times_s, filtered, states) in self._solved.items():
             during = (own_s >= began_s) & (own_s < ended_s)
@@ -62,6 +63,7 @@ class RingingFilter:
         ends = np.empty(len(self._poles), dtype=np.complex128)
         for index, (pole, residue) in enumerate(zip(self._poles, self._residues, strict=True)):
             kept = np.exp(pole * step_s)
+            # Weights of a linear force's new and old value over one step.
             by_new = (kept - 1.0 - pole * step_s) / (pole**2 * step_s)
             by_old = (kept - 1.0) / pole - by_new
             drive = by_old * force[:-1] + by_new * force[1:]

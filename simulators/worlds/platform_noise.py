@@ -134,10 +134,13 @@ def power_law_filter(
     highest_hz = min(highest_hz, 0.5 * rate_hz)
     count = math.ceil(per_decade * math.log10(highest_hz / density.knee_hz)) + 1
     corners = np.sin(math.pi * np.geomspace(density.knee_hz, highest_hz, count) / rate_hz) ** 2
+    # Not down to the knee itself, where the density is to level off.
     frequency_hz = np.geomspace(3.0 * density.knee_hz, 0.5 * rate_hz, 4000)
     y = np.sin(math.pi * frequency_hz / rate_hz) ** 2
     wanted = density.density(frequency_hz)
+    # Over the density that is wanted: the fit is to be as good relatively at all frequencies.
     terms = 1.0 / ((y[:, np.newaxis] + corners) * wanted[:, np.newaxis])
+    # The columns differ by many decades.
     scale = terms.max(axis=0)
     heights = nnls(terms / scale, 1.0 - density.white / wanted)[0] / scale
     kept = heights > NEGLIGIBLE * density.white * corners
@@ -145,6 +148,7 @@ def power_law_filter(
     poles = [_pole(c) for c in corners.tolist()]
     zeros = [_pole(z) for z in _zeros(density.white, heights, corners)]
     gain = density.white * math.prod(p / q for p, q in zip(poles, zeros, strict=True))
+    # A section takes two of each: an even number, and at least two.
     idle = [0.0] * (len(poles) % 2 or 2 * (not poles))
     return [*poles, *idle], [*zeros, *idle], gain
 
@@ -155,11 +159,14 @@ def _zeros(white: float, heights: FloatArray, corners: FloatArray) -> list[float
     def value(z: float) -> float:
         return white + float(np.sum(heights / (corners - z)))
 
+    # No zero is further than H / white behind the last corner, H the sum of the heights; twice that is safe.
     beyond = float(np.max(corners, initial=0.0) + 2.0 * np.sum(heights) / white)
     ends = [*corners.tolist(), beyond][1:]
     found = []
     for low, high in zip(corners.tolist(), ends, strict=True):
+        # Off the corners, where the sum is infinite.
         inside = max(1e-12 * (high - low), 1e-14 * low)
+        # Zeros lie many decades apart: only relative accuracy means anything.
         found.append(float(brentq(value, low + inside, high - inside, xtol=1e-300, rtol=1e-14)))
     return found
 
@@ -200,6 +207,7 @@ def _stationary_covariance(sections: FloatArray) -> FloatArray:
 
 def _square_root(covariance: FloatArray) -> FloatArray:
     scale = np.sqrt(np.diag(covariance))
+    # An idle section has no state.
     scale[scale == 0.0] = 1.0
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return np.asarray(scale[:, np.newaxis] * vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)

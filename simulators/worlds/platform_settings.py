@@ -51,6 +51,7 @@ class ChainNoiseSettings(WorldTable):
 
     @model_validator(mode="after")
     def _red_needs_white(self) -> Self:
+        # The filter's design divides by the white part.
         if self.red_v2_hz > 0.0 and self.white_v2_hz == 0.0:
             raise ValueError("red_v2_hz needs some white_v2_hz beside it")
         return self
@@ -86,6 +87,8 @@ class PlatformSettings(WorldTable):
     kind: Literal["rotating-platform"]
     seed: int
     g_m_s2: float = Field(default=9.81, gt=0.0)
+    # The paper prints biases of -224.50 V and -52.19 V. Over the amplifier's gain, and with the signs that its
+    # wobbles ask for, they are these.
     chain_a: ChainSettings = ChainSettings(
         scale_v_per_m_s2=846.73, amplifier=1010.9, bias_v=0.2221, wobble_rad=-8.07e-5
     )

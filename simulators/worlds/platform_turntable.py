@@ -94,7 +94,9 @@ class Turntable:
 
     def _offset_rad(self, stop: Stop) -> float:
         if stop.number not in self._offsets:
+            # Signals are asked in order of time: older turns do not come again.
             self._offsets = {n: o for n, o in self._offsets.items() if n > stop.number - 16}
+            # Counted from the record's first turn: how often the platform moved before does not matter.
             drawn = generator(*self._key, "stop", stop.number - self._first_number).standard_normal()
             self._offsets[stop.number] = self._scatter_rad * drawn + 0.5 * self._backlash_rad * stop.direction
         return self._offsets[stop.number]

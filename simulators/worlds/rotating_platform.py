@@ -73,6 +73,7 @@ class RotatingPlatform:
 
     def announce_run(self, number: int) -> None:
         """The next trains belong to this run; what nature did before is forgotten."""
+        # First: a train that began before belongs to the run before.
         self._note_train()
         self._since_s = self._clock.now_s()
         self._run = number
@@ -110,12 +111,14 @@ class RotatingPlatform:
         self._note_train()
         volts = np.empty(times_s.shape)
         left = np.ones(times_s.shape, dtype=np.bool_)
+        # Where two records claim a time, the later one has it.
         for record in reversed(self._records):
             chosen = left & record.covers(times_s)
             if chosen.any():
                 volts[chosen] = self._chain(record, column).output_v(times_s[chosen], self._flipped)
                 left &= ~chosen
         for at_s in np.unique(times_s[left]):
+            # By time, in microseconds: asked again it is the same reading.
             key = (self._settings.seed, self._run, "single", round(1e6 * at_s))
             single = Record(float(at_s), SINGLE_PERIOD_S, float(at_s), key)
             volts[left & (times_s == at_s)] = self._chain(single, column).output_v(np.array([at_s]), self._flipped)

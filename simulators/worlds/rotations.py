@@ -54,6 +54,7 @@ def rotation_vector(matrix: FloatArray) -> FloatArray:
     """The vector v [rad] with exp([v]x) = matrix, for angles below 180 degrees."""
     twice_sine = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
     sine = 0.5 * float(np.linalg.norm(twice_sine))
+    # Of sine and cosine: the trace alone loses the digits of small angles.
     angle = math.atan2(sine, 0.5 * (float(np.trace(matrix)) - 1.0))
     return 0.5 * twice_sine * (angle / sine if sine > 0.0 else 1.0)
 

@@ -92,6 +92,7 @@ class SensorRecord:
         self._line_v = settings.size("mains-pickup", "amplitude")
         self._line_hz = settings.size("mains-pickup", "frequency")
         self._line_phase = generator(*key, "line").uniform(-math.pi, math.pi)
+        # Rounding must not make a step more of a whole number.
         self._step_s = period_s / math.ceil(period_s / _STEP_S - 1e-9)
         inv_w0_squared, damping = settings.resonance(mounting.axis, mounting.configuration)
         self._response = response(inv_w0_squared, damping, self._step_s)
@@ -111,6 +112,7 @@ class SensorRecord:
         own_s = times_s - self._skew_s
         felt = self._interpolated((own_s - self._begin_s) / self._step_s)
         volts = self._electronics.volts(felt, own_s)
+        # Picked up behind the sensor: a line does not come late with it.
         phase = 2.0 * math.pi * self._line_hz * (times_s - self._first_s) + self._line_phase
         return np.clip(volts + self._line_v * np.sin(phase), -self._range_v, self._range_v)
 
@@ -119,6 +121,7 @@ class SensorRecord:
 
     def _interpolated(self, places: FloatArray) -> FloatArray:
         """What the sensor feels at fractional places of the grid, by the cubic through four neighbours."""
+        # The edges are points of the grid; only other readings need the cubic.
         nearest = np.rint(places)
         if np.abs(places - nearest).max() < 1e-6:
             index = nearest.astype(np.intp)
@@ -147,6 +150,7 @@ class SensorRecord:
         ground[0::2], ground[1::2] = 0.5 * (starts + ends), ends
         times_s = self._begin_s + self._step_s * (self._known - 0.5 + 0.5 * np.arange(2.0 * steps))
         static, varying = self._along_axis(times_s, ground)
+        # One value for all times while the turntable stands.
         static_at_ends = static[1::2] if len(static) > 1 else static
         self._felt[self._known : index + 1] = self._response.advance(varying) + static_at_ends
         self._last_ground = ends[-1:]

@@ -61,6 +61,7 @@ class SpecificForce:
     def _straight(self, times_s: FloatArray, yaw: FloatArray | float = 0.0) -> Components:
         angle = self._stages.angle_rad(times_s) + yaw
         if self._null_rate:
+            # A null that runs ahead is as an angle that falls behind; the cube, which lasers see, stays.
             angle = angle - self._null_rate * times_s
         return turned_about_z(self._axis_table, angle)
 

@@ -23,6 +23,7 @@ class Stages:
         self._angle = settings.angle
         self._e1 = settings.size("encoder-eccentricity", "e1")
         self._e2 = settings.size("encoder-eccentricity", "e2")
+        # A stage stands at one angle for whole runs.
         self._standing_rad = lru_cache(maxsize=8)(self._standing_at)
         self._hysteresis = settings.size("cable-hysteresis", "h")
 
@@ -56,6 +57,7 @@ class Stages:
         steps = recorded_deg / self._angle.resolution_deg
         below = np.floor(steps)
         fraction = steps - below
+        # An angle is always wrong by the same, as a scale is.
         left = uniform_of_integers(self._salt, below.astype(np.int64))
         right = uniform_of_integers(self._salt, below.astype(np.int64) + 1)
         step_rad = math.radians(self._angle.resolution_deg)

@@ -28,7 +28,9 @@ class Room:
         done_s = at_s + self._settings.room_s
         now_k = float(np.interp(at_s, self._times_s, self._offsets_k))
         wanted_k = temperature_c - float(_own_course_c(self._settings, np.array([done_s]))[0])
+        # Sent elsewhere while under way, it never arrives where it was going.
         kept = sum(time_s < at_s for time_s in self._times_s)
+        # Interpolation wants times that grow.
         self._times_s = [*self._times_s[:kept], at_s, max(done_s, at_s + 1e-3)]
         self._offsets_k = [*self._offsets_k[:kept], now_k, wanted_k]
         return done_s

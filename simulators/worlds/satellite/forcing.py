@@ -84,6 +84,7 @@ def temperature_k(settings: SatelliteSettings, time_s: FloatArray) -> FloatArray
 
 def _orbit(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> None:
     period_s, e, size = settings.orbit_period_s, settings.eccentricity, settings.size
+    # The ground knows the orbit as planned; what is wrong about it is in `true` alone.
     believed = true = place(time_s, period_s, e, 0.0)
     if settings.effects.keys() & {"orbit-dating", "orbit-precession"}:
         true = place(
@@ -135,6 +136,7 @@ def _injected(made: FloatArray, settings: SatelliteSettings, injection: Injectio
         made[:, FORCING["moved"] + k] = share * signal
         made[:, FORCING["speed"] + k] = share * speed
         kappa = settings.size("wire-stiffness", "kappa", name)
+        # A loss angle 1/Q is at one frequency a damping of kappa / (Q w).
         loss = kappa / (mass * settings.size("wire-stiffness", "quality", name) * w) if kappa else 0.0
         cubic = settings.size("cubic-stiffness", "kappa3", name)
         made[:, FORCING["pushed"] + k] = share * (
@@ -151,6 +153,7 @@ def _in_time(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) 
     size = settings.size
     n = 2.0 * math.pi / settings.orbit_period_s
     warmer_k = temperature_k(settings, time_s)
+    # Half of it by each mass.
     made[:, FORCING["parted"]] = 0.5 * size("thermal-off-centring", "beta") * warmer_k
     for axis, name in enumerate(AXES):
         made[:, FORCING["centre"] + axis] = size("mass-drift", f"rate_{name}") * time_s

@@ -74,6 +74,7 @@ def drawn(settings: SatelliteSettings, draw: int) -> Instrument:
         c, d = within(common), within(different)
         return np.stack([c + d, c - d])
 
+    # Drawn in this order; a new quantity goes to the end, or every satellite of a seed changes.
     return Instrument(
         delta_m=within(bounds.off_centring_m),
         centre_m=within(bounds.centre_m),
@@ -95,6 +96,7 @@ _LEVERS = np.block([[np.ones((3, 3)), np.full((3, 3), LEVER_M)], [np.full((3, 3)
 def exact_truth(instrument: Instrument, settings: SatelliteSettings) -> dict[str, float]:
     """The ten parameters as the small signals of a session see them, where the loop holds the sensors."""
     a0 = operating_point(instrument, settings)
+    # Small signals about a0 see a quadratic term as a slope 2 K2 a0.
     slopes = instrument.matrices + np.stack(
         [np.diag(2.0 * k * a) for k, a in zip(instrument.quadratic_s2_m, a0, strict=True)]
     )
@@ -138,6 +140,7 @@ def paper_truth(instrument: Instrument) -> dict[str, float]:
 def operating_point(instrument: Instrument, settings: SatelliteSettings) -> FloatArray:
     """What the electrodes apply on the average, (2, 3) m/s2, while the loop holds the mean common output at zero."""
     n = 2.0 * math.pi / settings.orbit_period_s
+    # Means over an orbit: of mu / r^3, and of a direction that goes round in X and Z.
     gradient = n**2 * (1.0 - settings.eccentricity**2) ** -1.5 * np.diag([0.5, -1.0, 0.5])
     held = -instrument.positions_m @ gradient + instrument.parasitic_m_s2
     matrices, couplings = instrument.matrices, instrument.couplings

@@ -82,6 +82,7 @@ def fill(normals: FloatArray, words: KeyArray, doubles: FloatArray, keys: KeyArr
     for pair in range(2 * CALLS):
         at = 2 * pair * L
         for lane in range(L):
+            # Never 0, which has no logarithm.
             doubles[at + lane] = (normals[at + lane] + 0.5) * 2.0**-32
         for lane in range(L):
             bits = words[at + lane]
@@ -89,6 +90,7 @@ def fill(normals: FloatArray, words: KeyArray, doubles: FloatArray, keys: KeyArr
             words[at + L + lane] = (bits >> _MANTISSA_BITS) | _EXPONENT_OF_52
         for lane in range(L):
             m = doubles[at + lane]
+            # A double's exponent is stored with 1023 added.
             power = doubles[at + L + lane] - (_TWO_52 + 1023.0)
             log = _LOG[11]
             log = log * m + _LOG[10]
@@ -102,6 +104,7 @@ def fill(normals: FloatArray, words: KeyArray, doubles: FloatArray, keys: KeyArr
             log = log * m + _LOG[2]
             log = log * m + _LOG[1]
             log = log * m + _LOG[0]
+            # The polynomial may be above 0 by its error where the logarithm is 0.
             radius = np.sqrt(max(-2.0 * (log + power * _LN2), 0.0))
             turn = (normals[at + L + lane] + 0.5) * 2.0**-31 - 1.0
             y = turn * turn

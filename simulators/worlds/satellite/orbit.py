@@ -43,6 +43,7 @@ def place(
         sine, cosine = np.sin(anomaly), np.cos(anomaly)
         step = (anomaly - e * sine - mean) / (1.0 - e * cosine)
         anomaly = anomaly - step
+    # The last step is so small that its first order will do: no further sine and cosine.
     sine, cosine = sine - step * cosine, cosine + step * sine
     nearness = 1.0 / (1.0 - e * cosine)
     cosine, sine = (cosine - e) * nearness, np.sqrt(1.0 - e**2) * sine * nearness

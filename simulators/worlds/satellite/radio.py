@@ -41,6 +41,7 @@ class Radio:
         common = 0.5 * (sent[:, 0:3] + sent[:, 3:6])
         before = common[:1] if self._before is None else self._before
         slope = np.diff(np.concatenate([before, common]), axis=0) / self._step_s
+        # For the slope across the border of two chunks.
         self._before = common[-1:].copy()
         sent[:, 0:3] += 0.5 * self._late_s * slope
         sent[:, 3:6] -= 0.5 * self._late_s * slope

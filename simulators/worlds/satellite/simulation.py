@@ -112,6 +112,7 @@ def _parameters(instrument: Instrument, axis: int) -> FloatArray:
         parasitic = instrument.parasitic_m_s2[k]
         put(f"position_{k + 1}", instrument.positions_m[k])
         put(f"matrix_{k + 1}", matrices[k])
+        # A parasitic force is along the sensor's own axes (eq. 9): what M turns too much is taken off.
         put(f"offset_{k + 1}", couplings[k] @ parasitic - matrices[k] @ parasitic)
         put(f"bias_{k + 1}", instrument.bias_m_s2[k])
         put(f"parasitic_{k + 1}", parasitic)
@@ -140,6 +141,7 @@ def _constants(settings: SatelliteSettings, command: Command) -> FloatArray:
         "damping": loops.attitude_damping * math.sqrt(stiffness),
         "hybrid": loops.hybrid_rad_s,
         "sensor_yz": rms * noise.sensor_yz_m_s2_rthz,
+        # A position noise, which the loop differentiates twice.
         "readout": rms * noise.readout_x_m_rthz / step_s**2,
         "angular": rms * noise.angular_rad_s2_rthz,
         "tracker": rms * noise.tracker_rad_rthz,
@@ -177,6 +179,7 @@ def _coloured(settings: SatelliteSettings, mass: str) -> FloatArray:
     for i, pole in enumerate(poles):
         others = np.prod([pole - other for j, other in enumerate(poles) if j != i])
         made[0, i] = pole
+        # A pole at zero only fills up the filter.
         made[1, i] = np.prod([pole - zero for zero in zeros]) / others if pole != 0.0 else 0.0
     made[2, 0] = math.sqrt(gain * rate_hz)
     return made

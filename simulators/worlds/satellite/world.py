@@ -72,11 +72,13 @@ class Satellite:
         if self._simulation is None:
             return np.empty((0, len(self.columns)))
         settings, first = self._settings, self._simulation.taken
+        # Rounding must not lose the sample whose period ends right now.
         over = math.floor((self._clock.now_s() - self._perigee_s) / settings.sample_period_s + 1e-6)
         if over <= first:
             return np.empty((0, len(self.columns)))
         sent = self._simulation.take(over - first)[:, :, 0]
         time_s = settings.sample_period_s * np.arange(first, first + len(sent), dtype=np.float64)
+        # The temperature comes in the same packets.
         warm_k = np.where(np.isnan(sent[:, 0]), np.nan, ROOM_K + temperature_k(settings, time_s))
         rows = np.column_stack([time_s, sent, warm_k, warm_k])
         self._note(rows)
