@@ -71,6 +71,7 @@ def drafted(workbench: Workbench, found: Diagnosis) -> str:
     best = max(tried, key=lambda name: _evidence(tried[name], len(given.value)))
     form = forms[int(best.rpartition("-")[2])]
     size = float(np.max(np.abs(tried[best].score.estimate)))
+    # Another drafted effect may be among the plug-ins that are given.
     name = next(each for each in _names() if each not in study.effects())
     return _docstring(unexplained) + _HEAD + _text(name, form, float(f"{size:.2g}"), scope, unexplained)
 

@@ -73,10 +73,10 @@ def account_of(
     lines = {id(line.term) for line in search.lines}
     richest = search.attempt([term for term in search.terms if id(term) not in lines])
     # By way of its document: the account is then the same whether just made or kept in a store.
-    told = recalled(study, Account(richest, None).as_document(), seed)
-    assert told.known is not None
-    search.judged_by(told.known, told.richest)
-    return Account(told.richest, told.known, search)
+    estimated = recalled(study, Account(richest, None).as_document(), seed)
+    assert estimated.known is not None
+    search.judged_by(estimated.known, estimated.richest)
+    return Account(estimated.richest, estimated.known, search)
 
 
 def recalled(study: Study, document: Mapping[str, Any], seed: int = 0) -> Account:

@@ -31,6 +31,7 @@ def noise_entries(fitted: FittedModel) -> tuple[NoiseEntry, ...]:
 def _entry(
     given: Observations, noise: Noise, number: int, rows: IntArray, correlations: dict[int, Correlation]
 ) -> NoiseEntry:
+    # A series may lie in several pools, one for each run.
     pools = [int(pool) for pool in np.unique(given.pool_of[rows])]
     first, series = given.pools[pools[0]], given.series[number]
     correlation = correlations.get(pools[0], Correlation("", 0.0))
@@ -41,20 +42,20 @@ def _entry(
         channel=series.channel,
         component=series.component,
         model=_MODELS[correlation.kind],
-        sigma=_told(sigma),
+        sigma=_six_digits(sigma),
         unit=series.unit,
         dof=sum(known.values()),
         order=first.order,
         source=_source(first),
-        scale=_told(float(np.median(noise.sigma[rows] / given.sigma[rows]))) if stated else 1.0,
-        exponent=_told(correlation.shape) if correlation.kind == "power" else None,
-        time_constant=_told(correlation.shape) if correlation.kind == "exp" else None,
-        correlated_share=_told(correlation.ratio / (1.0 + correlation.ratio)),
-        batches={offset.name: _told(offset.share * sigma) for offset in given.offsets},
+        scale=_six_digits(float(np.median(noise.sigma[rows] / given.sigma[rows]))) if stated else 1.0,
+        exponent=_six_digits(correlation.shape) if correlation.kind == "power" else None,
+        time_constant=_six_digits(correlation.shape) if correlation.kind == "exp" else None,
+        correlated_share=_six_digits(correlation.ratio / (1.0 + correlation.ratio)),
+        batches={offset.name: _six_digits(offset.share * sigma) for offset in given.offsets},
     )
 
 
-def _told(value: float) -> float:
+def _six_digits(value: float) -> float:
     """To six digits: beyond, fits from different starts differ."""
     return float(f"{value:.6g}")
 

@@ -32,19 +32,19 @@ def joint_fit(
 def warnings(attempt: Attempt, parent: Attempt | None, promised: Mapping[str, float] | None) -> list[str]:
     """Sentences on what speaks against a fit: `promised` are parameters at which its chi-square was lower, `parent`
     is the fit without the last term."""
-    told = []
+    sentences = []
     if promised is not None and attempt.result.chi2 > MOST_ABOVE * (chi2 := _chi2_at(attempt, promised)):
-        told.append(
+        sentences.append(
             f"chi-square ends at {attempt.result.chi2:.4g}, above the {chi2:.4g} that the diagnosis promised: "
             "the fit has ended elsewhere; diagnose again"
         )
     # One noise for both, the account's, so that the errors compare.
     if parent is not None and rise_beyond_chance(attempt.held_out, parent.held_out) > _STANDARD_ERRORS:
-        told.append(
+        sentences.append(
             f"the error on runs held out rises from {parent.held_out.error():.4g} to {attempt.held_out.error():.4g}, "
             "by more than its standard error: the term predicts nothing"
         )
-    return told
+    return sentences
 
 
 def _chi2_at(attempt: Attempt, values: Mapping[str, float]) -> float:

@@ -184,6 +184,7 @@ def _pulses(left: FloatArray, grid: Grid, f_hz: FloatArray, density: FloatArray)
     estimate = np.fft.irfft(np.fft.rfft(weight * left) * share, count)
     estimate *= 2.0 * grid.step_s / information
     sigmas = estimate * np.sqrt(information)
+    # Against the scatter about each place and not the mean spectrum: louder noise makes no pulses.
     sigmas = np.where(seen, sigmas / _scale(sigmas, seen, round(_STEADY_S / grid.step_s)), 0.0)
     apart = max(round(AFTER_S / grid.step_s), 1)
     peaks, _ = signal.find_peaks(np.abs(sigmas), height=THRESHOLD_SIGMA, distance=apart)

@@ -157,6 +157,7 @@ def _stretch(session: Session, grid: Grid, lines: Sequence[Line]) -> ReducedStre
     # Levels beside all known lines, also those that are not asked for: they are in the samples all the same.
     frequencies = tuple(session.frequency_of(line) for line in lines)
     known = tuple(session.frequency_of(line) for line in session.reduced_lines(grid.duration_s))
+    # Whole stretches share their weights, which are large; every pattern of gaps has its own.
     if bool(grid.present.all()):
         rows, level = _rows(float(grid.t_s[0]), grid.step_s, len(grid.t_s), frequencies, known)
     else:

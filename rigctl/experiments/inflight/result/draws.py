@@ -169,6 +169,7 @@ def estimated(
         sigma = np.sqrt(flown[name].density(at_hz)) * unit.arrays["spread"]
         published, rest = (replace(everything, table=part) for part in np.split(everything.table, [count]))
         fitted[name] = FittedRun(session, published, unit.arrays["sigma"])
+        # Of the own channel the same noise is expected: what limits it is its gain.
         stretches.append(stretch_of(name, session, observed, rest, sigma, sigma))
     paper, joint = paper_estimate(fitted), joint_estimate(stretches)
     return Draw(

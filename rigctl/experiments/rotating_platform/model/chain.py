@@ -153,6 +153,7 @@ def _courses(cells: Cells) -> dict[int, FloatArray]:
     for number, (way, end) in enumerate(cells.followed):
         if way and seen:
             like = next((kind for kind in seen if kind[0] == way), next(iter(seen)))
+            # A turn the other way is the mirror image of one that was seen.
             courses[number] = seen.get((way, end), way * like[0] * seen[like])
     return courses
 

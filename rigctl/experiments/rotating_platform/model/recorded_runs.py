@@ -105,6 +105,7 @@ class Recorded:
         made = np.array([run_id not in self.imagined for run_id in given.run_ids])[given.run_of]
         # Imagined runs have no values.
         weight = made / given.sigma
+        # Without tilts nothing tells their gain: it stays 1.
         free = slice(0 if self.tilted else 1, None)
         left = given.value - self.commanded_y - (0.0 if self.tilted else self.baseline[:, 0])
         start[free] = np.linalg.lstsq(self.baseline[:, free] * weight[:, None], left * weight, rcond=1e-12)[0]
@@ -171,6 +172,7 @@ class Recorded:
         operators = {}
         for channel in CHANNELS:
             parts = [
+                # A row of the other channel sees no cell of this one.
                 each.reducer.operator if each.channel == channel else sparse.csr_matrix((each.value.size, 0))
                 for each in self.channels
             ]

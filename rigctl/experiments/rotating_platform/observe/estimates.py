@@ -67,6 +67,7 @@ def _dwells_of(cells: Cells, keep: BoolArray) -> SampledPattern:
     dwells: list[tuple[int, float, float]] = []
     rate_hz = cells.sample_rate_hz
     for sign, begin, end in zip(cells.sign[keep].tolist(), first.tolist(), stop.tolist(), strict=True):
+        # Cells of one dwell are joined again.
         if dwells and dwells[-1][0] == sign and abs(dwells[-1][2] * rate_hz - begin) < 0.5:
             dwells[-1] = (sign, dwells[-1][1], end / rate_hz)
         else:

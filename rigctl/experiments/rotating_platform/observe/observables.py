@@ -94,6 +94,7 @@ def stacked(
             pool_of.append(len(pools) - 1)
             run_of.append(_whole_run(number, rows))
             value.append(np.array([peak]))
+            # A normal deviate already.
             sigma.append(np.ones(1))
     for each in (one for one in channels if one.run.run_id in imagined):
         key = (each.run.run_id, "whole", 0)

@@ -142,9 +142,9 @@ def as_result(model: TableModel, values: FloatArray, covariance: FloatArray) -> 
         variance = float(quadratures @ covariance[np.ix_(at, at)] @ quadratures)
         spread = max(variance, 0.0) ** 0.5
         if amplitude**2 > spread:  # below it the linear propagation says nothing
-            told = {"value": amplitude, "sigma": spread / amplitude, "unit": result.pop(sin)["unit"]}
+            entry = {"value": amplitude, "sigma": spread / amplitude, "unit": result.pop(sin)["unit"]}
             pairs = (
-                (f"{piece.term.effect}.amplitude", told) if name == cos else (name, result[name]) for name in result
+                (f"{piece.term.effect}.amplitude", entry) if name == cos else (name, result[name]) for name in result
             )
             result = dict(pairs)
     return result

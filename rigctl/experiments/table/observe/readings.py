@@ -171,6 +171,7 @@ def read(source: RunSource) -> Readings:
     header, spec = source.header, source.header.table
     if spec is None:
         raise DataError(f"the recording is of {header.experiment}, not a table: it has no [table] to fit")
+    # Time stamps are columns of seconds: they may order readings and be drifted along.
     numbers, texts, stamps = _columns(source)
     samples = {**numbers, **stamps}
     if spec.response not in samples:
