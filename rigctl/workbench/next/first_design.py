@@ -15,7 +15,7 @@ from rigctl.workbench.threads import one_thread
 LOOSE = 1e3
 """How far beyond what all options together would tell the baseline's parameters are unknown."""
 
-# In sigma.
+# Of sigma: beyond, an effect cannot be missed anyway.
 _MOST = 30.0
 
 

@@ -21,7 +21,6 @@ from rigctl.workbench.verdict.noise_entries import noise_entries
 WORST = 10
 # Enough for a slope, a bend or a step, and few enough to keep the test's power.
 BINS = 5
-# As many as one looks at.
 TRENDS = 20
 _FEW = 3
 _OF_A_LINE = ("channel", "frequency_hz", "amplitude", "sigma", "unit", "p_value")

@@ -34,7 +34,7 @@ class Optimum:
 def maximum_likelihood(fitted: FittedModel, estimator: NoiseEstimator, parents: Sequence[Optimum] = ()) -> Optimum:
     """The least -2 log L from the fit, and from optima of models with fewer terms, the new ones at zero."""
     starts = [(fitted.values, estimator.likeliest(fitted.unexplained(), fitted.noise))]
-    # From there the search can only descend: no more terms, no higher -2 log L.
+    # From there the search only descends: a model with more terms ends no higher than one with fewer.
     starts += [(_with_nothing_new(fitted.model, parent.values), parent.noise) for parent in parents]
     found = [_descended(fitted, estimator, values, noise) for values, noise in starts]
     return min(found, key=lambda optimum: optimum.minus_2_log_l)

@@ -104,7 +104,6 @@ def off_stop(cells: Cells) -> FloatArray:
     After a turn they are those of the law behind the recorded angle; differences of angles are good to a per cent.
     """
     seen = cells.state[:, 3:5].T
-    # Twice differentiated, a recorded angle is mostly noise: the law fitted to its mean course is not.
     known = np.isin(cells.kind, list(_courses(cells))) & (cells.since_s < BESIDE_S)
     return np.where(seen.any(axis=0) & known, _about_turns(cells), seen)
 

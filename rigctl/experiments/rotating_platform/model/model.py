@@ -29,7 +29,7 @@ from rigctl.workbench.study import Observations, Term
 _SHARED_STEPS = np.array([1e-3, 1e-6, 1e-6])
 _BIAS_STEP, _RATE_STEP = 1e-6, 1e-9
 _STEP_OF_TYPICAL = 1e-3
-# Rounding of the reduction, of which a sum over thousands of periods would still make a column.
+# Below is the rounding of the reduction: brought to unit length it would be scored like an effect.
 _NEGLIGIBLE_SIGMAS = 1e-7
 
 

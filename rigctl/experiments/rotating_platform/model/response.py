@@ -112,7 +112,7 @@ def _sine(sampled: SampledPattern, values: FloatArray, external_period_s: float)
 
 def _shift(sampled: SampledPattern, lag_rad: float, external_period_s: float) -> Shift:
     """The lag, within half a period of the signal, for values stamped at start, centre and end of their window."""
-    # A lag and half a period more look alike with the sign reversed: the nearer is meant.
+    # A lag and a whole period more look alike: the smallest is meant.
     centre_s = math.remainder(lag_rad, 2.0 * math.pi) * external_period_s / (2.0 * math.pi)
     before_s = 0.5 * sampled.pattern.period_s + sampled.centre_s
     after_s = 0.5 * sampled.pattern.period_s - sampled.centre_s

@@ -167,7 +167,7 @@ def found_lines(found: Spectra, periods_s: Iterable[float], alpha: float = 0.01,
     near_hz = _IMAGE_WIDTH / max(scan.shortest_s, 1.0)
     kept: list[FoundLine] = []
     while len(kept) < most:
-        # Runs of unlike length overlap in part: among the most unlikely places the one with the most power.
+        # Among places nearly as unlikely the one with the most power beyond the noise.
         score = np.where(log_p < 0.9 * log_p.min(), power - count, -np.inf)
         at = int(np.argmax(score))
         p_value = float(-np.expm1(trials * np.log1p(-min(math.exp(max(log_p[at], -700.0)), 0.5))))

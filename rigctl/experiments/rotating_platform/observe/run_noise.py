@@ -40,7 +40,7 @@ TAPERS = 3
 _LOWEST_PLACE = 3
 # The four outputs of a period.
 _FOR_A_TRANSFORM = 4.0
-# Of logarithms: the levels of one sensor differ by a third from run to run.
+# Of logarithms: levels of one sensor may differ by a third from run to run.
 _USUAL_BETWEEN = 0.1
 _FINE, _LONG = 1200, 1 << 16
 _NEGLIGIBLE = 1e-4

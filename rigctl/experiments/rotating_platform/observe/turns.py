@@ -63,7 +63,7 @@ class Turns:
         of_rest = np.flatnonzero(rests[bounds[:-1]])
         start, stop = bounds[of_rest], bounds[of_rest + 1]
         turned_at = np.where(start > 0, start, -self._since)
-        # Where the platform rests in a dwell, mask too short or not, it does so in the middle.
+        # In the middle of a dwell the platform rests, even if the mask is too short.
         middle_rad = theta_rad[(bounds[:-1] + bounds[1:]) // 2]
         # The difference of two angles could not tell: an encoder's last digit changes at rest too.
         still = rests & (np.abs(theta_rad - np.repeat(middle_rad, np.diff(bounds))) < _STILL_RAD)

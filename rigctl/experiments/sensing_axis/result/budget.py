@@ -107,7 +107,7 @@ def _axis_budget(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainti
 def _basis(axis: AxisResult) -> FloatArray:
     """Two directions perpendicular to the axis: the motion at the pendulum nulls, and what completes the triad."""
     normal = axis.plane.normal
-    # The first vector is one of the pendulum mountings, which come first.
+    # In a campaign pendulum mountings come first: the motion at one of their nulls.
     first = axis.vectors[0] - (axis.vectors[0] @ normal) * normal
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(normal, first)])

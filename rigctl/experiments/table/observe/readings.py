@@ -23,7 +23,6 @@ _WINDOW_LOW, _WINDOW_HIGH = 0.25, 0.5
 _VALUES_OF_A_SMALL_CLUSTER = 8
 _GUESSED_NOISE = 1e-4
 """Noise where none is declared, relative to the response's standard deviation."""
-# Each block is left out once: enough rows to fit the rest, few enough matrices.
 BLOCKS_MAX = 7
 STRETCHES_MAX = 6
 
