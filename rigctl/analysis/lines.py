@@ -270,11 +270,13 @@ def _log_ratio_of_rice(ratio: float) -> tuple[float, float]:
 
     u is Gamma(1 + J) with J a Poisson number of mean `ratio`, the line's power over the noise's.
     """
+    # Ten standard deviations of a Poisson number, and for small ones enough.
     numbers = np.arange(int(ratio + 10.0 * np.sqrt(ratio) + 30.0))
     weight = stats.poisson.pmf(numbers, ratio)
     digamma = special.digamma(1.0 + numbers)
     mean, mean_log = 1.0 + ratio, float(weight @ digamma)
     variance_log = float(weight @ (special.polygamma(1, 1.0 + numbers) + digamma**2)) - mean_log**2
+    # Of a gamma variable u of shape k: E(log u) = psi(k), E(u log u) = k psi(k + 1), var(log u) = psi'(k).
     covariance = float(weight @ ((1.0 + numbers) * special.digamma(2.0 + numbers))) - mean * mean_log
     variance = (1.0 + 2.0 * ratio) / mean**2
     return float(np.log(mean)) - mean_log, variance_log - 2.0 * covariance / mean + variance

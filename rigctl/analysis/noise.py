@@ -62,6 +62,7 @@ class Spectrum:
         Those that `mean_variance` of a run of `duration_s` asks for stay single.
         """
         linear = self.frequency_hz / _CELL_HZ
+        # Both scales meet at 0.5 Hz with one slope: there a cell of 4 mHz is f / 128.
         logarithmic = np.log(np.maximum(linear / _CELLS_PER_E_FOLD, 1e-300)) + 1.0
         cell = np.floor(np.where(linear < _CELLS_PER_E_FOLD, linear, _CELLS_PER_E_FOLD * logarithmic))
         lowest = self.frequency_hz * duration_s <= _LOW_BINS + 0.5

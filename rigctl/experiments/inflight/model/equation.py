@@ -100,6 +100,7 @@ def _put_moved(
 
 def gain_ratio(apart: complex, common: complex) -> float:
     """a_d22 or a_d33 from amplitudes of m_1 - m_2 and m_c along that axis, where control shakes the satellite."""
+    # Half the gains' difference over their mean: the slope of m_1 - m_2 on 2 m_c, in phase.
     return float(0.5 * np.real(np.conj(common) * apart) / np.abs(common) ** 2)
 
 

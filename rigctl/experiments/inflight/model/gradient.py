@@ -51,6 +51,7 @@ def flattening(orbital: float, t_s: FloatArray, products: FloatArray) -> FloatAr
     u = np.array([cosine, np.zeros_like(cosine), sine])
     axis_m = (EARTH_M3_S2 / orbital**2) ** (1.0 / 3.0)
     # GM / a^3 is the square of the orbital frequency.
+    # What follows are second derivatives of -(GM R^2 / 2) (3 r.P.r / r^5 - tr P / r^3), with P the `products`.
     factor = -0.5 * (orbital * EARTH_RADIUS_M / axis_m) ** 2
     along = np.einsum("ij,jn->in", products, u)
     latitude = np.einsum("in,in->n", u, along)

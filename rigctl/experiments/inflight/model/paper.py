@@ -161,6 +161,7 @@ def _covariance(a: FloatArray, rows: Mapping[int, FittedRun]) -> FloatArray:
             step = np.zeros(len(a))
             step[other] = _SIZES[other]
             change = _solved(place, a + step, run) - _solved(place, a - step, run)
+            # Of the equations a - solved(a) = 0, whose inverse carries the noise of each session into all parameters.
             slopes[i, j] = (i == j) - 0.5 * change / _SIZES[other]
     # Metres and s2/m in one matrix: inverted in units of the bounds.
     inverse = np.linalg.inv(slopes * _SIZES[there] / _SIZES[there][:, None])
