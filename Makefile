@@ -37,12 +37,13 @@ types: setup
 imports: setup
 	$(BIN)/lint-imports
 
+# By files: what the tests of a file share, a measured campaign for example, is made once and not by each worker.
 pytest: setup
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist loadfile
 
 # Recordings from elsewhere, the slow ones too: tests/foreign/README.md.
 foreign: setup
-	RIGCTL_FOREIGN=1 $(BIN)/pytest -n 2 tests/foreign
+	RIGCTL_FOREIGN=1 $(BIN)/pytest -n 2 --dist loadfile tests/foreign
 
 # Tables in which nothing is hidden, 400 of each kind of noise: hours. Interrupted, give it again: what has been tried is not tried again.
 false-alarms: setup

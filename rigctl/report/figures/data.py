@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -60,11 +60,13 @@ def svg_element(plate: Plate[Any]) -> str:
 
 def _write_csv(path: Path, rows: Sequence[object]) -> None:
     """One column per field; floats to the last digit, empty where there is no value."""
+    names = [field.name for field in fields(rows[0])]  # type: ignore[arg-type]
     # The csv module writes its own line ends.
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(field.name for field in fields(rows[0]))  # type: ignore[arg-type]
-        writer.writerows(astuple(row) for row in rows)  # type: ignore[call-overload]
+        writer.writerow(names)
+        # Not `astuple`, which copies every field deeply.
+        writer.writerows([getattr(row, name) for name in names] for row in rows)
 
 
 def write_plates(plates: Sequence[Plate[Any]], left_out: Mapping[str, str], directory: Path) -> list[Path]:

@@ -10,6 +10,7 @@ from typing import Any, TextIO
 
 import matplotlib.style
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 WIDTH_IN = 7.1
@@ -90,4 +91,6 @@ def panel_letter(axes: Axes, letter: str) -> None:
 
 def save_svg(figure: Figure, path: Path | TextIO, title: str) -> None:
     """Write a figure as SVG without date or version."""
-    figure.savefig(path, format="svg", metadata={"Date": None, "Creator": "rigctl", "Title": title})
+    # Not `savefig`, which draws all of it once more beforehand to find out how large it is.
+    canvas: Any = FigureCanvasSVG(figure)  # it has no types
+    canvas.print_svg(path, metadata={"Date": None, "Creator": "rigctl", "Title": title})
