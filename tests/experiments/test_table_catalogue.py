@@ -87,6 +87,32 @@ def test_what_has_another_name_beside_a_slope_says_so() -> None:
     assert "turning[z]" not in reasons
 
 
+def test_smooth_functions_of_a_column_are_one_family_and_each_scan_is_its_own() -> None:
+    columns = {"y": NOISE, "x": X, "z": Z, "t_s": np.arange(ROWS), "head": HEAD.tolist()}
+    ordered = study(columns, "b0", order="t_s")
+    families: dict[str, set[str]] = {}
+    for effect in (*ordered.effects(), "periodic[x]#2"):
+        families.setdefault(ordered.family(effect), set()).add(effect.partition("[")[0])
+    smooth = {"linear", "power2", "power3", "turning", "inverse", "sqrt", "log"}
+    assert families["smooth[x]"] == smooth
+    assert families["smooth[t_s]"] == {*smooth, "drift"}
+    assert ordered.family("periodic[x]#2") == ordered.family("periodic[x]") != ordered.family("periodic[z]")
+    assert ordered.family("interaction[x,z]") == ordered.family("interaction[x,t_s]")
+    assert ordered.family("level[head]") == ordered.family("slope[x by head]")
+
+
+def test_a_long_scan_costs_a_line_little() -> None:
+    """A line of five sigma in one of six columns: one of hundreds of trials, but of few families."""
+    rng = np.random.default_rng(5)
+    columns = {f"x{number}": rng.uniform(0.0, 10.0, ROWS) for number in range(6)}
+    away = columns["x0"] - columns["x0"].mean()
+    fitted = np.linalg.qr(np.stack([np.ones(ROWS), away], axis=1))[0]
+    noise = NOISE - fitted @ (fitted.T @ NOISE)
+    line = 5.0 * float(np.sqrt(noise @ noise / (ROWS - 2))) * away / np.linalg.norm(away)
+    found = diagnose(study({"y": 1.0 + line + noise, **columns}, "b0"), ())
+    assert {each.split("[")[1] for each in named(found)} == {"x0]"}
+
+
 def test_puromycin_s_velocity_differs_by_state() -> None:
     """Treloar 1974, in R's `Puromycin`: published with a further Vmax for the untreated (Bates and Watts 1988)."""
     conc = np.repeat([0.02, 0.06, 0.11, 0.22, 0.56, 1.10], 4)[:-1]

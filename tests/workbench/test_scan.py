@@ -12,7 +12,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.scan import OwnNoise, ScanScores
 from rigctl.workbench.verdict.score import Projector, Score, p_of
-from rigctl.workbench.verdict.trials import trials
+from rigctl.workbench.verdict.trials import Family, trials
 
 ROWS, CHOICES = 60, 40
 ROUNDING = 1e-9
@@ -75,7 +75,8 @@ def test_a_scan_is_so_many_trials_as_its_choices_are_alone() -> None:
     bases = [alone(given, columns).basis for columns in waves().transpose(1, 0, 2)]
     assert sum(basis.shape[1] for basis in bases) > len(given.left)
     rows = len(given.left)
-    assert trials([], [scan], rows, 7) == pytest.approx(trials(bases, [], rows, 7), rel=1e-3)
+    alike = trials({"": Family(bases)}, rows, 7).all
+    assert trials({"": Family(scans=[scan])}, rows, 7).all == pytest.approx(alike, rel=1e-3)
 
 
 def test_a_choice_that_the_model_spans_is_no_trial() -> None:
@@ -85,6 +86,7 @@ def test_a_choice_that_the_model_spans_is_no_trial() -> None:
     waves_of_others = ScanScores(given, UnitColumns(waves()[:, 1:]), 1.0, None)
     assert waves_of_all.scores[0].dimension == 0
     assert waves_of_all.scores[0].p_value == 1.0
-    count = trials([], [waves_of_all], ROWS, 7)
-    assert count == pytest.approx(trials([], [waves_of_others], ROWS, 7), rel=1e-6)
+    count = trials({"": Family(scans=[waves_of_all])}, ROWS, 7).all
+    others = trials({"": Family(scans=[waves_of_others])}, ROWS, 7).all
+    assert count == pytest.approx(others, rel=1e-6)
     assert count > 1.0

@@ -17,7 +17,7 @@ from rigctl.workbench.verdict.score import (
     p_of,
     smallest_p,
 )
-from rigctl.workbench.verdict.trials import trials, trials_of
+from rigctl.workbench.verdict.trials import Family, trials, trials_of
 
 
 def known(rows: int) -> FloatArray:
@@ -127,9 +127,14 @@ def bases(columns: FloatArray) -> list[FloatArray]:
     return [columns[:, [i]] / np.linalg.norm(columns[:, i]) for i in range(columns.shape[1])]
 
 
+def count_of(tried: list[FloatArray], rows: int, seed: int) -> float:
+    """Trials of one family."""
+    return trials({"": Family(tried)}, rows, seed).of("")
+
+
 def test_identical_candidates_are_one_trial() -> None:
     column = np.random.default_rng(1).standard_normal((40, 1))
-    found = trials(bases(np.repeat(column, 12, axis=1)), [], 40, 2)
+    found = count_of(bases(np.repeat(column, 12, axis=1)), 40, 2)
     # The 2 % quantile of 2000 draws is itself known to 16 %.
     assert found == pytest.approx(1.0, abs=0.6)
     assert found >= 1.0
@@ -137,7 +142,7 @@ def test_identical_candidates_are_one_trial() -> None:
 
 @pytest.mark.parametrize("count", [4, 12, 30])
 def test_orthogonal_candidates_are_so_many_trials(count: int) -> None:
-    found = np.mean([trials(bases(np.eye(count)), [], count, seed) for seed in range(10)])
+    found = np.mean([count_of(bases(np.eye(count)), count, seed) for seed in range(10)])
     # Ten such quantiles: 5 %.
     assert found == pytest.approx(count, rel=4 * 0.05)
 
@@ -146,13 +151,13 @@ def test_orthogonal_candidates_are_so_many_trials(count: int) -> None:
 def test_correlated_candidates_are_between_one_trial_and_all(likeness_of_pairs: float) -> None:
     common = np.sqrt(likeness_of_pairs)
     columns = common * np.eye(21)[:, [20]] + np.sqrt(1.0 - likeness_of_pairs) * np.eye(21)[:, :20]
-    found = np.mean([trials(bases(columns), [], 21, seed) for seed in range(5)])
+    found = np.mean([count_of(bases(columns), 21, seed) for seed in range(5)])
     assert 1.0 < found < 20.0
 
 
 def test_a_corrected_p_value_is_uniform_under_the_null() -> None:
     columns = np.random.default_rng(1).standard_normal((25, 15))
-    n_eff = trials(bases(columns), [], 25, 2)
+    n_eff = count_of(bases(columns), 25, 2)
     draws = np.random.default_rng(3).standard_normal((20000, 25))
     statistics = np.stack([(draws @ basis[:, 0]) ** 2 for basis in bases(columns)], axis=1)
     smallest = smallest_p(statistics, np.ones(15, dtype=np.intp))
@@ -161,9 +166,34 @@ def test_a_corrected_p_value_is_uniform_under_the_null() -> None:
     assert found == pytest.approx(0.02, rel=4 * 0.17)
 
 
+def test_a_family_pays_for_its_own_trials_and_for_the_number_of_families() -> None:
+    """Forty trials in one family beside one in another: two portions, so that the one is corrected for two."""
+    tried = bases(np.eye(41))
+    found = [trials({"one": Family(tried[:1]), "many": Family(tried[1:])}, 41, seed) for seed in range(10)]
+    # Ten counts, each of two quantiles: 7 %.
+    assert np.mean([each.of("one") for each in found]) == pytest.approx(2.0, rel=4 * 0.07)
+    assert np.mean([each.of("many") for each in found]) == pytest.approx(80.0, rel=4 * 0.07)
+    assert np.mean([each.all for each in found]) == pytest.approx(41.0, rel=4 * 0.05)
+
+
+def test_families_together_keep_the_level() -> None:
+    """The smallest of all corrected p-values of correlated families is below 2 % in 2 % of draws of noise."""
+    columns = np.random.default_rng(1).standard_normal((25, 30))
+    families = {"few": slice(0, 3), "more": slice(3, 12), "most": slice(12, 30)}
+    found = trials({name: Family(bases(columns)[where]) for name, where in families.items()}, 25, 2)
+    draws = np.random.default_rng(3).standard_normal((20000, 25))
+    statistics = np.stack([(draws @ basis[:, 0]) ** 2 for basis in bases(columns)], axis=1)
+    alarms = np.zeros(len(draws), dtype=bool)
+    for name, where in families.items():
+        smallest = smallest_p(statistics[:, where], np.ones(statistics[:, where].shape[1], dtype=np.intp))
+        alarms |= np.array([corrected(p, found.of(name)) < 0.02 for p in smallest])
+    # As above; twice, for families are counted too.
+    assert np.mean(alarms) == pytest.approx(0.02, rel=4 * 0.17 * np.sqrt(2.0))
+
+
 def test_without_anything_to_try_there_is_one_trial() -> None:
-    assert trials([], [], 9, 1) == 1.0
-    assert trials([np.zeros((9, 0))], [], 9, 1) == 1.0
+    assert trials({}, 9, 1).of("") == trials({}, 9, 1).all == 1.0
+    assert count_of([np.zeros((9, 0))], 9, 1) == 1.0
     assert trials_of(np.ones(100)) == 1.0
 
 

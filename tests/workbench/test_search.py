@@ -215,7 +215,7 @@ def test_nothing_is_found_in_noise(made_up: Any, at_least: Any, name: str) -> No
 def test_levels_grow_what_is_found(made_up: Any) -> None:
     study = made_up.study(11, {"roll": 5.0})
     p_value = min(
-        corrected_for(Search(study, (), 0.01, 0, print).attempt(()), each.score.p_value)
+        corrected_for(Search(study, (), 0.01, 0, print).attempt(()), each.score.p_value, each.candidate.term.effect)
         for each in Search(study, (), 0.01, 0, print).attempt(()).scored
     )
     assert names(searched(study, alpha=2.0 * p_value)) == {"roll"}

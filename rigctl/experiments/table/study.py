@@ -71,6 +71,13 @@ class TableStudy(StudyBase[TableData]):
         """The catalogue made from the columns, then the plug-ins; of the scanned ones there may be `#2`, `#3`, ..."""
         return {name: effect.sentence for name, effect in self.data.generic.items()} | dict(super().effects())
 
+    def family(self, effect: str) -> str:
+        """Smooth functions of one column, each scan, all products, all that differs by the words of one column, all
+        plug-ins are one family each."""
+        if effect in self.catalogue:
+            return "plug-ins"
+        return self.data.generic[base_of(effect, self.data.generic)].family
+
     def model(self, terms: Sequence[Term]) -> TableModel:
         """The baseline with these terms; what a term's choice leaves open is scanned for."""
         pieces: list[Piece | GroupPiece] = []

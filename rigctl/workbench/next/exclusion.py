@@ -70,8 +70,6 @@ def sensitivity(
     scanned = Information(triangle_of(imagined, candidate_terms, made=imagined.beliefs))
     for run in range(len(options), len(imagined.proposals)):
         scanned.add(run)
-    # Of one trial among all of the catalogue (Bonferroni).
-    level = CATALOGUE_SHARE * alpha / attempt.n_eff
     dof = {each.candidate.term.effect: each.score.dof for each in attempt.scored}
     wanted: list[float] = []
     questions: list[Asked] = []
@@ -82,6 +80,8 @@ def sensitivity(
             if size is None:
                 continue
             questions.append(_parameter(information, candidate, size))
+            # Of one trial among all of the catalogue (Bonferroni).
+            level = CATALOGUE_SHARE * alpha / attempt.trials_of(candidate.term.effect)
             wanted.append(needed_noncentrality(level, dof.get(candidate.term.effect, np.inf)))
             asked.append((candidate.term.effect, name, float(size[number]), candidate.units[number]))
     plan = Plan(information, questions, wanted, RigTime(options, run_price_s), batch)

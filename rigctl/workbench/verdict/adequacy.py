@@ -22,7 +22,8 @@ def adequacy(attempt: Attempt, account: Account) -> float:
     """
     if attempt.result.dof <= 0:
         return float("nan")
-    effects = min((attempt.corrected(p_of_scored(attempt, each)) for each in attempt.scored), default=1.0)
+    tried = (attempt.corrected(p_of_scored(attempt, each), each.candidate.term.effect) for each in attempt.scored)
+    effects = min(tried, default=1.0)
     if effects < CATALOGUE_SHARE * LEVEL and account.next_term(attempt) is None:
         effects = 1.0
     asked = (

@@ -14,7 +14,7 @@ from scipy import optimize
 from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
-from rigctl.workbench.study import Candidate, ScansBetween, Study, Term
+from rigctl.workbench.study import Candidate, ScansBetween, Study, Term, family_of
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best, Generic
@@ -23,7 +23,7 @@ from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
 from rigctl.workbench.verdict.noise_pool import above_rounding
 from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
 from rigctl.workbench.verdict.score import Score, corrected, p_of
-from rigctl.workbench.verdict.trials import trials
+from rigctl.workbench.verdict.trials import Family, Trials, trials
 
 ROUNDS = 2
 """Fit, noise from what is left, fit again with that noise."""
@@ -141,17 +141,22 @@ class Attempt(FittedModel):
         return np.asarray(np.sqrt(overlap / dimensions[:, None]))
 
     @cached_property
-    def n_eff(self) -> float:
-        """How many independent trials the catalogue amounts to."""
-        groups = [scored for effect in self._groups for scored in self._scored_groups(effect)]
-        scans = [each for each in groups if isinstance(each, ScanScores)]
-        bases = [score.basis for each in groups if not isinstance(each, ScanScores) for score in each]
-        return trials(bases, scans, len(self.left), self.seed)
+    def trials(self) -> Trials:
+        """How many independent trials the catalogue amounts to, family by family."""
+        families: dict[str, Family] = {}
+        for effect in self._groups:
+            family = families.setdefault(family_of(self.study, effect), Family())
+            for each in self._scored_groups(effect):
+                if isinstance(each, ScanScores):
+                    family.scans.append(each)
+                else:
+                    family.bases.extend(score.basis for score in each)
+        return trials(families, len(self.left), self.seed)
 
     def _refined(self, scored: Scored) -> Scored:
         """The choice with the largest statistic between its neighbours in the scan, one name after another."""
         study, term = self.study, scored.candidate.term
-        if not isinstance(study, ScansBetween) or self.corrected(scored.score.p_value) >= REFINED_FROM:
+        if not isinstance(study, ScansBetween) or self.corrected(scored.score.p_value, term.effect) >= REFINED_FROM:
             return scored
         best = scored
         for name, (low, high) in study.neighbours(term).items():
@@ -248,9 +253,13 @@ class Attempt(FittedModel):
         """The strongest of them in what is left."""
         return self.generic.best(self.noise, self.projector, np.random.default_rng([self.seed, 2]))
 
-    def corrected(self, p_value: float) -> float:
-        """A p-value of the catalogue, for the trials."""
-        return corrected(p_value, self.n_eff)
+    def corrected(self, p_value: float, effect: str) -> float:
+        """A p-value of an effect of the catalogue, for the trials."""
+        return corrected(p_value, self.trials_of(effect))
+
+    def trials_of(self, effect: str) -> float:
+        """For how many independent trials the p-value of an effect is corrected."""
+        return self.trials.of(family_of(self.study, effect))
 
     def evidence(self, scored: Scored) -> float:
         """Log evidence: T/2 less what dimensions and choices cost; ranks candidates of different kinds."""

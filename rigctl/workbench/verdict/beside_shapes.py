@@ -21,7 +21,8 @@ def replaced_by_shape(attempt: Attempt, best: Scored, alpha: float) -> bool:
     shape_columns = attempt.whitened_columns(shape.columns)
     columns = attempt.columns(best.candidate)
     # An effect that is itself a plain shape is safe: neither needs the other, and the catalogue goes first.
-    effect = attempt.corrected(attempt.projector_with(shape_columns).score(columns).p_value)
+    p_value = attempt.projector_with(shape_columns).score(columns).p_value
+    effect = attempt.corrected(p_value, best.candidate.term.effect)
     beside = corrected(attempt.projector_with(columns).score(shape_columns).p_value, shape.n_eff)
     return effect >= CATALOGUE_SHARE * alpha and beside < SHAPES_SHARE * alpha
 
@@ -33,7 +34,8 @@ def significant_beside_shape(attempt: Attempt, alpha: float) -> set[str]:
     return {
         each.candidate.term.effect
         for each in attempt.scored
-        if attempt.corrected(projector.score(attempt.columns(each.candidate)).p_value) < CATALOGUE_SHARE * alpha
+        if attempt.corrected(projector.score(attempt.columns(each.candidate)).p_value, each.candidate.term.effect)
+        < CATALOGUE_SHARE * alpha
     }
 
 
@@ -44,7 +46,7 @@ def needless_beside_shapes(attempt: Attempt, scored: Scored, with_it: Attempt, a
         return False
     columns = np.hstack([attempt.whitened_columns(shape.columns) for shape in shapes])
     beside = attempt.projector_with(columns).score(attempt.columns(scored.candidate))
-    return attempt.corrected(beside.p_value) >= CATALOGUE_SHARE * alpha
+    return attempt.corrected(beside.p_value, scored.candidate.term.effect) >= CATALOGUE_SHARE * alpha
 
 
 def _shapes_left(attempt: Attempt, alpha: float, seed: int) -> list[Best]:

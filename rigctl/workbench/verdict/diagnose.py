@@ -55,7 +55,7 @@ def diagnose(
         unexplained=unexplained,
         not_testable={each.effect: each.reason for each in first.not_testable},
         steps=tuple(_steps(search)),
-        n_eff=first.n_eff,
+        n_eff=first.trials.all,
         noise=noise_entries(first),
         joint_fit=_joint_fit(search, suggested) if suggested else None,
     )

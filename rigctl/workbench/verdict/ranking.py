@@ -56,7 +56,7 @@ def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Ter
     return Rank(
         term=term,
         p_value=p_value,
-        p_value_corrected=corrected_for(first, p_value),
+        p_value_corrected=corrected_for(first, p_value, term.effect),
         parameters=estimates,
         held_out_error_ratio=float("nan") if without is None else held_out_ratio(final, without),
         equivalent_to=tuple(equivalent),
@@ -80,7 +80,7 @@ def _rank_of_other(search: Search, final: Attempt, scored: Scored, *, held_out: 
     return Rank(
         term=scored.candidate.term,
         p_value=score.p_value,
-        p_value_corrected=corrected_for(final, score.p_value),
+        p_value_corrected=corrected_for(final, score.p_value, scored.candidate.term.effect),
         parameters={
             name: Estimate(float(value), float(sigma), unit)
             for name, value, sigma, unit in zip(
@@ -118,7 +118,7 @@ def _detectable(attempt: Attempt, scored: Scored, alpha: float) -> dict[str, flo
     if not d:
         return {}
     # Of one trial: the inverse of `score.corrected`.
-    level = -np.expm1(np.log1p(-CATALOGUE_SHARE * alpha) / attempt.n_eff)
+    level = -np.expm1(np.log1p(-CATALOGUE_SHARE * alpha) / attempt.trials_of(scored.candidate.term.effect))
     needed = _noncentrality(d, float(level))
     return {
         name: float(np.sqrt(needed) * sigma)

@@ -168,7 +168,8 @@ class Search:
         terms = (*self.terms, *both)
         try:
             level = CATALOGUE_SHARE * self.alpha
-            needed = all(self.attempt(terms).corrected(self.p_of_term(terms, each)) < level for each in both)
+            corrected = self.attempt(terms).corrected
+            needed = all(corrected(self.p_of_term(terms, each), each.effect) < level for each in both)
             return needed and is_adequate(self.attempt(terms), self.alpha)
         except UNFIT:  # these data do not determine both
             return False
@@ -257,10 +258,11 @@ class Search:
             added = [term for term in terms if term not in self.given]
             if len(added) < 2:
                 return terms, tuple(dropped)
+            corrected = self.attempt(terms).corrected
             # Not the last: it has just been found significant beside the others.
-            p_values = {term.effect: self.p_of_term(terms, term) for term in added[:-1]}
+            p_values = {term.effect: corrected(self.p_of_term(terms, term), term.effect) for term in added[:-1]}
             worst = max(p_values, key=lambda effect: p_values[effect])
-            if self.attempt(terms).corrected(p_values[worst]) < CATALOGUE_SHARE * self.alpha:
+            if p_values[worst] < CATALOGUE_SHARE * self.alpha:
                 return terms, tuple(dropped)
             dropped.append(worst)
             terms = tuple(term for term in terms if term.effect != worst or term in self.given)

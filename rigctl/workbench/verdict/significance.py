@@ -15,17 +15,18 @@ CONFIRM_FROM = 0.05
 
 def p_of_scored(attempt: Attempt, scored: Scored) -> float:
     """P-value of a candidate, by bootstrap where it matters and its noise comes from the scatter."""
-    p_value, score = scored.score.p_value, scored.score
-    if attempt.corrected(p_value) >= CONFIRM_FROM or not attempt.to_be_drawn(score.basis):
+    p_value, score, effect = scored.score.p_value, scored.score, scored.candidate.term.effect
+    if attempt.corrected(p_value, effect) >= CONFIRM_FROM or not attempt.to_be_drawn(score.basis):
         return p_value
-    law = attempt.bootstrap.law(scored.candidate.term.effect)
+    law = attempt.bootstrap.law(effect)
     # The larger: that the noise is estimated can only make an effect less sure.
     return max(p_value, law.p_value(score.statistic, score.dimension))
 
 
 def is_significant(attempt: Attempt, scored: Scored, alpha: float) -> bool:
     """At the catalogue's share of the level, confirmed where the noise is not known beforehand."""
-    return attempt.corrected(p_of_scored(attempt, scored)) < CATALOGUE_SHARE * alpha
+    effect = scored.candidate.term.effect
+    return attempt.corrected(p_of_scored(attempt, scored), effect) < CATALOGUE_SHARE * alpha
 
 
 def significant_shape(attempt: Attempt, alpha: float) -> Best | None:
@@ -52,7 +53,7 @@ def is_adequate(attempt: Attempt, alpha: float) -> bool:
     )
 
 
-def corrected_for(attempt: Attempt, p_value: float) -> float:
-    """A catalogue p-value at the level over all trials together, shares included."""
+def corrected_for(attempt: Attempt, p_value: float, effect: str) -> float:
+    """The p-value of an effect of the catalogue at the level over all trials together, shares included."""
     # Divided by the share, so that it compares with alpha itself.
-    return min(corrected(p_value, attempt.n_eff) / CATALOGUE_SHARE, 1.0)
+    return min(attempt.corrected(p_value, effect) / CATALOGUE_SHARE, 1.0)

@@ -26,5 +26,6 @@ def imitations(attempt: Attempt, suggested: Sequence[Term], alpha: float) -> lis
         term
         for term, each in scored
         if each is not None
-        and attempt.corrected(projector.score(attempt.columns(each.candidate)).p_value) >= CATALOGUE_SHARE * alpha
+        and attempt.corrected(projector.score(attempt.columns(each.candidate)).p_value, term.effect)
+        >= CATALOGUE_SHARE * alpha
     ]

@@ -30,6 +30,11 @@ class TableEffect(ABC):
         """The columns of numbers it looks at."""
         return ()
 
+    @property
+    def family(self) -> str:
+        """Effects of one family are much the same question and share one portion of the level."""
+        return self.id
+
     def untestable(self) -> str:
         """Why these readings cannot be asked; "" when they can."""
         return ""
@@ -66,3 +71,8 @@ class Form(TableEffect):
 def too_few(column: Column, needed: int) -> str:
     """The reason when a column takes fewer different values than an effect needs."""
     return f"{column.name} takes {column.distinct.size} different values, and {needed} are needed"
+
+
+def smooth_in(column: Column | None) -> str:
+    """The family of smooth functions of a column."""
+    return f"smooth[{column.name}]" if column else "drift"

@@ -9,7 +9,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.units import power, ratio
-from rigctl.experiments.table.model.form import Choice, Form, too_few
+from rigctl.experiments.table.model.form import Choice, Form, smooth_in, too_few
 from rigctl.experiments.table.observe.readings import Column
 
 _POWERS = {
@@ -40,6 +40,11 @@ class Power(Form):
     def columns(self) -> tuple[Column, ...]:
         """Its only one."""
         return (self.column,)
+
+    @property
+    def family(self) -> str:
+        """With all smooth functions of its column."""
+        return smooth_in(self.column)
 
     def untestable(self) -> str:
         """Why not, or ""."""
@@ -93,6 +98,11 @@ class Turning(Form):
         """Its only one."""
         return (self.column,)
 
+    @property
+    def family(self) -> str:
+        """With all smooth functions of its column."""
+        return smooth_in(self.column)
+
     def untestable(self) -> str:
         """Why not, or ""."""
         return too_few(self.column, 3) if self.column.distinct.size < 3 else ""
@@ -139,6 +149,11 @@ class Drift(Form):
     def sentence(self) -> str:
         """The physics in a sentence."""
         return f"The response drifts{f' with {self.column.name}' if self.column else ''}."
+
+    @property
+    def family(self) -> str:
+        """With all smooth functions of its column."""
+        return smooth_in(self.column)
 
     def untestable(self) -> str:
         """Why not, or ""."""
@@ -189,6 +204,11 @@ class Interaction(Form):
     def columns(self) -> tuple[Column, ...]:
         """Both."""
         return (self.one, self.other)
+
+    @property
+    def family(self) -> str:
+        """With all products."""
+        return "products"
 
     def units(self, response: str) -> tuple[str, ...]:
         """Response over both columns."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.units import power, ratio
-from rigctl.experiments.table.model.form import Choice, Form, too_few
+from rigctl.experiments.table.model.form import Choice, Form, smooth_in, too_few
 from rigctl.experiments.table.observe.readings import Column
 
 
@@ -55,6 +55,11 @@ class Function(Form):
     def columns(self) -> tuple[Column, ...]:
         """Its only one."""
         return (self.column,)
+
+    @property
+    def family(self) -> str:
+        """With all smooth functions of its column."""
+        return smooth_in(self.column)
 
     def untestable(self) -> str:
         """Why not, or ""."""

@@ -31,6 +31,11 @@ class Level(Form):
         """The physics in a sentence."""
         return f"Something is different for each {self.category.name}."
 
+    @property
+    def family(self) -> str:
+        """With all that may differ by these words."""
+        return f"by {self.category.name}"
+
     def untestable(self) -> str:
         """Why not, or ""."""
         return _untestable(self.category, _READINGS_OF_A_LEVEL)
@@ -73,6 +78,11 @@ class Slope(Form):
     def columns(self) -> tuple[Column, ...]:
         """The one of numbers."""
         return (self.column,)
+
+    @property
+    def family(self) -> str:
+        """With all that may differ by these words."""
+        return f"by {self.category.name}"
 
     def untestable(self) -> str:
         """Why not, or ""."""
@@ -127,6 +137,11 @@ class Group(TableEffect):
     def sentence(self) -> str:
         """The physics in a sentence."""
         return f"The baseline's {self.parameter} is different for each {self.category.name}."
+
+    @property
+    def family(self) -> str:
+        """With all that may differ by these words."""
+        return f"by {self.category.name}"
 
     def untestable(self) -> str:
         """Why not, or ""."""
