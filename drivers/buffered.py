@@ -45,11 +45,11 @@ class BufferedTransport(ABC):
         """Bytes up to and including `terminator`; `LinkTimeout` or `LinkLost`."""
         deadline = self._deadline(timeout_s)
         searched = 0
-        while (found := self._received.find(terminator, searched)) < 0:
+        while (place := self._received.find(terminator, searched)) < 0:
             # Bytes looked through are not searched again, but for a terminator that may be cut in two.
             searched = max(0, len(self._received) - len(terminator) + 1)
             self._fill(deadline, repr(terminator), timeout_s)
-        return self._take(found + len(terminator))
+        return self._take(place + len(terminator))
 
     def read_exactly(self, count: int, timeout_s: float) -> bytes:
         """Exactly `count` bytes; `LinkTimeout` or `LinkLost`."""

@@ -171,11 +171,11 @@ class Conversation:
 
     def _is_own(self, transport: Transport) -> bool:
         try:
-            own = self._check.own(transport)
+            is_own = self._check.own(transport)
         except BadReply:
-            own = False
-        self._checks_due -= own
-        return own
+            is_own = False
+        self._checks_due -= is_own
+        return is_own
 
     def _settle(self, transport: Transport) -> None:
         """Read on until every check question is answered, or the last ones seem lost."""

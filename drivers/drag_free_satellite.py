@@ -85,8 +85,10 @@ class GroundSegment:
 
     def identify(self) -> Identity:
         """Who it is."""
-        found = self._there().identity
-        return Identity(found["model"], found["serial"], found["firmware"], f"{found['model']} {found['serial']}")
+        identity = self._there().identity
+        return Identity(
+            identity["model"], identity["serial"], identity["firmware"], f"{identity['model']} {identity['serial']}"
+        )
 
     def confirm_in_step(self) -> None:
         """The satellite still answers as itself; telemetry has its own time in every row, and no replies."""
@@ -129,8 +131,8 @@ class GroundSegment:
     def begin(self, session: FlightSession) -> float:
         """Uplink a session; the rig time of its first perigee."""
         self.check(session)
-        told = {"duration_s": session.duration_s, "hold": session.hold, **asdict(session.stimulus)}
-        return self._there().begin(told)
+        command = {"duration_s": session.duration_s, "hold": session.hold, **asdict(session.stimulus)}
+        return self._there().begin(command)
 
     def fetch(self) -> FloatArray:
         """The rows that came down since the last call."""

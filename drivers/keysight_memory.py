@@ -34,11 +34,11 @@ class ReadingMemory:
         """
         parts = [np.empty(0)]
         # Anything above a chunk, so that the loop asks at least once.
-        there = CHUNK + 1
+        in_memory = CHUNK + 1
         # When less than a chunk was there the memory is empty now; asking again would never end at a fast record.
-        while most and there > CHUNK and (there := self._link.query_whole("DATA:POIN?")) > 0:
+        while most and in_memory > CHUNK and (in_memory := self._link.query_whole("DATA:POIN?")) > 0:
             # Never more than the record still has: what lies behind it belongs to nobody.
-            parts.append(self._take(min(there, most, CHUNK)))
+            parts.append(self._take(min(in_memory, most, CHUNK)))
             most -= len(parts[-1])
         return np.concatenate(parts)
 

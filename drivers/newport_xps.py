@@ -238,8 +238,8 @@ class NewportXps:
         )
         self.limits.require_inside(self.name, low_deg, high_deg, "the user travel limits of the stage")
         outputs = ",".join(["double *"] * 4)
-        found = self._wire.numbers(f"PositionerSGammaParametersGet({self._positioner},{outputs})", 4)
-        self._jerk_times_s = found[2:]
+        sgamma = self._wire.numbers(f"PositionerSGammaParametersGet({self._positioner},{outputs})", 4)
+        self._jerk_times_s = sgamma[2:]
         self._set_profile(self.limits.speed_deg_s, self.limits.acceleration_deg_s2)
         self._prepared = True
 

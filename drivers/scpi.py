@@ -156,11 +156,11 @@ class ScpiLink:
 
     def _explained(self, query: str, silence: LinkTimeout) -> LinkTimeout:
         """The time-out with the instrument's own error: a query it does not understand gets no reply."""
-        said = ""
+        explanation = ""
         with suppress(LinkError, BadReply):
             # Over a connection made anew, as after any time-out; the queue of errors outlives it.
-            said = '; the instrument says {},"{}"'.format(*self._error(self.query(ERROR_QUESTION)))
-        return LinkTimeout(f"{self.name}: no reply to {query}{said} ({silence})")
+            explanation = '; the instrument says {},"{}"'.format(*self._error(self.query(ERROR_QUESTION)))
+        return LinkTimeout(f"{self.name}: no reply to {query}{explanation} ({silence})")
 
     def _read_line(self, transport: Transport) -> bytes:
         return transport.read_until(b"\n", self.timeout_s)

@@ -75,8 +75,8 @@ class SerialTransport(BufferedTransport):
         self._woken, self._wake = socket.socketpair()
 
     def _refused(self, settings: SerialSettings, why: str) -> LinkLost:
-        told = f"it does not take {settings} ({why}; a pseudo-terminal knows 8 bits, no parity)"
-        return lost(self.address, told)
+        reason = f"it does not take {settings} ({why}; a pseudo-terminal knows 8 bits, no parity)"
+        return lost(self.address, reason)
 
     def write(self, data: bytes) -> None:
         """Send all of `data`; `LinkTimeout` when flow control holds it back, `LinkLost` when unplugged."""

@@ -143,10 +143,10 @@ def shifted_from(column: Column) -> int | None:
     explained = shift**2 * size
     place = int(np.argmax(explained))
     # Samples are lost or doubled as a whole; another size is another cause.
-    whole = abs(abs(float(shift[place])) - 1.0) < SHIFT_WITHIN
+    is_whole = abs(abs(float(shift[place])) - 1.0) < SHIFT_WITHIN
     return (
         int(np.flatnonzero(known)[place])
-        if whole and explained[place] > SHIFT_EXPLAINS * residual @ residual
+        if is_whole and explained[place] > SHIFT_EXPLAINS * residual @ residual
         else None
     )
 
@@ -166,18 +166,18 @@ def encoder_flaw(column: Column, acceleration_mm_s2: float) -> Flaw | None:
             sample = int(np.argmax(bends)) + 1
             why = f"{position_mm[sample]:g} mm: no drive of {acceleration_mm_s2:g} mm/s2 gets there"
             return Flaw(column.channel, sample, why)
-    seen = column.course
-    if seen is None:
+    course = column.course
+    if course is None:
         return None
-    if flaw := _odd(column, seen, "mm") or _shift(column):
+    if flaw := _odd(column, course, "mm") or _shift(column):
         return flaw
-    rms_mm = float(np.sqrt(np.mean(seen.residual**2)))
-    if rms_mm > SINE_WITHIN * seen.amplitude:
-        sample = int(np.argmax(np.abs(seen.residual)))
+    rms_mm = float(np.sqrt(np.mean(course.residual**2)))
+    if rms_mm > SINE_WITHIN * course.amplitude:
+        sample = int(np.argmax(np.abs(course.residual)))
         return Flaw(
             column.channel,
             sample,
-            f"the encoder leaves the sine by {rms_mm:.3g} mm rms, {seen.residual[sample]:.3g} mm here",
+            f"the encoder leaves the sine by {rms_mm:.3g} mm rms, {course.residual[sample]:.3g} mm here",
         )
     return None
 

@@ -288,8 +288,8 @@ def _require_same(campaign: CampaignFile, store_path: Path) -> None:
     """A store of another place or model is another investigation."""
     with Store.open(store_path, readonly=True) as store:
         begun = campaign_of(store)
-    here, there = ((investigable(each).set_points(each).place, each.model.effects) for each in (campaign, begun))
-    if here != there:
+    ours, recorded = ((investigable(each).set_points(each).place, each.model.effects) for each in (campaign, begun))
+    if ours != recorded:
         raise ConfigError(f"{store_path} was begun with another campaign file; choose another --store")
 
 

@@ -81,9 +81,9 @@ def extend(store_path: Path, campaign: CampaignFile, options: Options) -> None:
         if campaign.experiment != store.header.experiment:
             raise ConfigError(f"{campaign.path}: experiment: the store holds {store.header.experiment}")
         # Where the last campaign has left the package.
-        made = campaigns_of(campaign.experiment, campaign.path).mounted(store)
+        mounted = campaigns_of(campaign.experiment, campaign.path).mounted(store)
         plugins = _loaded_for(store, options.plugins, {})
-        part = next_part(store, campaign.path, campaign.text, made, _brought(campaign, plugins))
+        part = next_part(store, campaign.path, campaign.text, mounted, _brought(campaign, plugins))
         plan = _plan(campaign, part, plugins)
         with _reopened(store, plan, campaign, part) as (rig, work, control):
             # Only with the rig in our hands: a further campaign that could not begin must not be kept as begun.

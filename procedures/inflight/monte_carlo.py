@@ -84,8 +84,8 @@ def _never() -> bool:
 
 def reduce_unit(unit: Unit, unwanted: Callable[[], bool] = _never) -> Packed:
     """Simulate a unit and reduce it. `NotWanted` as soon as it is `unwanted`."""
-    asked = unit.study.session(unit.name, unit.orbit_period_s)
-    telemetry = unit.ensemble.telemetry(unit.draws, unit.run, asked, CHUNK)
+    flight_session = unit.study.session(unit.name, unit.orbit_period_s)
+    telemetry = unit.ensemble.telemetry(unit.draws, unit.run, flight_session, CHUNK)
     # Asked by the reduction while telemetry comes, as a unit of sixteen draws takes seconds.
     return reduced(unit.flown, telemetry, unit.ensemble.columns, unit.draws, unwanted)
 
@@ -166,13 +166,13 @@ class MonteCarloWork(Work):
 
     def _simulate(self, session: Session, submit: Submit, run: int, name: SessionName) -> None:
         units, kept = self._units(run, name), Kept(session.store, RECIPE)
-        there = session.store.reduced_names(str(RECIPE))
+        reduced_keys = session.store.reduced_names(str(RECIPE))
         # All at once, so that workers are never idle; what comes of them is taken in order.
-        promised = {key: submit(unit) for key, unit in units.items() if key not in there}
+        promised = {key: submit(unit) for key, unit in units.items() if key not in reduced_keys}
         for key, unit in units.items():
             if key in promised:
                 kept.put(key, _awaited(session, promised[key]))
-            session.counted(len(unit.draws), replayed=key in there)
+            session.counted(len(unit.draws), replayed=key in reduced_keys)
 
     def _estimate(self, session: Session) -> None:
         # Scores that are kept need neither their units nor another estimate.

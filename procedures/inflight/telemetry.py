@@ -39,13 +39,13 @@ def on_grid(satellite: str, rows: FloatArray, got: int, samples: int, period_s: 
     with np.errstate(invalid="ignore"):
         places = rows[:, 0] / period_s
         # Written so that NaN is off.
-        off = ~((np.abs(places - np.rint(places)) < STAMP_WITHIN) & (places > -0.5) & (places < samples + 1.0))
-    if off.any():
-        raise _stamp(satellite, rows, int(np.argmax(off)), "is no sample time of the session", got)
+        is_off = ~((np.abs(places - np.rint(places)) < STAMP_WITHIN) & (places > -0.5) & (places < samples + 1.0))
+    if is_off.any():
+        raise _stamp(satellite, rows, int(np.argmax(is_off)), "is no sample time of the session", got)
     numbers = np.rint(places).astype(np.int64)
     # A packet that was sent again lies before what has come already.
-    new = numbers >= got
-    came, numbers = rows[new], numbers[new]
+    is_new = numbers >= got
+    came, numbers = rows[is_new], numbers[is_new]
     if len(numbers) and (np.diff(numbers) <= 0).any():
         # The same packet twice within one fetch is as good as once.
         numbers, first = np.unique(numbers, return_index=True)

@@ -98,8 +98,8 @@ class PlatformBench:
         require_homed(self.platform)
         self.platform.confirm_in_step()
         if abs(theta_deg - asked_theta_deg) > ANGLE_TOLERANCE_DEG:
-            said = f"{self.platform.name}: {theta_deg:g} deg where {asked_theta_deg:g} deg was asked for"
-            raise ImplausibleSample(said, channel="theta_deg", instrument=self.platform.name)
+            message = f"{self.platform.name}: {theta_deg:g} deg where {asked_theta_deg:g} deg was asked for"
+            raise ImplausibleSample(message, channel="theta_deg", instrument=self.platform.name)
         return theta_deg
 
     def rest(self) -> None:

@@ -45,7 +45,11 @@ class _Plan:
         return {
             "recorded_h": round(sum(each.wanted.table.duration_s for each in recordings) / 3600.0, 2),
             "samples": sum(each.wanted.samples for each in recordings),
-            "patterns": [f"{label}: {said}" for label, found in self.plan.separations.items() for said in found.says],
+            "patterns": [
+                f"{label}: {sentence}"
+                for label, separation in self.plan.separations.items()
+                for sentence in separation.says
+            ],
         }
 
     def kept(self) -> Mapping[str, Any]:

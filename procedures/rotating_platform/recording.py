@@ -116,9 +116,9 @@ class RecordingUnderWay:
         self._carry_out(motion)
 
     def _carry_out(self, motion: Motion) -> None:
-        from_deg, began_s, what = self._course.last_theta_deg, self._now_s(), f"turn to {motion.to_deg:g} deg"
+        from_deg, began_s, task = self._course.last_theta_deg, self._now_s(), f"turn to {motion.to_deg:g} deg"
         # The turn alone is tried again; meters and source go on, and its samples count as moving until it is done.
-        to_deg, ended_s = self._session.guarded(what, self._bench.turning, lambda: self._turned(motion))
+        to_deg, ended_s = self._session.guarded(task, self._bench.turning, lambda: self._turned(motion))
         self._course.add(Leg(began_s, ended_s, from_deg, to_deg))
         self._stood_s = ended_s
 

@@ -99,11 +99,11 @@ class Fixture:
         """When this mounting was levelled last, perhaps by an earlier campaign of the store."""
         store = self.session.store
         # A levelling counts once its reading is kept: what was broken off is done anew.
-        done = {None, *(event.data["key"] for event in store.events("once"))}
+        completed = {None, *(event.data["key"] for event in store.events("once"))}
         levellings = [
             event
             for event in store.events(LEVELLED)
-            if event.data["mounting"] == mounting.key and event.data.get("key") in done
+            if event.data["mounting"] == mounting.key and event.data.get("key") in completed
         ]
         last = levellings[-1] if levellings else None
         if last is None or last.rig_time_s is None:

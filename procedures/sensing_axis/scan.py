@@ -138,16 +138,16 @@ class Scan:
             self.measure(self._left(stretch), in_place=False)
 
     def _left(self, stretch: Stretch) -> Stretch:
-        old = stretch.mounting
-        mounting = Mounting(old.axis, old.configuration, self.spare)
+        disturbed = stretch.mounting
+        mounting = Mounting(disturbed.axis, disturbed.configuration, self.spare)
         self.spare += 1
-        left = [
+        remaining = [
             replace(wanted, point=replace(wanted.point, mounting=mounting.number))
             # Only what is left: runs before the disturbance were made in a sound mounting.
             for wanted in stretch.wanted
-            if not self.session.recorded(_key(old, wanted))
+            if not self.session.recorded(_key(disturbed, wanted))
         ]
-        return Stretch(mounting, tuple(left))
+        return Stretch(mounting, tuple(remaining))
 
     def _run(self, mounting: Mounting, wanted: Wanted) -> None:
         key, point = _key(mounting, wanted), wanted.point

@@ -46,13 +46,13 @@ class Campaigns:
         # It answers through the store. Its standard input has a writer as long as it lives, itself, and so no end.
         read, write = os.pipe()
         log = log_of(store)
-        with log.open("ab") as said:
+        with log.open("ab") as log_file:
             process = subprocess.Popen(  # noqa: S603
                 # The same interpreter: another one on the path may have another version.
                 [sys.executable, "-m", "rigctl.cli", *arguments],
                 stdin=read,
                 stdout=subprocess.DEVNULL,
-                stderr=said,
+                stderr=log_file,
                 pass_fds=(write,),
                 # Not in the terminal's session: a hang-up reaches it only if we pass it on.
                 start_new_session=True,

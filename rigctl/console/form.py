@@ -92,7 +92,7 @@ def entries(text: str) -> list[Entry | Listing]:
     data = _tables(text)
     parts: list[Entry | Listing] = []
     for table, model in _models(data).items():
-        said = data.get(table, {}) if table else data
+        table_data = data.get(table, {}) if table else data
         for key, field in model.model_fields.items():
             choices, words, listed = _kind(field.annotation)
             # Experiments are installed, so their names are in no annotation.
@@ -102,11 +102,11 @@ def entries(text: str) -> list[Entry | Listing]:
             if not table and key in {"path", "text"}:
                 continue
             if any(isinstance(each, type) and issubclass(each, BaseModel) for each in _parts(field.annotation)):
-                if listed and key in said:
-                    parts.append(Listing(table, key, tuple(map(_row, said[key]))))
+                if listed and key in table_data:
+                    parts.append(Listing(table, key, tuple(map(_row, table_data[key]))))
             elif table or key not in _OTHER_TABLES:
                 default = None if field.is_required() else "" if field.default is None else _shown(field.default)
-                written = _shown(said[key]) if key in said else ""
+                written = _shown(table_data[key]) if key in table_data else ""
                 parts.append(Entry(table, key, written, default, choices, words, listed))
     return parts
 
@@ -144,17 +144,17 @@ def changed(text: str, entry: Entry, typed: str) -> str:
     first, last = _span(lines, entry.table)
     place = next((i for i in range(first, last) if re.match(rf"\s*{re.escape(entry.key)}\s*=", lines[i])), None)
     end = _end_of_value(lines, place) if place is not None else 0
-    new = [f"{entry.key} = {_literal(entry, typed)}"] if typed.strip() else []
+    new_lines = [f"{entry.key} = {_literal(entry, typed)}"] if typed.strip() else []
     if place is not None:
         # A comment behind a value stays; behind an array over several lines there is no one place for it.
-        lines[place:end] = [new[0] + _comment(lines[place])] if new and end == place + 1 else new
-    elif new and (first > 0 or not entry.table):
+        lines[place:end] = [new_lines[0] + _comment(lines[place])] if new_lines and end == place + 1 else new_lines
+    elif new_lines and (first > 0 or not entry.table):
         # Before the empty lines that end a table.
         while last > first and not lines[last - 1].strip():
             last -= 1
-        lines[last:last] = new
-    elif new:
-        lines += ["", f"[{entry.table}]", *new]
+        lines[last:last] = new_lines
+    elif new_lines:
+        lines += ["", f"[{entry.table}]", *new_lines]
     return "\n".join(lines) + "\n"
 
 

@@ -121,14 +121,16 @@ def recorded_instruments(view: StoreView) -> list[InstrumentView]:
     state = "campaign" if view.alive else "recorded"
     for name, table in toml_of(view.rig_toml).get("instruments", {}).items():
         identity = view.identities.get(name, {})
-        who = " ".join(str(identity[key]) for key in ("model", "serial", "firmware") if identity.get(key))
+        identity_text = " ".join(str(identity[key]) for key in ("model", "serial", "firmware") if identity.get(key))
         values = tuple(
             Value(label, value, unit, view.sampled_s)
             for label, value, unit in _recorded(view, table)
             if math.isfinite(value)
         )
         driver, address = str(table["driver"]), str(table["address"])
-        instruments.append(InstrumentView(name, str(table["role"]), driver, address, state, who, values, ""))
+        instruments.append(
+            InstrumentView(name, str(table["role"]), driver, address, state, identity_text, values, "")
+        )
     return instruments
 
 

@@ -59,8 +59,8 @@ def effects_for(experiment: str) -> list[Effects]:
 
 def procedure_for(experiment: str, name: object) -> Procedure | None:
     """The procedure that a campaign file names, None for one of the experiment's own; `ConfigError`."""
-    wanted = f"{experiment}.{name}"
-    return PROCEDURES.get(wanted) if wanted in PROCEDURES.names() else None
+    full_name = f"{experiment}.{name}"
+    return PROCEDURES.get(full_name) if full_name in PROCEDURES.names() else None
 
 
 def procedures_for(experiment: str) -> list[str]:

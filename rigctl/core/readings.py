@@ -123,8 +123,8 @@ def _resolution(response: FloatArray) -> float:
     largest = float(np.abs(response).max()) or 1.0
     unit = 10.0 ** (math.floor(math.log10(largest)) - _DECIMALS)
     # Whole multiples of the last digit, so that the largest common step is an exact divisor.
-    whole = np.rint(response / unit).astype(np.int64)
-    return float(np.gcd.reduce(whole[whole != 0])) * unit
+    multiples = np.rint(response / unit).astype(np.int64)
+    return float(np.gcd.reduce(multiples[multiples != 0])) * unit
 
 
 def _longest_block(copies: list[int], originals: list[int]) -> int:

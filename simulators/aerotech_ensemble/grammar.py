@@ -38,10 +38,10 @@ def parse(line: bytes) -> Command:
     if len(line) > LINE_LENGTH_MAX:
         raise Invalid
     # A byte that is no ASCII is no keyword; it must not end the simulator.
-    found = _KEYWORD.fullmatch(line.decode("ascii", errors="replace"))
-    if found is None:
+    match = _KEYWORD.fullmatch(line.decode("ascii", errors="replace"))
+    if match is None:
         raise Invalid
-    keyword, rest = found.groups()
+    keyword, rest = match.groups()
     if not rest.startswith("("):
         return Command(keyword.upper(), _words(rest))
     call = _CALL.fullmatch(rest)
@@ -78,10 +78,10 @@ def move_words(words: tuple[str, ...], axis_names: frozenset[str]) -> tuple[floa
     """Position and speed of `X 5.0 F20`, `X 5 XF 20`, `@0 5.0 F 20`, `X5 F20`, or without a speed."""
     axes = "|".join(sorted(map(re.escape, axis_names)))
     shape = rf"(?:{axes})\s*({_NUMBER})(?:\s+(?:(?:{axes})?F)\s*({_NUMBER}))?"
-    found = re.fullmatch(shape, " ".join(words), re.ASCII)
-    if found is None:
+    match = re.fullmatch(shape, " ".join(words), re.ASCII)
+    if match is None:
         raise Invalid
-    position, speed = found.groups()
+    position, speed = match.groups()
     return number(position), None if speed is None else number(speed)
 
 

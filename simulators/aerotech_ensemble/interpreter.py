@@ -155,8 +155,8 @@ class Interpreter:
         return f"{length_mm / self._unit_mm:.6f}"
 
     def _move_words(self, words: tuple[str, ...]) -> tuple[float, float | None]:
-        way, speed = move_words(words, self._names)
-        return way * self._unit_mm, None if speed is None else speed * self._unit_mm
+        position, speed = move_words(words, self._names)
+        return position * self._unit_mm, None if speed is None else speed * self._unit_mm
 
     def _program_mm(self, machine_mm: float) -> float:
         return machine_mm - self._modes.program_zero_mm
@@ -258,12 +258,12 @@ class Interpreter:
         return Blocked(end_s + (self._settings.settle_s if self._modes.wait == INPOS else 0.0))
 
     def _position_offset(self, words: tuple[str, ...]) -> Reply:
-        what, *rest = words or ("",)
+        word, *rest = words or ("",)
         arguments = self._after_axis(tuple(rest))
-        if what == "SET":
+        if word == "SET":
             (position,) = exactly(1, arguments)
             self._modes.program_zero_mm = self.axis.feedback_mm() - number(position) * self._unit_mm
-        elif what == "CLEAR":
+        elif word == "CLEAR":
             none(arguments)
             self._modes.program_zero_mm = 0.0
         else:

@@ -66,17 +66,17 @@ class MotionModes:
 
     def set_ramp(self, words: tuple[str, ...], unit_mm: float) -> None:
         """RAMP MODE, RATE, TIME, DIST."""
-        what, *rest = words or ("",)
+        word, *rest = words or ("",)
         if len(rest) == 2 and rest[0] in self._names:
             rest = rest[1:]
         (value,) = exactly(1, tuple(rest))
-        if what == "MODE":
+        if word == "MODE":
             self._ramp_mode = choice(RAMP_WORDS, value)
-        elif what == "RATE":
+        elif word == "RATE":
             self._ramp_rate_mm_s2 = positive(value) * unit_mm
-        elif what == "TIME":
+        elif word == "TIME":
             self._ramp_time_s = positive(value)
-        elif what == "DIST":
+        elif word == "DIST":
             self._ramp_distance_mm = positive(value)
         else:
             raise Invalid

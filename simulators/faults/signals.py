@@ -45,12 +45,12 @@ class FaultySensor:
         if event is None:
             return []
         begins_s = event.strikes_at(self._plan.seed, times_s)
-        found = [(float(each), begins_s == each) for each in np.unique(begins_s[~np.isnan(begins_s)])]
-        for begin_s, struck in found:
+        stretches = [(float(each), begins_s == each) for each in np.unique(begins_s[~np.isnan(begins_s)])]
+        for begin_s, struck in stretches:
             if (fault, begin_s) not in self._told:
                 self._told.add((fault, begin_s))
                 self._tap.note(f"fault {fault}", float(times_s[struck].min()), 0.0)
-        return found
+        return stretches
 
 
 class LossyTrigger(TriggerLine):

@@ -86,10 +86,10 @@ class FaultyTelemetry:
         if len(rows):
             self._send(rows, self._packets.next())
         now_s = self._clock.now_s()
-        come = [np.empty((0, len(self.columns)))]
+        arrived = [np.empty((0, len(self.columns)))]
         while self._under_way and self._under_way[0][0] <= now_s:
-            come.append(self._under_way.popleft()[1])
-        return np.concatenate(come)
+            arrived.append(self._under_way.popleft()[1])
+        return np.concatenate(arrived)
 
     def _send(self, rows: FloatArray, occasion: Occasion) -> None:
         plan, struck = self._plan, self._plan.struck(occasion)

@@ -18,8 +18,8 @@ def _outputs(spec: Spec) -> dict[str, int]:
 def _build(spec: Spec, site: Site, settings: GeneratorSettings) -> Simulated33500B:
     outputs = _outputs(spec)
     if unknown := set(outputs) - set(site.bench.inputs):
-        there = ", ".join(site.bench.inputs) or "none"
-        raise ValueError(f"nothing is driven by '{min(unknown)}' in this world; inputs are: {there}")
+        names = ", ".join(site.bench.inputs) or "none"
+        raise ValueError(f"nothing is driven by '{min(unknown)}' in this world; inputs are: {names}")
     lines = {number: site.bench.inputs[name] for name, number in outputs.items()}
     return Simulated33500B(site.clock, lines, settings, site.tap)
 

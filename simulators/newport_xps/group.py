@@ -249,7 +249,7 @@ class Group:
         # Taken out first: whoever is told may begin the next action at once.
         blocked, self._blocked = self._blocked, []
         enders, self._enders = self._enders, []
-        for done in blocked:
-            done(outcome)
-        for done in enders:
-            done(0)
+        for tell in blocked:
+            tell(outcome)
+        for tell in enders:
+            tell(0)

@@ -99,10 +99,10 @@ class ScpiShell:
             return known
         for regex, command in self._commands:
             if match := regex.fullmatch(header):
-                found = command, tuple(int(digits or 1) for digits in match.groups())
+                resolved = command, tuple(int(digits or 1) for digits in match.groups())
                 if len(self._known) < HEADERS_KEPT:
-                    self._known[header] = found
-                return found
+                    self._known[header] = resolved
+                return resolved
         raise ScpiError(-113)
 
     def resume(self) -> None:

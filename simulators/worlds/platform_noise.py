@@ -162,13 +162,13 @@ def _zeros(white: float, heights: FloatArray, corners: FloatArray) -> list[float
     # No zero is further than H / white behind the last corner, H the sum of the heights; twice that is safe.
     beyond = float(np.max(corners, initial=0.0) + 2.0 * np.sum(heights) / white)
     ends = [*corners.tolist(), beyond][1:]
-    found = []
+    zeros = []
     for low, high in zip(corners.tolist(), ends, strict=True):
         # Off the corners, where the sum is infinite.
         inside = max(1e-12 * (high - low), 1e-14 * low)
         # Zeros lie many decades apart: only relative accuracy means anything.
-        found.append(float(brentq(value, low + inside, high - inside, xtol=1e-300, rtol=1e-14)))
-    return found
+        zeros.append(float(brentq(value, low + inside, high - inside, xtol=1e-300, rtol=1e-14)))
+    return zeros
 
 
 def _rising(density: RisingNoise, rate_hz: float) -> tuple[list[float], list[float], float]:

@@ -86,7 +86,7 @@ class BundleReader:
         # An exported reason already contains the findings; they must not be appended again at each round trip.
         given = str(row.get("reason", ""))
         reasons = [given] if given else [] if declared else ["marked invalid in runs.csv"]
-        reasons += [found for found in (*findings.invalid, *findings.remarks) if found not in given]
+        reasons += [finding for finding in (*findings.invalid, *findings.remarks) if finding not in given]
         self._warnings += [f"{file.place.file}: {remark}" for remark in findings.remarks]
         valid = declared and not findings.invalid
         return RunRecord(run_id, run_id, STEP, conditions, valid, "; ".join(reasons))

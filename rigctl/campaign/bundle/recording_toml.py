@@ -42,14 +42,14 @@ class TomlDocument:
         section: tuple[str, ...] = ()
         for number, line in enumerate(self.text.split("\n"), 1):
             if match := _SECTION.match(line):
-                here = section = _names(match[1])
+                line_keys = section = _names(match[1])
             elif match := _PAIR.match(line):
-                here = (*section, *_names(match[1]))
+                line_keys = (*section, *_names(match[1]))
             else:
                 continue
             # The deepest line that leads to the key: the key's own, or the section in which it is missing.
-            if len(here) > depth and keys[: len(here)] == here:
-                best, depth = number, len(here)
+            if len(line_keys) > depth and keys[: len(line_keys)] == line_keys:
+                best, depth = number, len(line_keys)
         return best
 
 
@@ -79,8 +79,8 @@ def read_header(place: Place, data: bytes) -> Header:
     _require_format(document)
     experiment = document.data.get("experiment")
     if not isinstance(experiment, str) or experiment not in EXPERIMENTS:
-        what = "is missing" if experiment is None else f"{experiment!r} is unknown"
-        raise document.error(("experiment",), f"{what}; write {either(EXPERIMENTS)}")
+        problem = "is missing" if experiment is None else f"{experiment!r} is unknown"
+        raise document.error(("experiment",), f"{problem}; write {either(EXPERIMENTS)}")
     extra = {name: _json(value) for name, value in document.data.items() if name not in _NAMED}
     if of_readings(experiment):
         extra["table"] = _table_spec(document)

@@ -108,11 +108,11 @@ class Salvage:
         for number in sorted(self._chunks.keys() - self._runs.keys()):
             yield f"run number {number}: samples are there, but not what they are of"
         known = sum(run.record.state == _FINISHED for run in self._runs.values())
-        gone = 0 if self._finished is None else self._finished - known
+        vanished = 0 if self._finished is None else self._finished - known
         # The ledger counts what was finished, so a row that vanished without a trace is missed too.
-        if gone > 0:
+        if vanished > 0:
             numbers = sorted({*range(1, max(self._runs, default=0))} - self._runs.keys() - self._chunks.keys())
-            yield f"finished runs of which there is nothing: {gone}" + (
+            yield f"finished runs of which there is nothing: {vanished}" + (
                 f", of the numbers {numbers}" if numbers else ""
             )
 

@@ -182,9 +182,9 @@ def _is_this_machine(ip: IpAddress) -> bool:
     if ip.is_loopback or ip.is_unspecified:
         return True
     family = socket.AF_INET if ip.version == 4 else socket.AF_INET6
-    with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as way:
+    with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
         # For UDP this only chooses the route and sends nothing; 9 is the discard port, and any would do.
-        way.connect((str(ip), 9))
+        probe.connect((str(ip), 9))
         # An IPv6 link-local address may carry its interface after a %.
-        return str(way.getsockname()[0]).partition("%")[0] == str(ip).partition("%")[0]
+        return str(probe.getsockname()[0]).partition("%")[0] == str(ip).partition("%")[0]
     return False

@@ -194,13 +194,13 @@ def has_checksums(connection: sqlite3.Connection) -> bool:
 
 def require_tables(connection: sqlite3.Connection, path: Path) -> None:
     """Raise `DamagedStore` unless tables and indexes are declared as this program declares them."""
-    there = set(connection.execute("SELECT name, sql FROM sqlite_schema"))
+    present = set(connection.execute("SELECT name, sql FROM sqlite_schema"))
     if has_checksums(connection):
         # Declarations of others beside ours do no harm.
-        if missing := {name for name, _ in _declared() - there}:
+        if missing := {name for name, _ in _declared() - present}:
             raise _damaged(path, f"the declaration of {', '.join(sorted(missing))}")
     # A ledger in a file that says it is older: the version itself is damaged.
-    elif "ledger" in {name for name, _ in there}:
+    elif "ledger" in {name for name, _ in present}:
         raise _damaged(path, "its schema version")
 
 

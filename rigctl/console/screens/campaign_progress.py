@@ -135,8 +135,8 @@ def _add_group(
     node = root.add(f"{'▶' if running and last else '✓'} {name}: {count} runs", expand=last)
     for place, (mounting, runs) in enumerate(mountings.items()):
         now = running and last and place == len(mountings) - 1
-        bad = sum(not run.valid for run in runs)
-        label = f"{'▶' if now else '✓'} {mounting}: {len(runs)}{f', {bad} invalid' if bad else ''}"
+        invalid = sum(not run.valid for run in runs)
+        label = f"{'▶' if now else '✓'} {mounting}: {len(runs)}{f', {invalid} invalid' if invalid else ''}"
         leaf = node.add(label, expand=now)
         for run in runs if now or not running else ():  # a night has too many to draw them all each time
             leaf.add_leaf(_run_label(run))

@@ -97,8 +97,8 @@ class RigPane(Vertical):
             self._say(Text(line))
             return
         limits = f"  limits {view.limits}  jog step {self.jog_step:g} {view.limits.unit}" if view.limits else ""
-        who = f"  {view.identity}" if view.identity else ""
-        text = Text(f"{view.name}: {view.role}, {view.driver}, {view.address}{who}{limits}")
+        identity = f"  {view.identity}" if view.identity else ""
+        text = Text(f"{view.name}: {view.role}, {view.driver}, {view.address}{identity}{limits}")
         if view.error:
             text = Text(f"✗ {view.error}", style="bold", no_wrap=False)
         self._say(text)

@@ -173,9 +173,9 @@ class WorkbenchPane(Vertical):
         if not 0 <= row < len(self._ranked):
             return
         rank = self._ranked[row]
-        like = f"  cannot be told from {', '.join(rank['equivalent_to'])}" if rank["equivalent_to"] else ""
+        equivalents = f"  cannot be told from {', '.join(rank['equivalent_to'])}" if rank["equivalent_to"] else ""
         fall = f"chi2 falls by {number(rank['chi2_fall'])}, {100 * rank['keep']:.0f} % of it by no other effect"
-        detail = f"{rank['effect']}: {fall}{like}\n{'; '.join(sizes(rank))}"
+        detail = f"{rank['effect']}: {fall}{equivalents}\n{'; '.join(sizes(rank))}"
         self.query_one("#rank-detail", Static).update(Text(detail))
 
     # What the operator asks

@@ -112,9 +112,9 @@ def null_search(store: Store) -> dict[str, Any]:
 
 def _response(title: str, rows: Sequence[ResponseRow]) -> Picture:
     """Figure 12 for a terminal: a line and marks for each frequency, the crossing at zero."""
-    far = max(abs(row.theta_minus_theta0_arcsec) for row in rows if row.kind == "measured")
+    widest_arcsec = max(abs(row.theta_minus_theta0_arcsec) for row in rows if row.kind == "measured")
     # Also where all runs stand at the null: 20 arcsec to either side.
-    reach = max(1.2 * far, 20.0)
+    reach = max(1.2 * widest_arcsec, 20.0)
     lines = []
     measured_hz = {row.frequency_hz for row in rows if row.frequency_hz and row.kind == "measured"}
     for place, frequency in enumerate(sorted(measured_hz)):

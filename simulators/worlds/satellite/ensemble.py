@@ -35,8 +35,8 @@ class Ensemble:
         # The compiler takes a second to load: not before somebody asks for it.
         from simulators.worlds.satellite.simulation import Simulation
 
-        told = {field.name: getattr(session.stimulus, field.name) for field in fields(Injection)}
-        command = command_of(self._settings, {"duration_s": session.duration_s, "hold": session.hold, **told})
+        injected = {field.name: getattr(session.stimulus, field.name) for field in fields(Injection)}
+        command = command_of(self._settings, {"duration_s": session.duration_s, "hold": session.hold, **injected})
         simulation = Simulation(self._settings, draws, run, command)
         memory = np.empty((chunk, len(COLUMNS) * LANES))
         while simulation.taken < command.samples:

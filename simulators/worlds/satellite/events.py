@@ -44,14 +44,14 @@ class Events:
             return np.empty((0, MEASURED * self._lanes))
         made = np.zeros((len(time_s), MEASURED, self._lanes))
         for lane, (glitches, steps) in enumerate(zip(self._glitches, self._steps, strict=True)):
-            here = (glitches.at_s < time_s[-1]) & (glitches.at_s > time_s[0] - LASTS_S)
-            for at_s, amplitude in zip(glitches.at_s[here], glitches.amplitude_m_s2[here], strict=True):
+            nearby = (glitches.at_s < time_s[-1]) & (glitches.at_s > time_s[0] - LASTS_S)
+            for at_s, amplitude in zip(glitches.at_s[nearby], glitches.amplitude_m_s2[nearby], strict=True):
                 since_s = np.maximum(time_s - at_s, 0.0)
                 shape = np.exp(-since_s / FALL_S) - np.exp(-since_s / RISE_S)
                 made[:, :, lane] += np.multiply.outer(shape, amplitude)
             for mass, (at_s, sizes) in enumerate(steps):
-                done = np.concatenate([[0.0], np.cumsum(sizes)])
-                made[:, 3 * mass, lane] += done[np.searchsorted(at_s, time_s, side="right")]
+                totals = np.concatenate([[0.0], np.cumsum(sizes)])
+                made[:, 3 * mass, lane] += totals[np.searchsorted(at_s, time_s, side="right")]
         return made.reshape(len(time_s), -1)
 
 

@@ -70,10 +70,10 @@ def signature_plate(effect: Effect) -> Plate[PlatformSignatureRow]:
 
 def _rows(effect: Effect, pattern: str, period_s: float) -> list[PlatformSignatureRow]:
     recorded = _recorded(pattern, period_s, SHORT_S if effect.id in _MASK_SHORT else 0.0)
-    one = placed(effect, Term(effect.id), CHANNELS, ())
-    model = PlatformModel(recorded, [one], [one.term])
+    placed_effect = placed(effect, Term(effect.id), CHANNELS, ())
+    model = PlatformModel(recorded, [placed_effect], [placed_effect.term])
     base = [1.0, INTERCEPT_M_S2, ACCEL_Y_M_S2, BIAS_M_S2["z"], BIAS_M_S2["y"], 0.0, 0.0]
-    added = model.added(np.array([*base, *(each.typical for each in one.parameters)]))
+    added = model.added(np.array([*base, *(each.typical for each in placed_effect.parameters)]))
     (z,) = (each for each in recorded.channels if each.channel == "z")
     groups = z.reducer.groups.size
     rows = [
