@@ -112,5 +112,6 @@ class PlatformBench:
     def check(self, wanted: Wanted) -> None:
         """`LimitError` when platform, meters or source cannot do it."""
         wanted.table.check(self.platform.name, self.platform.limits)
+        # Asked for its refusal of a rate, not for the number.
         self.readout.longest_record(1.0 / wanted.sample_rate_hz)
         self.source.check(wanted.tilt)

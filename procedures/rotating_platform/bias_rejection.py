@@ -87,6 +87,7 @@ class Plan:
             for index, dwell in enumerate(custom.dwells)
         ]
         names = ("pattern", "period_s", "dwell_index", "sign_cos_theta", "start_s", "stop_s")
+        # Without custom patterns there are no columns, which strict would refuse.
         return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=False)}
 
     def check(self, bench: PlatformBench) -> None:
@@ -189,6 +190,7 @@ def _record(session: Session, bench: PlatformBench, recording: Recording, estima
             session.operator.flip(recording.g_sign)
         return measure(session, bench, writer, recording.wanted, _watch(session, recording, estimator))
 
+    # It is not done again, but has left the platform where its table ends.
     if session.recorded(recording.key):
         bench.replayed(recording.wanted.table)
     session.acquire(recording.key, recording.conditions, recorded, bench.apparatus())

@@ -28,6 +28,7 @@ from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.fit import ROLL
 from rigctl.experiments.sensing_axis.observe.set_points import OVERHEAD_S
 
+# A coarse run, then one each at the lowest and the highest frequency.
 RUNS_PER_MOUNTING = 3
 
 SCANS = ("scan", "angle-scan")
@@ -135,6 +136,7 @@ class Plan(campaigns.Plan):
         )
         if procedure.name in SCANS:
             self._check_scan(bench)
+        # Its runs were checked one by one; the keys below are those of other procedures.
         if procedure.name == "scan":
             return
         # Roll and angle differ by their dependence on frequency alone.
@@ -149,6 +151,7 @@ class Plan(campaigns.Plan):
             # A quarter turn aside the spots have left the cube, and the lasers are not read.
             for point in reversal_points(self._extremes()[0]):
                 bench.check(point, lasers=False)
+        # It refuses a target that no search of allowed length reaches.
         if procedure.name in NULL_SEARCHES:
             expected_dwells_s(self.search(self.targets.noise_m_s2_rthz), self.effects)
 
@@ -269,6 +272,7 @@ def _check_noise(session: Session, bench: Bench, fixture: Fixture, plan: Plan, m
     if plan.procedure.noise_check_s == 0:
         return plan.targets.noise_m_s2_rthz
     with session.step("noise check"):
+        # A resumed campaign asks for the package only where something is left to measure.
         if not session.done(NOISE_CHECK):
             fixture.confirm(mounting)
         sensor = bench.package.axes[mounting.axis].sensor[mounting.configuration]

@@ -30,6 +30,7 @@ def effects(
     as_json: Json = False,
 ) -> None:
     """The catalogue of physical effects, or one of them: equation, parameters, source."""
+    # Told and not raised: one bad package must not hide the effects of all others.
     for registry in (REGISTRY, EFFECTS):
         for flaw in registry.flaws():
             tell(flaw)
@@ -49,6 +50,7 @@ def effects(
     if figure is not None:
         _draw(matching[0], figure)
     if as_json:
+        # One document, as for an effect of one experiment alone; the others of this id go with it.
         print_json({**_as_json(matching[0]), "others": [_as_json(each) for each in matching[1:]]})
     else:
         for each in matching:

@@ -40,6 +40,7 @@ class Registry(Generic[D]):
 
     def names(self) -> tuple[str, ...]:
         """All that is registered, sound or not."""
+        # A name that is registered twice is one name here; `get` says what is wrong with it.
         return tuple(dict.fromkeys(point.name for point in _points(self.group)))
 
     def get(self, name: str) -> D:
@@ -57,6 +58,7 @@ class Registry(Generic[D]):
         for name in self.names():
             try:
                 yield self.get(name)
+            # What is wrong with it is for `flaws` to tell.
             except ConfigError:
                 continue
 
@@ -113,6 +115,7 @@ def _of_the_tree(group: str) -> list[EntryPoint]:
     try:
         text = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
         project = tomllib.loads(text)["project"]
+    # An installed program has no such file; where it is being edited, what is installed counts.
     except (OSError, tomllib.TOMLDecodeError, KeyError):
         return []
     listed = project.get("entry-points", {}).get(group, {}) if project.get("name") == OURS else {}

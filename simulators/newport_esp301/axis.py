@@ -178,6 +178,7 @@ class EspAxis:
             raise Refused(13, self.number)
 
     def _require_positive(self, value: float) -> None:
+        # Not `<= 0`, which would let NaN pass.
         if not value > 0:
             raise Refused(1, self.number)
 

@@ -43,6 +43,7 @@ def execute(controller: Controller, command: Command | None) -> str | None:
         return of_controller(controller, command)
     axis_command = AXIS_COMMANDS.get(command.code)
     parameter = PARAMETERS.get(command.code)
+    # Parameters that nothing here follows are kept, so that a driver may set them.
     known = axis_command or parameter or any(command.code in stored for stored in controller.stored)
     if not known:
         raise Refused(6)
@@ -185,6 +186,7 @@ def _abort(controller: Controller, command: Command) -> None:
 
 def _wait_for_stop(controller: Controller, command: Command) -> None:
     axes = _axes(controller, command)
+    # Milliseconds on the wire.
     extra_s = max(0.0, read_number(command.parameter or "0")) * 1e-3
     controller.wait_until(lambda: all(axis.done for axis in axes), extra_s)
 
@@ -192,6 +194,7 @@ def _wait_for_stop(controller: Controller, command: Command) -> None:
 def _wait_for_position(controller: Controller, command: Command) -> None:
     axis = _axis(controller, command)
     place_deg = read_number(command.parameter) / axis.units_per_deg
+    # The profile may pass the place between two looks, and from either side.
     below = axis.commanded() < place_deg
 
     def passed_or_at_rest() -> bool:
@@ -224,6 +227,7 @@ def _stage(controller: Controller, command: Command) -> str:
 
 
 def _status_character(controller: Controller, _: Command) -> str:
+    # The byte has three bits for axes only.
     moving = sum(1 << axis.number - 1 for axis in controller.axes[:3] if not axis.done)
     power = 0x8 * any(axis.motor_on for axis in controller.axes)
     return chr(STATUS_CHARACTER_BASE | moving | power)

@@ -114,6 +114,7 @@ class SimulatedXps:
 
     def close_sockets(self, *, keep: object) -> None:
         """Close all sockets but `keep`, telling each -108."""
+        # A list of its own: hanging up takes clients out.
         for client in [c for c in self._clients if c is not keep]:
             client.hang_up(-108)
 
@@ -149,6 +150,7 @@ class SimulatedXps:
         inputs = function.signature.read(arguments, axes)
         call = Call(inputs.numbers, inputs.words, self.clock.now_s(), client, client.finish)
         values = function.run(call, on)
+        # A blocking call is answered by `finish`, perhaps already within `run`.
         return None if function.blocks else values or ()
 
     def _select(self, arguments: tuple[str, ...]) -> Selection:
@@ -211,6 +213,7 @@ class XpsClient:
     def close(self) -> None:
         """The client has gone; a motion it started goes on."""
         with self._controller.clock.lock:
+            # What its call still has to say is for nobody.
             self._unanswered = None
             self.hung_up = True
             self._controller.disconnect(self)
@@ -229,6 +232,7 @@ class XpsClient:
         self._controller.disconnect(self)
 
     def _execute(self, text: str) -> None:
+        # First: a call may finish before `execute` returns.
         self._unanswered = text
         try:
             values = self._controller.execute(text, self)

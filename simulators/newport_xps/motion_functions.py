@@ -45,6 +45,7 @@ def _move_absolute(call: Call, selected: Selection) -> None:
 
 
 def _move_relative(call: Call, selected: Selection) -> None:
+    # From the target, not from where the stage happens to stand.
     targets = [p.target_deg + by for p, by in zip(selected.positioners, call.numbers, strict=True)]
     selected.group.move(selected.by_name(targets), call.finish)
 
@@ -103,6 +104,7 @@ GROUP_FUNCTIONS: dict[str, Function[Selection]] = {
 
 
 def _read_and_clear_error(_: Call, positioner: Positioner) -> Sequence[str]:
+    # PositionerErrorGet clears what it reads, PositionerErrorRead does not.
     word, positioner.error_word = positioner.error_word, 0
     return (str(word),)
 

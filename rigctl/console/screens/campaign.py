@@ -42,6 +42,7 @@ class FileTab(TabPane):
 
         self.form = CampaignForm(path, text)
         box = self.query_one("#form", VerticalScroll)
+        # Awaited: the new fields have the same ids.
         await box.remove_children()
         await box.mount_all(_fields(self.form.parts))
         self.judge()

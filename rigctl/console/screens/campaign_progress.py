@@ -78,6 +78,7 @@ class ProgressTab(TabPane):
         line.append(f" {done} of {planned} runs, {status['runs_invalid']} invalid, {_eta(status)}")
         line.append(f"  {status.get('step', '')}", style="dim")
         self._say(line, done, max(planned, 1))
+        # The last state is shown in any case: no other comes after it.
         if (on_screen and time.monotonic() - self._steps_s > STEPS_S) or not view.alive:
             self._steps_s = time.monotonic()
             self._show_steps(view)

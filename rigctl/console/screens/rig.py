@@ -104,6 +104,7 @@ class RigPane(Vertical):
         self._say(text)
 
     def _say(self, detail: Text) -> None:
+        # A widget is drawn anew even when told the same.
         if self._detail != detail:
             self._detail = detail
             self.query_one("#detail", Static).update(detail)

@@ -114,6 +114,7 @@ class WorkbenchPane(Vertical):
             text.append(f"\nunexplained: {diagnosis['unexplained']['description']}")
         self.query_one("#verdict", Static).update(text)
         table = self.query_one(DataTable)
+        # Columns too: their widths follow the window's.
         table.clear(columns=True)
         for name, width in zip(("effect", "p corr.", "size", "held out"), self._widths(), strict=True):
             table.add_column(name, key=name, width=width)
@@ -145,6 +146,7 @@ class WorkbenchPane(Vertical):
             known = [(float(rung["version"]), float(rung[key])) for rung in rungs if rung[key]]
             if known:
                 x, y = (np.array([point[i] for point in known]) for i in (0, 1))
+                # A line and its marks; the legend needs the name once.
                 lines += [Line(x, np.log10(y), "", "", place), Line(x, np.log10(y), name, MARKS[place], place)]
         versions = (rungs[0]["version"] - 0.5, rungs[-1]["version"] + 0.5) if rungs else None
         picture = Picture("log error, 0 = noise", tuple(lines), "version", versions, levels=((0.0, "noise"),))

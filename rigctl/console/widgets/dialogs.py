@@ -33,6 +33,7 @@ class Dialog(ModalScreen[Answer | None], Generic[Answer]):
     def compose(self) -> ComposeResult:
         """Title, what the dialog is about, hints."""
         with Vertical(classes="dialog"):
+            # Text, as brackets in a string would be taken for markup.
             yield Static(Text(self.title or ""), classes="dialog-title")
             yield from self.contents()
             yield Static(Text(self.HINT), classes="hint")
@@ -226,6 +227,7 @@ class StartDialog(Dialog[Launch]):
             store=Path(text("store")),
             rig=Path(text("rig")) if text("rig") else None,
             unattended=self.query_one("#unattended", Tick).value,
+            # The entry lets digits of other scripts pass.
             seed=int(seed) if seed.isascii() and seed.lstrip("-").isdigit() else None,
         )
 

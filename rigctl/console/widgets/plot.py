@@ -93,6 +93,7 @@ class Plot(Widget):
     def show(self, picture: Picture) -> None:
         """Draw another picture."""
         self.picture = picture
+        # Of another size or in other colours no row is as it was.
         if self._drawn_for != self._looks:
             self.refresh()
             return
@@ -130,6 +131,7 @@ def drawn(picture: Picture, width: int, height: int, palette: Palette = DARK) ->
     if height < 1:
         return []
     lines = [line for line in picture.lines if np.isfinite(line.y).any()]
+    # A long legend must leave room for the plot.
     heading = _heading(picture, lines, width, palette)[: 1 + height // 8]
     rows = height - len(heading) - (1 if picture.x_label or picture.x_range else 0)
     columns = width - _LABEL_WIDTH - 1
@@ -218,6 +220,7 @@ def _draw_line(sheet: _Sheet, line: Line) -> None:
         return
     area = sheet.area
     x, y = thinned(line.x, line.y, area.width)
+    # A braille character has two by four dots.
     at = joined(scaled(x, *area.x, 2 * area.width), scaled(y, *area.y, 4 * area.height))
     points = dotted(*at, area.width, area.height)
     rows, columns = np.nonzero(points)

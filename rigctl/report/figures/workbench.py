@@ -150,6 +150,7 @@ def draw_ranking(rows: Sequence[RankRow]) -> Figure:
     axes.set_yticks(range(len(shown)), [row.effect for row in shown])
     axes.set_ylim(len(shown) - 0.4, -0.6)
     largest = max((row.significance_sigma for row in shown), default=0.0)
+    # Bars begin at zero, which a logarithm does not have; one large bar would hide the others.
     if largest > 30.0:
         axes.set_xscale("symlog", linthresh=10.0)
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -128,6 +128,7 @@ def draw_errors(rows: Sequence[ErrorRow]) -> Figure:
             at = place + 0.24 * (number - 1)
             panel.plot([mean, worst], [at, at], color=look.color, linestyle="-")
             panel.plot(mean, at, look.marker, color=look.color, label=name if place == 0 else None)
+    # 1 is the objective.
     panel.axvline(1.0, color=INK, linewidth=0.6)
     panel.set_xscale("log")
     return _labelled(figure, [row.parameter for row in rows], "error / objective")

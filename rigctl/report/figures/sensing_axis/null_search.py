@@ -223,6 +223,7 @@ def _limit_close_up(axes: Axes, rows: Sequence[ResponseRow]) -> None:
         for row in rows
         if row.kind == "measured" and abs(row.theta_minus_theta0_arcsec) < ZOOM_ARCSEC
     ]
+    # Five arcsec more, so that a single run at the null has some width around it.
     margin = 0.15 * (max(shown) - min(shown)) + 5.0
     low, high = min(shown) - margin, max(shown) + margin
     heights = [0.0] + [

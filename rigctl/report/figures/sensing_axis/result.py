@@ -126,6 +126,7 @@ def draw_budget(rows: Sequence[BudgetRow]) -> Figure:
         panel.set_title(f"axis {name}", loc="center")
         panel.set_xlabel("standard uncertainty / arcsec")
     panels[0].set_yticks(range(len(names)), names)
+    # Downwards: the largest is on top.
     panels[0].set_ylim(len(names) - 0.4, -0.6)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
@@ -153,6 +154,7 @@ def _draw_axis(panel: Axes, rows: Sequence[BudgetRow], names: Sequence[str]) -> 
             linewidth=0.6,
             label=f"component {component}",
         )
+    # Sets off the combined uncertainty, which is last.
     panel.axhline(len(names) - 1.5, color=INK, linewidth=0.6)
     panel.tick_params(axis="y", length=0.0)
     panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)

@@ -70,6 +70,7 @@ def _rows(channel: str, kind: Any, left: Spectrum, unit: str) -> list[SpectrumRo
     return [
         SpectrumRow(channel, kind, float(f), float(d), unit)
         for f, d in zip(thin.frequency_hz, density, strict=True)
+        # Both axes are logarithmic.
         if f > 0.0 and d > 0.0
     ]
 
