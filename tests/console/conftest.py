@@ -14,6 +14,9 @@ from textual.pilot import Pilot
 
 from rigctl.console.app import Console
 
+POLL_S = 0.05
+"""Between two looks at the screen: each renders all of it, and what is waited for runs on the same cores."""
+
 
 @dataclass
 class Seat:
@@ -41,7 +44,7 @@ class Seat:
         deadline = time.monotonic() + timeout_s
         while not condition():
             assert time.monotonic() < deadline, f"it did not happen:\n{self.text}"
-            await self.pilot.pause(0.01)
+            await self.pilot.pause(POLL_S)
 
     async def sees(self, words: str, timeout_s: float = 60.0) -> None:
         """Wait until the screen shows these words."""

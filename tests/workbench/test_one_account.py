@@ -10,6 +10,7 @@ import pytest
 
 from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.composition import opened_workbench
+from rigctl.workbench.verdict.search import Search
 
 TABLE = """\
 format = 1
@@ -94,3 +95,22 @@ def test_what_is_diagnosed_is_what_is_added(told: dict[str, Any]) -> None:
     assert joint["held"] == []
     for name, each in joint["parameters"].items():
         assert fit["parameters"][name]["value"] == pytest.approx(each["value"], abs=0.1 * each["sigma"])
+
+
+def test_what_a_search_would_add_to_a_version_is_asked_once(
+    told: dict[str, Any], seasons: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes several fits; a fit and a comparison both want to know."""
+    searched = []
+    next_term = Search.next_term
+
+    def noting(search: Search) -> Any:
+        searched.append(search.given)
+        return next_term(search)
+
+    monkeypatch.setattr(Search, "next_term", noting)
+    with opened_workbench(seasons) as bench:
+        first = bench.version(1)
+        fitted, compared = bench.fitted(first), bench.compare(first)
+    assert searched == [()]
+    assert fitted.p_value == compared.p_value == pytest.approx(told["compare"]["p_value"], rel=1e-3)

@@ -9,7 +9,7 @@ of all versions, never on the version looked at.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rigctl.core.errors import UNFIT
@@ -33,6 +33,7 @@ class Account:
     richest: Attempt
     known: KnownNoise | None
     search: Search | None = None
+    _next: dict[int, tuple[Attempt, Term | None]] = field(default_factory=dict, repr=False, compare=False)
 
     def attempt(
         self,
@@ -48,9 +49,12 @@ class Account:
         """What a search would add to a model first; None where it finds nothing that helps."""
         if self.search is not None and self.search.given == attempt.terms:
             return next((term for term in self.search.suggested), None)
-        search = Search(attempt.study, attempt.terms, LEVEL, attempt.seed, lambda _: None, self.known)
-        search.adopt(attempt)
-        return search.next_term()
+        # A fit and a comparison of one version both ask, and each answer takes several fits.
+        if id(attempt) not in self._next:
+            search = Search(attempt.study, attempt.terms, LEVEL, attempt.seed, lambda _: None, self.known)
+            search.adopt(attempt)
+            self._next[id(attempt)] = (attempt, search.next_term())
+        return self._next[id(attempt)][1]
 
     def as_document(self) -> dict[str, Any]:
         """What `recalled` needs."""

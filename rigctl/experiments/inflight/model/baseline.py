@@ -84,6 +84,7 @@ class Baseline:
         self._tables = [
             with_true_attitude(each.session, each.lines, each.amplitudes).table for each in self.stretches
         ]
+        self._latest: tuple[bytes, list[ComplexArray]] | None = None
 
     def _priors(self) -> dict[str, Prior]:
         """Of the nuisances; the gains across the sensitive axis are measured where control shakes the satellite."""
@@ -128,11 +129,22 @@ class Baseline:
     def shift(self, values: FloatArray, changes: Sequence[ComplexArray]) -> FloatArray:
         """What changes of the measured amplitudes, (lines, series) per stretch, do to `residual`; shape (data,)."""
         return np.concatenate(
-            [self._sides(each, table, values) for each, table in zip(self.stretches, changes, strict=True)]
+            [
+                self._sides(each, table, c, values)
+                for each, table, c in zip(self.stretches, changes, self._coefficients(values), strict=True)
+            ]
         )
 
-    def _sides(self, each: Stretch, table: ComplexArray, values: FloatArray) -> FloatArray:
-        c = coefficients(each.session, each.amplitudes, values[:SHARED, None])[:, 0]
+    def _coefficients(self, values: FloatArray) -> list[ComplexArray]:
+        """Of each stretch, (series,); kept until other values come, for every effect is shifted at the same ones."""
+        shared = values[:SHARED]
+        latest = self._latest
+        if latest is None or latest[0] != shared.tobytes():
+            made = [coefficients(each.session, each.amplitudes, shared[:, None])[:, 0] for each in self.stretches]
+            self._latest = latest = (shared.tobytes(), made)
+        return latest[1]
+
+    def _sides(self, each: Stretch, table: ComplexArray, c: ComplexArray, values: FloatArray) -> FloatArray:
         if not each.has_own:
             return each.parts(table[each.compared] @ c)
         own, inverse = _own(each, table), values[self._gain_of[each.run_id]]
