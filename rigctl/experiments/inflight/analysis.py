@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from rigctl.analysis.kept import Progress
@@ -13,8 +12,7 @@ from rigctl.experiments.inflight.observe.store_reduction import reduction
 from rigctl.experiments.inflight.result.monte_carlo import DRAW, Draw, tables
 from rigctl.experiments.inflight.result.result import calibration
 from rigctl.experiments.inflight.study import InflightStudy
-from rigctl.workbench.findings import ModelFit
-from rigctl.workbench.verdict.fit import fit
+from rigctl.workbench.verdict.fit import parameters_of
 from rigctl.workbench.workbench import Workbench
 
 
@@ -28,31 +26,13 @@ def study(source: RunSource, plugins: Sequence[Plugin]) -> InflightStudy:
     return InflightStudy(source, plugins)
 
 
-@dataclass(frozen=True)
-class InflightResult:
-    """`numbers` as `rigctl result --json` has them; `fit` is None for a Monte Carlo study."""
-
-    numbers: Mapping[str, Any]
-    fit: ModelFit | None = None
-
-    def as_json(self) -> dict[str, Any]:
-        """Keys of `rigctl result --json`."""
-        return dict(self.numbers)
-
-
 def result(workbench: Workbench) -> dict[str, Any]:
-    """The ten parameters of one calibration; of a Monte Carlo study the paper's tables 2 and 3."""
-    return analyse(workbench).as_json()
-
-
-def analyse(workbench: Workbench) -> InflightResult:
-    """A calibration fitted with its current model, or all draws of a Monte Carlo study; `DataError`."""
+    """The ten parameters of one calibration, fitted with the current model; of a Monte Carlo study the paper's tables
+    2 and 3; `DataError`."""
     draws = [Draw.from_json(document.data) for document in workbench.store.documents(DRAW)]
     if draws:
-        return InflightResult(tables(draws))
+        return dict(tables(draws))
     studied = workbench.study
     assert isinstance(studied, InflightStudy)
     version = workbench.current
-    fitted = fit(studied, version.terms)
-    numbers = calibration(studied, fitted.as_json()["parameters"])
-    return InflightResult({"version": version.version, **numbers}, fitted)
+    return {"version": version.version, **calibration(studied, parameters_of(studied, version.terms))}

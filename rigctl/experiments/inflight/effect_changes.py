@@ -22,12 +22,15 @@ _MOST_KEPT = 200
 
 
 class EffectChanges:
-    """Amplitudes that effects add to all halves of `runs`, each (lines, series); evaluated once per effect."""
+    """Amplitudes that effects add to all halves of `runs`, each (lines, series); evaluated once per effect.
 
-    def __init__(self, runs: Sequence[ReducedRun]) -> None:
+    `usual_k` (2,) are the sensors' temperatures at which the baseline holds: their means over the recording.
+    """
+
+    def __init__(self, runs: Sequence[ReducedRun], usual_k: FloatArray) -> None:
         # An imagined run may be a recorded one once more.
         self._runs = [id(run.coarse) for run in runs]
-        self._reducers = {id(run.coarse): Reducer(run) for run in runs}
+        self._reducers = {id(run.coarse): Reducer(run, usual_k) for run in runs}
         self._evaluations: dict[tuple[str, tuple[tuple[str, float], ...]], list[ComplexArray]] = {}
         self._units: dict[tuple[str, ...], list[list[ComplexArray]] | None] = {}
 

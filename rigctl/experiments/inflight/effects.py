@@ -141,8 +141,7 @@ def gravity_j2(
 )
 def thermal_off_centring(run: FlightRun, beta: Value, beta_y: Value = 0.0, beta_z: Value = 0.0) -> FloatArray:
     """The masses' centres move apart with the temperature: Txx times it, at f_orb and 3 f_orb."""
-    warmer = run.temperature.mean(axis=0)
-    return np.asarray(np.multiply.outer(np.array([beta, beta_y, beta_z]), warmer - warmer.mean()))
+    return np.asarray(np.multiply.outer(np.array([beta, beta_y, beta_z]), run.warmer.mean(axis=0)))
 
 
 @effect(
@@ -264,10 +263,9 @@ def thermal_gain(
     """The sensors' gain goes with their temperature: sidebands of the stimulus, f_orb away."""
     # Levels count: where one mass is held they differ from those of other sessions.
     output = run.measured[:, 0]
-    warmer = run.temperature - run.temperature.mean(axis=1, keepdims=True)
     return run.along_x(
-        ((kappa_c + kappa_d) * output[0] + (level_c + level_d)) * warmer[0],
-        ((kappa_c - kappa_d) * output[1] + (level_c - level_d)) * warmer[1],
+        ((kappa_c + kappa_d) * output[0] + (level_c + level_d)) * run.warmer[0],
+        ((kappa_c - kappa_d) * output[1] + (level_c - level_d)) * run.warmer[1],
     )
 
 

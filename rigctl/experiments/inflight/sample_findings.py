@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from rigctl.experiments.inflight.model.residual_samples import STRETCH_S, THRESHOLD_SIGMA, RunScan, unsteadiness
+from rigctl.experiments.inflight.model.residual_samples import STRETCH_S, THRESHOLD_SIGMA, RunScan, steadiness
 from rigctl.experiments.inflight.observe.reduction import ReducedStretch
 from rigctl.workbench.study import Line, Term
 
@@ -38,18 +38,16 @@ def pulses_in(scans: Sequence[RunScan]) -> Line | None:
 
 def changing_level_in(scans: Sequence[RunScan]) -> Line | None:
     """How unsteady the noise is; None where too few stretches have enough samples."""
-    levels = [each.levels[each.levels > 0.0] for each in scans]
-    if sum(len(each) for each in levels) < 20:
+    found = steadiness([each.levels for each in scans])
+    if found is None:
         return None
-    logs = np.log(np.concatenate(levels))
-    between_neighbours = 0.5 * float(np.mean(np.diff(logs) ** 2))
     change = _quantity(
         # Levels are variances: the noise itself changes by half their logarithm.
-        0.5 * math.sqrt(2.0 * max(float(np.var(logs)) - between_neighbours, 0.0)),
-        0.5 * math.sqrt(2.0 * between_neighbours / len(logs)),
+        0.5 * math.sqrt(2.0 * max(found.scatter - found.of_neighbours, 0.0)),
+        0.5 * math.sqrt(2.0 * found.of_neighbours / found.count),
         "1",
     )
-    return _line(Term("noise-level"), change, unsteadiness(levels), change=change)
+    return _line(Term("noise-level"), change, found.p_value, change=change)
 
 
 def strongest_line_in(scans: Sequence[RunScan], known_hz: Sequence[float]) -> Line | None:

@@ -12,6 +12,7 @@ from rigctl.analysis.kept import Packed, Reduction
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import DataError
+from rigctl.core.units import ABSOLUTE_ZERO_C
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.inflight.effect_changes import EffectChanges
 from rigctl.experiments.inflight.imagined import flown_again
@@ -117,7 +118,7 @@ class FlightData:
     @cached_property
     def effects(self) -> EffectChanges:
         """What effects do to these lines."""
-        return EffectChanges(self.observed.runs)
+        return EffectChanges(self.observed.runs, usual_temperatures_k(self.reduced.runs))
 
     def of_any_temperature(self, effects: Sequence[Effect]) -> Iterator[list[ComplexArray]]:
         """What effects do to the amplitudes of all halves, for temperatures that nobody recorded: any waves at the
@@ -132,7 +133,8 @@ class FlightData:
             )
             for wave in waves:
                 columns = {**run.coarse.columns, "temperature_c": wave}
-                warmed = EffectChanges([replace(run, coarse=replace(run.coarse, columns=columns))])
+                run_of_wave = replace(run, coarse=replace(run.coarse, columns=columns))
+                warmed = EffectChanges([run_of_wave], np.full(2, -ABSOLUTE_ZERO_C))
                 for effect in effects:
                     for changes in warmed.derivatives(effect, np.zeros(len(effect.parameters))):
                         for place, change in enumerate(changes, start=first):
@@ -158,6 +160,13 @@ class FlightData:
             for number, (like, each) in enumerate(zip(likes, proposals, strict=True), start=len(self.imagined) + 1)
         ]
         return replace(self, imagined=(*self.imagined, *imagined))
+
+
+def usual_temperatures_k(runs: Sequence[ReducedRun]) -> FloatArray:
+    """Means of both sensors' temperatures over all samples that there are, (2,); NaN without a thermometer."""
+    both = [(run.coarse.present, temperatures(run.coarse.columns)) for run in runs]
+    recorded = [np.array(found)[:, present] for present, found in both if found]
+    return np.mean(np.hstack(recorded), axis=1) if recorded else np.full(2, np.nan)
 
 
 def run_scans(

@@ -1,5 +1,7 @@
 """Every effect that shows, done to an instrument without noise: the data move as its derivative says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from rigctl.campaign.recording import Header, ImportReport, Recording, RunRecord
 from rigctl.effects.catalogue import catalogue
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.study import InflightStudy
+from rigctl.experiments.inflight.study_data import usual_temperatures_k
 from rigctl.report.verdicts import named
 
 ORBIT_S, STEP_S = 5950.0, 4.0
@@ -14,8 +17,12 @@ N = 2 * np.pi / ORBIT_S
 SESSIONS = ("dx", "ac12", "ad11", "k2c_1")
 
 
-def warm(t_s):
-    return 1e-3 * np.cos(N * t_s + 0.4)
+WARMER_K = {"dx": 3e-3, "ac12": -1e-3, "ad11": -4e-3, "k2c_1": 2e-3, "dy": -3e-3}
+"""Mean temperatures of sessions; both sets of sessions have a mean of zero."""
+
+
+def warm(session, t_s):
+    return WARMER_K[session] + 1e-3 * np.cos(N * t_s + 0.4)
 
 
 def along_x(first, second, out):
@@ -62,13 +69,15 @@ def cubed(session, t_s, out):
 
 def hotter(session, t_s, out):
     varying = out[:, 0]
-    return along_x(*(sign * 0.02 * warm(t_s) * each for sign, each in zip((1, -1), varying, strict=True)), out)
+    return along_x(
+        *(sign * 0.02 * warm(session, t_s) * each for sign, each in zip((1, -1), varying, strict=True)), out
+    )
 
 
 DONE = {
-    "thermal-bias": (lambda s, t, out: along_x(3e-10 * warm(t), -3e-10 * warm(t), out), {"lambda_d": 3e-10}),
+    "thermal-bias": (lambda s, t, out: along_x(3e-10 * warm(s, t), -3e-10 * warm(s, t), out), {"lambda_d": 3e-10}),
     "thermal-bias (of each sensor)": (
-        lambda s, t, out: along_x(5e-10 * warm(t), -1e-10 * warm(t), out),
+        lambda s, t, out: along_x(5e-10 * warm(s, t), -1e-10 * warm(s, t), out),
         {"lambda_d": 3e-10, "lambda_c": 2e-10},
     ),
     "cross-quadratic (of each mass)": (
@@ -92,12 +101,12 @@ DONE = {
 }
 
 
-def study(flight, instrument, added=None, unseen=(0.0, 0.0, 0.0)):
+def study(flight, instrument, added=None, unseen=(0.0, 0.0, 0.0), sessions=SESSIONS):
     records, samples = [], {}
-    for name in SESSIONS:
+    for name in sessions:
         sky = flight.Sky(added=added, unseen_attitude=np.array(unseen))
         own, conditions = flight.recorded(name, instrument, sky, orbits=10, step_s=STEP_S)
-        own |= {f"temperature_{mass}_k": 290.0 + warm(own["t_s"]) for mass in (1, 2)}
+        own |= {f"temperature_{mass}_k": 290.0 + warm(name, own["t_s"]) for mass in (1, 2)}
         records.append(RunRecord(name, name, "test", conditions))
         samples[name] = own
     header = Header("inflight-calibration", constants={"orbit_period_s": flight.ORBIT_S})
@@ -117,7 +126,11 @@ def plain(flight, instrument):
 @pytest.mark.parametrize("name", DONE)
 def test_data_move_as_the_derivative_says(flight, instrument, plain, name):
     added, sizes = DONE[name]
-    changed = study(flight, instrument, added).data.observations.value - plain.data.observations.value
+    moves_as_predicted(flight, instrument, plain, study(flight, instrument, added), name, sizes)
+
+
+def moves_as_predicted(flight, instrument, plain, spoilt, name, sizes):
+    changed = spoilt.data.observations.value - plain.data.observations.value
     model = plain.model(())
     start = np.array([each.start for each in model.parameters])
     start[: len(NAMES)] = [flight.small_signal(instrument)[each] for each in NAMES]
@@ -126,6 +139,41 @@ def test_data_move_as_the_derivative_says(flight, instrument, plain, name):
     predicted = candidate.derivative @ [sizes.get(parameter, 0.0) for parameter in candidate.names]
     assert np.abs(predicted).max() > 1e-14
     assert changed == pytest.approx(predicted, abs=0.03 * np.abs(predicted).max())
+
+
+@pytest.mark.parametrize(
+    ("name", "beta"),
+    [
+        ("thermal-off-centring", {"beta": 2e-4}),
+        ("thermal-off-centring (of each axis)", {"beta": 1e-4, "beta_y": 2e-4, "beta_z": -1e-4}),
+    ],
+)
+def test_a_place_that_goes_with_the_temperature_meets_the_gradient_and_the_turning(flight, instrument, name, beta):
+    def parted(session, t_s, out):
+        w, turn = 2.0 * np.pi * flight.STIMULI["dy"][0], np.zeros((3, len(t_s)))
+        turn[2] = (session == "dy") * 1e-2 * np.cos(w * t_s)
+        tensor = flight.gradient(t_s, turn)
+        # T - In: Euler's acceleration dw x Delta.
+        tensor[0, 1] -= w**2 * turn[2]
+        tensor[1, 0] += w**2 * turn[2]
+        growth = [beta.get(axis, 0.0) * warm(session, t_s) for axis in ("beta", "beta_y", "beta_z")]
+        force = np.einsum("ijn,jn->in", tensor, growth)
+        return 0.5 * np.stack([force, -force])
+
+    plain, spoilt = (study(flight, instrument, added, sessions=("dx", "dy")) for added in (None, parted))
+    moves_as_predicted(flight, instrument, plain, spoilt, name, beta)
+
+
+def test_what_is_missing_has_no_temperature(plain):
+    """Columns are zero where samples miss."""
+    runs = list(plain.data.reduced.runs)
+    whole = usual_temperatures_k(runs)
+    assert whole == pytest.approx([290.0, 290.0], abs=1e-4)
+    grid = runs[0].coarse
+    there = np.arange(len(grid.t_s)) % 10 != 0
+    columns = {name: np.where(there, column, 0.0) for name, column in grid.columns.items()}
+    runs[0] = replace(runs[0], coarse=replace(grid, columns=columns, present=there))
+    assert usual_temperatures_k(runs) == pytest.approx(whole, abs=1e-3)
 
 
 def test_the_oblateness_of_the_earth_is_a_harmonic_field():

@@ -8,12 +8,13 @@ from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import effect
 from rigctl.effects.plugins import Plugin
 from rigctl.experiments.inflight.model.parameters import NAMES
+from rigctl.experiments.inflight.model.residual_samples import steadiness
 from rigctl.experiments.inflight.result.result import calibration
 from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
-from rigctl.workbench.verdict.fit import fit
+from rigctl.workbench.verdict.fit import fit, parameters_of
 
 WARM_K = 1e-3
 
@@ -75,7 +76,7 @@ def test_with_nothing_hidden_the_baseline_is_adequate(flight, plain):
 
 
 def test_the_result_has_both_estimates_and_what_no_session_sees(flight, plain):
-    found = calibration(plain, fit(plain, ()).as_json()["parameters"])
+    found = calibration(plain, parameters_of(plain, ()))
     assert list(found["parameters"]) == list(NAMES)
     assert found["remarks"] == []
     assert 2 <= found["sweeps"] <= 5
@@ -243,7 +244,7 @@ def test_short_and_broken_sessions_are_left_out_with_a_reason(flight):
     study.data.reduced  # noqa: B018
     assert study.left_out["dz"].startswith("run dz: 3.36 orbits are too short to tell its lines apart")
     assert study.left_out["dy"] == "run dy: column t_xy is missing; add it"
-    found = calibration(study, fit(study, ()).as_json()["parameters"])
+    found = calibration(study, parameters_of(study, ()))
     assert found["parameters"]["ac11_dz_m"]["paper"] is None
     assert found["parameters"]["ac11_dx_m"]["paper"] is not None
     assert any(remark.startswith("no run for ac11_dy_m, ac11_dz_m") for remark in found["remarks"])
@@ -301,7 +302,7 @@ def test_an_attitude_that_the_hybrid_filter_misses_does_not_move_dy(flight):
         return {**columns, **missed, "att_z": seen[2]}, conditions
 
     study = InflightStudy(recording(flight, sky=flight.Sky(), spoil=hybrid))
-    found = calibration(study, fit(study, ()).as_json()["parameters"])["parameters"]["ac11_dy_m"]
+    found = calibration(study, parameters_of(study, ()))["parameters"]["ac11_dy_m"]
     assert found["value"] == pytest.approx(exact(flight)[1], abs=1.5e-9)
     assert found["paper"]["value"] == pytest.approx(exact(flight)[1], abs=4e-9)
 
@@ -331,6 +332,16 @@ def test_pulses_are_found_masked_and_no_longer_there(flight):
     assert not [line for line in study.lines(masked) if line.term.effect == "glitches"]
     assert len(masked.observations.value) == len(study.data.observations.value)
     assert masked.data.reduced.runs[0].coarse.present.mean() < 0.999
+
+
+def test_a_run_that_is_louder_than_others_is_not_unsteady():
+    """Each run's noise is measured in it; what counts is that a level changes while it lasts."""
+    rng = np.random.default_rng(4)
+    steady = [scale * rng.chisquare(20, 150) / 20 for scale in (1.0, 1.0, 1.0, 1.5, 1.5, 1.0, 1.0, 1.0)]
+    assert steadiness(steady).p_value > 0.01
+    swell = 1.0 + 0.5 * np.sin(2.0 * np.pi * np.arange(150) / 75.0)
+    assert steadiness([each * swell for each in steady]).p_value < 1e-6
+    assert steadiness([each[:2] for each in steady]) is None
 
 
 def test_pulses_that_both_sensors_show_alike_along_x_are_found_across_it(flight):

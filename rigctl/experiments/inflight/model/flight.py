@@ -34,8 +34,9 @@ class FlightRun:
     SI, axes before samples: `measured` (2, 3, n) of masses 1 and 2 along x, y, z; `gradient` (3, 3, n) from orbit and
     attitude telemetry; `attitude`, `angular_acceleration` (3, n); `moved` and `moved_speed` (2, 3, n), how far the
     session displaces each mass. `t` counts from perigee, `orbital` and `stimulus` are angular frequencies (stimulus 0
-    without one), `temperature` (2, n) is what the sensors' thermometers say, NaN without. `signal` is the value so
-    far at the point where the effect acts: the recorded one.
+    without one), `temperature` (2, n) is what the sensors' thermometers say, `warmer` (2, n) how far that is
+    from its mean over the recording, K, NaN without. `signal` is the value so far at the point where the effect acts:
+    the recorded one.
     """
 
     session: str
@@ -50,6 +51,7 @@ class FlightRun:
     moved: FloatArray
     moved_speed: FloatArray
     temperature: FloatArray
+    warmer: FloatArray
     columns: Mapping[str, FloatArray]
     signal: FloatArray
 
@@ -71,15 +73,17 @@ class FlightRun:
         return made
 
 
-def flight_run(run: ReducedRun, point: str) -> FlightRun:
-    """A reduced run for effects at a point."""
+def flight_run(run: ReducedRun, point: str, usual_k: FloatArray) -> FlightRun:
+    """A reduced run for effects at a point; `usual_k` (2,) are the sensors' mean temperatures over the recording."""
     grid = run.coarse
     conditions = {
         name: np.full(len(grid.t_s), float(value))
         for name, value in run.conditions.items()
         if isinstance(value, int | float)
     }
-    return _flight(run.session, grid.t_s, grid.columns, {**conditions, **grid.columns}, point, both_moved=False)
+    return _flight(
+        run.session, grid.t_s, grid.columns, {**conditions, **grid.columns}, point, usual_k, both_moved=False
+    )
 
 
 def trial_run(point: str) -> FlightRun:
@@ -96,7 +100,7 @@ def trial_run(point: str) -> FlightRun:
         **{f"{name}{axis}": size * rng.standard_normal(_MADE_UP) for name, size in sizes.items() for axis in "xyz"},
         **{f"temperature_{mass}_k": 1e-3 * rng.standard_normal(_MADE_UP) for mass in (1, 2)},
     }
-    return _flight(session, t_s, columns, AnyColumns((_MADE_UP,)), point, both_moved=True)
+    return _flight(session, t_s, columns, AnyColumns((_MADE_UP,)), point, np.zeros(2), both_moved=True)
 
 
 def _flight(
@@ -105,6 +109,7 @@ def _flight(
     c: Mapping[str, FloatArray],
     columns: Mapping[str, FloatArray],
     point: str,
+    usual_k: FloatArray,
     *,
     both_moved: bool,
 ) -> FlightRun:
@@ -114,6 +119,7 @@ def _flight(
     # On trial both masses move, so that an effect of either is seen to do something.
     moved, speed = (each + 0.5 * both_moved * each[::-1] for each in _moved(session, t_s))
     missing = np.full(len(t_s), np.nan)
+    temperature = np.array(temperatures(c) or (missing, missing))
     return FlightRun(
         session=session.name,
         t=t_s,
@@ -126,7 +132,8 @@ def _flight(
         angular_acceleration=np.array([c[f"dw_{axis}"] for axis in "xyz"]),
         moved=moved,
         moved_speed=speed,
-        temperature=np.array(temperatures(c) or (missing, missing)),
+        temperature=temperature,
+        warmer=temperature - usual_k[:, None],
         columns=columns,
         signal={
             MEASURED_POINT: measured,
@@ -152,8 +159,8 @@ def _moved(session: Session, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
 class Reducer:
     """What an effect adds, through the reduction of the measurement: one run's halves."""
 
-    def __init__(self, run: ReducedRun) -> None:
-        self._run = run
+    def __init__(self, run: ReducedRun, usual_k: FloatArray) -> None:
+        self._run, self._usual_k = run, usual_k
         self._flights: dict[str, FlightRun] = {}
 
     def changes(self, effect: Effect, parameters: Mapping[str, float]) -> list[ComplexArray]:
@@ -162,7 +169,7 @@ class Reducer:
         `DataError` when it is no number somewhere.
         """
         if effect.on not in self._flights:
-            self._flights[effect.on] = flight_run(self._run, effect.on)
+            self._flights[effect.on] = flight_run(self._run, effect.on, self._usual_k)
         flight = self._flights[effect.on]
         added = np.asarray(effect(flight, **parameters), dtype=np.float64)
         try:
@@ -219,7 +226,8 @@ def _in_gradient(run: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
 
 
 def _in_place(run: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
-    force = np.einsum("ijn,jn->in", run.gradient, added)
+    # T - In, less what is of second order in the rate: in a turning session dw tells more than T.
+    force = np.einsum("ijn,jn->in", run.gradient, added) - np.cross(run.angular_acceleration, added, axis=0)
     return {f"force {axis}": -force[i] for i, axis in enumerate("xyz")}
 
 

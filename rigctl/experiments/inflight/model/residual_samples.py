@@ -27,6 +27,8 @@ EDGE_S = 12.0
 STRETCH_S = 200.0
 """The noise's level is looked at in stretches so long."""
 
+_FEWEST_LEVELS = 20
+
 _CHUNK = 1 << 15
 _FITTED_S = 4.0
 _SPECTRUM_S = 1024.0
@@ -121,13 +123,31 @@ def residual(run: ReducedRun, grid: Grid, values: FloatArray) -> FloatArray:
     return np.where(grid.present, residuals, 0.0)
 
 
-def unsteadiness(levels: Sequence[FloatArray]) -> float:
-    """How likely steady noise scatters so: levels of neighbouring stretches are alike where the noise goes slowly."""
-    logs = np.log(np.concatenate([each[each > 0.0] for each in levels]))
-    spread = float(np.var(logs))
-    apart = float(0.5 * np.mean(np.diff(logs) ** 2))
-    # Von Neumann's ratio: for independent levels it is about N(1, 1/n).
-    return float(stats.norm.sf((1.0 - apart / spread) * np.sqrt(len(logs))))
+@dataclass(frozen=True)
+class Steadiness:
+    """How logarithms of `count` levels scatter about their run's mean, and how neighbours do: variances."""
+
+    scatter: float
+    of_neighbours: float
+    count: int
+
+    @property
+    def p_value(self) -> float:
+        """How likely steady noise scatters so: neighbouring stretches are alike where the noise goes slowly."""
+        # Von Neumann's ratio: for independent levels it is about N(1, 1/n).
+        return float(stats.norm.sf((1.0 - self.of_neighbours / self.scatter) * np.sqrt(self.count)))
+
+
+def steadiness(levels: Sequence[FloatArray]) -> Steadiness | None:
+    """Of all runs, each about its own level, which its noise has anyway; None where too few stretches are seen."""
+    logs = [np.log(there) for each in levels if len(there := each[each > 0.0]) > 1]
+    count = sum(map(len, logs))
+    if count < _FEWEST_LEVELS:
+        return None
+    # Each run's mean is taken from its levels: a degree of freedom less.
+    scatter = sum(float(np.sum((each - each.mean()) ** 2)) for each in logs) / (count - len(logs))
+    steps = np.concatenate([np.diff(each) for each in logs])
+    return Steadiness(scatter, 0.5 * float(np.mean(steps**2)), count - len(logs))
 
 
 def _without_lines(run: ReducedRun, grid: Grid, left: FloatArray) -> FloatArray:

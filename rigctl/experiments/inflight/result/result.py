@@ -11,26 +11,27 @@ import numpy as np
 from rigctl.experiments.inflight.model.paper import PaperEstimate, paper_estimate
 from rigctl.experiments.inflight.model.parameters import NAMES, UNITS
 from rigctl.experiments.inflight.study import InflightStudy
+from rigctl.workbench.findings import Estimate
 
 TRACKER_BIAS_RAD = 1e-4
 COUPLING_RAD = 1e-4 / math.sqrt(3.0)
 """Standard uncertainties of the star tracker's alignment and of the sensors' coupling angles, unless recorded."""
 
 
-def calibration(study: InflightStudy, joint: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Keys of `rigctl result --json`; `joint` are value and sigma by parameter, as the study's model was fitted."""
+def calibration(study: InflightStudy, joint: Mapping[str, Estimate]) -> dict[str, Any]:
+    """Keys of `rigctl result --json`; `joint` are parameters by name, as the study's model was fitted."""
     paper = paper_estimate(study.data.observed.fitted_runs())
     beyond = systematic(joint, study.source.header.constants)
     remarks = [f"run {run.run_id}: {remark}" for run in study.data.reduced.runs for remark in run.remarks]
     return {
         "parameters": {
             name: {
-                "value": joint[name]["value"],
-                "sigma": joint[name]["sigma"],
+                "value": joint[name].value,
+                "sigma": joint[name].sigma,
                 "unit": unit,
                 "systematic": beyond.get(name, 0.0),
                 "paper": _of(paper, name),
-                "joint": {key: joint[name][key] for key in ("value", "sigma")},
+                "joint": {"value": joint[name].value, "sigma": joint[name].sigma},
             }
             for name, unit in zip(NAMES, UNITS, strict=True)
         },
@@ -39,7 +40,7 @@ def calibration(study: InflightStudy, joint: Mapping[str, Mapping[str, Any]]) ->
     }
 
 
-def systematic(joint: Mapping[str, Mapping[str, Any]], constants: Mapping[str, float]) -> dict[str, float]:
+def systematic(joint: Mapping[str, Estimate], constants: Mapping[str, float]) -> dict[str, float]:
     """What no session sees, as standard uncertainties: the star tracker's alignment s and the coupling eta.
 
     a_c12 is off by -s_z - eta_z, a_c13 by s_y - eta_y / 2, Dx and Dz by 2 s_y times the other.
@@ -47,8 +48,8 @@ def systematic(joint: Mapping[str, Mapping[str, Any]], constants: Mapping[str, f
     s = float(constants.get("tracker_bias_rad", TRACKER_BIAS_RAD))
     eta = float(constants.get("coupling_rad", COUPLING_RAD))
     return {
-        "ac11_dx_m": 2.0 * s * abs(float(joint["ac11_dz_m"]["value"])),
-        "ac11_dz_m": 2.0 * s * abs(float(joint["ac11_dx_m"]["value"])),
+        "ac11_dx_m": 2.0 * s * abs(joint["ac11_dz_m"].value),
+        "ac11_dz_m": 2.0 * s * abs(joint["ac11_dx_m"].value),
         "ac12_rad": math.hypot(s, eta),
         "ac13_rad": math.hypot(s, 0.5 * eta),
     }
