@@ -1,19 +1,22 @@
 """How large an effect is in a recording of the second satellite, in sigma: from the world and its noise alone.
 
-The observables are the complex amplitudes of the page at its lines, of the difference of both masses less what the
-common acceleration makes of it, and of the moved mass's own channel. Their noise is the density there over the
-session's length; what the baseline can imitate is projected out, its gains of moved masses as well as they are known.
+The observables are the complex amplitudes of the page at its lines, by its band-pass and joint least squares: of the
+difference of both masses less what the common acceleration makes of it, and of the moved mass's own channel. Their
+noise is the density there over the session's length; what the baseline can imitate is projected out, its gains of
+moved masses as well as they are known.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy import signal
 
 from tests.foreign.satellite_bundle import Noise
 from tests.foreign.satellite_loop import Floats
 from tests.foreign.satellite_world import MOVED_AXIS, SATELLITE_FORCE, Run, Satellite, Telemetry, flown
 
 GAIN_PRIOR = 1e-2
+DROPPED_S = 200.0
 RELATIVE_RANK = 1e-9
 
 
@@ -29,6 +32,14 @@ def lines_hz(run: Run, satellite: Satellite) -> list[float]:
     elif run.session == "dy":
         found += [f + j * n for j in beside]
     return sorted({round(line, 12) for line in found if line > 0.5 * n})
+
+
+def band_pass(lines_hz: Floats, step_s: float) -> Floats:
+    """Second-order Butterworth, from half the lowest line to twice the highest where sampling leaves that."""
+    passed = signal.butter(2, 0.5 * min(lines_hz), "highpass", fs=1.0 / step_s, output="sos")
+    if 2.0 * max(lines_hz) < 0.45 / step_s:
+        passed = np.vstack([passed, signal.butter(2, 2.0 * max(lines_hz), "lowpass", fs=1.0 / step_s, output="sos")])
+    return np.asarray(passed)
 
 
 def difference(told: Telemetry) -> Floats:
@@ -52,19 +63,34 @@ class Session:
         self.time_s = np.arange(run.samples(satellite.orbit)) * run.step_s
         self.lines = np.array(lines_hz(run, satellite))
         length_s = run.orbits * satellite.orbit.period_s
-        self.weights = self.rows(self.lines) / np.sqrt(np.repeat(noise.difference(self.lines), 2) / length_s)[:, None]
-        self.own = np.empty((0, len(self.time_s)))
+        self.filter = band_pass(self.lines, run.step_s)
+        self.lines_weights = self.rows(self.lines, np.sqrt(noise.difference(self.lines) / length_s))
+        self.own_weights = np.empty((0, len(self.time_s) - self.dropped))
         if run.session in MOVED_AXIS:
             stimulus = np.array([run.frequency_hz])
-            own_sigma = np.sqrt(noise.own(run.session, stimulus)[0] / length_s)
-            self.own = self.rows(stimulus) / own_sigma
+            self.own_weights = self.rows(stimulus, np.sqrt(noise.own(run.session, stimulus) / length_s))
 
-    def rows(self, lines: Floats) -> Floats:
-        """Weights of a joint least squares of a constant and of these lines."""
+    @property
+    def dropped(self) -> int:
+        return round(DROPPED_S / self.run.step_s)
+
+    def passed(self, series: Floats) -> Floats:
+        """The page's chain: less its mean, band-passed, without its beginning; samples last."""
+        series = series - series.mean(axis=-1, keepdims=True)
+        return np.asarray(signal.sosfilt(self.filter, series, axis=-1)[..., self.dropped :])
+
+    def rows(self, lines: Floats, sigmas: Floats) -> Floats:
+        """Weights on passed samples of a joint least squares of these lines, in their sigmas."""
         angle = 2.0 * np.pi * lines[:, None] * self.time_s
         shapes = np.stack([np.cos(angle), np.sin(angle)], axis=1).reshape(-1, len(self.time_s))
-        basis = np.vstack([np.ones_like(self.time_s), shapes])
-        return np.asarray(np.linalg.solve(basis @ basis.T, basis)[1:])
+        basis = self.passed(shapes)
+        return np.asarray(np.linalg.solve(basis @ basis.T, basis) / np.repeat(sigmas, 2)[:, None])
+
+    def at_lines(self, series: Floats) -> Floats:
+        return np.asarray(self.lines_weights @ self.passed(series).T)
+
+    def at_stimulus(self, series: Floats) -> Floats:
+        return np.asarray(self.own_weights @ self.passed(series).T)
 
     def observed(self, told: Telemetry) -> Floats:
         """The whitened observables, against those without noise and effects."""
@@ -73,11 +99,11 @@ class Session:
         before, after = self.plain.measured.mean(axis=0), told.measured.mean(axis=0)
         common = 2.0 * gains[0] @ (after - before)
         common += (first.quadratic[0] - second.quadratic[0]) * (after[0] ** 2 - before[0] ** 2)
-        seen = self.weights @ (difference(told) - difference(self.plain) - common)
-        if not len(self.own):
-            return np.asarray(seen)
+        seen = self.at_lines(difference(told) - difference(self.plain) - common)
+        if not len(self.own_weights):
+            return seen
         moved = own_channel(self.run, told) - own_channel(self.run, self.plain)
-        return np.concatenate([seen, self.own @ moved])
+        return np.concatenate([seen, self.at_stimulus(moved)])
 
     def regressors(self) -> Floats:
         """What each of the ten parameters does to the observables; the same order in every run."""
@@ -91,16 +117,16 @@ class Session:
             *(2.0 * common), 2.0 * common[0] ** 2,
             told.measured[0, 0] ** 2 * (run.session == "k2c_1"), told.measured[1, 0] ** 2 * (run.session == "k2c_2"),
         ]  # fmt: skip
-        seen = self.weights @ np.array(series).T
-        return np.vstack([seen, np.zeros((len(self.own), seen.shape[1]))])
+        seen = self.at_lines(np.array(series))
+        return np.vstack([seen, np.zeros((len(self.own_weights), seen.shape[1]))])
 
     def nuisances(self) -> tuple[Floats, Floats]:
         """Columns of this run alone, and their priors: the moved mass's line, its gain."""
-        if not len(self.own):
-            return np.empty((len(self.weights), 0)), np.empty(0)
+        if not len(self.own_weights):
+            return np.empty((2 * len(self.lines), 0)), np.empty(0)
         angle = 2.0 * np.pi * self.run.frequency_hz * self.time_s
-        line = self.weights @ np.column_stack([np.cos(angle), np.sin(angle)])
-        gain = self.own @ own_channel(self.run, self.plain)
+        line = self.at_lines(np.array([np.cos(angle), np.sin(angle)]))
+        gain = self.at_stimulus(own_channel(self.run, self.plain))
         columns = np.zeros((len(line) + len(gain), 3))
         columns[: len(line), :2], columns[len(line) :, 2] = line, gain
         return columns, np.array([np.inf, np.inf, GAIN_PRIOR])

@@ -40,6 +40,7 @@ MOST = {
     "rate": 1e-14, "per_v": 1e-2, "left": 1e-9,
 }  # fmt: skip
 """Beyond that an effect is none that a mission would overlook."""
+HALVED = {"lambda", "kappa", "charging", "rate", "field1_cos", "field1_sin", "field2_cos", "field2_sin"}
 TEMPERATURE = {"thermal-bias", "thermal-gain", "thermal-off-centring"}
 LEAST_SIGMA, MOST_SIGMA = 6.0, 20.0
 
@@ -56,7 +57,13 @@ class Trial:
 
     @property
     def parameters(self) -> dict[str, float]:
-        return dict(self.satellite.effects)
+        """The world's; of those that each sensor has its own of, half the sum (c) and half the difference (d)."""
+        acts = self.satellite.acts
+        found = dict(self.satellite.effects)
+        for stem in sorted({name.partition("[")[0] for name in found} & HALVED):
+            first, second = acts(f"{stem}[1]"), acts(f"{stem}[2]")
+            found |= {f"{stem}[c]": (first + second) / 2.0, f"{stem}[d]": (first - second) / 2.0}
+        return found
 
 
 def stimulus_cycles(session: str, orbits: int, random: Random) -> int:

@@ -193,9 +193,9 @@ def cross_matrix(vectors: Floats) -> Floats:
     return np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), -1, 0)
 
 
-def field_of(run: Run, satellite: Satellite, time_s: Floats) -> Floats:
-    """The gravity gradient in inertial axes: apsides that turn, an oblate Earth."""
-    turned = satellite.acts("precession") * (run.start_s + time_s)
+def field_of(satellite: Satellite, time_s: Floats) -> Floats:
+    """The gravity gradient in inertial axes: apsides that turn, from perigee on +X at t = 0; an oblate Earth."""
+    turned = satellite.acts("precession") * time_s
     direction, distance = satellite.orbit.place(time_s, turned)
     found = sphere_gradient(direction, distance)
     if oblate := satellite.acts("oblateness"):
@@ -273,7 +273,7 @@ def flown(run: Run, satellite: Satellite, noises: Noises | None = None) -> Telem
     time_s = run.time_s(satellite.orbit)
     noises = noises or Noises.none(len(time_s))
     angle, rate, acceleration, estimate, turning = attitude(run, satellite, noises, time_s)
-    inertial = field_of(run, satellite, time_s)
+    inertial = field_of(satellite, time_s)
     tensor = in_satellite(inertial, angle.T) - inertia(rate, acceleration)
     warm_k = temperatures_k(run, satellite, time_s)
     relative = [relative_acceleration(run, satellite, mass, tensor, rate, time_s, warm_k) for mass in (0, 1)]
