@@ -114,6 +114,4 @@ def _draw(effect: Effect, path: Path) -> None:
             f"'{effect.id}' has no figure: no signature is drawn for effects of {experiment.id}; "
             "`rigctl report` draws what is left in a store's runs with and without it"
         )
-    from rigctl.report.figures.data import svg_document  # matplotlib, for this option alone
-
-    path.write_text(svg_document(experiment.load(experiment.signature)(effect)), encoding="utf-8")
+    path.write_text(experiment.load(experiment.signature)(effect).svg, encoding="utf-8")

@@ -5,16 +5,17 @@ from __future__ import annotations
 import csv
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from rigctl.core.errors import DataError
 from rigctl.experiments.sensing_axis.result.budget import axis_budgets
-from rigctl.report.figures.data import write_plates
+from rigctl.report.figures.data import Plate, svg_element, write_plates
 from rigctl.report.figures.sensing_axis.figures import plates_of
 from rigctl.report.figures.sensing_axis.null_search import representative, response_plate
 from rigctl.report.figures.sensing_axis.plane import plane_plate
@@ -224,6 +225,25 @@ def test_what_cannot_be_drawn_is_left_out_and_said(case, responses, request, unc
     left_out = [line for line in said.splitlines() if "left out" in line]
     assert [line.split(":")[1].strip(" *") for line in left_out] == ["plane of axis X", "budget"]
     assert result.missing["X"] in left_out[0]
+
+
+@dataclass(frozen=True)
+class Row:
+    x: float
+
+
+def test_a_figure_in_a_page_and_in_a_file_is_drawn_once(tmp_path):
+    drawn = []
+
+    def draw(rows):
+        drawn.append(rows)
+        return Figure()
+
+    plate = Plate("figure", "a caption", [Row(1.0)], draw)
+    element = svg_element(plate)
+    plate.write(tmp_path)
+    assert (tmp_path / "figure.svg").read_text(encoding="utf-8").endswith(element)
+    assert len(drawn) == 1
 
 
 def test_a_directory_that_cannot_be_written_is_one_line(one_configuration, tmp_path):

@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -32,10 +33,17 @@ class Plate(Generic[Row]):
         """Write both files; returns their paths."""
         # Both from the same rows: what is drawn is what is written.
         svg, table = directory / f"{self.name}.svg", directory / f"{self.name}.csv"
-        with figure_style():
-            save_svg(self.draw(self.rows), svg, self.name)
+        svg.write_text(self.svg, encoding="utf-8")
         _write_csv(table, self.rows)
         return [svg, table]
+
+    @cached_property
+    def svg(self) -> str:
+        """The figure as the text of an SVG file, drawn once for a page and for a file."""
+        text = io.StringIO()
+        with figure_style():
+            save_svg(self.draw(self.rows), text, self.name)
+        return text.getvalue()
 
 
 def file_name(text: str) -> str:
@@ -43,19 +51,10 @@ def file_name(text: str) -> str:
     return "".join(c if c.isalnum() or c in "-_." else "_" for c in text).rstrip("_")
 
 
-def svg_document(plate: Plate[Any]) -> str:
-    """The figure as the text of an SVG file."""
-    text = io.StringIO()
-    with figure_style():
-        save_svg(plate.draw(plate.rows), text, plate.name)
-    return text.getvalue()
-
-
 def svg_element(plate: Plate[Any]) -> str:
     """The figure as one SVG element, to stand in a page."""
-    text = svg_document(plate)
     # Without the XML declaration, which cannot stand inside a page.
-    return text[text.index("<svg") :]
+    return plate.svg[plate.svg.index("<svg") :]
 
 
 def _write_csv(path: Path, rows: Sequence[object]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TextIO
 
 import matplotlib.style
@@ -89,8 +88,8 @@ def panel_letter(axes: Axes, letter: str) -> None:
     axes.set_title(f"({letter})", loc="left", fontweight="bold")
 
 
-def save_svg(figure: Figure, path: Path | TextIO, title: str) -> None:
+def save_svg(figure: Figure, file: TextIO, title: str) -> None:
     """Write a figure as SVG without date or version."""
     # Not `savefig`, which draws all of it once more beforehand to find out how large it is.
     canvas: Any = FigureCanvasSVG(figure)  # it has no types
-    canvas.print_svg(path, metadata={"Date": None, "Creator": "rigctl", "Title": title})
+    canvas.print_svg(file, metadata={"Date": None, "Creator": "rigctl", "Title": title})
