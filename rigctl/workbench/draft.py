@@ -20,7 +20,7 @@ from rigctl.core.errors import DataError
 from rigctl.core.experiments import experiment_named
 from rigctl.core.units import known_unit, power, ratio, unit_of_column
 from rigctl.workbench.findings import Diagnosis, Unexplained
-from rigctl.workbench.study import Observations
+from rigctl.workbench.study import OF_SIGNAL, Observations
 from rigctl.workbench.study_base import StudyBase
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.workbench import Workbench
@@ -88,8 +88,14 @@ def _evidence(scored: Scored, data: int) -> float:
 
 def _reference(given: Observations, unexplained: Unexplained) -> float:
     """The mean of the covariate, to three digits: a fixed value from which it is counted."""
-    values = given.covariates.get(str(unexplained.details["covariate"]).partition("^")[0], np.zeros(1))
+    values = given.covariates.get(_covariate(unexplained)[0], np.zeros(1))
     return float(f"{np.nanmean(values):.3g}")
+
+
+def _covariate(unexplained: Unexplained) -> tuple[str, str]:
+    """Its name and power; whether it is a factor of the signal is asked of the data."""
+    name, _, degree = str(unexplained.details["covariate"]).removeprefix(OF_SIGNAL).partition("^")
+    return name, degree
 
 
 def _unit_of_point(point: str, given: Observations, unexplained: Unexplained) -> str:
@@ -103,7 +109,7 @@ def _forms(
     units: Mapping[str, str], study: type[StudyBase[Any]], unexplained: Unexplained, reference: float
 ) -> Iterator[Form]:
     """At every point with its unit, with and without the harmonic of the angle."""
-    name, _, degree = str(unexplained.details["covariate"]).partition("^")
+    name, degree = _covariate(unexplained)
     factor, counted = "", ""
     if name:
         here = study.expressions.get(name, f'run.column("{name}")')

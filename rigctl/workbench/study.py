@@ -57,6 +57,10 @@ class SharedOffset:
     share: float
 
 
+OF_SIGNAL = "signal*"
+"""Before a covariate's name: in proportion to the signal, as a gain that follows it."""
+
+
 @dataclass(frozen=True)
 class Observations:
     """What was measured, reduced: n data in runs and series.
@@ -69,7 +73,9 @@ class Observations:
     name the covariates, in degrees and hertz, in which the experiment's signals are periodic or go as powers; None
     when it has none. `factors` are Cholesky factors of correlations that are known beforehand: which data (k,), and
     the lower triangle (k, k), its rows of unit length. `indicators` are columns over the runs, 1 in a group of runs
-    (a session) and 0 elsewhere: what is left may differ by it, and is then described by it.
+    (a session) and 0 elsewhere: what is left may differ by it, and is then described by it. `templates` are, by
+    series and covariate, columns (n,) over all data: what one standard deviation of the covariate does to them where
+    more than its mean over a run counts. Among the shapes of the series they take the place of the covariate itself.
     """
 
     run_ids: tuple[str, ...]
@@ -89,6 +95,7 @@ class Observations:
     factors: tuple[tuple[IntArray, FloatArray], ...] = ()
     offsets: tuple[SharedOffset, ...] = ()
     indicators: Mapping[str, FloatArray] = field(default_factory=dict)
+    templates: Mapping[tuple[int, str], FloatArray] = field(default_factory=dict)
 
     def of_runs(self, name: str) -> FloatArray:
         """A covariate at every datum, shape (n,)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,8 +123,13 @@ def test_sizes_are_in_sigma_and_linear() -> None:
     assert sight.size({"e[z]": 2.0 * trial.parameters["e[z]"], "T_r": 6.0}) == pytest.approx(2.0 * size, rel=1e-6)
 
 
-def small(seed: int) -> Trial:
-    """A sensor z that recovers after every turn, seen in a few short runs."""
+RECOVERY = {"e[z]": 1e-6, "T_r": 6.0}
+CREEP = {"creep[z]": 1e-6, "creep_turns": 7.0}
+SUPPLY = {"per_v[z]": 1e-2}
+
+
+def small(seed: int, name: str = "recovery", effect: Mapping[str, float] = RECOVERY) -> Trial:
+    """One effect of 15 sigma, a sensor z that recovers after every turn if nothing else is said, in short runs."""
     random = np.random.default_rng(seed)
     bench, noise = drawn_bench(random), drawn_noise(random)
     runs = [
@@ -131,8 +137,37 @@ def small(seed: int) -> Trial:
         for number, v_z in enumerate((0.0, 1.5, -0.75, 1.0, 0.5))
     ]
     sight = Sight(runs, bench, noise)
-    effects = {"e[z]": 15e-6 / sight.size({"e[z]": 1e-6, "T_r": 6.0}), "T_r": 6.0}
-    return Trial(runs, bench.with_effects(effects), noise, HABITS, {"recovery": sight.size(effects)})
+    scale = 15.0 / sight.size(dict(effect))
+    sized = {part: value * scale if "[" in part else value for part, value in effect.items()}
+    return Trial(runs, bench.with_effects(sized), noise, HABITS, {name: sight.size(sized)})
+
+
+@pytest.mark.parametrize(
+    ("name", "effect", "size", "told", "drafted"),
+    [
+        ("creeping-bias", CREEP, "creep[z]", "turns_in_run_modulo_7", "run.turns_in_run % 7"),
+        ("supply-gain", SUPPLY, "per_v[z]", "signal*supply_v", 'run.column("supply_v")'),
+    ],
+)
+def test_what_is_in_no_catalogue_is_told_by_what_it_follows_and_drafted(
+    tmp_path: Path, name: str, effect: dict[str, float], size: str, told: str, drafted: str
+) -> None:
+    """Each output of a period shows a part of it that need not stand out; the draft, added, explains it."""
+    trial = small(4, name, effect)
+    write(trial.runs, trial.bench, trial.noise, trial.habits, 4, tmp_path / "elsewhere")
+    store, draft = str(tmp_path / "unknown.rig.sqlite"), str(tmp_path / "my_effect.py")
+    run("import", str(tmp_path / "elsewhere"), "--store", store)
+    found = command("diagnose", store, "--draft", draft)
+    assert (found["verdict"], found["suggested"]) == ("unknown", [])
+    assert found["unexplained"]["channel"] == "m_z"
+    assert found["unexplained"]["details"]["covariate"] == told
+    assert drafted in Path(draft).read_text()
+    run("model", "add", store, "drafted", "--plugin", draft)
+    before, after = command("model", "history", store, "--plugin", draft)
+    assert after["error_held_out"] < before["error_held_out"]
+    assert command("compare", store, "--plugin", draft)["p_value"] > BASELINE_P
+    k = command("fit", store, "--plugin", draft)["parameters"]["k[z]"]
+    assert k["value"] == pytest.approx(trial.parameters[size], abs=4.0 * k["sigma"])
 
 
 def test_a_trial_scores_what_was_said() -> None:

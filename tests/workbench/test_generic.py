@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -187,3 +188,21 @@ def test_shapes_of_a_series_are_told_apart_once(made_up: Any) -> None:
     touched = np.any(columns.reshape(3, -1, columns.shape[1]) != 0.0, axis=1)
     assert np.all(touched.sum(axis=0) == 1)
     assert np.all(np.any(touched, axis=1))
+
+
+def test_a_template_tells_what_no_series_shows_alone(made_up: Any) -> None:
+    """Eight sigma over all data, along nothing that a series goes with: each series has less than it takes."""
+    rng = np.random.default_rng(12)
+    column = rng.standard_normal(len(made_up.study(0).model(()).observations.value))
+    attempt = Attempt(made_up.study(3, foreign=made_up.sized(column[:, None], 8.0)), ())
+    given = attempt.model.observations
+    told = Generic(replace(given, templates={(2, "count"): column}))
+    best = told.best(attempt.noise, attempt.projector, np.random.default_rng(1))
+    alone = Generic(given).best(attempt.noise, attempt.projector, np.random.default_rng(1))
+    assert best is not None
+    assert alone is not None
+    assert alone.p_value_corrected > 0.01
+    assert best.p_value_corrected < 1e-6
+    assert (best.shape.series, best.shape.covariate) == (2, "count")
+    assert best.described_by == best.shape
+    assert np.array_equal(best.columns[:, 0], column)

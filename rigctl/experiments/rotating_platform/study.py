@@ -49,6 +49,7 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
         "stop": "run.cos",
         "turns": "run.turns",
         **{f"turns_modulo_{cycle}": f"run.turns % {cycle}" for cycle in TURN_CYCLES},
+        **{f"turns_in_run_modulo_{cycle}": f"run.turns_in_run % {cycle}" for cycle in TURN_CYCLES},
     }
 
     def reduced_source(self) -> PlatformData:

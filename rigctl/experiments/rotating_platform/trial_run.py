@@ -34,6 +34,7 @@ def trial_run(point: str) -> PlatformRuns:
         sin=scattered(-1e-3, 1e-3),
         since=scattered(0.0, 20.0),
         turns=np.arange(cells, dtype=np.float64),
+        turns_in_run=np.arange(cells, dtype=np.float64),
         direction=-sign,
         speed_squared=scattered(0.0, 1e-2),
         turning=scattered(-1e-2, 1e-2),

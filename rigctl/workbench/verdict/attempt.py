@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from scipy import optimize
@@ -14,7 +14,7 @@ from scipy import optimize
 from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
-from rigctl.workbench.study import Candidate, ScansBetween, Study, Term, family_of
+from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, Study, Term, family_of
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best, Generic
@@ -75,14 +75,28 @@ class Attempt(FittedModel):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
         noise = None if known is None else known.noise_of(given)
         first = fit_with_given_noise(model, start or {}, noise, held)
-        self.candidates, self.not_testable = study.candidates(model, first.result.values)
+        self._asked_at = model, first.result.values
         self.generic = ({} if shapes is None else shapes).setdefault(id(given), Generic(given))
         if known is not None and noise is not None:
             self.estimator, last = known.estimator, first
         else:
-            self.estimator = _estimator(first, self.candidates, self.generic)
+            self.estimator = _estimator(first, lambda: self.candidates, self.generic)
             last = _with_estimated_noise(first, self.estimator)
         super().__init__(model, last.noise, last.held, last.result)
+
+    @property
+    def candidates(self) -> list[Candidate]:
+        """Every effect that the model lacks, one per choice; made when they are asked for: a fit needs none."""
+        return self._asked[0]
+
+    @property
+    def not_testable(self) -> list[NotTestable]:
+        """Effects that these data cannot be asked about."""
+        return self._asked[1]
+
+    @cached_property
+    def _asked(self) -> tuple[list[Candidate], list[NotTestable]]:
+        return self.study.candidates(*self._asked_at)
 
     def chi2_p_value(self, told: float = 0.0) -> float:
         """Of all that is left; what the saturated design leaves told the noise, and says nothing more."""
@@ -269,15 +283,19 @@ class Attempt(FittedModel):
         return 0.5 * scored.score.statistic - price - float(np.log(grid))
 
 
-def _estimator(fitted: FittedModel, candidates: Sequence[Candidate], generic: Generic) -> NoiseEstimator:
+def _estimator(fitted: FittedModel, asked: Callable[[], Sequence[Candidate]], generic: Generic) -> NoiseEstimator:
     """What is hidden may be in the catalogue, or of any plain shape; scans are too many to project out."""
     given = fitted.model.observations
-    counts = Counter(candidate.term.effect for candidate in candidates)
-    named = [each.derivative for each in candidates if counts[each.term.effect] <= _SCANNED]
-    few = np.hstack([np.zeros((len(given.value), 0)), *named])
+
+    @cache
+    def few() -> FloatArray:
+        candidates = asked()
+        counts = Counter(candidate.term.effect for candidate in candidates)
+        named = [each.derivative for each in candidates if counts[each.term.effect] <= _SCANNED]
+        return np.hstack([np.zeros((len(given.value), 0)), *named])
 
     def possible(where: IntArray) -> list[FloatArray]:
-        return [above_rounding(few, where, given.sigma), generic.main_columns(where)]
+        return [above_rounding(few(), where, given.sigma), generic.main_columns(where)]
 
     return NoiseEstimator(given, fitted.model.jacobian(fitted.result.values), possible)
 

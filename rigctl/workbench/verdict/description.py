@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.workbench.findings import Unexplained
-from rigctl.workbench.study import Observations
+from rigctl.workbench.study import OF_SIGNAL, Observations
 from rigctl.workbench.verdict.generic import Best, Shape
 from rigctl.workbench.verdict.score import Score
 
@@ -44,8 +44,9 @@ def _conditions(given: Observations, shape: Shape) -> list[str]:
     """How it goes with the frequency and with a covariate."""
     words = [] if given.frequency is None else [_BY_POWER[shape.power]]
     if shape.covariate:
-        name, _, degree = shape.covariate.partition("^")
+        name, _, degree = shape.covariate.removeprefix(OF_SIGNAL).partition("^")
         powers = {"": name, "2": f"the square of {name}", "3": f"the cube of {name}"}
         shown = powers.get(degree, f"power {degree} of {name}")
+        words += ["in proportion to the signal"] if shape.covariate.startswith(OF_SIGNAL) else []
         words.append(f"with {shown} (size per standard deviation of it)")
     return words

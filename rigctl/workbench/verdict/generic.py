@@ -83,6 +83,11 @@ class Generic:
                 if len(self._given.value) <= _FEW_DATA:
                     self._kept[number] = part
             yield part
+            if names := [name for series, name in self._given.templates if series == number]:
+                columns = np.stack([self._given.templates[number, name] for name in names], axis=1)
+                rows = np.flatnonzero(np.any(columns != 0.0, axis=1))
+                shapes = [Shape(number, 0, 0, name) for name in names]
+                yield rows, shapes, _normalised(columns[rows]), np.full(len(names), -1, dtype=np.intp)
 
     def main_columns(self, where: IntArray) -> FloatArray:
         """The shapes one at a time, products left out, at some data: what saturates a small pool; (data, k)."""
@@ -149,6 +154,9 @@ class Generic:
 
     def _columns(self, shape: Shape) -> FloatArray:
         """Columns (n, 1 or 2) of one shape, the angle's cosine and sine as they are."""
+        template = self._given.templates.get((shape.series, shape.covariate))
+        if template is not None:
+            return template[:, None]
         rows = np.flatnonzero(self._given.series_of == shape.series)
         columns = np.zeros((len(self._given.value), 2 if shape.harmonic else 1))
         columns[rows] = _plain(self._given, rows, shape)
@@ -176,14 +184,17 @@ class Generic:
         statistic[pairs] += along_beside**2
         dimension[pairs] += beside_size > 0.0
         # What is left of the constant beside each shape, and how far the residuals go along that.
-        constant = shapes.index(Shape(shapes[0].series, 0, 0, ""))
-        shared = columns[:, constant] @ columns - shadow[:, constant] @ shadow
-        shared_beside = columns[:, constant] @ beside - shadow[:, constant] @ beside_shadow
-        free, rest = shared[constant] - shared**2, along[constant] - shared * along
-        free[pairs] -= shared_beside**2
-        rest[pairs] -= shared_beside * along_beside
-        seen = free > ABSORBED**2
-        constant_statistic = np.where(seen, rest**2 / np.where(seen, free, 1.0), 0.0)
+        constant_statistic = np.zeros(len(shapes))
+        plain = Shape(shapes[0].series, 0, 0, "")
+        if plain in shapes:  # templates have no mean of their own
+            constant = shapes.index(plain)
+            shared = columns[:, constant] @ columns - shadow[:, constant] @ shadow
+            shared_beside = columns[:, constant] @ beside - shadow[:, constant] @ beside_shadow
+            free, rest = shared[constant] - shared**2, along[constant] - shared * along
+            free[pairs] -= shared_beside**2
+            rest[pairs] -= shared_beside * along_beside
+            seen = free > ABSORBED**2
+            constant_statistic = np.where(seen, rest**2 / np.where(seen, free, 1.0), 0.0)
         known = noise.dof[rows][np.isfinite(noise.dof[rows])]
         # A shape may vary between shared offsets only: the fewest degrees of freedom count.
         dof = min([float(np.median(known)) if known.size else np.inf, *(few for _, few in noise.between)])
@@ -244,7 +255,7 @@ _Part = tuple[IntArray, list[Shape], FloatArray, IntArray]
 
 def _distinct(given: Observations, number: int, rows: IntArray) -> _Part:
     shapes, columns, seconds = [], [], []
-    names, common = _common(given, rows)
+    names, common = _common(given, number, rows)
     for harmonic in range(ANGLE_HARMONICS + 1) if given.angle is not None else (0,):
         first, second = common, np.zeros_like(common)
         if harmonic and given.angle is not None:
@@ -268,10 +279,10 @@ def _distinct(given: Observations, number: int, rows: IntArray) -> _Part:
     return rows, [shape for shape, used in zip(shapes, seen, strict=True) if used], stack, where[seen]
 
 
-def _common(given: Observations, rows: IntArray) -> tuple[list[tuple[int, str]], FloatArray]:
-    """Powers of the frequency times covariates: what they are, and their columns (rows, k)."""
+def _common(given: Observations, number: int, rows: IntArray) -> tuple[list[tuple[int, str]], FloatArray]:
+    """Powers of the frequency times covariates of a series: what they are, and their columns (rows, k)."""
     names, columns = [], []
-    covariates = _covariates(given, rows)
+    covariates = [name for name in _covariates(given, rows) if (number, name) not in given.templates]
     for power in POWERS if given.frequency is not None else (0,):
         for covariate in covariates:
             names.append((power, covariate))

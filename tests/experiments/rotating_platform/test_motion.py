@@ -29,7 +29,7 @@ def turned(law: Callable[[FloatArray], FloatArray], way: float = 1.0) -> Motion:
     return motion_of(way * law(np.clip((t + TURN_S - 0.3) / TURN_S, 0.0, 1.0)), BEFORE, RATE_HZ)
 
 
-@pytest.mark.parametrize("cutoff_hz", [0.7, 4.0, 40.0])
+@pytest.mark.parametrize("cutoff_hz", [0.7, 4.0, 20.0])
 @pytest.mark.parametrize("law", [cycloid, quintic])
 def test_a_filtered_turn_is_that_of_the_differential_equation(
     law: Callable[[FloatArray], FloatArray], cutoff_hz: float

@@ -6,7 +6,7 @@ All cells of all runs of a recording are predicted at once, channel by channel: 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -23,6 +23,23 @@ REFERENCE_C = 22.0
 
 # The longest look at a filter's ringing, however low its cut-off: cells beyond are long.
 _RINGS_S = 12.0
+_MOST_KEPT = 64
+
+
+class Afterwards:
+    """What turns leave behind in all cells, by what was asked of it: both channels and all models ask alike."""
+
+    def __init__(self) -> None:
+        self._kept: dict[tuple[str, float], FloatArray] = {}
+
+    def of(self, what: str, value: float, make: Callable[[], FloatArray]) -> FloatArray:
+        """What was made for this `value`; of more than `_MOST_KEPT` the one that was asked for first goes."""
+        if (what, value) not in self._kept:
+            made = make()
+            if len(self._kept) >= _MOST_KEPT:
+                del self._kept[next(iter(self._kept))]
+            self._kept[what, value] = made
+        return self._kept[what, value]
 
 
 @dataclass
@@ -32,10 +49,10 @@ class PlatformRuns:
     Arrays have the shape (cells,), NaN where unknown. `channel` is "z" (sensor A) or "y" (sensor B); `t` the time of
     the recording, `within` that from the middle of the run; `cos` and `sin` of the angle, `direction` that of the
     last turn (+1, -1; 0 before the first), `since` the time since it (infinite before), `turns` how many there were
-    in the recorded runs so far, `speed_squared` and `turning` the square of the angular rate and the angular
-    acceleration while it counts although the platform moves. `a_y` and `a_z` are the laboratory's accelerations,
-    `c_y` and `c_z` what was commanded, `along` and `across` the acceleration along the sensing axis and at a right
-    angle to it, `period` that of the modulation.
+    in the recorded runs so far and `turns_in_run` in the run, `speed_squared` and `turning` the square of the angular
+    rate and the angular acceleration while it counts although the platform moves. `a_y` and `a_z` are the
+    laboratory's accelerations, `c_y` and `c_z` what was commanded, `along` and `across` the acceleration along the
+    sensing axis and at a right angle to it, `period` that of the modulation.
     """
 
     channel: str
@@ -45,6 +62,7 @@ class PlatformRuns:
     sin: FloatArray
     since: FloatArray
     turns: FloatArray
+    turns_in_run: FloatArray
     direction: FloatArray
     speed_squared: FloatArray
     turning: FloatArray
@@ -60,6 +78,7 @@ class PlatformRuns:
     along: FloatArray = field(default_factory=lambda: np.zeros(0))
     across: FloatArray = field(default_factory=lambda: np.zeros(0))
     signal: FloatArray = field(default_factory=lambda: np.zeros(0))
+    afterwards: Afterwards = field(default_factory=Afterwards)
 
     @property
     def warmer(self) -> FloatArray:
@@ -77,25 +96,49 @@ class PlatformRuns:
         """exp(-since / `time_s`), averaged over the samples of each cell."""
         if not self.cells:
             return np.asarray(np.exp(-self.since / time_s))
-        return np.concatenate([_decay(each, time_s) for each in self.cells])
+        return self.afterwards.of(
+            "decay", time_s, lambda: np.concatenate([_decay(each, time_s) for each in self.cells])
+        )
 
     def late(self, delay_s: float) -> tuple[FloatArray, FloatArray]:
         """`speed_squared` and `turning` with the motion `delay_s` later than the samples say."""
         if not self.cells:
             return self.speed_squared, self.turning
-        return _two(np.concatenate([_about_turns(each, delay_s=delay_s) for each in self.cells], axis=1))
+        return _two(
+            self.afterwards.of(
+                "late",
+                delay_s,
+                lambda: np.concatenate([_about_turns(each, delay_s=delay_s) for each in self.cells], axis=1),
+            )
+        )
 
     def ringing(self, cutoff_hz: float) -> tuple[FloatArray, FloatArray]:
         """What an elliptic filter with its pass band up to `cutoff_hz` makes of `speed_squared` and `turning`."""
         if not self.cells:
             return self.speed_squared, self.turning
-        return _two(np.concatenate([_about_turns(each, cutoff_hz=cutoff_hz) for each in self.cells], axis=1))
+        return _two(
+            self.afterwards.of(
+                "ringing",
+                cutoff_hz,
+                lambda: np.concatenate([_about_turns(each, cutoff_hz=cutoff_hz) for each in self.cells], axis=1),
+            )
+        )
 
     def at(self, **changes: Any) -> PlatformRuns:
         """The same runs at another point of the chain."""
         other = object.__new__(PlatformRuns)
         other.__dict__.update(self.__dict__, **changes)
         return other
+
+
+def turned(run: PlatformRuns, turned_by_rad: FloatArray | float) -> PlatformRuns:
+    """With what acts along and across the sensing axis, the platform turned on by an angle."""
+    # First order in the angle: stops are off by some 1e-5 rad.
+    cos = run.cos - turned_by_rad * run.sin
+    sin = run.sin + turned_by_rad * run.cos
+    own_y, own_z = run.a_y * cos + run.a_z * sin, run.a_z * cos - run.a_y * sin
+    along, across = (own_z, own_y) if run.channel == "z" else (own_y, own_z)
+    return run.at(cos=cos, sin=sin, along=along, across=across)
 
 
 def off_stop(cells: Cells) -> FloatArray:

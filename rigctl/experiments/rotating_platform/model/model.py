@@ -14,7 +14,7 @@ import numpy as np
 
 from rigctl.analysis.least_squares import Parameter
 from rigctl.core.arrays import FloatArray
-from rigctl.experiments.rotating_platform.model.chain import PlatformRuns
+from rigctl.experiments.rotating_platform.model.chain import PlatformRuns, turned
 from rigctl.experiments.rotating_platform.model.recorded_runs import OF_A_RUN, SHARED, Recorded
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.workbench.placed import (
@@ -90,16 +90,16 @@ class PlatformModel:
         for effect, arguments in passed:
             if effect.on == "platform_angle_rad":
                 angle = angle + effect(run.at(signal=angle), **arguments)
-        turned = _turned(run, angle)
+        moved = turned(run, angle)
         bias = run.signal
-        force = turned.along
+        force = moved.along
         for effect, arguments in passed:
             if effect.on == "force_m_s2":
-                force = force + effect(turned.at(signal=force), **arguments)
+                force = force + effect(moved.at(signal=force), **arguments)
         reading = force + bias
         for effect, arguments in passed:
             if effect.on == "reading_m_s2" and not effect.scanned:
-                reading = reading + effect(turned.at(signal=reading), **arguments)
+                reading = reading + effect(moved.at(signal=reading), **arguments)
         # What effects add only: the baseline is a thousand times the noise and is reduced exactly, sample by sample.
         return np.asarray(reading - before)
 
@@ -110,22 +110,26 @@ class PlatformModel:
         derivatives[:, : self._baseline_size] = self.recorded.baseline
         if not self.placed:
             return derivatives
-        parameters = [parameter for each in self.placed for parameter in each.parameters]
-        for number, parameter in enumerate(parameters):
-            column = self._baseline_size + number
-            derivatives[:, column] = self._slope(values, [column], _STEP_OF_TYPICAL * abs(parameter.typical))
+        first = self._baseline_size
+        for each in self.placed:
+            for together in _moved_together(each.parameters):
+                columns = [first + number for number in together]
+                slope = self._slope(values, columns, _STEP_OF_TYPICAL * abs(each.parameters[together[0]].typical))
+                for number, column in zip(together, columns, strict=True):
+                    derivatives[:, column] = self.recorded.of_channel(each.parameters[number].channel, slope)
+            first += len(each.parameters)
         if not self._on_baseline:
             return derivatives
         for column in range(len(SHARED)):
             derivatives[:, column] += self._slope(values, [column], float(_SHARED_STEPS[column]))
         runs = len(self.recorded.run_ids)
-        for kind in range(len(OF_A_RUN)):
-            # All runs in one difference: the level of a run moves its own rows only.
-            columns = list(range(len(SHARED) + kind * runs, len(SHARED) + (kind + 1) * runs))
-            step = _BIAS_STEP if kind < len(CHANNELS) else _RATE_STEP
-            slope = self._slope(values, columns, step)
-            for each, rows in zip(self.recorded.channels, self.recorded.rows, strict=True):
-                derivatives[rows, columns[self.recorded.run_ids.index(each.run.run_id)]] += slope[rows]
+        of_runs = len(SHARED) + np.arange(len(OF_A_RUN) * runs).reshape(-1, len(CHANNELS), runs)
+        for of_kind, step in zip(of_runs, (_BIAS_STEP, _RATE_STEP), strict=True):
+            # All runs and channels in one difference: the level of a run moves its own rows only.
+            slope = self._slope(values, of_kind.ravel().tolist(), step)
+            for one, rows in zip(self.recorded.channels, self.recorded.rows, strict=True):
+                run = self.recorded.run_ids.index(one.run.run_id)
+                derivatives[rows, of_kind[CHANNELS.index(one.channel), run]] += slope[rows]
         return derivatives
 
     @cached_property
@@ -153,17 +157,7 @@ def at_rest(recorded: Recorded, channel: str, values: FloatArray) -> PlatformRun
     gain, z0, y0 = values[: len(SHARED)]
     a_z, a_y = gain * run.c_z + z0, y0 + run.c_y
     bias = recorded.of_run(values, "bias", channel) + recorded.of_run(values, "bias_rate", channel) * run.within
-    return _turned(run.at(a_z=a_z, a_y=a_y, signal=bias), 0.0)
-
-
-def _turned(run: PlatformRuns, turned_by_rad: FloatArray | float) -> PlatformRuns:
-    """With what acts along and across the sensing axis, the platform turned on by an angle."""
-    # First order in the angle: stops are off by some 1e-5 rad.
-    cos = run.cos - turned_by_rad * run.sin
-    sin = run.sin + turned_by_rad * run.cos
-    own_y, own_z = run.a_y * cos + run.a_z * sin, run.a_z * cos - run.a_y * sin
-    along, across = (own_z, own_y) if run.channel == "z" else (own_y, own_z)
-    return run.at(cos=cos, sin=sin, along=along, across=across)
+    return turned(run.at(a_z=a_z, a_y=a_y, signal=bias), 0.0)
 
 
 def slopes_at_zero(
@@ -178,10 +172,21 @@ def slopes_at_zero(
     before = wider.added(start)
     amplitudes = [p for p in one.parameters if not p.scanned]
     columns = np.zeros((before.size, len(amplitudes)))
-    for number, parameter in enumerate(amplitudes):
+    for together in _moved_together(amplitudes):
         moved = start.copy()
-        moved[len(values) + one.parameters.index(parameter)] = parameter.typical
-        change = wider.added(moved) - before
-        if np.any(np.abs(change) > _NEGLIGIBLE_SIGMAS * sigma):
-            columns[:, number] = change / parameter.typical
+        for number in together:
+            moved[len(values) + one.parameters.index(amplitudes[number])] = amplitudes[number].typical
+        changed = wider.added(moved) - before
+        for number in together:
+            change = model.recorded.of_channel(amplitudes[number].channel, changed)
+            if np.any(np.abs(change) > _NEGLIGIBLE_SIGMAS * sigma):
+                columns[:, number] = change / amplitudes[number].typical
     return amplitudes, columns
+
+
+def _moved_together(parameters: Sequence[EffectParameter]) -> list[list[int]]:
+    """Places of parameters that one difference tells: the same argument of an effect, one of each channel."""
+    places: dict[str, list[int]] = {}
+    for place, each in enumerate(parameters):
+        places.setdefault(each.argument, []).append(place)
+    return list(places.values())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -29,8 +29,8 @@ class _Course(Protocol):
     def __call__(self, times_s: FloatArray) -> FloatArray:
         """While it lasts."""
 
-    def relaxed(self, pole: complex, times_s: FloatArray) -> ComplexArray:
-        """The integral of exp(pole (t - s)) times both over all s up to t."""
+    def relaxed(self, poles: ComplexArray, times_s: FloatArray) -> ComplexArray:
+        """The integrals of exp(pole (t - s)) times both over all s up to t, shape (poles, 2, times)."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class _Cycloid:
         turning = 2.0 * np.pi * rate / self.duration_s * np.sin(phase)
         return np.stack([(rate * (1.0 - np.cos(phase))) ** 2, turning])
 
-    def relaxed(self, pole: complex, times_s: FloatArray) -> ComplexArray:
+    def relaxed(self, poles: ComplexArray, times_s: FloatArray) -> ComplexArray:
         """Wave by wave: rate^2 has the harmonics 0 to 2 of the turn, the acceleration the first."""
         rate = self.turn_rad / self.duration_s
         # (1 - cos)^2 = 3/2 - 2 cos + cos(2 .) / 2, written as waves.
@@ -55,9 +55,11 @@ class _Cycloid:
         turning = 2.0 * np.pi * rate / self.duration_s * np.array([0.0, 0.5j, 0.0, -0.5j, 0.0])
         rates = 2j * np.pi / self.duration_s * np.arange(-_HARMONICS, _HARMONICS + 1)
         inside_s = np.clip(times_s - self.start_s, 0.0, self.duration_s)
-        waves = np.exp(np.outer(rates, inside_s)) - np.exp(pole * inside_s)
         after_s = np.maximum(times_s - self.start_s - self.duration_s, 0.0)
-        return np.asarray(np.stack([squared, turning]) / (rates - pole) @ waves * np.exp(pole * after_s))
+        sizes = np.stack([squared, turning]) / (rates - poles[:, None, None])
+        waves = sizes @ np.exp(np.outer(rates, inside_s))
+        own = sizes.sum(axis=2)[:, :, None] * np.exp(np.outer(poles, inside_s))[:, None]
+        return np.asarray((waves - own) * np.exp(np.outer(poles, after_s))[:, None])
 
     def angle(self, times_s: FloatArray) -> FloatArray:
         phase = self._phase(times_s)
@@ -89,18 +91,24 @@ class _Spline:
         piece, since_s = self._place(times_s)
         return np.asarray((self._powers[:, :, piece] * since_s ** np.arange(5)[:, None, None]).sum(axis=0))
 
-    def relaxed(self, pole: complex, times_s: FloatArray) -> ComplexArray:
+    def relaxed(self, poles: ComplexArray, times_s: FloatArray) -> ComplexArray:
         """Piece by piece: what was there at its node fades, and a polynomial comes in."""
         step_s = float(self._nodes_s[1] - self._nodes_s[0])
-        came = np.einsum("kap,k->ap", self._powers, _relaxed_powers(pole, np.array([step_s]))[:, 0])
-        kept = np.exp(pole * step_s)
-        at_nodes = signal.lfilter([1.0], [1.0, -kept], np.hstack([np.zeros((2, 1)), came]))
+        came = np.einsum("kap,kn->nap", self._powers, _relaxed_powers(poles, np.array([step_s]))[:, :, 0])
+        at_nodes = np.zeros((len(poles), 2, len(self._nodes_s)), dtype=np.complex128)
+        for number, kept in enumerate(np.exp(poles * step_s).tolist()):
+            at_nodes[number, :, 1:] = signal.lfilter([1.0], [1.0, -kept], came[number])
         piece, since_s = self._place(times_s)
-        own = (self._powers[:, :, piece] * _relaxed_powers(pole, since_s)[:, None]).sum(axis=0)
         last = times_s >= self._nodes_s[-1]
         after_s = np.where(last, times_s - self._nodes_s[-1], since_s)
-        before = np.where(last, at_nodes[:, -1:], at_nodes[:, piece])
-        return np.where(times_s > self._nodes_s[0], before * np.exp(pole * after_s) + np.where(last, 0.0, own), 0.0)
+        found = (
+            at_nodes[:, :, np.where(last, len(self._nodes_s) - 1, piece)] * np.exp(np.outer(poles, after_s))[:, None]
+        )
+        within = np.flatnonzero(~last)
+        came_in = _relaxed_powers(poles, since_s[within])
+        found[:, :, within] += np.einsum("kat,knt->nat", self._powers[:, :, piece[within]], came_in)
+        found[:, :, times_s <= self._nodes_s[0]] = 0.0
+        return np.asarray(found)
 
     def _place(self, times_s: FloatArray) -> tuple[Int64Array, FloatArray]:
         """In which piece a time is, and how long after its node."""
@@ -110,12 +118,13 @@ class _Spline:
         return piece, inside_s - self._nodes_s[piece]
 
 
-def _relaxed_powers(pole: complex, since_s: FloatArray) -> ComplexArray:
-    """Integrals of exp(pole (t - s)) s^k over s from 0 to t, k = 0 to 4; shape (5, times)."""
-    found = [(np.exp(pole * since_s) - 1.0) / pole]
+def _relaxed_powers(poles: ComplexArray, since_s: FloatArray) -> ComplexArray:
+    """Integrals of exp(pole (t - s)) s^k over s from 0 to t, k = 0 to 4; shape (5, poles, times)."""
+    each = poles[:, None]
+    found = [(np.exp(each * since_s) - 1.0) / each]
     for k in range(1, 5):
-        found.append((k * found[-1] - since_s**k) / pole)
-    return np.stack(found)
+        found.append((k * found[-1] - since_s**k) / each)
+    return np.asarray(np.stack(found))
 
 
 @dataclass(frozen=True)
@@ -139,17 +148,18 @@ class Motion:
 
     def filtered(self, cutoff_hz: float, times_s: FloatArray) -> FloatArray:
         """The same behind the anti-alias filter."""
-        poles, residues, direct = _anti_alias(cutoff_hz)
-        found = direct * self.forces(times_s)
-        for pole, residue in zip(poles.tolist(), residues.tolist(), strict=True):
-            found = found + 2.0 * np.real(residue * self.course.relaxed(pole, times_s))
-        return found
+        poles, residues, direct = _anti_alias()
+        # A filter of another cut-off is the same one in another unit of time.
+        rate = 2.0 * np.pi * cutoff_hz
+        through = np.tensordot(rate * residues, self.course.relaxed(rate * poles, times_s), axes=1)
+        return np.asarray(direct * self.forces(times_s) + 2.0 * through.real)
 
 
-@lru_cache(maxsize=64)
-def _anti_alias(cutoff_hz: float) -> tuple[ComplexArray, ComplexArray, float]:
-    """The filter as one-pole filters side by side: one pole of each pair, its residue, and what passes at once."""
-    zeros, poles, gain = signal.ellip(ORDER, RIPPLE_DB, STOP_DB, 2.0 * np.pi * cutoff_hz, analog=True, output="zpk")
+@cache
+def _anti_alias() -> tuple[ComplexArray, ComplexArray, float]:
+    """The filter for a cut-off of 1 rad/s as one-pole filters side by side: one pole of each pair, its residue, and
+    what passes at once."""
+    zeros, poles, gain = signal.ellip(ORDER, RIPPLE_DB, STOP_DB, 1.0, analog=True, output="zpk")
     # An elliptic filter of even order has its ripple at zero frequency too: brought to unit gain there.
     gain /= abs(gain * np.prod(-zeros) / np.prod(-poles))
     upper = np.flatnonzero(poles.imag > 0.0)

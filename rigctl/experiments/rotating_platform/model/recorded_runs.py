@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
-from rigctl.core.arrays import FloatArray
-from rigctl.experiments.rotating_platform.model.chain import PlatformRuns, off_stop
+from rigctl.core.arrays import BoolArray, FloatArray
+from rigctl.experiments.rotating_platform.model.chain import Afterwards, PlatformRuns, off_stop
+from rigctl.experiments.rotating_platform.model.templates import templates
 from rigctl.experiments.rotating_platform.observe.cells import STATE
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, baseline_columns, bias_columns
-from rigctl.experiments.rotating_platform.observe.observables import own_columns, stacked, turns_before
+from rigctl.experiments.rotating_platform.observe.observables import READ, own_columns, stacked, turns_before
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.workbench.study import Observations
 
@@ -35,7 +36,13 @@ class Recorded:
 
     @cached_property
     def observations(self) -> Observations:
-        """The vector."""
+        """The vector; nobody asks about shapes in runs that are imagined."""
+        if self.imagined:
+            return self._stacked
+        return replace(self._stacked, templates=templates(self.chain, self.start[: len(SHARED)], self.reduced))
+
+    @cached_property
+    def _stacked(self) -> Observations:
         return stacked(self.channels, self.imagined, self.peaks)
 
     @cached_property
@@ -51,6 +58,15 @@ class Recorded:
         starts[self._measured :] += self._spectra
         return [slice(int(a), int(a) + each.value.size) for a, each in zip(starts, self.channels, strict=True)]
 
+    def of_channel(self, channel: str, column: FloatArray) -> FloatArray:
+        """A column (n,) at the observables of one channel, 0 at the other's; of "" all of it."""
+        return column if not channel else np.where(self._is_of[channel], column, 0.0)
+
+    @cached_property
+    def _is_of(self) -> dict[str, BoolArray]:
+        series = np.array([each.channel for each in self._stacked.series])[self._stacked.series_of]
+        return {channel: np.asarray(series == READ[channel]) for channel in CHANNELS}
+
     @cached_property
     def _measured(self) -> int:
         """How many channels were measured: those of imagined runs come after them."""
@@ -59,13 +75,13 @@ class Recorded:
     @cached_property
     def _spectra(self) -> int:
         """How many data are of spectra: they stand after what was measured."""
-        return len(self.observations.value) - sum(each.value.size for each in self.channels)
+        return len(self._stacked.value) - sum(each.value.size for each in self.channels)
 
     @cached_property
     def baseline(self) -> FloatArray:
         """Derivatives by the baseline's parameters, shape (n, 3 + 4 runs)."""
         runs = len(self.run_ids)
-        derivatives = np.zeros((len(self.observations.value), len(SHARED) + len(OF_A_RUN) * runs))
+        derivatives = np.zeros((len(self._stacked.value), len(SHARED) + len(OF_A_RUN) * runs))
         for each, rows in zip(self.channels, self.rows, strict=True):
             means, ramps = baseline_columns(each.run.cells, each.channel)
             derivatives[rows, : len(SHARED)] = each.reducer.of(means[:, :3], ramps[:, :3])
@@ -77,7 +93,7 @@ class Recorded:
     @cached_property
     def tilted(self) -> bool:
         """Whether the commands tell the gain of the tilt from an acceleration that is always there."""
-        shared = self.baseline[:, : len(SHARED)] / self.observations.sigma[:, None]
+        shared = self.baseline[:, : len(SHARED)] / self._stacked.sigma[:, None]
         size = np.linalg.norm(shared, axis=0)
         if not size[0] > 0.0:
             return False
@@ -88,7 +104,7 @@ class Recorded:
     @cached_property
     def commanded_y(self) -> FloatArray:
         """What the commanded c_Y adds to the observables, shape (n,)."""
-        added = np.zeros(len(self.observations.value))
+        added = np.zeros(len(self._stacked.value))
         for each, rows in zip(self.channels, self.rows, strict=True):
             means, ramps = baseline_columns(each.run.cells, each.channel)
             added[rows] = each.reducer.of(means[:, 3:], ramps[:, 3:])[:, 0]
@@ -100,7 +116,7 @@ class Recorded:
 
         There a fit begins: what an effect does, and whether the baseline imitates it, depends on them.
         """
-        given, start = self.observations, np.zeros(self.baseline.shape[1])
+        given, start = self._stacked, np.zeros(self.baseline.shape[1])
         start[0] = 1.0
         made = np.array([run_id not in self.imagined for run_id in given.run_ids])[given.run_of]
         # Imagined runs have no values.
@@ -132,9 +148,10 @@ class Recorded:
     @cached_property
     def chain(self) -> dict[str, PlatformRuns]:
         """All cells of all runs, by channel."""
-        return {channel: self._chain(channel) for channel in CHANNELS}
+        afterwards = Afterwards()
+        return {channel: self._chain(channel, afterwards) for channel in CHANNELS}
 
-    def _chain(self, channel: str) -> PlatformRuns:
+    def _chain(self, channel: str, afterwards: Afterwards) -> PlatformRuns:
         runs = [each for each in self.channels if each.channel == channel]
         cells = [each.run.cells for each in runs]
         before = turns_before(self.channels)
@@ -153,6 +170,7 @@ class Recorded:
             cos=np.concatenate([each.geometry[:, 0] for each in cells]),
             sin=np.concatenate([each.geometry[:, 1] for each in cells]),
             since=np.concatenate([each.since_s for each in cells]),
+            turns_in_run=joined(lambda each: np.asarray(each.run.cells.turn_number, np.float64)),
             turns=joined(lambda each: np.asarray(before[each.run.run_id] + each.run.cells.turn_number, np.float64)),
             direction=np.concatenate([each.direction for each in cells]),
             speed_squared=moving[0],
@@ -164,6 +182,7 @@ class Recorded:
             g=self.g_m_s2,
             cells=cells,
             columns={name: np.concatenate([_own_column(each, name) for each in runs]) for name in names},
+            afterwards=afterwards,
         )
 
     @cached_property
@@ -182,7 +201,7 @@ class Recorded:
 
     def reduced(self, added: Mapping[str, FloatArray]) -> FloatArray:
         """The observables of what has these means over all cells of a channel, by channel; shape (n,)."""
-        observables = np.zeros(len(self.observations.value))
+        observables = np.zeros(len(self._stacked.value))
         for channel, means in added.items():
             observables += self.operators[channel] @ means
         return observables
