@@ -10,6 +10,7 @@ bump may be narrower than the neighbourhood a line must show by it, elsewhere it
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -160,24 +161,21 @@ class _Test:
 
     def _shape_of_powers(self, at: int) -> tuple[float, float]:
         """p of Bartlett's statistic for exponential powers (small: a line) and for a line's (small: none)."""
-        statistic, dof, correction, expected, variance = 0.0, 0.0, 0.0, 0.0, 0.0
+        statistic, expected, variance = 0.0, 0.0, 0.0
+        counts: list[float] = []
         for pool in self.pools:
             n = float(pool.runs[at])
             if n < 2.0:
                 continue
             ratio = max(float(pool.excess[at]), 1e-6)
             statistic += n * float(pool.log_ratio[at])
-            dof += n - 1.0
-            correction += 1.0 / n
+            counts.append(n)
             mean, scatter = _log_ratio_of_rice(ratio)
             expected += (n - 1.0) * (mean + 0.5 * _LEVEL_VARIANCE)
             variance += n * (scatter + _LEVEL_VARIANCE)
-        if dof <= 0.0:
+        if not counts:
             return 1.0, 1.0
-        groups = sum(float(pool.runs[at]) >= 2.0 for pool in self.pools)
-        bartlett = 2.0 * statistic / (1.0 + (correction + groups / dof) / 6.0 / groups)
-        bump = float(stats.chi2.cdf(bartlett, dof))
-        return bump, float(stats.norm.sf((statistic - expected) / np.sqrt(variance)))
+        return p_of_alike_powers(statistic, counts), float(stats.norm.sf((statistic - expected) / np.sqrt(variance)))
 
     def _held_out(self, at: int) -> float:
         """Error of the power at the line in one half, predicted from the other, after over before; 1 for one half."""
@@ -298,3 +296,14 @@ def _vertex(values: FloatArray) -> tuple[float, float]:
         return 0.0, middle
     shift = float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5))
     return shift, middle - 0.25 * (left - right) * shift
+
+
+def p_of_alike_powers(statistic: float, counts: Sequence[float]) -> float:
+    """The probability that exponential powers of one mean in each of several groups are as alike as these.
+
+    `statistic` is the sum over groups of n log mean - sum log power, `counts` the n of each. Bartlett (1937), with two
+    degrees of freedom behind each power.
+    """
+    dof = sum(n - 1.0 for n in counts)
+    correction = 1.0 + sum(n - 1.0 / n for n in counts) / (6.0 * dof)
+    return float(stats.chi2.cdf(2.0 * statistic / correction, dof))

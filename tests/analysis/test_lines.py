@@ -6,7 +6,7 @@ from scipy import stats
 
 from rigctl.analysis.kept import Packed
 from rigctl.analysis.line_scan import LineScan, scanned
-from rigctl.analysis.lines import find_lines
+from rigctl.analysis.lines import find_lines, p_of_alike_powers
 from rigctl.analysis.noise import spectrum
 from rigctl.analysis.sine_fit import HarmonicBasis
 
@@ -169,3 +169,17 @@ def test_a_line_beyond_all_doubt_is_one_line():
     assert line.frequency_hz == pytest.approx(6.17, abs=0.1 / DURATION_S)
     assert line.amplitude == pytest.approx(amplitude_of(1e4), rel=0.2)
     assert line.p_value == 0.0
+
+
+@pytest.mark.parametrize("counts", [(5,), (40,), (3, 8, 20)])
+def test_powers_of_noise_are_as_alike_as_their_level_says(counts: tuple[int, ...]) -> None:
+    draws = 20_000
+    rng = np.random.default_rng(1)
+    statistic = np.zeros(draws)
+    for n in counts:
+        powers = rng.exponential(size=(draws, n))
+        statistic += n * np.log(powers.mean(axis=1)) - np.log(powers).sum(axis=1)
+    p_values = np.array([p_of_alike_powers(float(each), counts) for each in statistic])
+    for level in (0.01, 0.05):
+        expected = level * draws
+        assert abs(np.sum(p_values < level) - expected) < 4.0 * np.sqrt(expected * (1.0 - level))
