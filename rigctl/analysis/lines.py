@@ -301,8 +301,8 @@ def _vertex(values: FloatArray) -> tuple[float, float]:
 def p_of_alike_powers(statistic: float, counts: Sequence[float]) -> float:
     """The probability that exponential powers of one mean in each of several groups are as alike as these.
 
-    `statistic` is the sum over groups of n log mean - sum log power, `counts` the n of each. Bartlett (1937), with two
-    degrees of freedom behind each power.
+    `statistic` is the sum over groups of n log mean - sum log power, `counts` the n of each. Bartlett (1937), with
+    two degrees of freedom behind each power.
     """
     dof = sum(n - 1.0 for n in counts)
     correction = 1.0 + sum(n - 1.0 / n for n in counts) / (6.0 * dof)

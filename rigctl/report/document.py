@@ -26,6 +26,7 @@ from rigctl.report.verdicts import (
     inseparable_sentences,
     line_sentence,
     model_name,
+    repeats_sentence,
     verdict_sentence,
     warning_sentences,
 )
@@ -219,6 +220,8 @@ def _amount(evidence: Evidence) -> str:
 def _residuals(evidence: Evidence) -> Iterator[str]:
     last = evidence.comparisons[-1].as_json()
     yield html.paragraph(comparison_sentence(last))
+    if repeats := repeats_sentence(last):
+        yield html.paragraph(repeats, "soft")
     yield html.table(channels_table(last))
     shown = evidence.residuals[:SHOWN_COVARIATES]
     yield from map(html.figure, shown)

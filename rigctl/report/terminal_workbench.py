@@ -26,6 +26,7 @@ from rigctl.report.verdicts import (
     model_name,
     named,
     noise_sentence,
+    repeats_sentence,
     transfer_sentence,
     verdict_sentence,
     warning_sentences,
@@ -47,7 +48,7 @@ def print_comparison(comparison: Findings) -> None:
     worst = [[row["run_id"], row["channel"], row["component"], f"{row['sigma']:+.1f}"] for row in comparison["worst"]]
     shown = [
         _text(f"Model version {model['version']}: {model_name(model['effects'])}", comparison_sentence(comparison)),
-        _text(noise_sentence(comparison)),
+        _text(noise_sentence(comparison), repeats_sentence(comparison)),
         channels_table(comparison),
         ResultTable("Farthest from the model", ["run", "channel", "component", "#sigma"], worst),
         _trends(comparison["trends"]),

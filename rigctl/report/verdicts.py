@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -62,6 +63,16 @@ def _noise(entry: Findings) -> str:
     size = f"{number(entry['sigma'])} {entry['unit']}".strip()
     how = f", as stated times {number(entry['scale'])}" if entry["source"] == "stated" else ""
     return f"{name} {entry['model']}{along}, {size} from {number(entry['dof'])} degrees of freedom{how}"
+
+
+def repeats_sentence(comparison: Findings) -> str:
+    """What readings taken again at one setting tell of the noise and of the model; "" where there are none."""
+    lack = comparison.get("lack_of_fit")
+    if not lack:
+        return ""
+    size = f"{number(lack['pure_error'])} {lack['unit']}".strip()
+    test = f"F({lack['dof']}, {lack['pure_dof']}) = {number(lack['f'])}, {p_value(lack['p_value'])}"
+    return f"Repeats: {size} from {counted(lack['pure_dof'], 'degree')} of freedom; lack of fit {test}."
 
 
 def warning_sentences(rungs: Sequence[Findings]) -> list[str]:
@@ -183,12 +194,18 @@ def fixed_choice(rank: Findings) -> dict[str, Any]:
     }
 
 
-def sizes(rank: Findings) -> list[str]:
-    """Each parameter of a candidate with its value; one that is named like its effect needs no name."""
+def sizes(rank: Findings, *, detectable: bool = False) -> list[str]:
+    """Each parameter of a candidate with its value; one that is named like its effect needs no name.
+
+    With `detectable` also how large it would have to be for these data to show it, with 95 % probability.
+    """
     shown = []
     for name, size in rank["parameters"].items():
         parameter = name.removeprefix(rank["effect"]).lstrip(".")
         shown.append(f"{parameter} = {quantity(size['value'], size['sigma'], size['unit'])}".lstrip())
+        least = rank["smallest_detectable"].get(name) if detectable else None
+        if least is not None and math.isfinite(least):
+            shown.append(f"    would show from {number(least)} {size['unit']}".rstrip())
     return shown
 
 

@@ -83,6 +83,20 @@ class Trend:
 
 
 @dataclass(frozen=True)
+class LackOfFit:
+    """What a model leaves beyond the scatter of readings at one setting, `pure_error` in `unit`: F with `dof` and
+    `pure_dof` degrees of freedom."""
+
+    f: float
+    dof: int
+    pure_dof: int
+    p_value: float
+    pure_error: float
+    channel: str
+    unit: str
+
+
+@dataclass(frozen=True)
 class Outlier:
     """A datum far from the model, in sigma."""
 
@@ -106,6 +120,7 @@ class Comparison:
     trends: tuple[Trend, ...]
     lines: tuple[Mapping[str, Any], ...]
     noise: tuple[NoiseEntry, ...]
+    lack_of_fit: LackOfFit | None
     observations: Observations
     residuals: FloatArray
 
@@ -126,6 +141,7 @@ class Comparison:
             "trends": [vars(each) for each in self.trends],
             "lines": [dict(each) for each in self.lines],
             "noise": [each.as_json() for each in self.noise],
+            "lack_of_fit": None if self.lack_of_fit is None else vars(self.lack_of_fit),
         }
 
 

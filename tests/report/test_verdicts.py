@@ -9,7 +9,15 @@ import pytest
 
 from rigctl.report.quantities import probability, quantity
 from rigctl.report.terminal_workbench import print_comparison, print_diagnosis, print_history
-from rigctl.report.verdicts import advice, comparison_sentence, inseparable_sentences, named, verdict_sentence
+from rigctl.report.tables.workbench import ranking_table
+from rigctl.report.verdicts import (
+    advice,
+    comparison_sentence,
+    inseparable_sentences,
+    named,
+    repeats_sentence,
+    verdict_sentence,
+)
 
 
 def rank(effect: str, *, p: float = 1e-9, same: tuple[str, ...] = (), **choice: Any) -> dict[str, Any]:
@@ -22,6 +30,7 @@ def rank(effect: str, *, p: float = 1e-9, same: tuple[str, ...] = (), **choice: 
         "held_out_error_ratio": 0.25,
         "equivalent_to": list(same),
         "chi2_fall": 81.0,
+        "smallest_detectable": {"rho1": 4.5e-6},
     }
 
 
@@ -153,3 +162,18 @@ def test_a_version_without_numbers_says_why(capsys: pytest.CaptureFixture[str]) 
     rung = {"version": 1, "effects": [], "added": None, "removed": None, "chi2_per_dof": None}
     print_history([{**rung, "error_fit": None, "error_held_out": None, "note": "its file is gone"}])
     assert "version 1: not fitted: its file is gone" in capsys.readouterr().out
+
+
+def test_what_is_not_significant_is_told_with_what_would_have_shown() -> None:
+    found = diagnosis("effect", rank("roll-gravity"), rank("yaw", p=0.3), suggested=("roll-gravity",))
+    named, other = (row[0] for row in ranking_table(found, most=6).rows)
+    assert "would show" not in named
+    assert "rho1 = (9.71 +- 0.12)e-05 rad/m" in other
+    assert "would show from 4.5e-06 rad/m" in other
+
+
+def test_repeats_are_told_with_the_lack_of_fit() -> None:
+    lack = {"f": 214.7, "dof": 18, "pure_dof": 20, "p_value": 5e-19, "pure_error": 2.15e-4, "unit": "in"}
+    said = repeats_sentence({"lack_of_fit": lack})
+    assert said == "Repeats: 0.000215 in from 20 degrees of freedom; lack of fit F(18, 20) = 215, p = 5e-19."
+    assert repeats_sentence({"lack_of_fit": None}) == ""

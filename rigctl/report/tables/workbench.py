@@ -71,7 +71,9 @@ def ranking_table(diagnosis: Findings, most: int) -> ResultTable:
     rows = []
     for rank in shown:
         star = "*" if rank["effect"] in suggested else " "
-        lines = [f"{star} {named(rank['effect'], fixed_choice(rank))}", *(f"    {size}" for size in sizes(rank))]
+        insignificant = (rank["p_value_corrected"] or 0.0) >= diagnosis["alpha"]
+        told = sizes(rank, detectable=insignificant and rank["effect"] not in suggested)
+        lines = [f"{star} {named(rank['effect'], fixed_choice(rank))}", *(f"    {size}" for size in told)]
         lines += [f"    like {', '.join(rank['equivalent_to'])}"] if rank["equivalent_to"] else []
         numbers = number(rank["chi2_fall"]), number(rank["held_out_error_ratio"])
         rows.append(["\n".join(lines), probability(rank["p_value_corrected"]), *numbers])

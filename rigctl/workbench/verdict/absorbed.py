@@ -48,7 +48,7 @@ def absorbed_parameters(
             break
         held.append(least)
         free.remove(least)
-    _require_a_part_of_each(model, held)
+    _require_a_part_of_each(model, held, scanned)
     return frozenset(names[place] for place in held)
 
 
@@ -69,9 +69,14 @@ def _kept_shares(gram: FloatArray, rest: np.ndarray, count: int) -> FloatArray:
     return keep
 
 
-def _require_a_part_of_each(model: Model, held: Collection[int]) -> None:
+def _require_a_part_of_each(model: Model, held: Collection[int], scanned: Collection[str]) -> None:
     for term in model.terms:
-        parts = [place for place, owner in enumerate(model.owners) if owner == term.effect]
+        # A rate or a period is nothing by itself.
+        parts = [
+            place
+            for place, owner in enumerate(model.owners)
+            if owner == term.effect and model.parameters[place].name not in scanned
+        ]
         if parts and set(parts) <= set(held):
             raise ProcedureError(
                 f"the fit is singular: these runs cannot tell {term.effect} from the other parameters; "

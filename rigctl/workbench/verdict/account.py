@@ -75,12 +75,21 @@ def account_of(
     search.run()
     # A line of the samples changes none of the reduced data whose scatter tells the noise.
     lines = {id(line.term) for line in search.lines}
-    richest = search.attempt([term for term in search.terms if id(term) not in lines])
-    # By way of its document: the account is then the same whether just made or kept in a store.
-    estimated = recalled(study, Account(richest, None).as_document(), seed)
+    estimated = _recallable(study, search, [term for term in search.terms if id(term) not in lines], seed)
     assert estimated.known is not None
     search.judged_by(estimated.known, estimated.richest)
     return Account(estimated.richest, estimated.known, search)
+
+
+def _recallable(study: Study, search: Search, terms: Sequence[Term], seed: int) -> Account:
+    """The account of a model by way of its document: the same whether just made or kept in a store."""
+    try:
+        return recalled(study, Account(search.attempt(terms), None).as_document(), seed)
+    except UNFIT:
+        # Fitted on the way, from where smaller models ended, but not from its own end: determined by a hair.
+        if len(terms) == len(search.given):
+            raise
+        return _recallable(study, search, terms[:-1], seed)
 
 
 def recalled(study: Study, document: Mapping[str, Any], seed: int = 0) -> Account:

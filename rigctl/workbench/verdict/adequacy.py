@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rigctl.workbench.verdict.account import LEVEL, Account
 from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
 from rigctl.workbench.verdict.significance import (
     CATALOGUE_SHARE,
     LINES_SHARE,
@@ -26,9 +27,11 @@ def adequacy(attempt: Attempt, account: Account) -> float:
     effects = min(tried, default=1.0)
     if effects < CATALOGUE_SHARE * LEVEL and account.next_term(attempt) is None:
         effects = 1.0
+    lack = lack_of_fit(attempt)
     asked = (
         # Lines are looked for in the samples and not here: their share is free for chi-square as a whole.
-        attempt.chi2_p_value() / LINES_SHARE,
+        # Where the scatter told the noise, chi-square says nothing, and repeats say what it would.
+        (attempt.chi2_p_value() if lack is None else lack.p_value) / LINES_SHARE,
         effects / CATALOGUE_SHARE,
         p_of_shape(attempt) / SHAPES_SHARE,
     )

@@ -15,6 +15,7 @@ from rigctl.workbench.verdict.account import Account, account_of
 from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.covariates import distinct
+from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
 from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.noise_entries import noise_entries
 
@@ -68,6 +69,7 @@ def compared(attempt: Attempt, account: Account, version: int) -> Comparison:
             if np.isfinite(line.frequency_hz)
         ),
         noise=noise_entries(attempt),
+        lack_of_fit=lack_of_fit(attempt),
         observations=given,
         residuals=left,
     )

@@ -10,12 +10,14 @@ from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.account import Account, account_of
 from rigctl.workbench.verdict.alike import SAME, inseparable_effects
 from rigctl.workbench.verdict.description import described
+from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_between_settings
 from rigctl.workbench.verdict.likelihood import maximum_likelihood
 from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.ranking import ranking
 from rigctl.workbench.verdict.rivals import Rival, rivals_of
 from rigctl.workbench.verdict.score import likeness
 from rigctl.workbench.verdict.search import Progress, Search
+from rigctl.workbench.verdict.significance import LINES_SHARE
 
 
 @one_thread
@@ -44,6 +46,8 @@ def diagnose(
         # Scored again: its size is that beside all that was found.
         score = final.projector.score(final.whitened_columns(search.unexplained.described_columns))
         unexplained = described(final.model.observations, search.unexplained, score)
+    elif (lack := lack_of_fit(final)) is not None and lack.p_value < LINES_SHARE * alpha:
+        unexplained = unexplained_between_settings(lack)
     return Diagnosis(
         verdict=_verdict(search, rivals, unexplained),
         alpha=alpha,

@@ -101,9 +101,11 @@ class Search:
         return self._choose(self.attempt(self.terms))
 
     def judged_by(self, known: KnownNoise, richest: Attempt) -> None:
-        """From now on every model is judged by one noise, which the `richest` told."""
+        """From now on every model is judged by one noise, that of the `richest`; what is not in it was not found."""
         self._known = known
         self._attempts = {_key(richest.terms): richest}
+        lines = [line.term for line in self.lines]
+        self.terms = tuple(term for term in self.terms if term in richest.terms or term in lines)
 
     def adopt(self, attempt: Attempt) -> None:
         """A model that was fitted already."""
