@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from rigctl.report.quantities import probability, quantity
-from rigctl.report.terminal_workbench import print_comparison, print_diagnosis, print_history
 from rigctl.report.tables.workbench import ranking_table
+from rigctl.report.terminal_workbench import print_comparison, print_diagnosis, print_history
 from rigctl.report.verdicts import (
     advice,
     comparison_sentence,
@@ -175,5 +175,5 @@ def test_what_is_not_significant_is_told_with_what_would_have_shown() -> None:
 def test_repeats_are_told_with_the_lack_of_fit() -> None:
     lack = {"f": 214.7, "dof": 18, "pure_dof": 20, "p_value": 5e-19, "pure_error": 2.15e-4, "unit": "in"}
     said = repeats_sentence({"lack_of_fit": lack})
-    assert said == "Repeats: 0.000215 in from 20 degrees of freedom; lack of fit F(18, 20) = 215, p = 5e-19."
+    assert said == "Repeats: 0.000215 in from 20 degrees of freedom; lack of fit F(18, 20) = 215, p = 5.0e-19."
     assert repeats_sentence({"lack_of_fit": None}) == ""
