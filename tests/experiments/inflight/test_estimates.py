@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from rigctl.experiments.inflight.model.baseline import Stretch, joint_estimate
+from rigctl.experiments.inflight.model.baseline import PRIORS, Stretch, joint_estimate
+from rigctl.experiments.inflight.model.equation import coefficients
 from rigctl.experiments.inflight.model.paper import FittedRun, paper_estimate
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.series import stretch_amplitudes
-from rigctl.experiments.inflight.observe.sessions import session_of
+from rigctl.experiments.inflight.observe.sessions import Line, session_of
 from rigctl.experiments.inflight.observe.weights import level_weights, weights
 
 NOISE, KNEE_HZ = 1.2e-12, 0.0
@@ -46,6 +47,23 @@ def test_without_noise_and_coupling_every_parameter_is_the_exact_one(flight, see
     assert paper.sweeps <= 5
     # What E10 leaves at all lines together is a small part of the noise that was assumed.
     assert joint.chi2 < 0.1 * joint.dof
+
+
+@pytest.mark.parametrize("name", ["ad11", "k2c_1", "k2c_2"])
+def test_what_control_leaves_along_x_leaves_the_difference_alone(flight, name):
+    """Where one mass is held at zero both work at another point of their curves than where the mean is."""
+    instrument = flight.drawn(7, eta=0.0)
+    known = flight.small_signal(instrument)
+    shared = np.array([*(known[each] for each in NAMES), *(prior[0] for prior in PRIORS.values())])
+    left = []
+    for residual in (1e-12, 1e-9):
+        session, lines, amplitudes, _ = reduced(
+            flight, instrument, flight.Sky(residual=residual), name, "observed", 1.0
+        )
+        at_orbit = amplitudes.table[lines.index(Line(0, 1))]
+        left.append(at_orbit @ coefficients(session, amplitudes, shared[:, None])[:, 0])
+    # Otherwise 2 (k_1 - k_2) m_dx of it, 1.5e-4 here.
+    assert abs(left[1] - left[0]) < 2e-6 * 1e-9
 
 
 def test_the_cube_of_the_stimulus_does_not_pass_for_a_difference_in_gain(flight):

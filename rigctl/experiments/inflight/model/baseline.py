@@ -16,7 +16,7 @@ from rigctl.experiments.inflight.observe.series import INDEX, Amplitudes, with_t
 from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
 
 # Bounds of the paper (K1 1e-2, theta_c 2.5e-3 rad, K2 14000 s2/m) over root 3: uniform within them.
-_PRIORS = dict(
+PRIORS = dict(
     zip(NUISANCES, ((1.0, 6e-3), (0.0, 1.5e-3), (0.0, 8e3), (0.0, 8e3), (0.0, 6e-3), (0.0, 6e-3)), strict=True)
 )
 GAIN = (1.0, 1e-2)
@@ -88,7 +88,7 @@ class Baseline:
 
     def _priors(self) -> dict[str, Prior]:
         """Of the nuisances; the gains across the sensitive axis are measured where control shakes the satellite."""
-        priors = {name: Prior(*prior) for name, prior in _PRIORS.items()}
+        priors = {name: Prior(*prior) for name, prior in PRIORS.items()}
         for name, session, series in (("ad22", "ad12", "y"), ("ad33", "ad13", "z")):
             # The thrusters' noise and the stimulus shake both masses alike: the ratio of outputs is that of gains.
             measured = [

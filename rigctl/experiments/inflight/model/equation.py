@@ -38,10 +38,14 @@ def coefficients(session: Session, amplitudes: Amplitudes, p: AnyArray) -> AnyAr
     k_1, k_2 = of_masses(k2d, k2c, ad11)
     # The loop holds the mean of both outputs at zero: unequal squares move the two levels apart by this much.
     level = 0.5 * (k_1 - k_2) * amplitudes.mean_square
+    factors, curves = [1.0 - ad11, -(1.0 + ad11)], [k_1, k_2]
     if session.name in QUADRATIC:
         level = np.zeros_like(dx)
-        k_1, k_2 = (in_loop_of_one_mass(k, session, amplitudes) for k in (k_1, k_2))
-    for name, factor, curve, mu in (("m1", 1.0 - ad11, k_1, level), ("m2", -(1.0 + ad11), k_2, -level)):
+        slopes = [slope_in_loop_of_one_mass(k, session, amplitudes) for k in curves]
+        # a'_d11 is of the slopes that the masses have where the mean of both is held.
+        factors = [factor / slope for factor, slope in zip(factors, slopes, strict=True)]
+        curves = [k / slope**2 for k, slope in zip(curves, slopes, strict=True)]
+    for name, factor, curve, mu in zip(("m1", "m2"), factors, curves, (level, -level), strict=True):
         # y = m - k m^2 + 2 k^2 m^3 (E10), written out for m counted from its level mu.
         put(name, factor * (1.0 - 2.0 * curve * mu + 6.0 * curve**2 * mu**2))
         put(f"{name}^2", factor * (6.0 * curve**2 * mu - curve))
@@ -68,13 +72,13 @@ def coefficients(session: Session, amplitudes: Amplitudes, p: AnyArray) -> AnyAr
     return c
 
 
-def in_loop_of_one_mass(k: Any, session: Session, amplitudes: Amplitudes) -> Any:
-    """A mass's quadratic factor k = K2 / J^2 in a session whose loop holds one mass at zero, not the mean of both.
+def slope_in_loop_of_one_mass(k: Any, session: Session, amplitudes: Amplitudes) -> Any:
+    """Slope J of a mass's output where the loop holds one mass at zero, over that where it holds the mean of both.
 
-    The output is higher there by half the masses' distance, m_dx, for which the slope J is larger by 2 k m_dx.
+    The output is higher there by half the masses' distance, m_dx; k = K2 / J^2 is smaller by the slope's square.
     """
     higher = amplitudes.apart if session.name == "k2c_1" else -amplitudes.apart
-    return k / (1.0 + 2.0 * k * higher) ** 2
+    return 1.0 + 2.0 * k * higher
 
 
 def _put_moved(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigctl.core.arrays import ComplexArray, FloatArray
-from rigctl.experiments.inflight.model.equation import in_loop_of_one_mass
+from rigctl.experiments.inflight.model.equation import slope_in_loop_of_one_mass
 from rigctl.experiments.inflight.model.parameters import NAMES
 from rigctl.experiments.inflight.observe.series import Amplitudes, with_true_attitude
 from rigctl.experiments.inflight.observe.sessions import MASS_MOTION, Session
@@ -101,7 +101,7 @@ def _equation(place: int, a: FloatArray, run: FittedRun) -> tuple[ComplexArray, 
         # moved mass would bias k_1 and k_2 by 90 s2/m, always with the same sign.
         y = table.of(moving) - table.of(fixed) - sign * (gradient + 2.0 * linked) + table.of("moved g_xx")
         # Of the newest value: the correction is a small one, and sweeps settle it.
-        share = in_loop_of_one_mass(a[place], session, table) / a[place] if a[place] else 1.0
+        share = slope_in_loop_of_one_mass(a[place], session, table) ** -2
         return y[own], share * table.of(f"{moving}^2")[own]
     y = table.of("m1") - table.of("m2") - _cross(a, table) - _cubic(a, table)
     for other, series in enumerate((*linear, *rest)):
