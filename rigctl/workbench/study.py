@@ -36,12 +36,14 @@ class NoisePool:
     `dof` degrees of freedom stand behind the sigmas of these data, 0 when they are no more than relative weights
     whose scale must come from the scatter; `stated`: by whoever measured. `order` names the covariate (of runs) along
     which this noise may be correlated from run to run, within one `Observations.group`; None for independent runs.
+    `of_these`: the sigmas were told by the scatter of these data, not by others beside them.
     """
 
     name: str
     dof: float
     order: str | None = None
     stated: bool = False
+    of_these: bool = False
 
 
 @dataclass(frozen=True)

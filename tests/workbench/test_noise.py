@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,19 @@ def test_the_scale_of_white_noise_comes_out_with_the_scatter_of_chi_square() -> 
     assert {float(noise.dof[0]) for noise in found} == {float(count - fitted)}
     assert stats.kstest(squares, stats.chi2(count - fitted).cdf).pvalue > 1e-3
     assert not found[0].factors
+
+
+@pytest.mark.parametrize("of_these", [False, True])
+def test_chi_square_is_one_a_datum_whether_these_data_or_others_told_their_sigma(of_these: bool) -> None:
+    dof, rng = 12, np.random.default_rng(7)
+    squares = []
+    for _ in range(1500):
+        data = rng.standard_normal(dof)
+        others = data if of_these else rng.standard_normal(dof)
+        stated = readings(dof, float(dof), order=None, sigma=float(np.sqrt(np.mean(others**2))))
+        told = replace(stated, pools=(replace(stated.pools[0], of_these=of_these),))
+        squares.append(np.mean((data / NoiseEstimator(told, line(dof), nothing).estimate(data).sigma) ** 2))
+    assert np.mean(squares) == pytest.approx(1.0, abs=1e-9 + 4.0 * np.std(squares) / np.sqrt(len(squares)))
 
 
 def test_relative_weights_keep_their_ratios() -> None:

@@ -38,6 +38,7 @@ class NoiseEstimator:
         ]
         dof = np.array([pool.dof for pool in observations.pools])[observations.pool_of]
         self._dof = np.where(dof > 0.0, dof, np.inf)
+        self._beside = np.array([not pool.of_these for pool in observations.pools])[observations.pool_of]
 
     @property
     def from_scatter(self) -> bool:
@@ -75,8 +76,9 @@ class NoiseEstimator:
         """The noise estimated from residuals (n,) of a fit."""
         sigma, dof = self._given.sigma.copy(), self._dof.copy()
         # Below, the factor under the root runs away: such sigmas stay as they are, and their degrees say the rest.
-        known = np.isfinite(dof) & (dof > 4.0)
-        # A sigma from few degrees of freedom understates: Student's t has the variance nu / (nu - 2).
+        known = np.isfinite(dof) & (dof > 4.0) & self._beside
+        # A sigma from few degrees of freedom understates: Student's t has the variance nu / (nu - 2). One that these
+        # data told went up and down with them: their square sum over it has no such tail.
         sigma[known] *= np.sqrt(dof[known] / (dof[known] - 2.0))
         factors = list(self._given.factors)
         correlations = []

@@ -79,7 +79,7 @@ def stacked(
         series_of.extend(first + output for output in range(4) for _ in each.reducer.groups)
         series_of.extend(first + 4 + (one.number == BEFORE) for one in each.reducer.bins)
         pool_of.extend([len(pools)] * len(own_rows))
-        pools.append(NoisePool(f"{each.run.run_id} {READ[each.channel]}", each.noise.dof))
+        pools.append(NoisePool(f"{each.run.run_id} {READ[each.channel]}", each.noise.dof, of_these=True))
         run_of.extend(own_rows)
         value.append(each.value)
         sigma.append(each.sigma)
