@@ -165,6 +165,7 @@ class Candidate:
     """A term that might be added: how the data would change with its parameters, starting from none of it.
 
     `columns` (n, d), or a scan of which this is one of the choices, at `place`. `typical` (d,) are plausible sizes.
+    `scanned` more of the term's parameters are fixed by the choice here, and fitted or placed once it is in a model.
     """
 
     term: Term
@@ -173,6 +174,7 @@ class Candidate:
     columns: FloatArray | Scan
     typical: FloatArray
     place: int = 0
+    scanned: int = 0
 
     @property
     def derivative(self) -> FloatArray:

@@ -16,6 +16,7 @@ from rigctl.experiments.table.model.model import fitted
 from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fit import fit
 
@@ -111,6 +112,17 @@ def test_a_long_scan_costs_a_line_little() -> None:
     line = 5.0 * float(np.sqrt(noise @ noise / (ROWS - 2))) * away / np.linalg.norm(away)
     found = diagnose(study({"y": 1.0 + line + noise, **columns}, "b0"), ())
     assert {each.split("[")[1] for each in named(found)} == {"x0]"}
+
+
+def test_what_is_scanned_for_costs_as_a_parameter_does() -> None:
+    attempt = Attempt(study({"y": NOISE, "x": X}, "b0"), ())
+    half = 0.5 * np.log(ROWS)
+    for effect, parameters in {"linear[x]": 1, "step[x]": 2, "exponential[x]": 2, "periodic[x]": 3}.items():
+        scored = attempt.scored_effect(effect)
+        assert scored is not None
+        choices = sum(each.term.effect == effect for each in attempt.candidates)
+        assert attempt.price(scored) == pytest.approx(parameters * half + np.log(choices))
+        assert (choices > 1) == (scored.candidate.scanned == 1)
 
 
 def test_puromycin_s_velocity_differs_by_state() -> None:

@@ -82,7 +82,7 @@ def scan_candidates(
     names, units = tuple(f"{effect}{name}" for name in form.names()), form.units(response_unit)
     typical = _rms(residual) / np.maximum(scan.rms, np.finfo(np.float64).tiny)
     return [
-        Candidate(Term(effect, choice), names, units, scan, typical[place], place)
+        Candidate(Term(effect, choice), names, units, scan, typical[place], place, scanned=1)
         for place, choice in enumerate(scans.choices(form))
     ]
 

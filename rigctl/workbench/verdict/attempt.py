@@ -276,11 +276,18 @@ class Attempt(FittedModel):
         return self.trials.of(family_of(self.study, effect))
 
     def evidence(self, scored: Scored) -> float:
-        """Log evidence: T/2 less what dimensions and choices cost; ranks candidates of different kinds."""
+        """Log evidence: T/2 less the price; ranks candidates of different kinds."""
+        return 0.5 * scored.score.statistic - self.price(scored)
+
+    def price(self, scored: Scored) -> float:
+        """What the parameters of a candidate and the choices there were cost, in log evidence.
+
+        Schwarz's ln n / 2 for each parameter, one that was scanned for among them: it is fitted on. And ln of the
+        choices, for a scan finds more by chance.
+        """
         grid = sum(candidate.term.effect == scored.candidate.term.effect for candidate in self.candidates)
-        # Schwarz's ln n / 2 for each parameter, and ln of the choices there were (a scan finds more by chance).
-        price = 0.5 * scored.score.dimension * float(np.log(len(self.result.residuals)))
-        return 0.5 * scored.score.statistic - price - float(np.log(grid))
+        parameters = scored.score.dimension + scored.candidate.scanned
+        return 0.5 * parameters * float(np.log(len(self.result.residuals))) + float(np.log(grid))
 
 
 def _estimator(fitted: FittedModel, asked: Callable[[], Sequence[Candidate]], generic: Generic) -> NoiseEstimator:

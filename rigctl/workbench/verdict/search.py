@@ -241,9 +241,8 @@ class Search:
         if trial is None:
             return float("inf")
         # One noise for all: the sigma of each trial is its own guess.
-        price = 2.0 * (0.5 * scored.score.statistic - attempt.evidence(scored))
-        # The price is what evidence takes off T / 2, brought to the scale of chi-square.
-        return trial.chi2_with(attempt.noise) + price
+        # The price is in log evidence; twice that is the scale of chi-square.
+        return trial.chi2_with(attempt.noise) + 2.0 * attempt.price(scored)
 
     def _is_improvement(self, attempt: Attempt, scored: Scored) -> bool:
         """Whether held-out data come out better with the candidate in, undecided counting as yes, and plain shapes
