@@ -214,6 +214,10 @@ def inseparable_sentences(pairs: Sequence[Findings]) -> list[str]:
     others: dict[str, list[str]] = {}
     for pair in pairs:
         other = str(pair["from"])
-        whom = f"the baseline's {other.removeprefix('baseline:')}" if other.startswith("baseline:") else other
+        whom = other
+        if other.startswith("baseline:"):
+            whom = f"the baseline's {other.removeprefix('baseline:')}"
+        elif other.startswith("offset:"):
+            whom = f"the offsets that readings of one {other.removeprefix('offset:')} share"
         others.setdefault(pair["effect"], []).append(f"{whom} ({pair['shift']})" if pair["shift"] else whom)
     return [f"{effect} cannot be told from {', '.join(whom)}" for effect, whom in others.items()]

@@ -15,6 +15,11 @@ SAME = 0.99
 DISTINCT_FALL = 30.0
 """Difference of the falls of chi-square above which two effects are distinct, whatever their correlation."""
 
+ENOUGH_OFFSETS = 5
+"""Fewer batches than that say too little of how offsets scatter to judge an effect by (decision 046)."""
+
+_ROUNDING = 1e-9
+
 _SHARE = 0.3
 """Parameters that contribute less, relative to the strongest, are not named as absorbing an effect."""
 
@@ -54,10 +59,28 @@ def inseparable_effects(attempt: Attempt) -> tuple[Inseparable, ...]:
         for effect, names in attempt.study.inseparable().items():
             pairs = [(effect, f"baseline:{name}") for name in names]
             inseparable += [Inseparable(*pair) for pair in pairs if pair not in known]
+    inseparable += _confounded_with_offsets(attempt)
     effects = [scored.candidate.term.effect for scored in attempt.scored]
     for place, effect in enumerate(effects):
         inseparable += [Inseparable(effect, effects[other]) for other in _alike(attempt, place) if other > place]
     return tuple(inseparable)
+
+
+def _confounded_with_offsets(attempt: Attempt) -> list[Inseparable]:
+    """Effects that vary only between a few batches: their offsets, of which each is unknown, may be all there is."""
+    confounded = []
+    for offset in attempt.model.observations.offsets:
+        count = np.bincount(offset.level_of)
+        if len(count) >= ENOUGH_OFFSETS:
+            continue
+        for scored in attempt.scored:
+            columns = scored.candidate.derivative
+            means = np.stack([np.bincount(offset.level_of, column) / count for column in columns.T], axis=1)
+            inside = columns - means[offset.level_of]
+            if np.linalg.norm(inside) < _ROUNDING * np.linalg.norm(columns):
+                said = f"{len(count)} of them, and it varies between them only"
+                confounded.append(Inseparable(scored.candidate.term.effect, f"offset:{offset.name}", said))
+    return confounded
 
 
 def _absorbers(attempt: Attempt, scored: Scored) -> dict[str, str]:
