@@ -12,7 +12,8 @@ from rigctl.analysis.least_squares import FitResult, Parameter
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.model.descent import descend
 from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece
-from rigctl.experiments.table.model.scanned import Periodic, Scanned
+from rigctl.experiments.table.model.scanned import Periodic, Scanned, Step
+from rigctl.experiments.table.model.step_place import place_sigma
 from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import Observations, Term
@@ -130,6 +131,10 @@ def as_result(model: TableModel, values: FloatArray, covariance: FloatArray) -> 
     An amplitude does not depend on where the phase is counted from, as cos and sin do.
     """
     result = parameters_as_json(model, values, covariance)
+    for piece in model.pieces:
+        if isinstance(piece, ColumnPiece) and isinstance(piece.form, Step):
+            place = f"{piece.term.effect}.{piece.form.scanned}"
+            result[place] = {**result[place], "sigma": _sigma_of_place(model, np.asarray(values), piece, piece.form)}
     names = list(result)
     for piece in model.pieces:
         if not isinstance(piece, ColumnPiece) or not isinstance(piece.form, Periodic):
@@ -148,6 +153,19 @@ def as_result(model: TableModel, values: FloatArray, covariance: FloatArray) -> 
             )
             result = dict(pairs)
     return result
+
+
+def _sigma_of_place(model: TableModel, values: FloatArray, piece: ColumnPiece, step: Step) -> float:
+    """See `place_sigma`; the readings' own sigmas are weights."""
+    weight = 1.0 / model.observations.sigma
+    names, others = [each.name for each in model.parameters], values.copy()
+    at, *own = (names.index(f"{piece.term.effect}{name}") for name in (f".{step.scanned}", *step.names()))
+    others[own] = 0.0
+    jacobian = np.delete(model.jacobian(values), [at, *own], axis=1)
+    # Steps on the way make curved parameters move a little: held where the fit has them.
+    left = model.observations.value - model.predict(others)
+    dof = model.observations.value.size - len(names)
+    return place_sigma(step, float(values[at]), weight, jacobian * weight[:, None], left * weight, dof)
 
 
 def fitted(model: TableModel) -> FitResult | None:
