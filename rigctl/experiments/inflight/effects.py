@@ -246,7 +246,7 @@ moved_mass_reaction = _without_lines(
 )
 def thermal_bias(run: FlightRun, lambda_d: Value, lambda_c: Value = 0.0) -> FloatArray:
     """The sensors' bias goes with their temperature: a line at f_orb, and at 2 f_orb one that Dx and Dz take up."""
-    return run.along_x((lambda_c + lambda_d) * run.temperature[0], (lambda_c - lambda_d) * run.temperature[1])
+    return run.along_x((lambda_c + lambda_d) * run.warmer[0], (lambda_c - lambda_d) * run.warmer[1])
 
 
 @effect(

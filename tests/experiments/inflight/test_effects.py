@@ -129,7 +129,7 @@ def test_data_move_as_the_derivative_says(flight, instrument, plain, name):
     moves_as_predicted(flight, instrument, plain, study(flight, instrument, added), name, sizes)
 
 
-def moves_as_predicted(flight, instrument, plain, spoilt, name, sizes):
+def moves_as_predicted(flight, instrument, plain, spoilt, name, sizes, least=1e-14):
     changed = spoilt.data.observations.value - plain.data.observations.value
     model = plain.model(())
     start = np.array([each.start for each in model.parameters])
@@ -137,7 +137,7 @@ def moves_as_predicted(flight, instrument, plain, spoilt, name, sizes):
     candidates, _ = plain.candidates(model, start)
     (candidate,) = [each for each in candidates if named(each.term.effect, each.term.choice) == name]
     predicted = candidate.derivative @ [sizes.get(parameter, 0.0) for parameter in candidate.names]
-    assert np.abs(predicted).max() > 1e-14
+    assert np.abs(predicted).max() > least
     assert changed == pytest.approx(predicted, abs=0.03 * np.abs(predicted).max())
 
 
@@ -162,6 +162,29 @@ def test_a_place_that_goes_with_the_temperature_meets_the_gradient_and_the_turni
 
     plain, spoilt = (study(flight, instrument, added, sessions=("dx", "dy")) for added in (None, parted))
     moves_as_predicted(flight, instrument, plain, spoilt, name, beta)
+
+
+@pytest.mark.parametrize("sensors", [(1.0, 0.0), (0.5, 0.5)])
+def test_a_bias_in_the_loop_moves_the_point_at_which_the_masses_work(flight, instrument, sensors):
+    """The loop takes the mean of both biases away; where the outputs are curved, the gains' difference follows."""
+    warmer_k = {"ad11": 3e-1, "dx": -3e-1}
+
+    def warmed(size):
+        records, samples = [], {}
+        for name, warm_k in warmer_k.items():
+            bias = instrument.bias + size * warm_k * np.outer(sensors, [1.0, 0.0, 0.0])
+            own, conditions = flight.recorded(name, replace(instrument, bias=bias), orbits=10, step_s=STEP_S)
+            own |= {f"temperature_{mass}_k": 290.0 + warm_k + 0.0 * own["t_s"] for mass in (1, 2)}
+            records.append(RunRecord(name, name, "test", conditions))
+            samples[name] = own
+        header = Header("inflight-calibration", constants={"orbit_period_s": flight.ORBIT_S})
+        return InflightStudy(Recording(header, records, samples, ImportReport(len(records))))
+
+    first, second = (4e-9 * each for each in sensors)
+    sizes = {"lambda_d": (first - second) / 2.0, "lambda_c": (first + second) / 2.0}
+    moves_as_predicted(
+        flight, instrument, warmed(0.0), warmed(4e-9), "thermal-bias (of each sensor)", sizes, least=1e-15
+    )
 
 
 def test_what_is_missing_has_no_temperature(plain):

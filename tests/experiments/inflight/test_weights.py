@@ -5,6 +5,8 @@ import pytest
 from scipy import signal
 
 from rigctl.core.errors import DataError
+from rigctl.experiments.inflight.observe.grid import grid_of, thinned, thinning_gain
+from rigctl.experiments.inflight.observe.series import NEEDED
 from rigctl.experiments.inflight.observe.weights import DROPPED_S, amplitudes, band_pass, response, templates, weights
 
 STEP_S = 2.0
@@ -85,3 +87,17 @@ def bursts(share):
         start = rng.integers(len(T_S))
         present[start : start + rng.integers(1, 50)] = False
     return present
+
+
+@pytest.mark.parametrize("step_s", [0.25, 2.5])
+def test_beside_a_gap_a_moved_masss_line_stays_what_it_is(step_s):
+    """An average of what is left of a bell is one of another time: 1e-9 m/s2 of a line of 3e-8, a thousand sigma."""
+    f_hz, duration_s = 9e-3, 6000.0
+    t_s = np.arange(round(duration_s / step_s)) * step_s
+    samples = {"t_s": t_s, **{name: np.cos(2 * np.pi * f_hz * t_s) for name in NEEDED}}
+    for begin_s, long_s in ((900.0, 40.0), (2411.0, 5.0), (4000.0, 90.0)):
+        samples["m1_x"] = np.where((t_s > begin_s) & (t_s < begin_s + long_s), np.nan, samples["m1_x"])
+    made = thinned(grid_of("run", samples))
+    expected = thinning_gain(np.array([f_hz]), step_s, made.step_s)[0] * np.cos(2 * np.pi * f_hz * made.t_s)
+    assert made.columns["m1_x"][made.present] == pytest.approx(expected[made.present], abs=1e-9)
+    assert made.present.mean() > 1.0 - (40.0 + 5.0 + 90.0 + 3 * 20.0) / duration_s

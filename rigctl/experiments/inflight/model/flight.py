@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rigctl.core.arrays import ComplexArray, FloatArray
+from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import AnyColumns
@@ -36,7 +36,7 @@ class FlightRun:
     session displaces each mass. `t` counts from perigee, `orbital` and `stimulus` are angular frequencies (stimulus 0
     without one), `temperature` (2, n) is what the sensors' thermometers say, `warmer` (2, n) how far that is
     from its mean over the recording, K, NaN without. `signal` is the value so far at the point where the effect acts:
-    the recorded one.
+    the recorded one. Samples that are missing, not `present` (n,), are zero.
     """
 
     session: str
@@ -52,6 +52,7 @@ class FlightRun:
     moved_speed: FloatArray
     temperature: FloatArray
     warmer: FloatArray
+    present: BoolArray
     columns: Mapping[str, FloatArray]
     signal: FloatArray
 
@@ -82,7 +83,13 @@ def flight_run(run: ReducedRun, point: str, usual_k: FloatArray) -> FlightRun:
         if isinstance(value, int | float)
     }
     return _flight(
-        run.session, grid.t_s, grid.columns, {**conditions, **grid.columns}, point, usual_k, both_moved=False
+        run.session,
+        grid.t_s,
+        grid.columns,
+        {**conditions, **grid.columns},
+        point,
+        usual_k,
+        grid.present,
     )
 
 
@@ -100,7 +107,16 @@ def trial_run(point: str) -> FlightRun:
         **{f"{name}{axis}": size * rng.standard_normal(_MADE_UP) for name, size in sizes.items() for axis in "xyz"},
         **{f"temperature_{mass}_k": 1e-3 * rng.standard_normal(_MADE_UP) for mass in (1, 2)},
     }
-    return _flight(session, t_s, columns, AnyColumns((_MADE_UP,)), point, np.zeros(2), both_moved=True)
+    return _flight(
+        session,
+        t_s,
+        columns,
+        AnyColumns((_MADE_UP,)),
+        point,
+        np.zeros(2),
+        np.ones(_MADE_UP, dtype=bool),
+        both_moved=True,
+    )
 
 
 def _flight(
@@ -110,8 +126,9 @@ def _flight(
     columns: Mapping[str, FloatArray],
     point: str,
     usual_k: FloatArray,
+    present: BoolArray,
     *,
-    both_moved: bool,
+    both_moved: bool = False,
 ) -> FlightRun:
     """A session with samples `c`; an effect may ask for any of `columns`."""
     measured = np.array([[c[f"m{mass}_{axis}"] for axis in "xyz"] for mass in (1, 2)])
@@ -134,6 +151,7 @@ def _flight(
         moved_speed=speed,
         temperature=temperature,
         warmer=temperature - usual_k[:, None],
+        present=present,
         columns=columns,
         signal={
             MEASURED_POINT: measured,
@@ -204,9 +222,14 @@ class Reducer:
         return stretches
 
 
-def _in_measured(_: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
+def _in_measured(run: FlightRun, added: FloatArray) -> dict[str, FloatArray]:
     common, apart = added.mean(axis=0), added[0] - added[1]
     made = {"m1": added[0, 0], "m2": added[1, 0], "y": common[1], "z": common[2]}
+    level = added[:, 0, run.present].mean(axis=1)
+    # The loop takes the level of what it holds away: without what is added the masses would work that much higher.
+    higher = {"k2c_1": level[1], "k2c_2": level[0]}.get(run.session, level.mean())
+    for mass, output in enumerate(run.measured[:, 0]):
+        made[f"m{mass + 1}^2"] = 2.0 * higher * np.where(run.present, output - output[run.present].mean(), 0.0)
     return made | {f"own {axis}": apart[i] for i, axis in enumerate("xyz")}
 
 

@@ -19,8 +19,11 @@ THINNED_S = 4.0
 _STAGES = 4
 # Of a step: written times are rounded; more is another grid.
 _SHIFT = 0.25
-_WHOLE, _PART = 0.999, 0.3
-"""How much of the kernel must have met samples: all of it, or where some are missing a part."""
+_WHOLE, _PART = 1.0 - 1e-9, 0.3
+"""How much of the kernel must have met samples: all of it, or where that leaves less than `_ENOUGH` a part."""
+
+_ENOUGH = 0.5
+"""Part of the thinned samples that spectra and effects need."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +88,14 @@ def thinned(grid: Grid) -> Grid:
     kernel = np.ones(1)
     for _ in range(_STAGES):
         kernel = np.convolve(kernel, np.ones(every) / every)
-    whole = bool(grid.present.all())
-    weight = np.ones(len(grid.t_s)) if whole else taper(grid.present, grid.step_s)
+    weight = grid.present.astype(np.float64)
     met = signal.upfirdn(kernel, weight, down=every)
-    used = met > (_WHOLE if whole else _PART)
-    # Beside a gap the average is of what is there.
+    used = met > _WHOLE
+    if np.mean(used) < _ENOUGH:
+        # Among many gaps the average is of what is there: of another time, which a strong line shows.
+        weight = taper(grid.present, grid.step_s)
+        met = signal.upfirdn(kernel, weight, down=every)
+        used = met > _PART
     share = np.where(used, met, 1.0)
     columns = {
         name: np.where(used, signal.upfirdn(kernel, weight * _filled(column), down=every) / share, 0.0)
