@@ -16,7 +16,7 @@ from tests.foreign.satellite_loop import drag_free_sensitivity
 from tests.foreign.satellite_orbit import Orbit, oblate_gradient, sphere_gradient
 from tests.foreign.satellite_score import SATELLITE
 from tests.foreign.satellite_size import Session, Sight, difference
-from tests.foreign.satellite_trial import Trial, drawn_noise, drawn_runs, drawn_satellite
+from tests.foreign.satellite_trial import Trial, drawn_noise, drawn_runs, drawn_satellite, without_thermometers
 from tests.foreign.satellite_world import Floats, Mass, Run, Satellite, flown, temperatures_k
 from tests.foreign.sessions import command, run
 from tests.foreign.trials import summary, tried
@@ -165,7 +165,7 @@ SMALL = Orbit(6000.0, 4e-3, 1.72, 0.3)
 SMALL_ORBITS = 6
 
 
-def small(seed: int, effects: dict[str, float], name: str = "") -> Trial:
+def small(seed: int, effects: dict[str, float], name: str = "", step_s: float = 8.0) -> Trial:
     """A satellite seen in the shortest sessions that can be told apart, at a slow rate."""
     random = np.random.default_rng(seed)
     length_s = SMALL_ORBITS * SMALL.period_s
@@ -174,7 +174,7 @@ def small(seed: int, effects: dict[str, float], name: str = "") -> Trial:
         cycles = round(each.frequency_hz * length_s)
         whole = cycles + (cycles % SMALL_ORBITS == 0)
         frequency_hz = whole / length_s if cycles else 0.0
-        runs.append(replace(each, orbits=SMALL_ORBITS, step_s=8.0, frequency_hz=frequency_hz))
+        runs.append(replace(each, orbits=SMALL_ORBITS, step_s=step_s, frequency_hz=frequency_hz))
     satellite, noise = drawn_satellite(random, SMALL), drawn_noise(random)
     return Trial(runs, satellite.with_effects(effects), noise, HABITS, {name: 15.0} if name else {})
 
@@ -214,10 +214,10 @@ def test_both_worlds_have_the_same_conventions(tmp_path: Path) -> None:
     assert compared["p_value"] > BASELINE_P, compared["channels"]
 
 
-def sized(seed: int, name: str, direction: dict[str, float]) -> Trial:
-    """An effect of 15 sigma in that direction."""
+def sized(seed: int, name: str, direction: dict[str, float], sigma: float = 15.0) -> Trial:
+    """An effect of so many sigma in that direction."""
     trial = small(seed, {})
-    scale = 15.0 / Sight(trial.runs, trial.satellite, trial.noise).size(direction)
+    scale = sigma / Sight(trial.runs, trial.satellite, trial.noise).size(direction)
     return small(seed, {key: value * scale for key, value in direction.items()}, name)
 
 
@@ -232,6 +232,36 @@ def diagnosed(trial: Trial, directory: Path) -> dict[str, Any]:
 def test_a_third_power_of_the_electrodes_is_named(tmp_path: Path) -> None:
     said = diagnosed(sized(3, "cubic-electrode", {"K3[1]": 4e8}), tmp_path)
     assert (said["verdict"], said["suggested"]) == ("effect", ["cubic-electrode"])
+
+
+@slow
+def test_one_thermometer_names_a_bias_and_without_it_nothing_is_suggested(tmp_path: Path) -> None:
+    trial = sized(6, "thermal-bias", {"lambda[1]": 1e-10})
+    (tmp_path / "one").mkdir()
+    one = replace(trial, habits=replace(HABITS, thermometers=1))
+    said = diagnosed(one, tmp_path / "one")
+    # A gain whose levels go with the temperature contains a bias that does.
+    assert said["verdict"] in ("effect", "ambiguous")
+    assert said["suggested"] == ["thermal-bias"]
+    (tmp_path / "none").mkdir()
+    said = diagnosed(without_thermometers(trial), tmp_path / "none")
+    assert (said["verdict"], said["suggested"]) == ("unknown", [])
+    assert "or one temperature_c" in said["not_testable"]["thermal-bias"]
+
+
+@slow
+def test_glitches_are_named_and_the_next_run_is_proposed(tmp_path: Path) -> None:
+    """Masked, they leave runs without those samples, and imagined ones beside them."""
+    events = {"glitch": 2e-9, "glitch_seed": 5.0, "glitch_ratio": 0.08, "glitch_per_orbit": 3.0}
+    trial = small(7, events, "glitches", step_s=2.5)
+    said = diagnosed(replace(trial, runs=trial.runs[:5]), tmp_path)
+    assert (said["verdict"], said["suggested"]) == ("effect", ["glitches"])
+
+
+@slow
+def test_a_spring_that_stiffens_is_named_at_a_slow_rate(tmp_path: Path) -> None:
+    said = diagnosed(sized(8, "cubic-stiffness", {"cubic[1]": 1e3}, 16.7), tmp_path)
+    assert (said["verdict"], said["suggested"]) == ("effect", ["cubic-stiffness"])
 
 
 @slow
