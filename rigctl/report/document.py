@@ -27,6 +27,7 @@ from rigctl.report.verdicts import (
     line_sentence,
     model_name,
     repeats_sentence,
+    slow_noise_sentences,
     verdict_sentence,
     warning_sentences,
 )
@@ -182,6 +183,7 @@ def page(evidence: Evidence) -> str:
         html.paragraph(verdict_sentence(diagnosis), f"verdict {diagnosis['verdict']}"),
         html.paragraph("What to do next:", "soft"),
         html.command(advice(diagnosis, name)),
+        *map(html.paragraph, slow_noise_sentences(diagnosis)),
         html.heading("Error ladder"),
         *([html.figure(evidence.ladder)] if len(evidence.rungs) > 1 else []),
         *map(html.table, [ladder_table(evidence.rungs), *rms_tables(evidence.rungs)]),

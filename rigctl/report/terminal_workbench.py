@@ -27,6 +27,7 @@ from rigctl.report.verdicts import (
     named,
     noise_sentence,
     repeats_sentence,
+    slow_noise_sentences,
     transfer_sentence,
     verdict_sentence,
     warning_sentences,
@@ -79,6 +80,7 @@ def _trends(trends: Sequence[Findings]) -> ResultTable:
 def print_diagnosis(diagnosis: Findings, store: str) -> None:
     """The verdict first, what to do next, then what it rests on."""
     shown = [_text(verdict_sentence(diagnosis), f"Next: {advice(diagnosis, store)}", noise_sentence(diagnosis))]
+    shown += [_text(*said)] if (said := slow_noise_sentences(diagnosis)) else []
     shown += [ranking_table(diagnosis, RANKS)] if diagnosis["ranking"] else []
     shown.append(_listed("Cannot be told apart with these data", _inseparable(diagnosis)))
     untestable = [f"{effect}: {reason}" for effect, reason in diagnosis["not_testable"].items()]

@@ -65,6 +65,27 @@ def _noise(entry: Findings) -> str:
     return f"{name} {entry['model']}{along}, {size} from {number(entry['dof'])} degrees of freedom{how}"
 
 
+def slow_noise_sentences(diagnosis: Findings) -> list[str]:
+    """Which effects slow noise may hide, how large they would have to be, and what would tell; [] for none."""
+    hidden = diagnosis.get("hidden_in_slow_noise") or []
+    said = []
+    for each in hidden:
+        rows = each["smallest_detectable"].items()
+        sizes = [
+            f"{name.rpartition('.')[2]} from {quantity(size, None, each['units'][name])}, not from "
+            f"{quantity(each['smallest_detectable_if_white'][name], None, each['units'][name])}"
+            for name, size in rows
+            if name in each["smallest_detectable_if_white"]
+        ]
+        said.append(
+            f"Slow noise may hide {each['effect']}: if the noise were white along {each['order']} it would be "
+            f"significant ({p_value(each['p_value_if_white'])}), as it is these data show {'; '.join(sizes)}."
+        )
+    if said:
+        said.append("More of the same runs would not tell; repeats against time, or alternation, would.")
+    return said
+
+
 def repeats_sentence(comparison: Findings) -> str:
     """What readings taken again at one setting tell of the noise and of the model; "" where there are none."""
     lack = comparison.get("lack_of_fit")

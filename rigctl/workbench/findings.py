@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from rigctl.core.arrays import FloatArray
+from rigctl.workbench.hidden import HiddenInNoise
 from rigctl.workbench.study import Observations, Term
 
 Verdict = Literal["adequate", "effect", "ambiguous", "unknown"]
@@ -260,6 +261,7 @@ class Diagnosis:
     n_eff: float
     noise: tuple[NoiseEntry, ...] = ()
     joint_fit: JointFit | None = None
+    hidden_in_slow_noise: tuple[HiddenInNoise, ...] = ()
     next_measurement: Mapping[str, Any] | None = None
 
     def as_json(self) -> dict[str, Any]:
@@ -280,6 +282,7 @@ class Diagnosis:
             "trials": self.n_eff,
             "noise": [each.as_json() for each in self.noise],
             "joint_fit": None if self.joint_fit is None else self.joint_fit.as_json(),
+            "hidden_in_slow_noise": [each.as_json() for each in self.hidden_in_slow_noise],
             "next_measurement": dict(self.next_measurement or {}),
         }
 

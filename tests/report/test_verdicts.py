@@ -16,6 +16,7 @@ from rigctl.report.verdicts import (
     inseparable_sentences,
     named,
     repeats_sentence,
+    slow_noise_sentences,
     verdict_sentence,
 )
 
@@ -68,6 +69,26 @@ def test_a_quantity_has_as_many_digits_as_it_deserves(value: Any, sigma: Any, un
 
 def test_probabilities_too_small_to_matter_are_powers_of_ten() -> None:
     assert [probability(p) for p in (0.5, 0.012, 3e-9, 0.0, None)] == ["0.5", "0.012", "3.0e-09", "<1e-300", "-"]
+
+
+def test_what_slow_noise_may_hide_is_said_with_the_sizes_that_would_show() -> None:
+    hidden = {
+        "effect": "bias-drift",
+        "choice": {},
+        "order": "start_s",
+        "p_value_corrected": 0.4,
+        "p_value_if_white": 2e-6,
+        "smallest_detectable": {"rate[X]": 4.2e-7},
+        "smallest_detectable_if_white": {"rate[X]": 9.1e-8},
+        "units": {"rate[X]": "V/s"},
+    }
+    assert slow_noise_sentences(diagnosis("adequate")) == []
+    said, then = slow_noise_sentences(diagnosis("adequate", hidden_in_slow_noise=[hidden]))
+    assert said == (
+        "Slow noise may hide bias-drift: if the noise were white along start_s it would be significant "
+        "(p = 2.0e-06), as it is these data show rate[X] from 4.2e-07 V/s, not from 9.1e-08 V/s."
+    )
+    assert then == "More of the same runs would not tell; repeats against time, or alternation, would."
 
 
 def test_each_verdict_is_a_sentence_and_a_command() -> None:

@@ -18,6 +18,7 @@ from rigctl.workbench.verdict.rivals import Rival, rivals_of
 from rigctl.workbench.verdict.score import likeness
 from rigctl.workbench.verdict.search import Progress, Search
 from rigctl.workbench.verdict.significance import LINES_SHARE
+from rigctl.workbench.verdict.slow_noise import hidden_in_slow_noise
 
 
 @one_thread
@@ -62,6 +63,7 @@ def diagnose(
         n_eff=first.trials.all,
         noise=noise_entries(first),
         joint_fit=_joint_fit(search, suggested) if suggested else None,
+        hidden_in_slow_noise=hidden_in_slow_noise(final, alpha),
     )
 
 

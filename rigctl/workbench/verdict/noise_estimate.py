@@ -15,7 +15,7 @@ import numpy as np
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import Noise
-from rigctl.workbench.verdict.noise_pool import Pool
+from rigctl.workbench.verdict.noise_pool import WHITE, Pool
 from rigctl.workbench.verdict.offsets import in_units, with_offsets
 
 
@@ -91,6 +91,16 @@ class NoiseEstimator:
             # Built from all of them: a single best correlation jumps from white to red by chance.
             factors += pool.factors(weighted)
         return with_offsets(self._given, Noise(sigma, dof, tuple(factors), tuple(correlations)))
+
+    def as_if_white(self, residuals: FloatArray) -> Noise:
+        """The noise if all scatter were white: what of `estimate` correlations along an order are left out of."""
+        noise = self.estimate(residuals)
+        sigma = noise.sigma.copy()
+        for pool in self._pools:
+            left = in_units(self._given, pool.where, residuals[pool.where])
+            sigma[pool.where] = self._given.sigma[pool.where] * pool.white_scale(left)
+        white = Noise(sigma, noise.dof, self._given.factors, tuple(WHITE for _ in self._pools))
+        return with_offsets(self._given, white)
 
     def likeliest(self, left: FloatArray, now: Noise) -> Noise:
         """The noise of residuals (n,) by ordinary maximum likelihood: scale and correlation in the form that pools

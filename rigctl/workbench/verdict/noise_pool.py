@@ -45,7 +45,7 @@ _FLOOR_DOF = 1.0
 _DIFFERENCES = 1e-6
 """Of a column's length: what is left where a derivative by differences should be none."""
 
-_WHITE = Correlation("", 0.0)
+WHITE = Correlation("", 0.0)
 
 
 class Pool:
@@ -68,7 +68,7 @@ class Pool:
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
         self._free = len(self._looked_at) - basis.shape[1]
-        self._trials = [_Trials([_WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
+        self._trials = [_Trials([WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
         for kernel in self._kernels:
             # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.
             strength, vectors = np.linalg.eigh(self._kernel(kernel, self._looked_at))
@@ -83,7 +83,7 @@ class Pool:
         Weights are restricted likelihoods; white noise is the likelier beforehand.
         """
         if self._free <= 0:
-            return 1.0, [(1.0, _WHITE)]
+            return 1.0, [(1.0, WHITE)]
         near = residuals[self._looked_at]
         rss = np.maximum(np.concatenate([trials.rss(near) for trials in self._trials]), np.finfo(float).tiny)
         # Minus twice the restricted log likelihood of each, at its own best scale.
@@ -102,6 +102,12 @@ class Pool:
             scale = float(np.sqrt(_square_sum(left) / self.dof))
         shares = weight / weight.sum()
         return scale, [(float(w), each) for w, each in zip(shares, self._correlations, strict=True) if w > 0.0]
+
+    def white_scale(self, residuals: FloatArray) -> float:
+        """The scale if the noise were white, `residuals` in units of the given sigma."""
+        if self._free <= 0:
+            return 1.0
+        return float(np.sqrt(self._trials[0].rss(residuals[self._looked_at])[0] / self._free))
 
     def factors(self, correlations: list[tuple[float, Correlation]]) -> list[tuple[IntArray, FloatArray]]:
         """Cholesky factors of the weighted mean of R, group by group, and which data; none for white noise."""

@@ -62,7 +62,7 @@ def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Ter
         equivalent_to=tuple(equivalent),
         statistic=float("nan") if without is None else without.chi2_with(final.noise) - final.result.chi2,
         keep=float(scored.score.keep.max()) if scored is not None else float("nan"),
-        detectable=_detectable(without, scored, search.alpha) if without is not None and scored is not None else {},
+        detectable=detectable(without, scored, search.alpha) if without is not None and scored is not None else {},
     )
 
 
@@ -91,7 +91,7 @@ def _rank_of_other(search: Search, final: Attempt, scored: Scored, *, held_out: 
         equivalent_to=tuple(equivalent_effects(final, scored)),
         statistic=score.statistic,
         keep=float(score.keep.max()),
-        detectable=_detectable(final, scored, search.alpha),
+        detectable=detectable(final, scored, search.alpha),
     )
 
 
@@ -112,7 +112,7 @@ def _rank_of_line(line: Line) -> Rank:
     )
 
 
-def _detectable(attempt: Attempt, scored: Scored, alpha: float) -> dict[str, float]:
+def detectable(attempt: Attempt, scored: Scored, alpha: float) -> dict[str, float]:
     """Size of each parameter that would have been significant with power 0.95 (noncentral chi-square)."""
     d = scored.score.dimension
     if not d:
