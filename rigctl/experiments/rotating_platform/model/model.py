@@ -38,6 +38,7 @@ class PlatformModel:
 
     def __init__(self, recorded: Recorded, placed: Sequence[Placed], terms: Sequence[Term]) -> None:
         self.recorded = recorded
+        self._here: tuple[bytes, FloatArray] | None = None
         self.placed = tuple(placed)
         self.terms = tuple(terms)
         runs = recorded.run_ids
@@ -78,6 +79,13 @@ class PlatformModel:
             sizes.append(amplitudes[at : at + len(each.parameters)])
             at += len(each.parameters)
         return self.recorded.reduced({channel: self._added_to(channel, values, sizes) for channel in CHANNELS})
+
+    def added_here(self, values: FloatArray) -> FloatArray:
+        """The same, kept for the point where all candidates are asked for."""
+        key = np.asarray(values, dtype=np.float64).tobytes()
+        if self._here is None or self._here[0] != key:
+            self._here = key, self.added(values)
+        return self._here[1]
 
     def _added_to(self, channel: str, values: FloatArray, sizes: Sequence[FloatArray]) -> FloatArray:
         run = at_rest(self.recorded, channel, values)
@@ -169,7 +177,7 @@ def slopes_at_zero(
     """
     wider = PlatformModel(model.recorded, [*model.placed, one], [*model.terms, one.term])
     start = np.concatenate([values, [p.start if p.scanned else 0.0 for p in one.parameters]])
-    before = wider.added(start)
+    before = model.added_here(values)
     amplitudes = [p for p in one.parameters if not p.scanned]
     columns = np.zeros((before.size, len(amplitudes)))
     for together in _moved_together(amplitudes):
