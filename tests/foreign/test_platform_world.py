@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.composition import opened_workbench
+from rigctl.experiments.rotating_platform.study import PlatformStudy
 from tests.foreign.platform_bundle import Habits, Noise, noises, write
 from tests.foreign.platform_score import PLATFORM
 from tests.foreign.platform_size import Sight, kept_sign, operator, whitener
 from tests.foreign.platform_trial import Trial, drawn_bench, drawn_noise, drawn_runs
 from tests.foreign.platform_world import Floats, Platform, Run, angle, readings
-from tests.foreign.sessions import Session, command, run
+from tests.foreign.sessions import CHECKS, Session, command, run, taken_through
 from tests.foreign.trials import scored, summary
 
 HABITS = Habits(wrapped_angle=False, with_temperature=True, with_biases=False, dropped=0.0)
@@ -168,6 +170,52 @@ def test_what_is_in_no_catalogue_is_told_by_what_it_follows_and_drafted(
     assert command("compare", store, "--plugin", draft)["p_value"] > BASELINE_P
     k = command("fit", store, "--plugin", draft)["parameters"]["k[z]"]
     assert k["value"] == pytest.approx(trial.parameters[size], abs=4.0 * k["sigma"])
+
+
+@pytest.fixture(scope="module")
+def squared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Noise]:
+    """A square in both readings, seen by a sine at the tilt in a quiet world, and that world's noise.
+
+    Nothing tilts Y: there the square is a shift of what is fitted.
+    """
+    random = np.random.default_rng(11)
+    bench, noise = drawn_bench(random), drawn_noise(random)
+    quiet = Noise(noise.white / 400.0, noise.flicker / 400.0, noise.exponent, noise.pendulum / 20.0, 1e-9)
+    runs = [
+        Run("c", 60.0, 6, 4.0, 20.0, "constant", v_z, 0.0, 0.0, 500.0 * number)
+        for number, v_z in enumerate((0.0, 1.5, -0.75, 1.0, 0.5))
+    ]
+    runs.append(Run("c", 60.0, 20, 4.0, 20.0, "sine", 1.0, 600.0, 0.0, 3000.0))
+    bundle = tmp_path_factory.mktemp("squared") / "elsewhere"
+    write(runs, bench.with_effects({"K2[z]": 1.0, "K2[y]": 1.0}), quiet, HABITS, 5, bundle)
+    return bundle, quiet
+
+
+def test_what_an_external_sine_bends_within_a_period_is_no_noise(squared: tuple[Path, Noise], tmp_path: Path) -> None:
+    """Of some 100 degrees of freedom a density is known to a seventh; the sine's bend was a hundred times it."""
+    bundle, noise = squared
+    store = tmp_path / "sine.rig.sqlite"
+    run("import", str(bundle), "--store", str(store))
+    frequency_hz = np.array([1.0 / 60.0, 0.2, 1.0])
+    pendulum = noise.pendulum * np.clip((frequency_hz / 0.2) ** 2, 1.0, 100.0)
+    true = noise.white + noise.flicker / frequency_hz**noise.exponent + pendulum**2
+    with opened_workbench(store, ()) as workbench:
+        assert isinstance(workbench.study, PlatformStudy)
+        for each in workbench.study.recorded.channels:
+            assert each.noise(frequency_hz) / true == pytest.approx(1.0, abs=4.0 / 7.0), each.run.run_id
+
+
+def test_a_square_that_one_channel_cannot_show_is_held_there_and_the_ladder_falls_as_promised(
+    squared: tuple[Path, Noise],
+) -> None:
+    session = taken_through(squared[0], reference={"known": "a square in the readings"})
+    assert session.suggested == ["quadratic"]
+    assert session.diagnose["joint_fit"]["held"] == ["K2[y]"]
+    for check in ("noise", "ladder", "promise", "agree"):
+        CHECKS[check](session)
+    found = session.fit["parameters"]
+    assert found["K2[z]"]["value"] == pytest.approx(1.0, abs=4.0 * found["K2[z]"]["sigma"])
+    assert found["K2[y]"] == {"value": 0.0, "sigma": None, "unit": "s2/m"}
 
 
 def test_a_trial_scores_what_was_said() -> None:

@@ -119,10 +119,11 @@ def _likelihood(reducer: Reducer) -> Likelihood:
         coefficients, *_ = np.linalg.lstsq(matrix, (outputs / scale)[seen], rcond=1e-12)
         residuals = outputs - design @ coefficients
     residuals = np.where(seen, residuals, 0.0)
-    columns, sizes, _ = np.linalg.svd(matrix, full_matrices=False)
+    spanned, sizes, _ = np.linalg.svd(matrix, full_matrices=False)
     fitted_columns = np.zeros((*outputs.shape, int((sizes > _RANK * sizes[0]).sum())))
-    fitted_columns[seen] = columns[:, : fitted_columns.shape[2]]
-    sigma, dof = reducer.bin_scatter()
+    fitted_columns[seen] = spanned[:, : fitted_columns.shape[2]]
+    known = (coefficients / np.where(size > 0.0, size, 1.0))[: columns.shape[1]]
+    sigma, dof = reducer.bin_scatter(columns @ known, whole @ known)
     return likelihood(
         reducer.sampled,
         reducer.per_group,

@@ -135,10 +135,15 @@ class Reducer:
         total = np.bincount(group, ratio[self.valid])[self.groups]
         return np.asarray(np.sqrt(total / self.members))
 
-    def bin_scatter(self) -> tuple[FloatArray, FloatArray]:
-        """Standard uncertainties of the bins' means from their scatter over the periods, and degrees of freedom."""
+    def bin_scatter(self, means: FloatArray, ramps: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard uncertainties of the bins' means from their scatter over the periods, and degrees of freedom.
+
+        What is known, with these `means` and `ramps` over the cells as in `of`, is taken off: an external signal is
+        bent in every period in another way.
+        """
         level, ramp = self._readings
-        left = self._left(level, ramp)
+        share = self._sums[:, 0] / self.cells.count / (2.0 * self.cells.sample_rate_hz)
+        left = self._left(level - self._sums[:, 0] * means, ramp - self._time * means - share * ramps)
         sigma, dof = np.zeros(len(self.bins)), np.zeros(len(self.bins))
         for number, each in enumerate(self.bins):
             in_bin = self._of_bin(each)
