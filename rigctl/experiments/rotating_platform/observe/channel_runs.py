@@ -28,6 +28,8 @@ _REWEIGHTED = 5
 # Of fewer none can be spared: then the first group stays, though a run may begin without a turn.
 _FEWEST_GROUPS = 6
 _RANK = 1e-12
+_OWN_COMMAND = {"z": 0, "y": 3}
+"""Which of the baseline's columns is the tilt commanded along a channel's axis."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,10 @@ def _likelihood(reducer: Reducer) -> Likelihood:
     spanned, sizes, _ = np.linalg.svd(matrix, full_matrices=False)
     fitted_columns = np.zeros((*outputs.shape, int((sizes > _RANK * sizes[0]).sum())))
     fitted_columns[seen] = spanned[:, : fitted_columns.shape[2]]
-    known = (coefficients / np.where(size > 0.0, size, 1.0))[: columns.shape[1]]
-    sigma, dof = reducer.bin_scatter(columns @ known, whole @ known)
+    # The command along its own axis alone: columns that the outputs hardly tell would bring their own noise along.
+    command = _OWN_COMMAND[reducer.channel]
+    known = float(coefficients[command] / size[command]) if size[command] > 0.0 else 0.0
+    sigma, dof = reducer.bin_scatter(known * columns[:, command], known * whole[:, command])
     return likelihood(
         reducer.sampled,
         reducer.per_group,
