@@ -21,6 +21,7 @@ from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
 from rigctl.workbench.verdict.noise_pool import above_rounding
+from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
 from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
 from rigctl.workbench.verdict.score import Score, corrected, p_of
 from rigctl.workbench.verdict.trials import Family, Trials, trials
@@ -100,7 +101,10 @@ class Attempt(FittedModel):
 
     def chi2_p_value(self, told: float = 0.0) -> float:
         """Of all that is left; what the saturated design leaves told the noise, and says nothing more."""
-        return super().chi2_p_value(told + self.estimator.dof)
+        p_value, frame = super().chi2_p_value(told + self.estimator.dof), self.estimator.saturated
+        if frame is None or self.permuted is None:
+            return p_value
+        return max(p_value, self.permuted.p_of_share(frame, self.projector.basis))
 
     def columns(self, candidate: Candidate) -> FloatArray:
         """A candidate's whitened derivative with rows for the priors, shape (n + priors, d)."""
@@ -157,6 +161,11 @@ class Attempt(FittedModel):
     @cached_property
     def trials(self) -> Trials:
         """How many independent trials the catalogue amounts to, family by family."""
+        return trials(self.families, len(self.left), self.seed)
+
+    @cached_property
+    def families(self) -> dict[str, Family]:
+        """What each family of effects tries."""
         families: dict[str, Family] = {}
         for effect in self._groups:
             family = families.setdefault(family_of(self.study, effect), Family())
@@ -165,7 +174,14 @@ class Attempt(FittedModel):
                     family.scans.append(each)
                 else:
                     family.bases.extend(score.basis for score in each)
-        return trials(families, len(self.left), self.seed)
+        return families
+
+    @cached_property
+    def permuted(self) -> Permuted | None:
+        """What is left in other orders, where it is exchangeable and has heavier tails than normal noise."""
+        frame = self.estimator.saturated
+        exchangeable = frame is not None and len(self.left) == len(self.result.residuals)
+        return Permuted(self.left, self.seed) if exchangeable and is_heavy_tailed(self.left) else None
 
     def _refined(self, scored: Scored) -> Scored:
         """The choice with the largest statistic between its neighbours in the scan, one name after another."""

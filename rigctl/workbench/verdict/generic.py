@@ -134,10 +134,8 @@ class Generic:
         statistics = statistics + np.concatenate([each.constant_statistic for each in scored])
         dimensions = dimensions + np.concatenate([each.constant_statistic > 0.0 for each in scored])
         described = shapes[_strongest(statistics, dimensions, p_of(statistics, dimensions, dof), projector.data)]
-        columns = self._columns(shapes[top])
-        if described == shapes[top]:
-            described_columns = columns
-        else:
+        described_columns = columns = self._columns(shapes[top])
+        if described != shapes[top]:
             constant = self._columns(Shape(described.series, 0, 0, ""))
             described_columns = np.hstack([self._columns(described), constant])
         return Best(
@@ -151,6 +149,12 @@ class Generic:
             described,
             described_columns,
         )
+
+    def smallest(self, noise: Noise, projector: Projector, draws: NDArray[np.float32]) -> FloatArray:
+        """The smallest p over all shapes in each draw (draws, n + priors) of what is left."""
+        fitted = draws @ projector.basis.astype(np.float32)
+        found = [_smallest(self._scored(part, noise, projector), draws, fitted) for part in self._parts()]
+        return np.asarray(np.min(found, axis=0))
 
     def _columns(self, shape: Shape) -> FloatArray:
         """Columns (n, 1 or 2) of one shape, the angle's cosine and sine as they are."""

@@ -138,6 +138,11 @@ def corrected(p_value: float, n_eff: float) -> float:
     return float(-np.expm1(n_eff * np.log1p(-min(p_value, 1.0 - 1e-16))))
 
 
+def single(corrected_p: float, n_eff: float) -> float:
+    """The p-value of one of so many trials that is `corrected` to this."""
+    return float(-np.expm1(np.log1p(-min(corrected_p, 1.0 - 1e-16)) / n_eff))
+
+
 def likeness(a: FloatArray, b: FloatArray) -> float:
     """Canonical correlation of two candidates: the cosine of the smallest angle between their spans."""
     if not a.shape[1] or not b.shape[1]:

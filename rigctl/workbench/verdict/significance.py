@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.core.arrays import FloatArray
+from rigctl.workbench.study import family_of
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.generic import Best
-from rigctl.workbench.verdict.score import corrected
+from rigctl.workbench.verdict.score import corrected, single
+from rigctl.workbench.verdict.trials import smallest_of
 
 CATALOGUE_SHARE, SHAPES_SHARE, LINES_SHARE = 0.6, 0.3, 0.1
 """How the level over all trials is shared between the catalogue, the shapes without physics and the lines."""
@@ -16,7 +22,10 @@ CONFIRM_FROM = 0.05
 def p_of_scored(attempt: Attempt, scored: Scored) -> float:
     """P-value of a candidate, by bootstrap where it matters and its noise comes from the scatter."""
     p_value, score, effect = scored.score.p_value, scored.score, scored.candidate.term.effect
-    if attempt.corrected(p_value, effect) >= CONFIRM_FROM or not attempt.to_be_drawn(score.basis):
+    if attempt.corrected(p_value, effect) >= CONFIRM_FROM:
+        return p_value
+    p_value = max(p_value, _permuted_p_of_scored(attempt, scored))
+    if not attempt.to_be_drawn(score.basis):
         return p_value
     law = attempt.bootstrap.law(effect)
     # The larger: that the noise is estimated can only make an effect less sure.
@@ -40,10 +49,36 @@ def p_of_shape(attempt: Attempt) -> float:
     if shape is None:
         return 1.0
     p_value = shape.p_value_corrected
+    if p_value < CONFIRM_FROM:
+        p_value = max(p_value, _permuted_p_of_shape(attempt, shape))
     if p_value < CONFIRM_FROM and attempt.to_be_drawn(shape.columns):
         law = attempt.bootstrap.shapes
         p_value = max(p_value, corrected(law.p_value(shape.statistic, shape.dimension), shape.n_eff))
     return p_value
+
+
+def _permuted_p_of_scored(attempt: Attempt, scored: Scored) -> float:
+    """The least p-value of a candidate where what is left has heavy tails, from permutations; 0 where not."""
+    permuted, score = attempt.permuted, scored.score
+    if permuted is None or not score.dimension:
+        return 0.0
+    name = family_of(attempt.study, scored.candidate.term.effect)
+    family = attempt.families[name]
+    found = permuted.probability(
+        name, lambda draws: smallest_of(family, draws, permuted), score.statistic, score.dimension
+    )
+    return single(found, attempt.trials.within[name])
+
+
+def _permuted_p_of_shape(attempt: Attempt, shape: Best) -> float:
+    """The same of the strongest plain shape, all shapes counted."""
+    if attempt.permuted is None:
+        return 0.0
+
+    def smallest(draws: NDArray[np.float32]) -> FloatArray:
+        return attempt.generic.smallest(attempt.noise, attempt.projector, draws)
+
+    return attempt.permuted.probability("plain shapes", smallest, shape.statistic, shape.dimension)
 
 
 def is_adequate(attempt: Attempt, alpha: float) -> bool:

@@ -71,7 +71,7 @@ def trials_of(smallest: FloatArray) -> float:
 def _smallest(families: Mapping[str, Family], rows: int, seed: int) -> dict[str, FloatArray]:
     """The smallest p of each family in each draw of noise, which is drawn in the span of the bases alone where there
     are no scans; 1 where all is absorbed."""
-    # A stream of its own; 2 draws for shapes, 3 for the bootstrap, 4 for shapes beside others.
+    # A stream of its own; 2 draws for shapes, 3 for the bootstrap, 4 for shapes beside others, 5 permutes.
     rng = np.random.default_rng([seed, 1])
     wide = {name: [basis for basis in family.bases if basis.shape[1]] for name, family in families.items()}
     span = np.hstack([np.zeros((rows, 0)), *(basis for bases in wide.values() for basis in bases)])
@@ -93,6 +93,18 @@ def _smallest(families: Mapping[str, Family], rows: int, seed: int) -> dict[str,
             if each.dimension.any():
                 smallest[name] = np.minimum(smallest[name], each.smallest_p(draws, (seed, rows)))
         first = last
+    return smallest
+
+
+def smallest_of(family: Family, draws: NDArray[np.float32], name: object) -> FloatArray:
+    """The smallest p of one family in draws of noise (draws, rows) of this `name`."""
+    wide = [basis for basis in family.bases if basis.shape[1]]
+    dimensions = np.array([basis.shape[1] for basis in wide], dtype=np.intp)
+    span = np.hstack([np.zeros((draws.shape[1], 0)), *wide]).astype(np.float32)
+    smallest = _smallest_of_bases(draws @ span, dimensions)
+    for each in family.scans:
+        if each.dimension.any():
+            smallest = np.minimum(smallest, each.smallest_p(draws, name))
     return smallest
 
 

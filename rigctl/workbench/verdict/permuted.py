@@ -1,0 +1,81 @@
+"""P-values where what is left has heavier tails than a normal distribution: the residuals are permuted.
+
+A single wild reading at the end of a column is an exponential, or a step, to a test that expects normal noise. Where
+readings are exchangeable, what the same residuals would show in any other order tells how often chance does it
+(Freedman and Lane, J. Business and Economic Statistics 1 (1983) 292: residuals of the model without the effect).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special, stats
+
+from rigctl.core.arrays import FloatArray
+
+PERMUTATIONS = 2000
+HEAVY_FROM = 0.05
+"""Level of the test of kurtosis (Anscombe and Glynn) at which tails count as heavy."""
+
+# Below, the test of kurtosis does not hold.
+_ROWS = 20
+# The share of the permutations in whose tail smaller probabilities are looked for.
+_TAIL = 0.025
+
+Smallest = Callable[[NDArray[np.float32]], FloatArray]
+"""The smallest p of some questions in draws (draws, n) of what is left."""
+
+
+def is_heavy_tailed(left: FloatArray) -> bool:
+    """Whether residuals (n,) have more in their tails than a normal distribution would."""
+    if len(left) < _ROWS or not np.ptp(left) > 0.0:
+        return False
+    return bool(cast("float", stats.kurtosistest(left, alternative="greater").pvalue) < HEAVY_FROM)
+
+
+@dataclass(frozen=True)
+class Tail:
+    """How small the smallest p of a family is by chance: its values in permutations, sorted, (permutations,)."""
+
+    smallest: FloatArray
+
+    def probability(self, p_value: float) -> float:
+        """Of one as small as that; beyond the permutations' tail by the power law that the tail follows (Hill)."""
+        count = int(_TAIL * len(self.smallest))
+        edge = max(float(self.smallest[count]), np.finfo(float).tiny)
+        if p_value >= edge:
+            return float(np.mean(self.smallest <= p_value))
+        below = np.log(edge / np.maximum(self.smallest[:count], np.finfo(float).tiny))
+        # At most 1, as of normal noise.
+        power = 1.0 / max(float(np.mean(below)), 1.0)
+        return _TAIL * float((max(p_value, np.finfo(float).tiny) / edge) ** power)
+
+
+class Permuted:
+    """Residuals `left` (n,), whitened and exchangeable, in other orders; `seed` fixes them."""
+
+    def __init__(self, left: FloatArray, seed: int) -> None:
+        # A stream of its own, see `trials`.
+        rng = np.random.default_rng([seed, 5])
+        self._draws = rng.permuted(np.tile(left.astype(np.float32), (PERMUTATIONS, 1)), axis=1)
+        self._left = left
+        self._tails: dict[str, Tail] = {}
+
+    def probability(self, of: str, smallest: Smallest, statistic: float, dimension: int) -> float:
+        """That a family or kind (`of`), which gives its `smallest` p in draws, shows as much by chance."""
+        if of not in self._tails:
+            self._tails[of] = Tail(np.sort(smallest(self._draws)))
+        return self._tails[of].probability(float(special.chdtrc(dimension, statistic)))
+
+    def p_of_share(self, frame: FloatArray, fitted: FloatArray) -> float:
+        """That what is left goes as far along `frame` (n, p), outside of what is `fitted` (n, m), by chance."""
+        wide, narrow = frame.astype(np.float32), fitted.astype(np.float32)
+        along = np.sum(np.square(self._draws @ wide), axis=1) - np.sum(np.square(self._draws @ narrow), axis=1)
+        rest = float(self._left @ self._left) - np.sum(np.square(self._draws @ wide), axis=1)
+        here = float(np.sum(np.square(frame.T @ self._left)))
+        as_far = along / rest >= here / (float(self._left @ self._left) - here)
+        return float((1 + np.sum(as_far)) / (1 + len(as_far)))
