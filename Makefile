@@ -9,8 +9,9 @@ STORE := out/isa-flight-model.rig.sqlite
 
 RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
+TABLES ?= 500
 
-.PHONY: setup flight-model test lint types imports pytest foreign samples false-alarms reliability reliability-ci reliability-full clean
+.PHONY: setup flight-model test lint types imports pytest foreign samples false-alarms metamorphic reliability reliability-ci reliability-full clean
 
 setup: $(READY)
 
@@ -48,6 +49,10 @@ foreign: setup
 # Tables in which nothing is hidden, 400 of each kind of noise: hours. Interrupted, give it again: what has been tried is not tried again.
 false-alarms: setup
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.foreign.false_alarms --out out/false-alarms.jsonl
+
+# Random tables written in other ways (order, words, names, units): the same must be found. Hours; can be interrupted as above. TABLES=40 for fewer.
+metamorphic: setup
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.foreign.metamorphic --tables $(TABLES) --out out/metamorphic.jsonl
 
 # What the pages show beside what the program prints now; WRITE=--write renews the pages.
 samples: setup

@@ -166,6 +166,7 @@ class Candidate:
 
     `columns` (n, d), or a scan of which this is one of the choices, at `place`. `typical` (d,) are plausible sizes.
     `scanned` more of the term's parameters are fixed by the choice here, and fitted or placed once it is in a model.
+    `whole` where its columns by themselves mean nothing, only all of them: differences from one word.
     """
 
     term: Term
@@ -175,6 +176,7 @@ class Candidate:
     typical: FloatArray
     place: int = 0
     scanned: int = 0
+    whole: bool = False
 
     @property
     def derivative(self) -> FloatArray:

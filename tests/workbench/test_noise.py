@@ -15,7 +15,7 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import NoisePool, Observations, Series
 from rigctl.workbench.verdict.noise import Correlation, Noise, orthonormal
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
-from rigctl.workbench.verdict.noise_pool import above_rounding, saturated
+from rigctl.workbench.verdict.saturated import Hidden, above_rounding, saturated
 
 MINUTE = 60.0
 
@@ -45,7 +45,7 @@ def line(count: int) -> FloatArray:
     return np.stack([np.ones(count), np.linspace(-1.0, 1.0, count)], axis=1)
 
 
-def nothing(_: IntArray) -> list[FloatArray]:
+def nothing(_: IntArray) -> list[Hidden]:
     return []
 
 
@@ -122,10 +122,32 @@ def test_relative_weights_keep_their_ratios() -> None:
     assert noise.sigma[0] == pytest.approx(0.3, rel=4.0 / np.sqrt(2.0 * 78.0))
 
 
+def columns(effects: FloatArray) -> Hidden:
+    """Each an effect of its own."""
+    return Hidden(effects, np.arange(effects.shape[1]))
+
+
+@pytest.mark.parametrize("room", [60, 31, 21])
+def test_an_effect_of_several_columns_is_projected_out_whole_or_not_at_all(room: int) -> None:
+    """Which word the others are counted from, and in which order words stand, changes nothing."""
+    random = np.random.default_rng(6)
+    word = random.integers(0, 4, room)
+    others = [random.standard_normal((room, 1)) for _ in range(4)]
+    spanned = []
+    for order in ([0, 1, 2, 3], [2, 0, 3, 1]):
+        words = np.stack([(word == each).astype(float) for each in order[1:]], axis=1)
+        slopes = words * others[0]
+        basis = saturated(
+            line(room), [Hidden.of([(words, True), *((each, False) for each in others), (slopes, True)], room)]
+        )
+        spanned.append(basis @ basis.T)
+    np.testing.assert_allclose(spanned[0], spanned[1], atol=1e-9)
+
+
 @pytest.mark.parametrize("count", [9, 12, 30, 90])
 def test_at_least_two_thirds_of_the_data_are_left_to_tell_the_noise(count: int) -> None:
     possible = np.random.default_rng(3).standard_normal((count, 4 * count))
-    basis = saturated(line(count), [possible])
+    basis = saturated(line(count), [columns(possible)])
     assert count - basis.shape[1] >= min(2.0 * count / 3.0, count - 2)
     np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
     np.testing.assert_allclose(basis @ (basis.T @ line(count)), line(count), atol=1e-9)
@@ -133,16 +155,15 @@ def test_at_least_two_thirds_of_the_data_are_left_to_tell_the_noise(count: int) 
 
 def test_rounding_takes_no_place() -> None:
     """A derivative by differences is hardly ever zero where it should be."""
-    columns = np.random.default_rng(5).standard_normal((60, 3))
-    columns[:20, 1] *= 1e-10
-    columns[:20, 2] *= 1e-3
-    where = np.arange(20)
-    np.testing.assert_array_equal(above_rounding(columns, where, np.ones(60)), columns[:20][:, [0, 2]])
+    derivatives = np.random.default_rng(5).standard_normal((60, 3))
+    derivatives[:20, 1] *= 1e-10
+    derivatives[:20, 2] *= 1e-3
+    np.testing.assert_array_equal(above_rounding(derivatives, np.arange(20), np.ones(60)), [True, False, True])
 
 
 def test_everything_possible_is_projected_out_when_there_is_room() -> None:
     possible = np.random.default_rng(4).standard_normal((60, 10))
-    basis = saturated(line(60), [possible, possible @ np.ones((10, 1)), np.zeros((60, 1))])
+    basis = saturated(line(60), [columns(possible), columns(possible @ np.ones((10, 1))), columns(np.zeros((60, 1)))])
     assert basis.shape[1] == 12
     np.testing.assert_allclose(basis @ (basis.T @ possible), possible, atol=1e-9)
 
@@ -151,7 +172,7 @@ def test_an_effect_that_hides_in_the_data_does_not_inflate_the_noise() -> None:
     given, rng = readings(90), np.random.default_rng(5)
     hidden = np.sin(np.arange(90) / 9.0)[:, None]
     white = rng.standard_normal(90)
-    aware = NoiseEstimator(given, line(90), lambda where: [hidden[where]])
+    aware = NoiseEstimator(given, line(90), lambda where: [columns(hidden[where])])
     with_effect, without = aware.estimate(white + 50.0 * hidden[:, 0]), aware.estimate(white)
     np.testing.assert_allclose(with_effect.total_sigma(), without.total_sigma(), rtol=1e-9)
     assert with_effect.correlations == without.correlations
@@ -210,7 +231,9 @@ def test_unknown_times_leave_the_noise_white() -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
 def test_a_pool_of_few_data_has_some_noise(count: int) -> None:
-    estimator = NoiseEstimator(readings(count), line(count)[:, : min(count, 2)], lambda where: np.eye(count)[where])
+    estimator = NoiseEstimator(
+        readings(count), line(count)[:, : min(count, 2)], lambda where: [columns(np.eye(count)[where])]
+    )
     noise = estimator.estimate(np.random.default_rng(1).standard_normal(count))
     assert np.isfinite(noise.sigma).all()
     assert (noise.sigma > 0.0).all()

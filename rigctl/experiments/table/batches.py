@@ -11,9 +11,10 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.experiments.table.catalogue import why_not
 from rigctl.experiments.table.model.form import Form, TableEffect
 from rigctl.experiments.table.model.scanned import Scanned
+from rigctl.experiments.table.model.words import Level, Slope
 from rigctl.experiments.table.observe.readings import Readings
 from rigctl.workbench.study import SharedOffset
-from rigctl.workbench.verdict.noise_pool import saturated
+from rigctl.workbench.verdict.saturated import Hidden, saturated
 
 # Of fewer levels a variance cannot be estimated (decision 046).
 WORDS_OF_A_SCATTER = 5
@@ -39,7 +40,8 @@ def ratios_of(
     if not levels or left.size > READINGS_MAX:
         return {}
     weights = readings.sigma[:, None]
-    design = saturated(slopes / weights, [_within(readings, effects, levels) / weights])
+    hidden = _within(readings, effects, levels)
+    design = saturated(slopes / weights, [Hidden(hidden.columns / weights, hidden.effect_of)])
     # Without one component the others change: asked again until all that remain are significant.
     asked = dict(levels)
     while True:
@@ -93,18 +95,20 @@ def correlation(offsets: tuple[SharedOffset, ...], count: int) -> tuple[tuple[In
     return ((np.arange(count), np.asarray(np.linalg.cholesky(matrix))),)
 
 
-def _within(readings: Readings, effects: Mapping[str, TableEffect], levels: Mapping[str, IntArray]) -> FloatArray:
-    """What effects of fixed shape do, less its means where all batches are the same, (n, k)."""
+def _within(readings: Readings, effects: Mapping[str, TableEffect], levels: Mapping[str, IntArray]) -> Hidden:
+    """What effects of fixed shape do, less its means where all batches are the same."""
     n = readings.sigma.size
     cells = np.unique(np.stack(list(levels.values()), axis=1), axis=0, return_inverse=True)[1].ravel()
     count = np.bincount(cells)
-    columns = [np.zeros((n, 0))]
-    for effect in effects.values():
-        if isinstance(effect, Form) and not isinstance(effect, Scanned) and not why_not(effect, readings):
-            columns.append(effect.basis(effect.choices()[0]))
-    joined = np.hstack(columns)
-    means = np.stack([np.bincount(cells, column) / count for column in joined.T], axis=1) if joined.size else joined
-    inside = joined - means[cells] if joined.size else joined
+    asked = [
+        # A number for each word: which of them the others are counted from has no part in it.
+        (effect.basis(effect.choices(lambda _: False)[0]), isinstance(effect, Level | Slope))
+        for effect in effects.values()
+        if isinstance(effect, Form) and not isinstance(effect, Scanned) and not why_not(effect, readings)
+    ]
+    hidden = Hidden.of(asked, n)
+    means = [np.bincount(cells, column) / count for column in hidden.columns.T]
+    inside = hidden.columns - np.stack(means, axis=1)[cells] if means else hidden.columns
     # What varies between batches only is rounding within them.
-    real = np.linalg.norm(inside, axis=0) > 1e-9 * np.linalg.norm(joined, axis=0)
-    return np.asarray(inside[:, real])
+    real = np.linalg.norm(inside, axis=0) > 1e-9 * np.linalg.norm(hidden.columns, axis=0)
+    return hidden.keep(inside, real)

@@ -9,12 +9,12 @@ import numpy as np
 from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
-from rigctl.experiments.table.model.form import Choice, Form
+from rigctl.experiments.table.model.form import Choice, Form, Spans
 from rigctl.experiments.table.model.forms import Turning
 from rigctl.experiments.table.model.pieces import PluginPiece
 from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.start import span_of
-from rigctl.experiments.table.model.words import Group
+from rigctl.experiments.table.model.words import Group, Level, Slope
 from rigctl.workbench.study import Candidate, NotTestable, Term
 
 Whitener = Callable[[FloatArray], FloatArray]
@@ -36,11 +36,12 @@ def candidate_of(form: Form, term: Term, response_unit: str, spanned: FloatArray
     derivative = _without_trivial(form, form.parts(term.choice), spanned)
     return Candidate(
         term,
-        tuple(f"{term.effect}{name}" for name in form.names()),
-        form.units(response_unit),
+        tuple(f"{term.effect}{name}" for name in form.names(term.choice)),
+        form.units(response_unit, term.choice),
         derivative,
         # The size that would make all of the residual: of a table's effects nobody knows another.
         _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
+        whole=isinstance(form, Level | Slope),
     )
 
 
@@ -96,6 +97,7 @@ def group_candidate(group: Group, slopes: FloatArray, residual: FloatArray) -> C
         group.units(""),
         derivative,
         _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
+        whole=True,
     )
 
 
@@ -104,7 +106,7 @@ def has_another_name(form: Form, spanned: FloatArray) -> str:
     if not isinstance(form, Turning):
         return ""
     column = form.column.name
-    slope, curvature = form.basis(form.choices()[0]).T
+    slope, curvature = form.basis(_only_choice(form)).T
     if _is_spanned((slope - slope.mean())[:, None], spanned):
         return f"the model has a slope in {column} already, beside which it is power2[{column}]"
     line = span_of(np.stack([np.ones(slope.size), slope], axis=1))
@@ -117,8 +119,13 @@ def is_a_square(form: Form, white_jacobian: FloatArray, white_residual: FloatArr
     if not isinstance(form, Turning):
         return False
     spanned, column = span_of(white_jacobian), form.column.values
-    whole = _explained(white(form.basis(form.choices()[0])), spanned, white_residual)
+    whole = _explained(white(form.basis(_only_choice(form))), spanned, white_residual)
     return _explained(white(column[:, None] ** 2), spanned, white_residual) >= _ALL_BUT_LITTLE * whole
+
+
+def spans_of(spanned: FloatArray) -> Spans:
+    """What a model spans whose derivatives have this basis, (n, rank)."""
+    return lambda function: _is_spanned(function[:, None], spanned)
 
 
 def plugin_candidate(piece: PluginPiece, signal: FloatArray) -> Candidate | NotTestable:
@@ -133,6 +140,10 @@ def plugin_candidate(piece: PluginPiece, signal: FloatArray) -> Candidate | NotT
     if not derivative.any():
         return NotTestable(piece.term.effect, "it changes nothing in these readings")
     return Candidate(piece.term, piece.names, piece.units, derivative, piece.typical)
+
+
+def _only_choice(turning: Turning) -> Choice:
+    return turning.choices(lambda _: True)[0]
 
 
 def _without_trivial(form: Form, parts: list[FloatArray], spanned: FloatArray) -> FloatArray:

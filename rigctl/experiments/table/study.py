@@ -20,6 +20,7 @@ from rigctl.experiments.table.candidates import (
     is_a_square,
     plugin_candidate,
     scan_candidates,
+    spans_of,
 )
 from rigctl.experiments.table.catalogue import base_of, next_id, why_not
 from rigctl.experiments.table.model.form import Form
@@ -137,9 +138,8 @@ class TableStudy(StudyBase[TableData]):
             elif isinstance(effect, Scanned):
                 candidates += scan_candidates(effect, next_id(base, taken), self.data.scans, unit, spanned, left)
             elif isinstance(effect, Form):
-                candidates += [
-                    candidate_of(effect, Term(base, choice), unit, spanned, left) for choice in effect.choices()
-                ]
+                choices = effect.choices(spans_of(spanned))
+                candidates += [candidate_of(effect, Term(base, each), unit, spanned, left) for each in choices]
         for name, effect_ in self.catalogue.items():
             if name not in taken:
                 piece = PluginPiece(Term(name), effect_, self.data.readings)
@@ -182,7 +182,9 @@ class TableStudy(StudyBase[TableData]):
         assert isinstance(effect, Form)
         unit = self.data.readings.response.unit
         if not isinstance(effect, Scanned):
-            return ColumnPiece(Term(term.effect, {**effect.choices()[0], **term.choice}), effect, unit)
+            slopes = self.data.baseline[1]
+            held = np.concatenate([slopes, *(_basis(each, slopes) for each in before if _is_linear(each))], axis=1)
+            return ColumnPiece(Term(term.effect, effect.settled(term.choice, spans_of(span_of(held)))), effect, unit)
         piece = ColumnPiece(term, effect, unit)
         return piece if effect.scanned in term.choice else self._placed(piece, before)
 

@@ -20,8 +20,8 @@ from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_no
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
-from rigctl.workbench.verdict.noise_pool import above_rounding
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
+from rigctl.workbench.verdict.saturated import Hidden, above_rounding
 from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
 from rigctl.workbench.verdict.score import Score, corrected, p_of
 from rigctl.workbench.verdict.trials import Family, Trials, trials
@@ -311,14 +311,16 @@ def _estimator(fitted: FittedModel, asked: Callable[[], Sequence[Candidate]], ge
     given = fitted.model.observations
 
     @cache
-    def few() -> FloatArray:
+    def few() -> Hidden:
         candidates = asked()
         counts = Counter(candidate.term.effect for candidate in candidates)
-        named = [each.derivative for each in candidates if counts[each.term.effect] <= _SCANNED]
-        return np.hstack([np.zeros((len(given.value), 0)), *named])
+        named = [(each.derivative, each.whole) for each in candidates if counts[each.term.effect] <= _SCANNED]
+        return Hidden.of(named, len(given.value))
 
-    def possible(where: IntArray) -> list[FloatArray]:
-        return [above_rounding(few(), where, given.sigma), generic.main_columns(where)]
+    def possible(where: IntArray) -> list[Hidden]:
+        named, shapes = few(), generic.main_columns(where)
+        large = above_rounding(named.columns, where, given.sigma)
+        return [named.keep(named.columns[where], large), Hidden(shapes, np.arange(shapes.shape[1]))]
 
     return NoiseEstimator(given, fitted.model.jacobian(fitted.result.values), possible)
 

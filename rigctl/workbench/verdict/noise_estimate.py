@@ -17,18 +17,19 @@ from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.noise_pool import WHITE, Pool
 from rigctl.workbench.verdict.offsets import in_units, with_offsets
+from rigctl.workbench.verdict.saturated import Hidden
 
 
 class NoiseEstimator:
     """Estimates the noise of one set of observations from the residuals of any fit.
 
     `required` (n, m) are the derivatives of what is fitted, `possible` gives those of what might be hidden at
-    some of the data, matrices (data, k) in order of precedence; both are projected out of each pool that needs its
+    some of the data, in order of precedence; both are projected out of each pool that needs its
     scatter, the latter as far as there is room.
     """
 
     def __init__(
-        self, observations: Observations, required: FloatArray, possible: Callable[[IntArray], Sequence[FloatArray]]
+        self, observations: Observations, required: FloatArray, possible: Callable[[IntArray], Sequence[Hidden]]
     ) -> None:
         self._given = observations
         self._pools = [

@@ -7,12 +7,13 @@ from functools import cached_property
 
 import numpy as np
 from scipy import optimize
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import solve_triangular
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import Correlation, orthonormal
 from rigctl.workbench.verdict.offsets import in_units
+from rigctl.workbench.verdict.saturated import Hidden, above_rounding, saturated
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 """Variance of the correlated part over the white part."""
@@ -28,23 +29,14 @@ TIME_CONSTANTS = 6
 WHITE_ODDS = 3.0
 """Prior odds of white noise over all correlated kinds together."""
 
-# With a third left the estimate scattered twice as much, and the power was halved (decision 014).
-SATURATED_SHARE = 2.0 / 3.0
-"""At least this share of a pool's data is left to tell its noise."""
-
 # Its covariance is decomposed for every kernel, at a cost that grows as the cube.
 LARGEST_POOL = 400
 """Beyond, the correlation is looked for in a stretch of so many data; its scale is everybody's."""
 
 _LIKELIHOOD = 1e-6
-# Of a column of unit length: what is left less of lies in the span already.
-_INDEPENDENT = 1e-3
 _NEGLIGIBLE = 1e-3
 # Where everything is fitted: F has no law without a degree of freedom.
 _FLOOR_DOF = 1.0
-_DIFFERENCES = 1e-6
-"""Of a column's length: what is left where a derivative by differences should be none."""
-
 WHITE = Correlation("", 0.0)
 
 
@@ -56,14 +48,15 @@ class Pool:
         given: Observations,
         where: IntArray,
         required: FloatArray,
-        possible: Callable[[IntArray], Sequence[FloatArray]],
+        possible: Callable[[IntArray], Sequence[Hidden]],
         order: str | None,
     ) -> None:
         self.where = where
         self._group = given.group_of[where]
         self._at = _usable(given.of_runs(order)[where]) if order is not None else None
-        fitted = in_units(given, where, above_rounding(required, where, given.sigma))
-        self.basis = saturated(fitted, [in_units(given, where, columns) for columns in possible(where)])
+        fitted = in_units(given, where, required[where][:, above_rounding(required, where, given.sigma)])
+        hidden = [Hidden(in_units(given, where, each.columns), each.effect_of) for each in possible(where)]
+        self.basis = saturated(fitted, hidden)
         self.dof = max(len(where) - self.basis.shape[1], _FLOOR_DOF)
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
@@ -250,38 +243,6 @@ class _Trials:
         along = (weighted @ self._basis)[:, None, :]
         taken = along @ self._inverse @ along.transpose(0, 2, 1)
         return np.asarray(weighted @ turned - taken[:, 0, 0])
-
-
-def saturated(required: FloatArray, possible: Sequence[FloatArray]) -> FloatArray:
-    """Orthonormal basis of all that is fitted and, as far as enough data remain, of all that might be hidden.
-
-    `possible` in the order of precedence; what finds no room there stays in the noise estimate.
-    """
-    data = len(required)
-    basis = orthonormal(required, 1e-9)
-    # At least eight are left: below, a scale says next to nothing.
-    most = int(min(data * (1.0 - SATURATED_SHARE), data - 8))
-    for columns in possible:
-        norms = np.linalg.norm(columns, axis=0)
-        seen = columns[:, norms > 0.0] / norms[norms > 0.0]
-        room = most - basis.shape[1]
-        if room <= 0 or not seen.shape[1]:
-            continue
-        # With pivoting the columns that add most come first, as far as there is room.
-        further, triangle, _ = qr(seen - basis @ (basis.T @ seen), mode="economic", pivoting=True)
-        size = np.abs(np.diag(triangle))
-        basis = np.hstack([basis, further[:, : min(room, int(np.sum(size > _INDEPENDENT)))]])
-    return basis
-
-
-def above_rounding(columns: FloatArray, where: IntArray, sigma: FloatArray) -> FloatArray:
-    """The columns (n, k), at some of the data, that are larger there than the rounding of numerical derivatives.
-
-    Scaled to unit length, a column of rounding errors would be projected out like a signal.
-    """
-    whole = np.linalg.norm(columns / sigma[:, None], axis=0)
-    here = np.linalg.norm(columns[where] / sigma[where][:, None], axis=0)
-    return columns[where][:, here > _DIFFERENCES * whole]
 
 
 def _usable(order: FloatArray) -> FloatArray | None:

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.observe.readings import Column
 
 Choice = Mapping[str, float]
 """Values of what was scanned, and of what goes with them."""
+
+PLAIN: Choice = MappingProxyType({})
+"""Nothing is chosen."""
+
+Spans = Callable[[FloatArray], bool]
+"""Whether a model spans a function of the readings, (n,)."""
 
 
 class TableEffect(ABC):
@@ -39,21 +46,27 @@ class TableEffect(ABC):
         """Why these readings cannot be asked; "" when they can."""
         return ""
 
-    def names(self) -> tuple[str, ...]:
+    def names(self, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Of the linear parameters, without the effect's id: "" for one that is named like the effect, ".cos"."""
+        del choice
         return ("",)
 
-    def units(self, response: str) -> tuple[str, ...]:
+    def units(self, response: str, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Of the linear parameters, for a response in this unit."""
-        return (response,) * len(self.names())
+        return (response,) * len(self.names(choice))
 
 
 class Form(TableEffect):
     """An effect that adds to the response: linear parameters on a basis that a choice may shape."""
 
-    def choices(self) -> list[Choice]:
-        """What it is tried with; the first where nothing else is asked for."""
-        return [{}]
+    def choices(self, spans: Spans) -> list[Choice]:
+        """What it is tried with beside a model; the first where nothing else is asked for."""
+        del spans
+        return [PLAIN]
+
+    def settled(self, choice: Choice, spans: Spans) -> Choice:
+        """A choice with what it leaves open, beside a model."""
+        return {**self.choices(spans)[0], **choice}
 
     @abstractmethod
     def basis(self, choice: Choice) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.units import power, ratio
-from rigctl.experiments.table.model.form import Choice, Form, smooth_in, too_few
+from rigctl.experiments.table.model.form import PLAIN, Choice, Form, Spans, smooth_in, too_few
 from rigctl.experiments.table.observe.readings import Column
 
 _POWERS = {
@@ -51,8 +51,9 @@ class Power(Form):
         needed = self.exponent + 1
         return too_few(self.column, needed) if self.column.distinct.size < needed else ""
 
-    def units(self, response: str) -> tuple[str, ...]:
+    def units(self, response: str, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Response over column**k."""
+        del choice
         return (ratio(response, power(self.column.unit, self.exponent)),)
 
     def basis(self, choice: Choice) -> FloatArray:
@@ -107,16 +108,19 @@ class Turning(Form):
         """Why not, or ""."""
         return too_few(self.column, 3) if self.column.distinct.size < 3 else ""
 
-    def names(self) -> tuple[str, ...]:
+    def names(self, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Slope and curvature at the origin."""
+        del choice
         return (".slope", ".curvature")
 
-    def units(self, response: str) -> tuple[str, ...]:
+    def units(self, response: str, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Response over the column, and over its square."""
+        del choice
         return tuple(ratio(response, power(self.column.unit, k)) for k in (1, 2))
 
-    def choices(self) -> list[Choice]:
+    def choices(self, spans: Spans) -> list[Choice]:
         """The middle of the range."""
+        del spans
         return [{"origin": 0.5 * float(self.column.distinct[0] + self.column.distinct[-1])}]
 
     def basis(self, choice: Choice) -> FloatArray:
@@ -161,9 +165,9 @@ class Drift(Form):
             return "the readings are in no order; name the column that tells when in [table] order"
         return ""
 
-    def units(self, response: str) -> tuple[str, ...]:
+    def units(self, response: str, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Response over the column's."""
-        return self._line.units(response)
+        return self._line.units(response, choice)
 
     def basis(self, choice: Choice) -> FloatArray:
         """C as in the column."""
@@ -210,13 +214,15 @@ class Interaction(Form):
         """With all products."""
         return "products"
 
-    def units(self, response: str) -> tuple[str, ...]:
+    def units(self, response: str, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Response over both columns."""
+        del choice
         both = f"{self.one.unit} {self.other.unit}" if self.one.unit and self.other.unit else ""
         return (ratio(response, f"({both})" if both else ""),)
 
-    def choices(self) -> list[Choice]:
+    def choices(self, spans: Spans) -> list[Choice]:
         """As in the columns; from their means, where neither column alone may show anything."""
+        del spans
         return [{}, {"origin_1": self.one.mean, "origin_2": self.other.mean}]
 
     def basis(self, choice: Choice) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.units import power, ratio
-from rigctl.experiments.table.model.form import Choice, Form, smooth_in, too_few
+from rigctl.experiments.table.model.form import PLAIN, Choice, Form, Spans, smooth_in, too_few
 from rigctl.experiments.table.observe.readings import Column
 
 
@@ -68,16 +68,26 @@ class Function(Form):
             return f"{self.column.name} is {kind.reason} in {undefined} readings"
         return too_few(self.column, 2) if self.column.distinct.size < 2 else ""
 
-    def units(self, response: str) -> tuple[str, ...]:
+    def units(self, response: str, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Response over the function's."""
+        del choice
         if self.kind == "log":
             return (response,)
         return (ratio(response, _KINDS[self.kind].unit(self.column.unit)),)
 
+    def choices(self, spans: Spans) -> list[Choice]:
+        """As it is; of a logarithm without a constant beside it, over the geometric mean.
+
+        In another unit log C is another by a constant, which there would be nothing to take up.
+        """
+        values = self.column.values
+        if self.kind == "log" and not spans(np.ones(values.size)):
+            return [{"unit": float(np.exp(np.mean(np.log(values))))}]
+        return [PLAIN]
+
     def basis(self, choice: Choice) -> FloatArray:
-        """The function of the column as it is, shape (n, 1)."""
-        del choice
-        return _KINDS[self.kind].value(self.column.values)[:, None]
+        """The function of the column as it is, or of it over the choice's `unit`, shape (n, 1)."""
+        return _KINDS[self.kind].value(self.column.values / choice.get("unit", 1.0))[:, None]
 
     def parts(self, choice: Choice) -> list[FloatArray]:
         """Mean and what varies, so that nothing cancels."""

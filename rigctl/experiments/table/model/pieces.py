@@ -71,7 +71,7 @@ class ColumnPiece:
     @property
     def units(self) -> tuple[str, ...]:
         """Of its parameters."""
-        linear = self.form.units(self.response_unit)
+        linear = self.form.units(self.response_unit, self.choice)
         if not isinstance(self.form, Scanned):
             return linear
         unit = self.form.scanned_unit()
@@ -85,7 +85,7 @@ class ColumnPiece:
 
     def parameters(self, values: FloatArray) -> list[Parameter]:
         """With these starts; the place of a step is held."""
-        names = [f"{self.term.effect}{name}" for name in self.form.names()]
+        names = [f"{self.term.effect}{name}" for name in self.form.names(self.choice)]
         if isinstance(self.form, Scanned):
             names.insert(0 if self.form.first else len(names), f"{self.term.effect}.{self.form.scanned}")
         parameters = [Parameter(name, float(value)) for name, value in zip(names, values, strict=True)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.units import power
-from rigctl.experiments.table.model.form import Choice, Form, too_few
+from rigctl.experiments.table.model.form import PLAIN, Choice, Form, too_few
 from rigctl.experiments.table.observe.readings import Column
 
 # Neighbours on a grid lie so close that midway between them no more than 5 % of an effect's power is lost.
@@ -68,8 +68,9 @@ class Periodic(_OfColumn):
         """Why not, or ""."""
         return too_few(self.column, 5) if self.column.distinct.size < 5 else ""
 
-    def names(self) -> tuple[str, ...]:
+    def names(self, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Two quadratures."""
+        del choice
         return (".cos", ".sin")
 
     def grid(self, points_max: int) -> FloatArray:

@@ -8,16 +8,21 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.units import ratio
-from rigctl.experiments.table.model.form import Choice, Form, TableEffect
+from rigctl.experiments.table.model.form import PLAIN, Choice, Form, Spans, TableEffect
 from rigctl.experiments.table.observe.readings import Category, Column
 
 # A level of one reading would fit it exactly; a slope stands beside a level and needs as many again.
 _READINGS_OF_A_LEVEL, _READINGS_OF_A_SLOPE = 2, 4
+# A choice: every word has a number of its own, for the model has none that the first could be counted from.
+_EACH = "each"
 
 
 @dataclass(frozen=True)
 class Level(Form):
-    """One number for each level of a column of words but the first, which it is counted from: `level[C]`."""
+    """One number for each level of a column of words but the first, which it is counted from: `level[C]`.
+
+    Where the model has no constant that the first could be, it has a number of its own.
+    """
 
     category: Category
 
@@ -40,14 +45,22 @@ class Level(Form):
         """Why not, or ""."""
         return _untestable(self.category, _READINGS_OF_A_LEVEL)
 
-    def names(self) -> tuple[str, ...]:
-        """What a level has more than the first, such as .B-A."""
-        return beyond_first(self.category)
+    def names(self, choice: Choice = PLAIN) -> tuple[str, ...]:
+        """What a level has more than the first, such as .B-A; of each of them, such as .A."""
+        return of_each(self.category) if choice.get(_EACH) else beyond_first(self.category)
+
+    def choices(self, spans: Spans) -> list[Choice]:
+        """From the first, or each by itself."""
+        return [PLAIN if spans(np.ones(self.category.values.size)) else {_EACH: 1.0}]
+
+    def settled(self, choice: Choice, spans: Spans) -> Choice:
+        """By what the model has now: terms come and go beside it."""
+        del choice
+        return self.choices(spans)[0]
 
     def basis(self, choice: Choice) -> FloatArray:
-        """1 where a reading is of the level, shape (n, levels - 1)."""
-        del choice
-        return indicators(self.category)
+        """1 where a reading is of the level, shape (n, levels - 1) or (n, levels)."""
+        return _of_words(self.category, choice)
 
     def trivial(self) -> list[FloatArray]:
         """A constant."""
@@ -58,7 +71,8 @@ class Level(Form):
 class Slope(Form):
     """A slope of C for each word of W but the first, which it is counted from: `slope[C by W]`.
 
-    It turns about C = 0 or about the mean of C, whichever shows more where the model has no levels of W.
+    Where the model has no slope of C that the first could be, it has one of its own. It turns about C = 0 or about
+    the mean of C, whichever shows more where the model has no levels of W.
     """
 
     column: Column
@@ -93,30 +107,36 @@ class Slope(Form):
                 return f"{self.column.name} is the same wherever {self.category.name} is {level}"
         return ""
 
-    def names(self) -> tuple[str, ...]:
-        """What a word has more than the first, such as .B-A."""
-        return beyond_first(self.category)
+    def names(self, choice: Choice = PLAIN) -> tuple[str, ...]:
+        """What a word has more than the first, such as .B-A; of each of them, such as .A."""
+        return of_each(self.category) if choice.get(_EACH) else beyond_first(self.category)
 
-    def units(self, response: str) -> tuple[str, ...]:
+    def units(self, response: str, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Response over the column's."""
-        return (ratio(response, self.column.unit),) * len(self.names())
+        return (ratio(response, self.column.unit),) * len(self.names(choice))
 
-    def choices(self) -> list[Choice]:
+    def choices(self, spans: Spans) -> list[Choice]:
         """As in the column; about its mean, where the words share a crossing there."""
-        return [{}, {"origin": self.column.mean}]
+        return [self.settled({}, spans), self.settled({"origin": self.column.mean}, spans)]
+
+    def settled(self, choice: Choice, spans: Spans) -> Choice:
+        """By what the model has now: terms come and go beside it."""
+        origin = {name: value for name, value in choice.items() if name != _EACH}
+        whole = self.column.values - origin.get("origin", 0.0)
+        return origin if spans(whole) else {**origin, _EACH: 1.0}
 
     def basis(self, choice: Choice) -> FloatArray:
-        """C where a reading is of the word, shape (n, words - 1)."""
-        return (self.column.values - choice.get("origin", 0.0))[:, None] * indicators(self.category)
+        """C where a reading is of the word, shape (n, words - 1) or (n, words)."""
+        return (self.column.values - choice.get("origin", 0.0))[:, None] * _of_words(self.category, choice)
 
     def parts(self, choice: Choice) -> list[FloatArray]:
         """By the distance from the column's mean, so that nothing cancels."""
-        inside, mean = indicators(self.category), self.column.mean
+        inside, mean = _of_words(self.category, choice), self.column.mean
         return [(mean - choice.get("origin", 0.0)) * inside, (self.column.values - mean)[:, None] * inside]
 
     def trivial(self) -> list[FloatArray]:
         """Levels of the words."""
-        return list(indicators(self.category).T)
+        return list(_of_words(self.category, {_EACH: 1.0}).T)
 
 
 @dataclass(frozen=True)
@@ -147,14 +167,15 @@ class Group(TableEffect):
         """Why not, or ""."""
         return _untestable(self.category, _READINGS_OF_A_SLOPE)
 
-    def names(self) -> tuple[str, ...]:
+    def names(self, choice: Choice = PLAIN) -> tuple[str, ...]:
         """What a word has more than the first, such as .B-A."""
+        del choice
         return beyond_first(self.category)
 
-    def units(self, response: str) -> tuple[str, ...]:
+    def units(self, response: str, choice: Choice = PLAIN) -> tuple[str, ...]:
         """The baseline's are not known: ""."""
         del response
-        return ("",) * len(self.names())
+        return ("",) * len(self.names(choice))
 
     def derivative(self, slopes: FloatArray) -> FloatArray:
         """Where the baseline has the derivatives `slopes` (n, m), shape (n, words - 1)."""
@@ -175,6 +196,18 @@ def beyond_first(category: Category) -> tuple[str, ...]:
     # The first word has no number of its own: the baseline's constant is there already.
     first, *others = category.levels
     return tuple(f".{level}-{first}" for level in others)
+
+
+def of_each(category: Category) -> tuple[str, ...]:
+    """Of every word, such as .A."""
+    return tuple(f".{level}" for level in category.levels)
+
+
+def _of_words(category: Category, choice: Choice) -> FloatArray:
+    """1 where a reading is of a word, shape (n, words - 1), or (n, words) where each has its own number."""
+    if not choice.get(_EACH):
+        return indicators(category)
+    return np.asarray(category.codes[:, None] == np.arange(len(category.levels)), dtype=np.float64)
 
 
 def _untestable(category: Category, least: int) -> str:

@@ -1,0 +1,311 @@
+"""What is found must not depend on how a table is written: random tables, changed in ways that mean nothing.
+
+    python -m tests.foreign.metamorphic --tables 500 --out FILE [--first SEED] [--apart]
+
+Each table is diagnosed as it is and changed: rows in another order, other words, other names of columns, other units
+(all four at once; `--apart` one by one, to see which of them matters), read back from a store of any name, a term
+called `#2`, and the time counted from another zero. Verdict, suggested set, sizes in the same units and p-values must
+be the same to 1e-6, p-values corrected for trials to 1e-4. One line of JSON for each table; what stands in the file
+is not tried again. The status is 1 where something differed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import re
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from rigctl.campaign.bundle.bundle import import_bundle, write_bundle
+from rigctl.campaign.recording import RunSource
+from rigctl.core.errors import RigError
+from rigctl.experiments.table.study import TableStudy
+from rigctl.workbench.findings import Diagnosis
+from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.account import account_of
+from rigctl.workbench.verdict.compare import compared
+from rigctl.workbench.verdict.diagnose import diagnose
+from tests.foreign.metamorphic_table import CHANGES, RESPONSE, Powers, Table, clock_shifted, drawn
+
+SAME = 1e-6
+DRAWN_SAME = 1e-4
+"""Of p-values corrected for trials: the trials are counted on draws of noise in single precision."""
+
+SCANNED = ("periodic", "exponential", "step")
+SHAPES = ("level", "step", "periodic", "exponential", "turning", "drift")
+"""Of a column these do not ask where its zero is."""
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Said:
+    """The answer about one table, by roles and in the first table's units."""
+
+    verdict: str
+    suggested: frozenset[str]
+    adequacy: float
+    p_values: Mapping[str, float]
+    corrected: Mapping[str, float]
+    sizes: Mapping[str, tuple[float, float]]
+    """Value and sigma; the latter NaN where words are counted from one of them."""
+
+
+def said_of(table: Table, source: RunSource | None = None, terms: Sequence[Term] = ()) -> Said:
+    """A table from its readings to the verdict; `terms` are in the model already."""
+    study = TableStudy(source or table.recording())
+    account = account_of(study, [terms])
+    found = diagnose(study, terms, account=account)
+    adequacy = compared(account.attempt(study, terms), account, 1).p_value
+    return _by_roles(table, found, adequacy)
+
+
+def _by_roles(table: Table, found: Diagnosis, adequacy: float) -> Said:
+    roles = {name: role for role, name in table.names.items()}
+
+    def role_of(effect: str) -> str:
+        return re.sub(r"[A-Za-z_][A-Za-z_0-9]*(?=[\],]| by )", lambda name: roles.get(name[0], name[0]), effect)
+
+    sizes: dict[str, tuple[float, float]] = {}
+    if found.joint_fit is not None:
+        values = {role_of(name): (each.value, each.sigma) for name, each in found.joint_fit.parameters.items()}
+        sizes = _in_units(table, values)
+    return Said(
+        found.verdict,
+        frozenset(role_of(term.effect) for term in found.suggested),
+        adequacy,
+        {role_of(rank.term.effect): rank.p_value for rank in found.ranking},
+        {role_of(rank.term.effect): rank.p_value_corrected for rank in found.ranking},
+        sizes,
+    )
+
+
+def _in_units(table: Table, values: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """Sizes in the units of the table as it was drawn; of words those beside the mean over all of them."""
+    sizes: dict[str, tuple[float, float]] = {}
+    by_words: dict[str, dict[str, float]] = {}
+    for name, (value, sigma) in values.items():
+        unit = table.size(_powers(table, name))
+        effect, _, rest = name.partition("].")
+        role = re.search(r"(\w+)\]?$", effect)
+        if name.startswith(("level", "slope", "group")) and role is not None:
+            word, _, first = rest.partition("-")
+            labels = table.labels[role[1]]
+            if word not in labels:  # the first of its kind: every word has a number of its own
+                word = rest
+            of_words = by_words.setdefault(effect + "]", {})
+            of_words[str(labels.index(word))] = value / unit
+            if first:
+                of_words[str(labels.index(first))] = 0.0
+        else:
+            sizes[name] = (value / unit, sigma / unit)
+    for effect, of_words in by_words.items():
+        mean = float(np.mean(list(of_words.values())))
+        for word, value in of_words.items():
+            sizes[f"{effect}.{word}"] = (value - mean, math.nan)
+    # A constant goes up by what the first word goes down.
+    return {name: each for name, each in sizes.items() if not by_words or name not in table.units}
+
+
+def _powers(table: Table, parameter: str) -> Powers:
+    """Of what the parameter of a fit is a product."""
+    if parameter in table.units:
+        return table.units[parameter]
+    kind, _, inside = parameter.partition("[")
+    columns = re.split(r",| by ", inside.partition("]")[0])
+    suffix = parameter.rpartition("].")[2] if "]." in parameter else ""
+    suffix = suffix.rpartition(".")[2]
+    if kind == "drift":
+        return {RESPONSE: 1, str(table.order): -1}
+    if kind == "group":
+        return table.units[columns[0]]
+    scanned = {"period": 1, "at": 1, "rate": -1}
+    if suffix in scanned:
+        return {columns[0]: scanned[suffix]}
+    exponent = {"linear": 1, "power2": 2, "power3": 3, "inverse": -1, "sqrt": 0.5, "slope": 1, "interaction": 1}
+    power = {"slope": 1, "curvature": 2}.get(suffix, 0) if kind == "turning" else exponent.get(kind, 0)
+    powers: dict[str, float] = {RESPONSE: 1}
+    for column in columns if kind == "interaction" else columns[:1]:
+        powers[column] = powers.get(column, 0) - power
+    return powers
+
+
+def differences(first: Said, second: Said) -> list[str]:
+    """What is not the same in two answers, in words."""
+    found = []
+    for what in ("verdict", "suggested"):
+        one, other = getattr(first, what), getattr(second, what)
+        if one != other:
+            found.append(f"{what}: {_shown(one)} became {_shown(other)}")
+    # It is one of them where something is found.
+    if not _same_p(first.adequacy, second.adequacy, DRAWN_SAME):
+        found.append(f"compare: p {first.adequacy:.8g} became {second.adequacy:.8g}")
+    for what, tolerance in (("p_values", SAME), ("corrected", DRAWN_SAME)):
+        ones, others = getattr(first, what), getattr(second, what)
+        found += [f"{what}: {name} in one only" for name in sorted(ones.keys() ^ others.keys())]
+        found += [
+            f"{what}: {name} {ones[name]:.8g} became {others[name]:.8g}"
+            for name in sorted(ones.keys() & others.keys())
+            if not _same_p(ones[name], others[name], tolerance)
+        ]
+    found += [f"size: {name} in one only" for name in sorted(first.sizes.keys() ^ second.sizes.keys())]
+    for name in sorted(first.sizes.keys() & second.sizes.keys()):
+        (value, sigma), (other, other_sigma) = first.sizes[name], second.sizes[name]
+        # A size that is nil within its sigma has no digits of its own.
+        scale = max(abs(value), sigma if math.isfinite(sigma) else max(abs(v) for v, _ in first.sizes.values()))
+        if abs(value - other) > SAME * scale:
+            found.append(f"size: {name} {value:.9g} became {other:.9g}")
+        if math.isfinite(sigma) and abs(sigma - other_sigma) > SAME * sigma:
+            found.append(f"sigma: {name} {sigma:.9g} became {other_sigma:.9g}")
+    return found
+
+
+def _shown(value: object) -> str:
+    return ", ".join(sorted(value)) or "nothing" if isinstance(value, frozenset) else str(value)
+
+
+def _same_p(one: float, other: float, tolerance: float) -> bool:
+    if one <= 0.0 or other <= 0.0 or not math.isfinite(one) or not math.isfinite(other):
+        return one == other or (math.isnan(one) and math.isnan(other))
+    # Of very small ones the logarithm is what can be known.
+    return abs(math.log(one / other)) <= tolerance * max(1.0, abs(math.log(one)))
+
+
+def stored(table: Table) -> Said:
+    """Through a bundle and a store with another name."""
+    with TemporaryDirectory() as directory:
+        bundle = Path(directory) / "bundle"
+        write_bundle(table.recording(), bundle)
+        with import_bundle(bundle, Path(directory) / "another name.rig.sqlite") as store:
+            return said_of(table, store)
+
+
+def numbered_two(table: Table) -> list[str]:
+    """What differs when the first of a kind in the model is called the second."""
+    study = TableStudy(table.recording())
+    scanned = [term for term in diagnose(study, ()).suggested if term.effect.startswith(SCANNED)]
+    if not scanned:
+        return []
+    answers = []
+    for called, other in (("", "#2"), ("#2", "")):
+        said = said_of(table, None, [Term(scanned[0].effect.partition("#")[0] + called, scanned[0].choice)])
+        base = scanned[0].effect.partition("#")[0]
+        base = re.sub(r"\[(\w+)\]", lambda name: f"[{_role(table, name[1])}]", base)
+        answers.append(_renumbered(said, base + called, base + other))
+    return differences(answers[0], answers[1])
+
+
+def _role(table: Table, name: str) -> str:
+    return next(role for role, each in table.names.items() if each == name)
+
+
+def _renumbered(said: Said, own: str, next_one: str) -> Said:
+    """With the given term called first and one more of its kind second."""
+
+    def called(name: str) -> str:
+        for effect, new in ((own, "first"), (next_one, "second")):
+            if name == effect or name.startswith(effect + "."):
+                return new + name[len(effect) :]
+        return name
+
+    return Said(
+        said.verdict,
+        frozenset(map(called, said.suggested)),
+        said.adequacy,
+        {called(name): p_value for name, p_value in said.p_values.items()},
+        {called(name): p_value for name, p_value in said.corrected.items()},
+        {called(name): size for name, size in said.sizes.items()},
+    )
+
+
+def of_shapes(said: Said) -> Said:
+    """What asks no zero of the time: sizes and p-values of the others do depend on it."""
+
+    def asks_none(name: str) -> bool:
+        return "t" not in re.findall(r"\w+", name) or name.startswith(("step", "level"))
+
+    return Said(
+        said.verdict,
+        said.suggested,
+        said.adequacy,
+        {name: each for name, each in said.p_values.items() if asks_none(name) or name.startswith(SHAPES)},
+        {},
+        {
+            name: each
+            for name, each in said.sizes.items()
+            if name.startswith(tuple(said.suggested)) and asks_none(name)
+        },
+    )
+
+
+def tried(seed: int, *, apart: bool = False) -> Json:
+    """One table with all changes: what differed, by change."""
+    begun = time.process_time()
+    table = drawn(seed)
+    random = np.random.default_rng([15, seed])
+    said = said_of(table)
+    differed: dict[str, list[str]] = {}
+    changed = table
+    for name, change in CHANGES.items():
+        changed = change(table if apart else changed, random)
+        if apart:
+            differed[name] = _differed(said, changed)
+    if not apart:
+        differed["rewritten"] = _differed(said, changed)
+        differed["stored"] = differences(said, stored(table))
+        differed["numbered"] = numbered_two(table)
+    if table.order:
+        differed["clock"] = differences(of_shapes(said), of_shapes(said_of(clock_shifted(table, random))))
+    return {
+        "seed": seed,
+        "hidden": table.hidden,
+        "rows": table.rows,
+        "verdict": said.verdict,
+        "suggested": sorted(said.suggested),
+        "differed": {name: found for name, found in differed.items() if found},
+        "processor_s": round(time.process_time() - begun, 2),
+    }
+
+
+def _differed(said: Said, changed: Table) -> list[str]:
+    try:
+        return differences(said, said_of(changed))
+    except RigError as stopped:
+        return [f"stopped: {stopped}"]
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--tables", type=int, default=500)
+    arguments.add_argument("--first", type=int, default=0, help="seed of the first")
+    arguments.add_argument("--apart", action="store_true", help="one change at a time")
+    arguments.add_argument("--out", type=Path, required=True)
+    given = arguments.parse_args()
+    given.out.parent.mkdir(parents=True, exist_ok=True)
+    lines = given.out.read_text().splitlines() if given.out.exists() else []
+    trials: list[Json] = [json.loads(line) for line in lines]
+    done = {trial["seed"] for trial in trials}
+    for seed in range(given.first, given.first + given.tables):
+        if seed not in done:
+            trials.append(tried(seed, apart=given.apart))
+            with given.out.open("a") as file:
+                file.write(json.dumps(trials[-1]) + "\n")
+    failed = [trial for trial in trials if trial["differed"]]
+    for trial in failed:
+        for change, found in trial["differed"].items():
+            sys.stdout.write(f"{trial['seed']} ({trial['hidden']}), {change}: {found[0]}; {len(found)} in all\n")
+    sys.stdout.write(f"{len(trials) - len(failed)} of {len(trials)} tables say the same however they are written\n")
+    sys.exit(bool(failed))
+
+
+if __name__ == "__main__":
+    main()
