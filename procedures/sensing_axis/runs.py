@@ -82,5 +82,5 @@ def scan_of(axis: str, configuration: str, runs: Sequence[Proposal], like: Proce
 
 def settings_of_run(proposal: Proposal) -> dict[str, Any]:
     """The `[[procedure.runs]]` table of a proposed run."""
-    of_a_run = ("theta_deg", "frequency_hz", "amplitude_mm", "approach", "dwell_s", "temperature_c")
+    of_a_run = ("theta_deg", "frequency_hz", "amplitude_mm", "approach", "dwell_s", "temperature_c", "wait_s")
     return {key: value for key, value in proposal.settings.items() if key in of_a_run}

@@ -30,11 +30,13 @@ IN_PLACE = 0
 
 @dataclass(frozen=True)
 class Wanted:
-    """A set-point under the name it has in its mounting, at the room temperature it is wanted at (None: any)."""
+    """A set-point under the name it has in its mounting, at the room temperature it is wanted at (None: any), so long
+    after the run before it."""
 
     name: str
     point: SetPoint
     temperature_c: float | None = None
+    wait_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,7 @@ class Scan:
             self.fixture.confirm(mounting)
             self._restore_room()
             self._condition(wanted.temperature_c, key)
+            self._wait(wanted.wait_s)
 
         self.bench.run(self.session, key, point, before=before, lasers=self.bench.spots_stay(point))
 
@@ -166,6 +169,13 @@ class Scan:
         for room in rooms:
             self._room_c = room.data["temperature_c"]
             self.session.operator.restore_room(self._room_c, room.data["at_s"])
+
+    def _wait(self, duration_s: float) -> None:
+        if duration_s:
+            # As for the room: nothing need oscillate meanwhile.
+            self.bench.rest()
+            self.session.guarded("taking up", self.bench.apparatus(), self.session.take_up)
+            self.session.wait_s(duration_s)
 
     def _condition(self, temperature_c: float | None, key: str) -> None:
         if temperature_c is not None and temperature_c != self._room_c:
@@ -236,7 +246,7 @@ def _wanted(procedure: Procedure, mounting: Mounting, run: ListedRun) -> Wanted:
         f"{point.theta_deg:.4f} deg from {side} {point.frequency_hz:g} Hz {point.amplitude_mm:g} mm "
         f"{point.dwell_s:g} s{at}"
     )
-    return Wanted(name, point, run.temperature_c)
+    return Wanted(name, point, run.temperature_c, run.wait_s)
 
 
 def _named(wanted: Iterable[Wanted]) -> list[Wanted]:

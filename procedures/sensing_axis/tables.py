@@ -32,6 +32,7 @@ class ListedRun(Table):
     configuration: str | None = None
     mounting: Annotated[int, Field(ge=0)] | None = None
     temperature_c: float | None = None
+    wait_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
 
 
 class Procedure(Table):

@@ -82,7 +82,7 @@ def slow_noise_sentences(diagnosis: Findings) -> list[str]:
             f"significant ({p_value(each['p_value_if_white'])}), as it is these data show {'; '.join(sizes)}."
         )
     if said:
-        said.append("More of the same runs would not tell; repeats against time, or alternation, would.")
+        said.append("In which order, and when, to measure so that it shows, rigctl next tells.")
     return said
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from rigctl.analysis.least_squares import Parameter
 from rigctl.analysis.unit_columns import Scan
@@ -308,3 +308,27 @@ class Plannable(Study, Protocol):
         Existing runs come first, then one run per proposal. Measured values of the latter mean nothing: only
         derivatives, sigmas and conditions do. Models keep their parameters' names.
         """
+
+
+CourseKind = Literal[
+    "repeats against time", "alternation of the room", "alternation of set-points", "more of the same"
+]
+
+
+@dataclass(frozen=True)
+class Course:
+    """Runs in this order and at the times in their settings (`start_s`): what is slow shows by when it is measured.
+
+    Their `takes_s` has the waiting before each in it.
+    """
+
+    kind: CourseKind
+    runs: tuple[Proposal, ...]
+
+
+@runtime_checkable
+class Scheduled(Plannable, Protocol):
+    """A study that can say in which order, and when, runs could be made to tell effects from slow noise."""
+
+    def courses(self) -> Sequence[Course]:
+        """What there is to choose from, with "more of the same" to compare with."""

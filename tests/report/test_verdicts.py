@@ -88,7 +88,7 @@ def test_what_slow_noise_may_hide_is_said_with_the_sizes_that_would_show() -> No
         "Slow noise may hide bias-drift: if the noise were white along start_s it would be significant "
         "(p = 2.0e-06), as it is these data show rate[X] from 4.2e-07 V/s, not from 9.1e-08 V/s."
     )
-    assert then == "More of the same runs would not tell; repeats against time, or alternation, would."
+    assert then == "In which order, and when, to measure so that it shows, rigctl next tells."
 
 
 def test_each_verdict_is_a_sentence_and_a_command() -> None:

@@ -304,6 +304,7 @@ def test_json_has_the_documented_keys(ambiguous: tuple[Bench, Diagnosis]) -> Non
     document = found.as_json()
     assert set(document) == {
         *("purpose", "description", "runs", "best_run", "takes_s", "promises", "cannot_be_separated", "result"),
+        *("course", "smallest_detectable"),
     }
     assert document["takes_s"] == pytest.approx(30.0 * len(document["runs"]))
     assert set(document["promises"][0]) == {

@@ -15,12 +15,13 @@ from rigctl.effects.catalogue import Effect
 from rigctl.experiments.sensing_axis.model.components import stacked
 from rigctl.experiments.sensing_axis.model.fit import mountings_of, null_point
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.observe.courses import courses
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
 from rigctl.experiments.sensing_axis.observe.set_points import options
 from rigctl.experiments.sensing_axis.result.result import axis_result
 from rigctl.experiments.sensing_axis.study_data import RecordedRuns, ScanData
 from rigctl.experiments.sensing_axis.study_model import SensingAxisModel, candidates_of, free_heads, untestable
-from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
+from rigctl.workbench.study import Candidate, Course, Line, Model, Proposal, Term
 from rigctl.workbench.study_base import CatalogueStudy, line_frequencies_hz, own_model, steady_line
 
 LINE = "mains-pickup"
@@ -139,6 +140,10 @@ class SensingAxisStudy(CatalogueStudy[ScanData]):
     def options(self) -> list[Proposal]:
         """Set-points for the next runs in the mounting that is there; see `set_points.options`."""
         return options(self.data.runs(), self.data.recorded.limits)
+
+    def courses(self) -> list[Course]:
+        """Orders and times at which to measure again in the mounting that is there; see `observe.courses`."""
+        return courses(self.data.runs())
 
     def extended(self, proposals: Sequence[Proposal]) -> SensingAxisStudy:
         """This recording and runs that could be made next, in the mounting that was used last."""

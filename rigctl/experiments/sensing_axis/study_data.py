@@ -18,13 +18,10 @@ from rigctl.experiments.sensing_axis.model.model import origins_of
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables, heads_of
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
-from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S, Limits, last_of, place_of
+from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S, SOON_S, Limits, last_of, place_of
 from rigctl.experiments.sensing_axis.observe.store_reduction import line_scan, reduction
 from rigctl.files.package import HeadSettings, Package
 from rigctl.workbench.study import Proposal
-
-SOON_S = 300.0
-"""Into the time when the next runs are made."""
 
 _NOMINAL_V_RTHZ, _NOMINAL_M_RTHZ, _NOMINAL_DC_V = 3e-4, 1e-8, 1e-3
 """Of noise, before anything has been measured."""

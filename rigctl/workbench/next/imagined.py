@@ -19,10 +19,13 @@ class Imagined:
     """Whitened derivatives row by row: beliefs (priors) first, then runs that were made, then the proposals.
 
     `noise` and `values` (by parameter) come from `attempt`. Noise of imagined runs is independent, as large as that
-    of existing data of its pool.
+    of existing data of its pool; of proposals that are a `course`, all made at their times, it is correlated with
+    that of the data there are, and from run to run, by the law of these data.
     """
 
-    def __init__(self, study: Plannable, attempt: Attempt, proposals: Sequence[Proposal]) -> None:
+    def __init__(
+        self, study: Plannable, attempt: Attempt, proposals: Sequence[Proposal], *, course: bool = False
+    ) -> None:
         self.proposals = tuple(proposals)
         self._attempt = attempt
         self._recorded = study
@@ -31,7 +34,9 @@ class Imagined:
         self._values = _values(self._model, attempt.values)
         self._given = self._model.observations
         self._made = len(attempt.model.observations.value)
-        self._sigma = _imagined_sigma(attempt.noise, attempt.model.observations, self._given)
+        made = attempt.model.observations
+        self._joint = joint_noise(attempt.noise, made, self._given) if course else None
+        self._sigma = _imagined_sigma(attempt.noise.total_sigma(), made, self._given)
         self._beliefs = _beliefs(self._model, attempt.model)
 
     def only(self, which: Sequence[int]) -> Imagined:
@@ -106,6 +111,8 @@ class Imagined:
         return np.vstack([np.zeros((self.beliefs, columns.shape[1])), self._whitened(columns)])
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
+        if self._joint is not None:
+            return self._joint.whiten(columns)
         made = self._attempt.noise.whiten(columns[: self._made])
         return np.vstack([made, columns[self._made :] / self._sigma[:, None]])
 
@@ -130,11 +137,27 @@ def _zeros(model: Model, term: Term) -> dict[str, float]:
     return {each.name: each.start if each.name.rpartition(".")[2] in term.choice else 0.0 for each in parameters}
 
 
-def _imagined_sigma(noise: Noise, made: Observations, whole: Observations) -> FloatArray:
+def joint_noise(noise: Noise, made: Observations, whole: Observations) -> Noise:
+    """The noise of data that were `made` and of those imagined after them in `whole`, by the laws of the former."""
+    sigma = np.concatenate([noise.sigma, _imagined_sigma(noise.sigma, made, whole)])
+    factors = list(noise.factors[: len(made.factors)])
+    for slow in noise.slow:
+        names = {made.pools[number].name for number in np.unique(made.pool_of[slow.where])}
+        alike = np.array([pool.name in names for pool in whole.pools])[whole.pool_of]
+        at = whole.of_runs(slow.order)
+        for group in np.unique(whole.group_of[alike]):
+            members = np.flatnonzero(alike & (whole.group_of == group))
+            # Data there are come first: what they are whitened to does not depend on what is imagined.
+            factor = np.linalg.cholesky(slow.correlation(at[members]))
+            factors.append((members, np.asarray(factor, dtype=np.float64)))
+    return Noise(sigma, np.full(len(sigma), np.inf), tuple(factors), noise.correlations, slow=noise.slow)
+
+
+def _imagined_sigma(sigma: FloatArray, made: Observations, whole: Observations) -> FloatArray:
     """Standard deviations of imagined data: given weights times what the existing data of the pool came out at."""
     count = len(made.value)
-    # What estimation made of the given weights, correlations included: imagined runs are independent.
-    ratio = noise.total_sigma() / made.sigma
+    # What estimation made of the given weights.
+    ratio = sigma / made.sigma
     names = [pool.name for pool in made.pools]
     by_pool = {
         name: float(np.median(ratio[made.pool_of == number]))

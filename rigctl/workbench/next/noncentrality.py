@@ -13,9 +13,9 @@ LEVEL = 0.005
 POWER = 0.95
 
 
-def power(noncentrality: float, dimension: int) -> float:
-    """Probability that noncentral chi-square exceeds the threshold of one question."""
-    threshold = stats.chi2.isf(LEVEL, max(dimension, 1))
+def power(noncentrality: float, dimension: int, level: float = LEVEL) -> float:
+    """Probability that noncentral chi-square exceeds its threshold at a level, by default that of one question."""
+    threshold = stats.chi2.isf(level, max(dimension, 1))
     return float(stats.ncx2.sf(threshold, max(dimension, 1), max(noncentrality, 1e-12)))
 
 

@@ -30,7 +30,7 @@ class Question:
     term: Term
     rival: Term | None
     size: FloatArray
-    basis: Literal["estimate", "typical"]
+    basis: Literal["estimate", "typical", "if-white"]
     instead: str = ""
     nearby: tuple[Term, ...] = ()
 

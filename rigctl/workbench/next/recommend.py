@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rigctl.workbench.findings import Diagnosis
+from rigctl.workbench.next.courses import revealing
 from rigctl.workbench.next.decide import Decided, decided, others_than
 from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.next.plan import shuffled
@@ -24,12 +25,13 @@ from rigctl.workbench.next.recommendation import (
     Purpose,
     Recommendation,
     Tightened,
+    course_words,
     hopeless_words,
     telling_words,
     tightening_words,
 )
 from rigctl.workbench.next.tighten import tightening
-from rigctl.workbench.study import Allowed, Plannable, Proposal, Study, Term
+from rigctl.workbench.study import Allowed, Plannable, Proposal, Scheduled, Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.attempt import Attempt
 
@@ -49,12 +51,13 @@ def recommend(
 ) -> Recommendation:
     """What to measure next, given what `diagnosis` found beside `terms`.
 
-    Rivals first; then effects that cannot be told from others or are absorbed; else what tightens the result. Runs
-    are chosen among those `offered`, by default all options of the study; `allowed` says which of them the bench can
-    do, `seed` fixes their order.
+    Rivals first; then what slow noise may hide; then effects that cannot be told from others or are absorbed; else
+    what tightens the result. Runs are chosen among those `offered`, by default all options of the study; `allowed`
+    says which of them the bench can do, `seed` fixes their order.
     """
     if not isinstance(study, Plannable):
         return Recommendation("none", (), f"Nothing is known of what a '{study.experiment}' rig could measure next.")
+    given = offered is not None
     offered = [each for each in offered or study.options() if allowed is None or allowed(each)]
     if not offered:
         return Recommendation("none", (), "There is no run that the bench can do.")
@@ -68,6 +71,9 @@ def recommend(
     if separating.chosen:
         return _telling("separate", separating, offered, seed)
     attempt = Attempt(study, final)
+    # Whoever offers runs has asked for some of these, at any time.
+    if not given and (revealed := _out_of_slow_noise(study, attempt, diagnosis, allowed)) is not None:
+        return replace(revealed, hopeless=separating.hopeless)
     imagined = Imagined(study, attempt, offered)
     revealing = decided(imagined, inseparable(attempt, diagnosis), most_runs)
     revealing = replace(revealing, hopeless=(*separating.hopeless, *revealing.hopeless))
@@ -76,6 +82,20 @@ def recommend(
     result = study.result(attempt.model, attempt.result.values, attempt.result.covariance)
     chosen, tightened = tightening(imagined, result, most_runs)
     return _tightening([offered[i] for i in chosen], tightened, revealing.hopeless, seed)
+
+
+def _out_of_slow_noise(
+    study: Study, attempt: Attempt, diagnosis: Diagnosis, allowed: Allowed | None
+) -> Recommendation | None:
+    """The course of runs that shows what slow noise may hide; None where nothing is hidden, or none does."""
+    if not diagnosis.hidden_in_slow_noise or not isinstance(study, Scheduled):
+        return None
+    found = revealing(study, attempt, diagnosis.hidden_in_slow_noise, diagnosis.alpha, allowed)
+    if found is None:
+        return None
+    kind, runs = found.course.kind, found.course.runs
+    words = course_words(kind, found.answers, found.sizes, runs)
+    return Recommendation("reveal", runs, words, found.answers, best=runs[0], course=kind, sizes=found.sizes)
 
 
 def _telling(purpose: Purpose, decision: Decided, offered: Sequence[Proposal], seed: int) -> Recommendation:

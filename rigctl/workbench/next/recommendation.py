@@ -11,7 +11,7 @@ import numpy as np
 from rigctl.workbench.next.noncentrality import SEPARATING_LAMBDA
 from rigctl.workbench.next.questions import Question
 from rigctl.workbench.next.rig_time import total_s
-from rigctl.workbench.study import Proposal
+from rigctl.workbench.study import CourseKind, Proposal
 
 Purpose = Literal["separate", "reveal", "tighten", "none"]
 
@@ -54,6 +54,22 @@ class Tightened:
 
 
 @dataclass(frozen=True)
+class Revealed:
+    """What a course does for one effect: the smallest size that shows, by parameter, as it is, after it, and after as
+    many runs of the same kind as there are."""
+
+    effect: str
+    now: dict[str, float]
+    promised: dict[str, float]
+    if_repeated: dict[str, float]
+    units: dict[str, str]
+
+    def as_json(self) -> dict[str, Any]:
+        """Within `smallest_detectable` of `rigctl next --json`."""
+        return {**vars(self)}
+
+
+@dataclass(frozen=True)
 class Recommendation:
     """Runs to make next, in this order, and what they promise; `words` says it in a few sentences."""
 
@@ -64,6 +80,8 @@ class Recommendation:
     hopeless: tuple[Answer, ...] = ()
     result: tuple[Tightened, ...] = ()
     best: Proposal | None = None
+    course: CourseKind | None = None
+    sizes: tuple[Revealed, ...] = ()
 
     @property
     def takes_s(self) -> float:
@@ -81,6 +99,8 @@ class Recommendation:
             "promises": [answer.as_json() for answer in self.answers],
             "cannot_be_separated": [answer.as_json() for answer in self.hopeless],
             "result": [each.as_json() for each in self.result],
+            "course": self.course,
+            "smallest_detectable": [each.as_json() for each in self.sizes],
         }
 
 
@@ -94,6 +114,24 @@ def telling_words(answers: Sequence[Answer], hopeless: Sequence[Answer], runs: S
             chance += f"; {answer.runs_needed} runs like these would do"
         answered.append(f"{answer.question.term.effect}, {size}, from {_plain(answer.question.other)} ({chance})")
     return f"{_counted(runs)} would tell {'; '.join(answered)}. {hopeless_words(hopeless)}".strip()
+
+
+def course_words(
+    kind: CourseKind, answers: Sequence[Answer], sizes: Sequence[Revealed], runs: Sequence[Proposal]
+) -> str:
+    """Of runs in an order, and at times, that make what is slow visible."""
+    shown = []
+    for answer, size in zip(answers, sizes, strict=True):
+        least = [
+            f"{name} from {size.promised[name]:.3g} {unit} on, now from {size.now[name]:.3g}, with as many more "
+            f"runs of the scan from {size.if_repeated[name]:.3g}"
+            for name, unit in size.units.items()
+            if name in size.promised
+        ]
+        chance = f"lambda {answer.lambda_promised:.3g}, probability {answer.power:.0%}"
+        shown.append(f"{size.effect} ({chance}, if as large as white noise would have shown): {'; '.join(least)}")
+    said = f"{_counted(runs)} as {kind}, in this order, would show what slow noise may hide"
+    return f"{said}, and tell it from what else may act: {'. '.join(shown)}."
 
 
 def tightening_words(result: Sequence[Tightened], runs: Sequence[Proposal]) -> str:

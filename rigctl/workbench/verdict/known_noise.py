@@ -30,4 +30,4 @@ class KnownNoise:
         if not same:
             return None
         sigma = given.sigma * (self.noise.sigma / self.observed.sigma)
-        return Noise(sigma, self.noise.dof, self.noise.factors, self.noise.correlations)
+        return Noise(sigma, self.noise.dof, self.noise.factors, self.noise.correlations, slow=self.noise.slow)

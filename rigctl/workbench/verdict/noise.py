@@ -9,6 +9,7 @@ from scipy.linalg import solve_triangular
 
 from rigctl.analysis.decomposition import svd
 from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.workbench.verdict.kernels import SlowNoise
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ class Noise:
     correlations: tuple[Correlation, ...]
     between: tuple[tuple[FloatArray, float], ...] = ()
     """Of offsets that data share, what varies only between them, whitened, (n, k), and their degrees of freedom."""
+    slow: tuple[SlowNoise, ...] = ()
+    """By which law data are correlated along an order, for those of `factors` that are."""
 
     def whiten(self, columns: FloatArray) -> FloatArray:
         """W columns, shape (n,) or (n, k): independent, of unit variance where `columns` are this noise."""

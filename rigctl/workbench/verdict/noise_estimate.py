@@ -14,6 +14,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
+from rigctl.workbench.verdict.kernels import SlowNoise
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.noise_pool import WHITE, Pool
 from rigctl.workbench.verdict.offsets import in_units, with_offsets
@@ -82,7 +83,7 @@ class NoiseEstimator:
         # data told went up and down with them: their square sum over it has no such tail.
         sigma[known] *= np.sqrt(dof[known] / (dof[known] - 2.0))
         factors = list(self._given.factors)
-        correlations = []
+        correlations, slow = [], list[SlowNoise]()
         for pool in self._pools:
             scale, weighted = pool.estimate(in_units(self._given, pool.where, residuals[pool.where]))
             sigma[pool.where] *= scale
@@ -91,7 +92,9 @@ class NoiseEstimator:
             correlations.append(max(weighted, key=lambda pair: pair[0])[1])
             # Built from all of them: a single best correlation jumps from white to red by chance.
             factors += pool.factors(weighted)
-        return with_offsets(self._given, Noise(sigma, dof, tuple(factors), tuple(correlations)))
+            slow += [law for law in [pool.slow(weighted)] if law is not None]
+        noise = Noise(sigma, dof, tuple(factors), tuple(correlations), slow=tuple(slow))
+        return with_offsets(self._given, noise)
 
     def as_if_white(self, residuals: FloatArray) -> Noise:
         """The noise if all scatter were white: what of `estimate` correlations along an order are left out of."""

@@ -11,6 +11,7 @@ from scipy.linalg import solve_triangular
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
+from rigctl.workbench.verdict.kernels import SlowNoise, kernel
 from rigctl.workbench.verdict.noise import Correlation, orthonormal
 from rigctl.workbench.verdict.offsets import in_units
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding, saturated
@@ -52,6 +53,7 @@ class Pool:
         order: str | None,
     ) -> None:
         self.where = where
+        self._order = order
         self._group = given.group_of[where]
         self._at = _usable(given.of_runs(order)[where]) if order is not None else None
         fitted = in_units(given, where, required[where][:, above_rounding(required, where, given.sigma)])
@@ -62,10 +64,10 @@ class Pool:
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
         self._free = len(self._looked_at) - basis.shape[1]
         self._trials = [_Trials([WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
-        for kernel in self._kernels:
+        for name in self._kernels:
             # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.
-            strength, vectors = np.linalg.eigh(self._kernel(kernel, self._looked_at))
-            tried = [Correlation(kernel, q) for q in RATIOS]
+            strength, vectors = np.linalg.eigh(self._kernel(name, self._looked_at))
+            tried = [Correlation(name, q) for q in RATIOS]
             self._trials.append(_Trials(tried, np.outer(RATIOS, strength), vectors, basis))
         self._correlations = [each for trials in self._trials for each in trials.correlations]
         self._penalties = np.concatenate([trials.penalty for trials in self._trials])
@@ -113,15 +115,18 @@ class Pool:
         for group in np.unique(self._group):
             members = np.flatnonzero(self._group == group)
             mean: FloatArray = np.eye(len(members), dtype=np.float64)
-            strengths: dict[str, float] = {}
-            for weight, each in correlations:
-                strengths[each.kernel] = strengths.get(each.kernel, 0.0) + weight * each.ratio
-            for kernel, strength in strengths.items():
-                if kernel:
-                    mean = np.asarray(mean + strength * self._kernel(kernel, members), dtype=np.float64)
+            for name, strength in _strengths(correlations):
+                mean = np.asarray(mean + strength * self._kernel(name, members), dtype=np.float64)
             factor = np.asarray(np.linalg.cholesky(mean), dtype=np.float64)
             factors.append((members, factor))
         return factors
+
+    def slow(self, correlations: list[tuple[float, Correlation]]) -> SlowNoise | None:
+        """The law of the weighted mean of R; None for white noise."""
+        strengths = tuple(_strengths(correlations))
+        if not strengths or self._order is None:
+            return None
+        return SlowNoise(self.where, self._order, strengths, self._time_scales)
 
     def likeliest(self, residuals: FloatArray, now: Correlation) -> tuple[float, Correlation]:
         """Scale and correlation of residuals, in units of the given sigma, at the least -2 log L of its kind."""
@@ -189,25 +194,22 @@ class Pool:
         assert self._at is not None
         apart = np.abs(self._at[members][:, None] - self._at[members][None, :])
         same = self._group[members][:, None] == self._group[members][None, :]
-        shortest, longest = self._time_scales
-        kind, _, value = name.partition(" ")
-        if kind == "exp":
-            kernel = np.exp(-apart / float(value))
-        else:
-            # A power law as a sum of relaxations, two an octave: positive definite whatever the spacing.
-            constants = np.geomspace(shortest / 4.0, 8.0 * longest, 2 * int(np.log2(32.0 * longest / shortest)) + 2)
-            # A relaxation T has the density T / (1 + (2 pi f T)^2); with weights T^(a - 1) they add up to 1/f^a.
-            weights = constants ** (float(value) - 1.0)
-            kernel = np.zeros_like(apart)
-            for weight, constant in zip(weights / weights.sum(), constants, strict=True):
-                kernel += weight * np.exp(-apart / constant)
-        return np.where(same, kernel, 0.0)
+        return np.where(same, kernel(name, apart, self._time_scales), 0.0)
 
     @cached_property
     def _time_scales(self) -> tuple[float, float]:
         assert self._at is not None
         ordered = np.unique(self._at)
         return float(np.median(np.diff(ordered))), float(ordered[-1] - ordered[0])
+
+
+def _strengths(correlations: list[tuple[float, Correlation]]) -> list[tuple[str, float]]:
+    """How strong each kernel is in the weighted mean of R."""
+    strengths: dict[str, float] = {}
+    for weight, each in correlations:
+        if each.kernel:
+            strengths[each.kernel] = strengths.get(each.kernel, 0.0) + weight * each.ratio
+    return list(strengths.items())
 
 
 def _square_sum(values: FloatArray) -> float:

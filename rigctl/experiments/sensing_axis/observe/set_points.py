@@ -19,6 +19,9 @@ DWELLS_S = (10.0, 20.0, 60.0)
 OVERHEAD_S = 15.0
 """Turning, settling, arming and read-out, where the recording does not tell."""
 
+SOON_S = 300.0
+"""Into the time when the next runs are made."""
+
 ROOM_S = 3600.0
 """Until room and bench have followed the air conditioning."""
 
@@ -51,7 +54,7 @@ def options(runs: Sequence[RunObservables], limits: Limits) -> list[Proposal]:
     places = _places(runs, limits, _angles(runs, angles, limits), _frequencies(runs, limits))
     proposals = [_proposal(each, dwell_s, overhead_s) for each, dwell_s in itertools.product(places, dwells)]
     again = _places(runs, limits, angles, frequencies)
-    for room in _rooms(runs):
+    for room in rooms(runs):
         proposals += [_proposal(each, dwells[-1], overhead_s, room) for each in again]
     return proposals
 
@@ -139,7 +142,7 @@ def _largest(
     return 0.0
 
 
-def _rooms(runs: Sequence[RunObservables]) -> list[float]:
+def rooms(runs: Sequence[RunObservables]) -> list[float]:
     """Room temperatures an operator might bring about: none where the recording shows none that differ."""
     known = np.array([run.temperature_c for run in runs])
     if not np.isfinite(known).all() or np.ptp(known) <= _SAME_K:
