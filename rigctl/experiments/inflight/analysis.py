@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from rigctl.analysis.kept import Progress
@@ -26,13 +27,29 @@ def study(source: RunSource, plugins: Sequence[Plugin]) -> InflightStudy:
     return InflightStudy(source, plugins)
 
 
+@dataclass(frozen=True)
+class InflightResult:
+    """`numbers` as `rigctl result --json` has them: of one calibration, or of all draws of a Monte Carlo study."""
+
+    numbers: Mapping[str, Any]
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys of `rigctl result --json`."""
+        return dict(self.numbers)
+
+
 def result(workbench: Workbench) -> dict[str, Any]:
-    """The ten parameters of one calibration, fitted with the current model; of a Monte Carlo study the paper's tables
-    2 and 3; `DataError`."""
+    """The ten parameters of one calibration; of a Monte Carlo study the paper's tables 2 and 3; `DataError`."""
+    return analyse(workbench).as_json()
+
+
+def analyse(workbench: Workbench) -> InflightResult:
+    """A calibration fitted with its current model, or all draws of a Monte Carlo study; `DataError`."""
     draws = [Draw.from_json(document.data) for document in workbench.store.documents(DRAW)]
     if draws:
-        return dict(tables(draws))
+        return InflightResult(tables(draws))
     studied = workbench.study
     assert isinstance(studied, InflightStudy)
     version = workbench.current
-    return {"version": version.version, **calibration(studied, parameters_of(studied, version.terms))}
+    numbers = calibration(studied, parameters_of(studied, version.terms))
+    return InflightResult({"version": version.version, **numbers})
