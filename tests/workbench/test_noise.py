@@ -144,6 +144,15 @@ def test_an_effect_of_several_columns_is_projected_out_whole_or_not_at_all(room:
     np.testing.assert_allclose(spanned[0], spanned[1], atol=1e-9)
 
 
+def test_of_effects_as_large_the_first_is_projected_out_first() -> None:
+    """Rounding, and so the unit of a column, does not choose between them."""
+    centred = np.random.default_rng(7).standard_normal((24, 12))
+    centred -= centred.mean(axis=0)
+    for scale in 10.0 ** np.random.default_rng(8).uniform(-3.0, 3.0, (20, 12)):
+        basis = saturated(np.ones((24, 1)), [columns(centred * scale)])
+        np.testing.assert_allclose(basis @ (basis.T @ centred[:, 0]), centred[:, 0], atol=1e-9)
+
+
 @pytest.mark.parametrize("count", [9, 12, 30, 90])
 def test_at_least_two_thirds_of_the_data_are_left_to_tell_the_noise(count: int) -> None:
     possible = np.random.default_rng(3).standard_normal((count, 4 * count))

@@ -18,6 +18,8 @@ SATURATED_SHARE = 2.0 / 3.0
 
 # Of a column of unit length: what is left less of lies in the span already.
 _INDEPENDENT = 1e-3
+# Of a length: columns that are centred already are all as long, and rounding is not to choose between them.
+_EARLIER = 1e-7
 _DIFFERENCES = 1e-6
 """Of a column's length: what is left where a derivative by differences should be none."""
 
@@ -67,7 +69,8 @@ def _further(basis: FloatArray, hidden: Hidden, room: int) -> FloatArray:
     left = hidden.columns
     if widths.max() == 1:
         # With pivoting the columns that add most come first.
-        further, triangle, _ = qr(left - basis @ (basis.T @ left), mode="economic", pivoting=True)
+        left = (left - basis @ (basis.T @ left)) * (1.0 - _EARLIER * np.arange(left.shape[1]))
+        further, triangle, _ = qr(left, mode="economic", pivoting=True)
         return np.asarray(further[:, : min(room, int(np.sum(np.abs(np.diag(triangle)) > _INDEPENDENT)))])
     spans = [
         orthonormal(left[:, a : a + width], _INDEPENDENT) if width > 1 else left[:, [a]]
@@ -78,7 +81,7 @@ def _further(basis: FloatArray, hidden: Hidden, room: int) -> FloatArray:
     first = np.concatenate([[0], np.cumsum(widths)[:-1]])
     taken, waiting = [np.zeros((len(basis), 0))], np.ones(len(spans), dtype=bool)
     while room > 0:
-        share = np.add.reduceat(np.sum(left**2, axis=0), first) / widths
+        share = np.add.reduceat(np.sum(left**2, axis=0), first) / widths * (1.0 - _EARLIER * np.arange(len(spans)))
         place = int(np.argmax(np.where(waiting, share, 0.0)))
         if not waiting[place] or share[place] <= _INDEPENDENT**2:
             break
