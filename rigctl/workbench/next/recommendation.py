@@ -128,10 +128,12 @@ def course_words(
             for name, unit in size.units.items()
             if name in size.promised
         ]
-        chance = f"lambda {answer.lambda_promised:.3g}, probability {answer.power:.0%}"
-        shown.append(f"{size.effect} ({chance}, if as large as white noise would have shown): {'; '.join(least)}")
+        promise = f"lambda {answer.lambda_promised:.3g}, now {answer.lambda_now:.3g}"
+        shown.append(f"{size.effect} ({promise}, if as large as white noise would have shown): {'; '.join(least)}")
     said = f"{_counted(runs)} as {kind}, in this order, would show what slow noise may hide"
-    return f"{said}, and tell it from what else may act: {'. '.join(shown)}."
+    told = f"{said}, and tell it from what else may act: {'. '.join(shown)}."
+    # Runs at other times tell more of the noise too, and a diagnosis counts how little is known of it.
+    return f"{told} That is if the noise goes on by the law that these data tell."
 
 
 def tightening_words(result: Sequence[Tightened], runs: Sequence[Proposal]) -> str:
