@@ -74,12 +74,13 @@ class Rig:
     directory: Path
     effects: Mapping[str, Mapping[str, float]]
     seed: int = 1
+    campaign: str = field(default_factory=lambda: CAMPAIGN.read_text(encoding="utf-8"))
     _further: dict[str, Path] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         text = rig_text(self.seed, {name: dict(own) for name, own in self.effects.items()}) + ROOM
         (self.directory / "rig.toml").write_text(text, encoding="utf-8")
-        campaign = CAMPAIGN.read_text(encoding="utf-8").replace("hidden-effect-rig.toml", "rig.toml")
+        campaign = self.campaign.replace("hidden-effect-rig.toml", "rig.toml")
         parsed = parse_campaign(campaign, self.directory / "campaign.toml")
         self.scan = self.directory / "scan.rig.sqlite"
         runner.start(parsed, read_rig(parsed.rig_path), self.scan, runner.Options(unattended=True))
