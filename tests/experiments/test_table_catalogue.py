@@ -274,6 +274,12 @@ def test_an_effect_that_varies_between_batches_only_is_judged_by_the_batches() -
     assert names == 0
 
 
+def test_numbers_of_many_digits_name_batches_apart() -> None:
+    day = np.repeat(np.arange(20240115.0, 20240121.0), 3)
+    table = study({"y": np.arange(18.0) % 5, "day": day}, "b0", batch=["day"])
+    assert table.data.readings.categories["day"].levels == tuple(str(20240115 + i) for i in range(6))
+
+
 def test_a_square_far_from_zero_is_fitted() -> None:
     """R's `women`: heights from 58 to 72 in, whose square is a line but for a two-hundredth."""
     height = np.arange(58.0, 73.0)
