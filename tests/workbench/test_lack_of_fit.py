@@ -38,7 +38,7 @@ def _table(place: Path, columns: dict[str, FloatArray]) -> Path:
 def test_the_load_cell_of_nist_lacks_a_square_and_nothing_else(
     tmp_path: Path, added: tuple[str, ...], f: float, dof: int
 ) -> None:
-    """NIST/SEMATECH e-Handbook of Statistical Methods, 4.6.2: 214.75 for the line, 0.8107 for the parabola."""
+    """Two readings at each of twenty loads; NIST fits a parabola to them (Pontius, StRD)."""
     compared, _ = _asked(EXAMPLES / "pontius", tmp_path / "pontius.rig.sqlite", added)
     lack = compared.lack_of_fit
     assert lack is not None
