@@ -12,6 +12,7 @@ from rigctl.campaign.bundle.bundle import import_bundle
 from rigctl.composition import opened_workbench
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.findings import Comparison, Diagnosis
+from rigctl.workbench.verdict.lack_of_fit import _Test
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LEVELS, REPEATS = 20, 3
@@ -44,7 +45,8 @@ def test_the_load_cell_of_nist_lacks_a_square_and_nothing_else(
     assert lack is not None
     assert (lack.dof, lack.pure_dof) == (dof, 20)
     assert lack.f == pytest.approx(f, rel=1e-4)
-    assert lack.p_value == pytest.approx(stats.f.sf(f, dof, 20), rel=1e-2)
+    by_f_alone = stats.f.sf(f, dof, 20)
+    assert 0.99 * by_f_alone < lack.p_value < max(1.01 * by_f_alone, 1e-6)
 
 
 def test_what_differs_between_settings_and_follows_no_column_is_said_to_be_unknown(tmp_path: Path) -> None:
@@ -96,3 +98,20 @@ def test_readings_of_which_none_was_taken_again_are_not_asked(tmp_path: Path) ->
     )
     assert compared.lack_of_fit is None
     assert compared.as_json()["lack_of_fit"] is None
+
+
+def test_scatter_that_differs_from_setting_to_setting_is_no_lack_of_fit() -> None:
+    """Noise ten times larger at one end: by F alone one in thirty would be below one in a hundred."""
+    rng = np.random.default_rng(2)
+    force = np.repeat(np.linspace(0.0, 1.0, LEVELS), REPEATS)
+    basis = np.linalg.qr(np.column_stack([np.ones(force.size), force]))[0]
+    test = _Test(np.repeat(np.arange(LEVELS), REPEATS), np.ones(force.size), basis)
+    tables = 3000
+    volts = rng.normal(size=(tables, force.size)) * (0.2 + 2.0 * force)
+    left = volts - (volts @ basis) @ basis.T
+    by_f_alone = test.p_of(test.of(left)[0])
+    small = np.flatnonzero(by_f_alone < 0.01)
+    below = sum(test.p_of_signs(left[table], float(by_f_alone[table]), int(table)) < 0.01 for table in small)
+    # Of a true rate of 1 %, one in ten thousand draws of so many tables has more than these.
+    most = stats.binom.isf(1e-4, tables, 0.01)
+    assert below <= most < len(small)

@@ -8,6 +8,7 @@ from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
 from rigctl.workbench.verdict.significance import (
     CATALOGUE_SHARE,
     LINES_SHARE,
+    REPEATS_SHARE,
     SHAPES_SHARE,
     p_of_scored,
     p_of_shape,
@@ -29,9 +30,10 @@ def adequacy(attempt: Attempt, account: Account) -> float:
         effects = 1.0
     lack = lack_of_fit(attempt)
     asked = (
-        # Lines are looked for in the samples and not here: their share is free for chi-square as a whole.
-        # Where the scatter told the noise, chi-square says nothing, and repeats say what it would.
-        (attempt.chi2_p_value() if lack is None else lack.p_value) / LINES_SHARE,
+        # Lines are looked for in the samples and not here: their share is free for chi-square as a whole, which says
+        # little where the scatter told the noise, and for repeats, which then say more.
+        attempt.chi2_p_value() / (LINES_SHARE if lack is None else LINES_SHARE - REPEATS_SHARE),
+        1.0 if lack is None else lack.p_value / REPEATS_SHARE,
         effects / CATALOGUE_SHARE,
         p_of_shape(attempt) / SHAPES_SHARE,
     )

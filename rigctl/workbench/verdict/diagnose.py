@@ -17,7 +17,7 @@ from rigctl.workbench.verdict.ranking import ranking
 from rigctl.workbench.verdict.rivals import Rival, rivals_of
 from rigctl.workbench.verdict.score import likeness
 from rigctl.workbench.verdict.search import Progress, Search
-from rigctl.workbench.verdict.significance import LINES_SHARE
+from rigctl.workbench.verdict.significance import REPEATS_SHARE
 from rigctl.workbench.verdict.slow_noise import hidden_in_slow_noise
 
 
@@ -47,7 +47,7 @@ def diagnose(
         # Scored again: its size is that beside all that was found.
         score = final.projector.score(final.whitened_columns(search.unexplained.described_columns))
         unexplained = described(final.model.observations, search.unexplained, score)
-    elif (lack := lack_of_fit(final)) is not None and lack.p_value < LINES_SHARE * alpha:
+    elif (lack := lack_of_fit(final)) is not None and lack.p_value < REPEATS_SHARE * alpha:
         unexplained = unexplained_between_settings(lack)
     return Diagnosis(
         verdict=_verdict(search, rivals, unexplained),

@@ -8,42 +8,88 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import fdtrc
 
-from rigctl.core.arrays import IntArray
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.findings import LackOfFit, Unexplained
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.permuted import Tail
+from rigctl.workbench.verdict.significance import CONFIRM_FROM
+
+_DRAWS, _AT_ONCE = 2000, 100
+_LEAST_FREE = 1e-3
+# Of the sum of squares: below, repeats are the same but for rounding.
+_ROUNDING = 1e-20
 
 
 def lack_of_fit(attempt: Attempt) -> LackOfFit | None:
     """The F test of what a fitted model leaves against the scatter among repeats; None where there are too few of
-    either, or where readings are not independent, for then repeats share more than their settings."""
+    either, or where readings are not independent, for then repeats share more than their settings.
+
+    A small p-value is held to what the same residuals show with their signs drawn: scatter that differs from setting
+    to setting makes F larger by chance than normal noise of one size would (Wu, Annals of Statistics 14 (1986) 1261).
+    """
     given, noise = attempt.model.observations, attempt.noise
     if not len(attempt.estimator.rows) or noise.factors or len(given.series) != 1:
         return None
-    setting_of = _settings(given)[given.run_of]
-    count = np.bincount(setting_of)
-    pure_dof = len(given.value) - len(count)
-    lack_dof = attempt.result.dof - pure_dof
-    if pure_dof < 1 or lack_dof < 1:
+    test = _Test(_settings(given)[given.run_of], noise.sigma, attempt.projector.basis[: len(given.value)])
+    if test.pure_dof < 1 or test.dof < 1:
         return None
-    weight = given.sigma**-2
-    mean = np.bincount(setting_of, weight * given.value) / np.bincount(setting_of, weight)
-    # A setting's readings scatter about their own mean, whatever the model says of that setting.
-    pure = float(np.sum(weight * (given.value - mean[setting_of]) ** 2))
-    left = float(np.sum(weight * attempt.unexplained() ** 2))
-    if pure <= 0.0:
+    left = attempt.whitened()
+    f, pure = (float(each[0]) for each in test.of(left[None, :]))
+    if not np.isfinite(f):
         return None
-    f = max(left - pure, 0.0) / lack_dof / (pure / pure_dof)
-    scale = float(np.sqrt(np.mean(given.sigma**2)))
+    scale = float(np.sqrt(np.mean(noise.sigma**2)))
+    p_value = float(test.p_of(np.array(f)))
     return LackOfFit(
         f=f,
-        dof=lack_dof,
-        pure_dof=pure_dof,
-        p_value=float(fdtrc(lack_dof, pure_dof, f)),
-        pure_error=scale * float(np.sqrt(pure / pure_dof)),
+        dof=test.dof,
+        pure_dof=test.pure_dof,
+        p_value=test.p_of_signs(left, p_value, attempt.seed) if p_value < CONFIRM_FROM else p_value,
+        pure_error=scale * float(np.sqrt(pure)),
         channel=given.series[0].channel,
         unit=given.series[0].unit,
     )
+
+
+class _Test:
+    """The test for data with the settings `setting_of` (n,), of standard deviation `sigma` (n,), of a model whose
+    derivatives span `basis` (n, m); residuals are whitened."""
+
+    def __init__(self, setting_of: IntArray, sigma: FloatArray, basis: FloatArray) -> None:
+        self._basis = basis
+        self._order = np.argsort(setting_of, kind="stable")
+        self._first = np.flatnonzero(np.diff(setting_of[self._order], prepend=-1))
+        self._weight = 1.0 / sigma
+        self._norm = np.add.reduceat(self._weight[self._order] ** 2, self._first)
+        self.pure_dof = len(setting_of) - len(self._first)
+        self.dof = len(self._first) - basis.shape[1]
+
+    def of(self, left: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """F and the mean square among repeats, of residuals (draws, n); F is NaN where repeats do not scatter."""
+        total = np.sum(left**2, axis=1)
+        means = np.add.reduceat((left * self._weight)[:, self._order], self._first, axis=1)
+        between = np.sum(means**2 / self._norm, axis=1)
+        pure = (total - between) / self.pure_dof
+        lack = (between - np.sum((left @ self._basis) ** 2, axis=1)) / self.dof
+        scatters = pure > _ROUNDING * total
+        return np.where(scatters, np.maximum(lack, 0.0) / np.where(scatters, pure, 1.0), np.nan), pure
+
+    def p_of(self, f: FloatArray) -> FloatArray:
+        """Of normal noise of one size."""
+        return np.asarray(fdtrc(self.dof, self.pure_dof, f))
+
+    def p_of_signs(self, left: FloatArray, p_value: float, seed: int) -> float:
+        """No smaller than draws of the residuals' signs let one expect."""
+        free = 1.0 - np.sum(self._basis**2, axis=1)
+        # A fit leaves less of a reading the more that reading decides of it.
+        grown = left / np.sqrt(np.maximum(free, _LEAST_FREE))
+        # A stream of its own, see `trials`.
+        rng = np.random.default_rng([seed, 6])
+        drawn: list[FloatArray] = []
+        for count in np.full(_DRAWS // _AT_ONCE, _AT_ONCE):
+            signs = rng.choice(np.array([-1.0, 1.0]), (count, len(left)))
+            drawn.append(self.p_of(self.of(signs * grown)[0]))
+        return max(p_value, Tail(np.sort(np.nan_to_num(np.concatenate(drawn)))).probability(p_value))
 
 
 def unexplained_between_settings(lack: LackOfFit) -> Unexplained:

@@ -15,6 +15,9 @@ from rigctl.workbench.verdict.trials import smallest_of
 CATALOGUE_SHARE, SHAPES_SHARE, LINES_SHARE = 0.6, 0.3, 0.1
 """How the level over all trials is shared between the catalogue, the shapes without physics and the lines."""
 
+REPEATS_SHARE = 0.5 * LINES_SHARE
+"""Of that of the lines, which are looked for in samples: repeats are readings of a table, which has none."""
+
 CONFIRM_FROM = 0.05
 """Corrected p-values below are confirmed by bootstrap where noise comes from the scatter."""
 
