@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from rigctl.core.arrays import FloatArray
 
+_NAMES_KEPT = 2
+
 
 class UnitColumns:
     """Columns (n, choices, d) brought to unit length; `size` (choices, d) is what they had.
@@ -21,7 +23,7 @@ class UnitColumns:
         n, self.choices, self.dimension = columns.shape
         self.size = np.linalg.norm(columns, axis=0)
         self._columns = (columns / np.where(self.size > 0.0, self.size, 1.0)).reshape(n, -1)
-        self._drawn: tuple[object, NDArray[np.float32]] | None = None
+        self._drawn: dict[object, NDArray[np.float32]] = {}
 
     @cached_property
     def gram(self) -> FloatArray:
@@ -33,11 +35,16 @@ class UnitColumns:
         return (vectors.T @ self._columns).reshape(-1, self.choices, self.dimension)
 
     def along_draws(self, draws: NDArray[np.float32], name: object) -> NDArray[np.float32]:
-        """Products with draws of noise (draws, n), shape (draws, choices, d); kept for the last by `name`."""
-        if self._drawn is None or self._drawn[0] != name:
+        """Products with draws of noise (draws, n), shape (draws, choices, d); kept for the last two by `name`."""
+        if name not in self._drawn:
+            # Draws that all models share, and one model's permuted residuals, are asked for in turn.
+            while len(self._drawn) >= _NAMES_KEPT:
+                del self._drawn[next(iter(self._drawn))]
             # Single precision: draws tell the number of trials to 16 % only, and are the largest arrays there are.
-            self._drawn = name, draws @ self._columns.astype(np.float32)
-        return self._drawn[1].reshape(-1, self.choices, self.dimension)
+            self._drawn[name] = draws @ self._columns.astype(np.float32)
+        # The last asked for is the last to go.
+        self._drawn[name] = self._drawn.pop(name)
+        return self._drawn[name].reshape(-1, self.choices, self.dimension)
 
     @property
     def stack(self) -> FloatArray:

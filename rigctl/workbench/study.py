@@ -238,6 +238,14 @@ class Study(Protocol):
 
 
 @runtime_checkable
+class AsksOneByOne(Study, Protocol):
+    """A study that makes the candidates of one effect without those of all others."""
+
+    def candidates_of(self, model: Model, values: FloatArray, effect: str) -> list[Candidate]:
+        """Those among `candidates` that are of `effect`, by id."""
+
+
+@runtime_checkable
 class HasFamilies(Protocol):
     """A study whose effects are much the same question in families, each of which has one portion of the level."""
 

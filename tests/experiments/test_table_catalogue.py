@@ -51,6 +51,20 @@ MADE: dict[str, tuple[str, FloatArray, dict[str, float]]] = {
 }
 
 
+def test_one_effect_is_asked_about_as_all_are() -> None:
+    beside = study({"y": 1.0 + 0.02 * NOISE, "x": X, "z": Z, "head": HEAD.tolist()}, "b0 + b1 * x")
+    model = beside.model([Term("periodic[z]", {"period": 0.7, "origin": 0.0}), Term("level[head]")])
+    values = np.array([each.start for each in model.parameters])
+    every = beside.candidates(model, values)[0]
+    for effect in (*beside.effects(), "periodic[z]#2"):
+        one = beside.candidates_of(model, values, effect)
+        assert [each.term for each in one] == [each.term for each in every if each.term.effect == effect]
+        for mine, others in zip(one, (each for each in every if each.term.effect == effect), strict=True):
+            np.testing.assert_array_equal(mine.derivative, others.derivative)
+            np.testing.assert_array_equal(mine.typical, others.typical)
+    assert {each.term.effect for each in every} >= {"turning[z]", "periodic[z]#2", "slope[x by head]"}
+
+
 @pytest.mark.parametrize("effect", MADE)
 def test_an_effect_of_a_table_is_named_and_sized(effect: str) -> None:
     baseline, added, expected = MADE[effect]

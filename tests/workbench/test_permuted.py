@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
@@ -11,7 +12,7 @@ from rigctl.experiments.table.study import TableStudy
 from rigctl.workbench.verdict.account import account_of
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
-from rigctl.workbench.verdict.permuted import PERMUTATIONS, Permuted, Tail, is_heavy_tailed
+from rigctl.workbench.verdict.permuted import PERMUTATIONS, Permuted, Tail, is_heavy_tailed, p_of_kurtosis
 
 ROWS = 120
 
@@ -35,6 +36,14 @@ def test_wild_readings_have_heavy_tails_and_normal_noise_seldom() -> None:
     assert of_normal <= 33
     assert not is_heavy_tailed(np.zeros(50))
     assert not is_heavy_tailed(rng.standard_t(3, 10))
+
+
+@pytest.mark.parametrize("rows", [20, 51, 400])
+def test_the_test_of_kurtosis_is_that_of_scipy(rows: int) -> None:
+    rng = np.random.default_rng(rows)
+    for left in (rng.standard_normal(rows), rng.standard_t(3, rows), rng.uniform(size=rows)):
+        p_value = stats.kurtosistest(left, alternative="greater").pvalue
+        assert p_of_kurtosis(left) == pytest.approx(p_value, rel=1e-9, abs=1e-15)
 
 
 def test_the_tail_of_normal_noise_is_its_p_value_itself() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,22 +12,15 @@ from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError, DataError
 from rigctl.effects.plugins import Plugin
-from rigctl.experiments.table.candidates import (
-    candidate_of,
-    group_candidate,
-    has_another_name,
-    is_a_square,
-    plugin_candidate,
-    scan_candidates,
-    spans_of,
-)
-from rigctl.experiments.table.catalogue import base_of, next_id, why_not
+from rigctl.experiments.table.asked import Asked
+from rigctl.experiments.table.candidates import spans_of
+from rigctl.experiments.table.catalogue import base_of, why_not
 from rigctl.experiments.table.model.form import Form
 from rigctl.experiments.table.model.model import TableModel, as_result, fitted
 from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece, PluginPiece
 from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.start import POINTS_MAX, place, solve, span_of
-from rigctl.experiments.table.model.words import Group, Level
+from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.proposals import options
 from rigctl.experiments.table.study_data import TableData
 from rigctl.workbench.study import (
@@ -40,7 +32,6 @@ from rigctl.workbench.study import (
     Term,
 )
 from rigctl.workbench.study_base import StudyBase
-from rigctl.workbench.verdict.offsets import in_units
 
 # Places along a grid from which a fit is tried where the one from the best place does not converge.
 _RESTARTS = 8
@@ -115,37 +106,26 @@ class TableStudy(StudyBase[TableData]):
 
     def candidates(self, model: Model, values: FloatArray) -> tuple[list[Candidate], list[NotTestable]]:
         """Every effect that `model` lacks; a scanned one once per point of its grid."""
-        assert isinstance(model, TableModel)
-        taken = {term.effect for term in model.terms}
-        jacobian = model.jacobian(values)
-        spanned = span_of(jacobian)
-        left, unit = self.observations.value - model.predict(values), self.data.readings.response.unit
+        asked = self._asked(model, values)
         candidates: list[Candidate] = []
         untestable: list[NotTestable] = []
-        for base, effect in self.data.generic.items():
-            if base in taken and not isinstance(effect, Scanned):
-                continue
-            reason = why_not(effect, self.data.readings)
-            if isinstance(effect, Form) and not reason:
-                # In this order: a form that is another one by name is not asked about further.
-                reason = (
-                    has_another_name(effect, spanned) or self._shared(effect) or self._simpler(effect, jacobian, left)
-                )
-            if reason:
-                untestable.append(NotTestable(base, reason))
-            elif isinstance(effect, Group):
-                candidates.append(group_candidate(effect, jacobian, left))
-            elif isinstance(effect, Scanned):
-                candidates += scan_candidates(effect, next_id(base, taken), self.data.scans, unit, spanned, left)
-            elif isinstance(effect, Form):
-                choices = effect.choices(spans_of(spanned))
-                candidates += [candidate_of(effect, Term(base, each), unit, spanned, left) for each in choices]
-        for name, effect_ in self.catalogue.items():
-            if name not in taken:
-                piece = PluginPiece(Term(name), effect_, self.data.readings)
-                entry = plugin_candidate(piece, model.signal(values))
-                (candidates if isinstance(entry, Candidate) else untestable).append(entry)  # type: ignore[arg-type]
+        for effect in (*self.data.generic, *self.catalogue):
+            found = asked.of(effect)
+            if isinstance(found, NotTestable):
+                untestable.append(found)
+            else:
+                candidates += found
         return candidates, untestable
+
+    def candidates_of(self, model: Model, values: FloatArray, effect: str) -> list[Candidate]:
+        """The same of one effect."""
+        base = effect if effect in self.catalogue else base_of(effect, self.data.generic)
+        found = self._asked(model, values).of(base)
+        return [] if isinstance(found, NotTestable) else [each for each in found if each.term.effect == effect]
+
+    def _asked(self, model: Model, values: FloatArray) -> Asked:
+        assert isinstance(model, TableModel)
+        return Asked(self.data, self.catalogue, model, values)
 
     def result(self, model: Model, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
         """The parameters, which are what a calibration is for, and the amplitude of what is periodic."""
@@ -159,17 +139,6 @@ class TableStudy(StudyBase[TableData]):
     def extended(self, proposals: Sequence[Proposal]) -> TableStudy:
         """These readings and some more, which mean nothing but where they are taken."""
         return self.with_data(self.data.with_proposals(proposals))
-
-    def _shared(self, form: Form) -> str:
-        """Why levels of words are part of the noise; "" where they are not."""
-        if isinstance(form, Level) and self.data.ratios.get(form.category.name, 0.0) > 0.0:
-            return f"readings of one {form.category.name} share an offset, which is part of the noise"
-        return ""
-
-    def _simpler(self, form: Form, jacobian: FloatArray, left: FloatArray) -> str:
-        weigh = partial(in_units, self.observations, np.arange(left.size))
-        square = is_a_square(form, weigh(jacobian), weigh(left), weigh)
-        return "the square of the column alone shows the same" if square else ""
 
     def _piece(self, term: Term, before: Sequence[Piece | GroupPiece]) -> Piece | GroupPiece:
         if term.effect in self.catalogue:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
+from rigctl.workbench.verdict.questions import Questions
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding
 from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
 from rigctl.workbench.verdict.score import Score, corrected, p_of
@@ -76,7 +76,7 @@ class Attempt(FittedModel):
             raise DataError("no run can be used: import runs that can be reduced, or mark some valid")
         noise = None if known is None else known.noise_of(given)
         first = fit_with_given_noise(model, start or {}, noise, held)
-        self._asked_at = model, first.result.values
+        self._questions = Questions(study, model, first.result.values)
         self.generic = ({} if shapes is None else shapes).setdefault(id(given), Generic(given))
         if known is not None and noise is not None:
             self.estimator, last = known.estimator, first
@@ -87,17 +87,13 @@ class Attempt(FittedModel):
 
     @property
     def candidates(self) -> list[Candidate]:
-        """Every effect that the model lacks, one per choice; made when they are asked for: a fit needs none."""
-        return self._asked[0]
+        """Every effect that the model lacks, one per choice."""
+        return self._questions.candidates
 
     @property
     def not_testable(self) -> list[NotTestable]:
         """Effects that these data cannot be asked about."""
-        return self._asked[1]
-
-    @cached_property
-    def _asked(self) -> tuple[list[Candidate], list[NotTestable]]:
-        return self.study.candidates(*self._asked_at)
+        return self._questions.not_testable
 
     def chi2_p_value(self, told: float = 0.0) -> float:
         """Of all that is left; what the saturated design leaves told the noise, and says nothing more."""
@@ -117,11 +113,11 @@ class Attempt(FittedModel):
 
         What stands out is looked for between the values of the scan too.
         """
-        return [scored for effect in self._groups if (scored := self.scored_effect(effect)) is not None]
+        return [scored for effect in self._questions.groups if (scored := self.scored_effect(effect)) is not None]
 
     def scored_effect(self, effect: str) -> Scored | None:
         """The candidate of one effect, scored when it is asked for; None where it is none."""
-        if effect in self._groups and effect not in self._scored_effects:
+        if effect not in self._scored_effects and self._questions.of(effect):
             self._scored_effects[effect] = self._refined(self._best_choice(effect))
         return self._scored_effects.get(effect)
 
@@ -132,8 +128,12 @@ class Attempt(FittedModel):
     def _best_choice(self, effect: str) -> Scored:
         price = float(np.log(len(self.result.residuals)))
         best: Scored | None = None
-        for group, scores in zip(self._groups[effect], self._scored_groups(effect), strict=True):
-            for candidate, score in zip(group, scores if isinstance(scores, list) else scores.scores, strict=True):
+        for group, scores in zip(self._questions.of(effect), self._scored_groups(effect), strict=True):
+            if isinstance(scores, ScanScores):
+                strongest = [(group[scores.strongest], scores.score(scores.strongest))]
+            else:
+                strongest = list(zip(group, scores, strict=True))
+            for candidate, score in strongest:
                 more = 0 if best is None else len(candidate.names) - len(best.candidate.names)
                 # Twice the log evidence: a further parameter costs ln n (Schwarz).
                 if best is None or score.statistic - more * price > best.score.statistic:
@@ -143,7 +143,7 @@ class Attempt(FittedModel):
 
     def dof_of(self, effect: str) -> float:
         """Degrees of freedom of the noise that the test of a candidate meets; infinite for what is none."""
-        return self._best_choice(effect).score.dof if effect in self._groups else np.inf
+        return self._best_choice(effect).score.dof if self._questions.of(effect) else np.inf
 
     @cached_property
     def likeness_bounds(self) -> FloatArray:
@@ -167,7 +167,7 @@ class Attempt(FittedModel):
     def families(self) -> dict[str, Family]:
         """What each family of effects tries."""
         families: dict[str, Family] = {}
-        for effect in self._groups:
+        for effect in self._questions.groups:
             family = families.setdefault(family_of(self.study, effect), Family())
             for each in self._scored_groups(effect):
                 if isinstance(each, ScanScores):
@@ -209,24 +209,15 @@ class Attempt(FittedModel):
     @property
     def scores(self) -> list[Score]:
         """Of every candidate, effect by effect."""
-        groups = [scored for effect in self._groups for scored in self._scored_groups(effect)]
+        groups = [scored for effect in self._questions.groups for scored in self._scored_groups(effect)]
         return [score for each in groups for score in (each if isinstance(each, list) else each.scores)]
-
-    @cached_property
-    def _groups(self) -> dict[str, list[list[Candidate]]]:
-        """The candidates effect by effect, choices with as many parameters together."""
-        groups: dict[str, list[list[Candidate]]] = {}
-        of_one = itertools.groupby(self.candidates, lambda each: (each.term.effect, len(each.names)))
-        for (effect, _), group in of_one:
-            groups.setdefault(effect, []).append(list(group))
-        return groups
 
     def _scored_groups(self, effect: str) -> list[ScanScores | list[Score]]:
         """The groups of an effect, scored once; the choices of a long scan together."""
         if effect not in self._scored:
             self._scored[effect] = [
                 self._scores_of_scan(group) if len(group) >= TOGETHER else [self._score(each) for each in group]
-                for group in self._groups[effect]
+                for group in self._questions.of(effect)
             ]
         return self._scored[effect]
 
@@ -275,7 +266,7 @@ class Attempt(FittedModel):
     @cached_property
     def bootstrap(self) -> Bootstrap:
         """What the smallest p-values would be with nothing hidden, the noise estimated each time."""
-        candidates = [each for groups in self._groups.values() for group in groups for each in group]
+        candidates = [each for groups in self._questions.groups.values() for group in groups for each in group]
         return bootstrap(self, candidates, self.scores, self.estimator, self.generic, self.seed)
 
     @cached_property
@@ -301,7 +292,7 @@ class Attempt(FittedModel):
         Schwarz's ln n / 2 for each parameter, one that was scanned for among them: it is fitted on. And ln of the
         choices, for a scan finds more by chance.
         """
-        grid = sum(candidate.term.effect == scored.candidate.term.effect for candidate in self.candidates)
+        grid = sum(map(len, self._questions.of(scored.candidate.term.effect)))
         parameters = scored.score.dimension + scored.candidate.scanned
         return 0.5 * parameters * float(np.log(len(self.result.residuals))) + float(np.log(grid))
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from rigctl.workbench.findings import Estimate, Rank
 from rigctl.workbench.study import Line, Term
@@ -130,5 +130,5 @@ def detectable(attempt: Attempt, scored: Scored, alpha: float) -> dict[str, floa
 @lru_cache(maxsize=64)
 def _noncentrality(d: int, level: float) -> float:
     """With which a chi-square of d degrees of freedom is significant at a level with power 0.95."""
-    threshold = stats.chi2.isf(level, d)
-    return float(optimize.brentq(lambda size: stats.ncx2.sf(threshold, d, size) - POWER, 1e-3, 1e4))
+    threshold = special.chdtri(d, level)
+    return float(optimize.brentq(lambda size: 1.0 - special.chndtr(threshold, d, size) - POWER, 1e-3, 1e4))

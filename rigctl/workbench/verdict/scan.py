@@ -8,7 +8,7 @@ size of the data is made for a choice.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,14 +58,39 @@ class ScanScores:
         self._p_values: FloatArray = np.asarray(p_of(self.statistic, self.dimension, self._dof))
         if own is not None:
             self._judge_by_own_noise(own, products[rank + 1 : -1], products[-1])
-        self.scores = self._as_scores(unit.size * scale)
+        self._size = np.where(unit.size > 0.0, unit.size * scale, 1.0)
 
     @property
+    def scores(self) -> list[Score]:
+        """Of all choices."""
+        return [self.score(place) for place in range(len(self._along))]
+
+    @cached_property
+    def strongest(self) -> int:
+        """The place of the choice with the largest statistic, the first of equals."""
+        return int(np.argmax(self.statistic))
+
+    def score(self, place: int) -> Score:
+        """Of one choice."""
+        seen, dimension = self._seen[place], int(self.dimension[place])
+        determined, root = seen & (dimension > 0), self._root[place]
+        return Score(
+            float(self.statistic[place]),
+            dimension,
+            float(self._dof[place]),
+            float(self._p_values[place]) if dimension else 1.0,
+            self._keep[place],
+            np.where(determined, root @ self._along[place] / self._size[place], 0.0),
+            np.where(determined, np.sqrt(np.sum(root**2, axis=1)) / self._size[place], np.inf),
+            partial(self._basis, place),
+        )
+
+    @cached_property
     def statistic(self) -> FloatArray:
         """T of each choice."""
         return np.asarray(np.sum(self._along**2, axis=1))
 
-    @property
+    @cached_property
     def dimension(self) -> IntArray:
         """Of each choice."""
         return np.asarray(self._determined.sum(axis=1), dtype=np.intp)
@@ -120,23 +145,6 @@ class ScanScores:
         p_values = p_of(self.statistic / scale, self.dimension, rest)
         self._dof = np.where(used, rest, self._dof)
         self._p_values = np.where(used, p_values, self._p_values)
-
-    def _as_scores(self, size: FloatArray) -> list[Score]:
-        scale = np.where(size > 0.0, size, 1.0)
-        seen = self._seen & (self.dimension > 0)[:, None]
-        estimate = np.where(seen, np.einsum("kij,kj->ki", self._root, self._along) / scale, 0.0)
-        sigma = np.where(seen, np.sqrt(np.sum(self._root**2, axis=2)) / scale, np.inf)
-        numbers = zip(
-            self.statistic.tolist(),
-            self.dimension.tolist(),
-            self._dof.tolist(),
-            np.where(self.dimension > 0, self._p_values, 1.0).tolist(),
-            strict=True,
-        )
-        return [
-            Score(*each, self._keep[k], estimate[k], sigma[k], partial(self._basis, k))
-            for k, each in enumerate(numbers)
-        ]
 
 
 def inverse_root(gram: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:

@@ -1,0 +1,91 @@
+"""What can be asked beside a fitted model: the candidates of every effect, and why others are none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property, partial
+
+import numpy as np
+
+from rigctl.core.arrays import FloatArray
+from rigctl.effects.catalogue import Effect
+from rigctl.experiments.table.candidates import (
+    candidate_of,
+    group_candidate,
+    has_another_name,
+    is_a_square,
+    plugin_candidate,
+    scan_candidates,
+    spans_of,
+)
+from rigctl.experiments.table.catalogue import next_id, why_not
+from rigctl.experiments.table.model.form import Form
+from rigctl.experiments.table.model.model import TableModel
+from rigctl.experiments.table.model.pieces import PluginPiece
+from rigctl.experiments.table.model.scanned import Scanned
+from rigctl.experiments.table.model.start import span_of
+from rigctl.experiments.table.model.words import Group, Level
+from rigctl.experiments.table.study_data import TableData
+from rigctl.workbench.study import Candidate, NotTestable, Term
+from rigctl.workbench.verdict.offsets import in_units
+
+
+class Asked:
+    """Questions beside `model` at its fitted `values`; `plugins` are effects of the user's own."""
+
+    def __init__(self, data: TableData, plugins: Mapping[str, Effect], model: TableModel, values: FloatArray) -> None:
+        self._data, self._plugins, self._model, self._values = data, plugins, model, values
+        self._taken = {term.effect for term in model.terms}
+
+    def of(self, base: str) -> list[Candidate] | NotTestable:
+        """The candidates of an effect, by its id in the catalogue; none where the model has it already."""
+        if base in self._plugins:
+            return self._of_plugin(base)
+        effect = self._data.generic[base]
+        if base in self._taken and not isinstance(effect, Scanned):
+            return []
+        if reason := why_not(effect, self._data.readings):
+            return NotTestable(base, reason)
+        if isinstance(effect, Group):
+            return [group_candidate(effect, self._jacobian, self._left)]
+        assert isinstance(effect, Form)
+        # In this order: a form that is another one by name is not asked about further.
+        reason = has_another_name(effect, self._spanned) or self._shared(effect) or self._simpler(effect)
+        if reason:
+            return NotTestable(base, reason)
+        unit = self._data.readings.response.unit
+        if isinstance(effect, Scanned):
+            name = next_id(base, self._taken)
+            return scan_candidates(effect, name, self._data.scans, unit, self._spanned, self._left)
+        choices = effect.choices(spans_of(self._spanned))
+        return [candidate_of(effect, Term(base, each), unit, self._spanned, self._left) for each in choices]
+
+    def _of_plugin(self, name: str) -> list[Candidate] | NotTestable:
+        if name in self._taken:
+            return []
+        piece = PluginPiece(Term(name), self._plugins[name], self._data.readings)
+        found = plugin_candidate(piece, self._model.signal(self._values))
+        return [found] if isinstance(found, Candidate) else found
+
+    @cached_property
+    def _jacobian(self) -> FloatArray:
+        return self._model.jacobian(self._values)
+
+    @cached_property
+    def _spanned(self) -> FloatArray:
+        return span_of(self._jacobian)
+
+    @cached_property
+    def _left(self) -> FloatArray:
+        return np.asarray(self._model.observations.value - self._model.predict(self._values))
+
+    def _shared(self, form: Form) -> str:
+        """Why levels of words are part of the noise; "" where they are not."""
+        if isinstance(form, Level) and self._data.ratios.get(form.category.name, 0.0) > 0.0:
+            return f"readings of one {form.category.name} share an offset, which is part of the noise"
+        return ""
+
+    def _simpler(self, form: Form) -> str:
+        weigh = partial(in_units, self._model.observations, np.arange(self._left.size))
+        square = is_a_square(form, weigh(self._jacobian), weigh(self._left), weigh)
+        return "the square of the column alone shows the same" if square else ""
