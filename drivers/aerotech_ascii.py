@@ -6,6 +6,7 @@ EOS"), so a line feed before a status character is passed over and never awaited
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from functools import partial
@@ -79,7 +80,7 @@ class AsciiLink:
     def ask_each(self, lines: Sequence[str]) -> list[Answer]:
         """Send queries, each once the one before is answered; stops after one that fails.
 
-        What is answered as the query before it, or with another number of decimals than most, is asked again: a
+        What is answered as the query before it, or with another number of digits than that, is asked again: a
         reply that came twice, or not whole, would look like that. `OutOfStep` when the second answer is another.
         """
         with self.lock:
@@ -157,11 +158,15 @@ def _bytes(line: str) -> bytes:
 
 
 def _in_doubt(values: Sequence[str]) -> list[int]:
-    """Where a value is that of the place before, or of another form than most."""
-    decimals = [len(value.rpartition(".")[2]) for value in values]
-    usual = max(set(decimals), key=decimals.count, default=0)
-    return [
-        place
-        for place, value in enumerate(values)
-        if decimals[place] != usual or (place and value == values[place - 1])
-    ]
+    """Where a value is that of the place before, and both sides of where the number of digits changes."""
+    doubtful = set()
+    for place, (before, value) in enumerate(itertools.pairwise(values), start=1):
+        if value == before:
+            doubtful.add(place)
+        elif _digits(value) != _digits(before):
+            doubtful |= {place - 1, place}
+    return sorted(doubtful)
+
+
+def _digits(value: str) -> int:
+    return len(value.lstrip("+-"))

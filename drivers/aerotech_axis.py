@@ -85,10 +85,10 @@ class AsciiAxis:
         """The answer to a query as a whole number; `BadReply` when it is none."""
         return self._number(line, self.ask(line), whole)
 
-    def ask_numbers(self, lines: Sequence[str]) -> list[float]:
+    def ask_whole_numbers(self, lines: Sequence[str]) -> list[int]:
         """The answers to queries that are sent in one go, one by one."""
         return [
-            self._number(line, self.succeed(line, answer), decimal)
+            self._number(line, self.succeed(line, answer), whole)
             # `ask_each` stops after the first query that fails, so there may be fewer answers than lines.
             for line, answer in zip(lines, self.link.ask_each(lines), strict=False)
         ]

@@ -11,12 +11,12 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.errors import InstrumentError, LimitError
 
-NOT_WRITTEN = 1e12
-"""Marks a register; far beyond any position in mm or counts."""
+NOT_WRITTEN = -(1 << 31)
+"""Marks a register: the lowest number it holds, farther out than any stage of this precision goes."""
 
 
 class PositionCapture:
-    """One record at a time.
+    """One record at a time, as whole counts in the controller's integer registers (IGLOBAL).
 
     Successive reads go on where the last ended, or begin anew (`capture_read`). Before each read the last register
     is marked, so that a controller with fewer points cannot pass old values off as new.
@@ -28,6 +28,11 @@ class PositionCapture:
         self._wire = wire
         self._clock = clock
         self._armed = 0
+        self._registers: int | None = None
+
+    def provide(self, registers: int) -> None:
+        """How many integer registers the controller says it has."""
+        self._registers = registers
 
     def longest_record(self, period_s: float) -> int:
         """Most positions of one record; `LimitError` when the capture is not that fast."""
@@ -37,9 +42,7 @@ class PositionCapture:
                 f"{self._name}: cannot capture every {period_s:g} s; "
                 f"the shortest period is {s.capture_period_min_s:g} s"
             )
-        return (
-            min(s.capture_points_max, s.capture_registers) if s.capture_read == "restarts" else s.capture_points_max
-        )
+        return min(s.capture_points_max, self._one_read()) if s.capture_read == "restarts" else s.capture_points_max
 
     def arm(self, samples: int, period_s: float) -> None:
         """Clear and wait for `samples` edges, `period_s` apart."""
@@ -47,8 +50,8 @@ class PositionCapture:
         capacity = self.longest_record(period_s)
         if not 1 <= samples <= capacity:
             raise LimitError(
-                f"{self._name}: cannot capture {samples} positions, at most {capacity}; "
-                "record for a shorter time or at a longer period"
+                f"{self._name}: cannot capture {samples} positions, at most {capacity}; record for a shorter time or "
+                "at a longer period, or raise the controller's GlobalIntegers (its parameter 124)"
             )
         self._wire.tell(f"DATAACQ {s.axis} INPUT {s.capture_input}")
         self._wire.tell(f"DATAACQ {s.axis} TRIGGER {s.capture_trigger}")
@@ -63,34 +66,39 @@ class PositionCapture:
             # Switching it off does no harm when given twice.
             self._wire.insist(f"DATAACQ {self._settings.axis} OFF")
 
-    def registers(self) -> FloatArray:
-        """What the registers have of every edge, in `capture_unit`; `InstrumentError` when edges were missed."""
+    def counts(self) -> FloatArray:
+        """The encoder at every edge, in counts; `InstrumentError` when edges were missed."""
         samples, self._armed = self._armed, 0
         if not samples:
             raise InstrumentError(f"{self._name}: no capture is armed; arm it before the run", instrument=self._name)
         # The last edge was seen by the pacing instrument; the position of this one is latched `latency_s` later.
         if self._settings.latency_s > 0.0:
             self._clock.sleep_s(self._settings.latency_s)
-        values: list[float] = []
-        while len(values) < samples:
-            count = min(self._settings.capture_registers, samples - len(values))
-            values += self._read(count, len(values), samples)
-        return np.array(values)
+        counts: list[int] = []
+        while len(counts) < samples:
+            counts += self._read(min(self._one_read(), samples - len(counts)), len(counts), samples)
+        return np.array(counts, dtype=np.float64)
 
-    def _read(self, count: int, already: int, samples: int) -> list[float]:
+    def _one_read(self) -> int:
+        """How many positions one read brings; what the settings say before the controller was asked."""
+        s = self._settings
+        there = s.capture_points_max if self._registers is None else self._registers - s.capture_register_first
+        return max(min(there, s.capture_registers or there), 0)
+
+    def _read(self, count: int, already: int, samples: int) -> list[int]:
         first = self._settings.capture_register_first
         last = first + count - 1
-        self._wire.tell(f"DGLOBAL({last}) = {NOT_WRITTEN:.0f}")
+        self._wire.tell(f"IGLOBAL({last}) = {NOT_WRITTEN}")
         command = f"DATAACQ {self._settings.axis} READ {first}, {count}"
         answer = self._wire.link.tell(command)
         # `#` although the axis has no fault: the read itself cannot be done, for want of points.
         if answer.status == FAULT and not self._wire.fault_word():
             raise self._too_few(already, count, samples)
         self._wire.succeed(command, answer)
-        values = self._wire.ask_numbers([f"DGLOBAL({register})" for register in range(first, last + 1)])
-        if values[-1] == NOT_WRITTEN:
+        counts = self._wire.ask_whole_numbers([f"IGLOBAL({register})" for register in range(first, last + 1)])
+        if counts[-1] == NOT_WRITTEN:
             raise self._too_few(already, count, samples)
-        return values
+        return counts
 
     def _too_few(self, already: int, count: int, samples: int) -> InstrumentError:
         return InstrumentError(

@@ -35,6 +35,8 @@ from rigctl.core.interfaces import Channel, Identity, Reading
 
 # Parameter numbers of Aerotech's C header (EnsembleParameterId.h).
 UNITS_NAME, AXIS_NAME, COUNTS_PER_UNIT = 129, 140, 2
+SOFTWARE_LIMIT_LOW, SOFTWARE_LIMIT_HIGH = 37, 38
+GLOBAL_INTEGERS = 124
 DECIMALS = 9
 """Of mm and Hz in commands."""
 
@@ -53,6 +55,7 @@ class AerotechEnsemble:
         self._capture = PositionCapture(name, settings, self._wire, clock)
         self._stops = 0
         self._counts_per_mm = 1.0
+        self._axis_name = settings.axis
 
     # instrument
 
@@ -61,6 +64,7 @@ class AerotechEnsemble:
         try:
             self._link.open()
             self._check_who_answers()
+            self._compare_limits()
         # A Ctrl-C too: whatever ends the opening must free the one connection that the controller serves.
         except BaseException:
             self._link.close()
@@ -165,11 +169,10 @@ class AerotechEnsemble:
 
     def collect(self) -> FloatArray:
         """The captured positions, shape (samples, 1) [mm]; `InstrumentError` when edges were missed."""
-        registers = self._capture.registers()
+        counts = self._capture.counts()
         # After the registers: a unit that was changed at any time before has spoilt them.
         self._require_unit()
-        mm_per_register = 1.0 / self._counts_per_mm if self._settings.capture_unit == "counts" else 1.0
-        return registers[:, np.newaxis] * mm_per_register
+        return counts[:, np.newaxis] / self._counts_per_mm
 
     # what the motions are made of
 
@@ -198,7 +201,9 @@ class AerotechEnsemble:
 
     def _move(self, position_mm: float, stops: int) -> None:
         speed_mm_s = min(self._settings.move_speed_mm_s, self._settings.speed_mm_s)
-        command = f"MOVEABS {self._axis} {plain(position_mm, DECIMALS)} F{plain(speed_mm_s, DECIMALS)}"
+        # An axis' own speed is XF; F is that of coordinated motions (EPICS' LINEAR).
+        speed = f"{self._axis_name}F{plain(speed_mm_s, DECIMALS)}"
+        command = f"MOVEABS {self._axis} {plain(position_mm, DECIMALS)} {speed}"
         self._start(command, stops)
         deadline_s = self._clock.now_s() + self._settings.motion_timeout_s
         idle_polls = 0
@@ -297,19 +302,30 @@ class AerotechEnsemble:
             # No Ensemble knows this word and says `!`; what answers otherwise is something else.
             nonsense = self._link.tell("NONE").status
             version = self._wire.succeed("VERSION", self._link.version())
-            axis = self._wire.ask(f"GETPARM({self._axis}, {AXIS_NAME})").strip('"')
+            self._axis_name = self._wire.ask(f"GETPARM({self._axis}, {AXIS_NAME})").strip('"')
             units, self._counts_per_mm = self._unit()
+            self._capture.provide(self._wire.ask_whole(f"GETPARM({self._axis}, {GLOBAL_INTEGERS})"))
         except InstrumentError as error:
             raise self._wrong(str(error)) from error
         if nonsense != INVALID or not re.match(r"\d+\.\d+", version):
             raise self._wrong(f"it answered 'NONE' with {nonsense!r} and 'VERSION' with {version!r}")
         # An axis addressed by its index has whatever name it was given.
-        if not self._axis.startswith("@") and axis.upper() != self._axis.upper():
-            raise self._wrong(f"its axis is called {axis!r}, not {self._axis!r}: set `axis`")
+        if not self._axis.startswith("@") and self._axis_name.upper() != self._axis.upper():
+            raise self._wrong(f"its axis is called {self._axis_name!r}, not {self._axis!r}: set `axis`")
         if units.lower() != "mm":
             raise self._wrong(f"axis {self._axis} counts in {units!r}: set UnitsName and CountsPerUnit to mm")
         if self._counts_per_mm <= 0.0:
             raise self._wrong(f"its CountsPerUnit is {self._counts_per_mm:g}")
+
+    def _compare_limits(self) -> None:
+        """`LimitError` when the controller would refuse, in the middle of a campaign, what the rig file allows."""
+        low_mm = self._wire.ask_number(f"GETPARM({self._axis}, {SOFTWARE_LIMIT_LOW})")
+        high_mm = self._wire.ask_number(f"GETPARM({self._axis}, {SOFTWARE_LIMIT_HIGH})")
+        # Both zero: the controller has no soft limits.
+        if low_mm or high_mm:
+            self.limits.require_inside(
+                self.name, low_mm, high_mm, "SoftwareLimitLow and SoftwareLimitHigh (its parameters 37 and 38)"
+            )
 
     def _unit(self) -> tuple[str, float]:
         """What the axis counts in, and how many counts it has to the unit."""

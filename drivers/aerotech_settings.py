@@ -31,13 +31,12 @@ class EnsembleSettings(BaseModel):
     capture_input: int = Field(default=1, ge=0)
     capture_trigger: int = Field(default=1, ge=0)
     capture_register_first: int = Field(default=10, ge=0)
-    capture_registers: int = Field(default=500, ge=1)
-    """How many DGLOBAL registers, from the first, one DATAACQ READ may fill."""
+    """The first IGLOBAL register that captured positions are read into."""
+    capture_registers: int | None = Field(default=None, ge=1)
+    """How many registers, from the first, one DATAACQ READ may fill; all that the controller has when left out."""
     capture_points_max: int = Field(default=50_000, ge=1)
     capture_period_min_s: float = Field(default=0.0005, ge=0)
-    capture_unit: Literal["mm", "counts"] = "mm"
-    """What the controller puts into the registers."""
-    capture_read: Literal["continues", "restarts"] = "continues"
+    capture_read: Literal["continues", "restarts"] = "restarts"
     """Does a second DATAACQ READ go on, or begin with the first point again? Then one read must hold all."""
     latency_s: float = 0.0
     """From the trigger edge to the latched position."""

@@ -49,6 +49,15 @@ class LinearLimits:
         if not low <= position_mm <= high:
             raise LimitError(f"{name}: {position_mm:g} mm is outside the travel {low:g} to {high:g} mm")
 
+    def require_inside(self, name: str, low_mm: float, high_mm: float, controller_limits: str) -> None:
+        """`LimitError` of the stage `name` when these reach beyond the limits set in its controller."""
+        if low_mm > self.position_min_mm or high_mm < self.position_max_mm:
+            raise LimitError(
+                f"{name}: the travel {self.position_min_mm:g} to {self.position_max_mm:g} mm reaches beyond the "
+                f"controller's own limits, {low_mm:g} to {high_mm:g} mm; narrow position_min_mm and "
+                f"position_max_mm, or widen {controller_limits}"
+            )
+
     def require_oscillation(
         self, name: str, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float
     ) -> None:

@@ -46,15 +46,18 @@ class PositionCapture:
         self._tap.begin()
 
     def off(self, now_s: float) -> None:
-        """Latch no more; what was recorded can still be read."""
+        """Latch no more and forget what was set up, as the maker says of OFF; the points can still be read."""
+        # Recorded before the trigger is forgotten: they came by it.
+        self._complete = self._recorded(now_s)
         self._ended_s = min(self._ended_s, now_s)
+        self.trigger = self.input = 0
 
     def active(self, now_s: float) -> bool:
         """True while edges are awaited."""
         return self._ended_s > now_s and len(self._recorded(now_s)) < self._points
 
     def take(self, now_s: float, count: int) -> FloatArray:
-        """The next up to `count` points, in the unit of the registers."""
+        """The next up to `count` points, in counts."""
         recorded = self._recorded(now_s)
         taken = recorded[self._read : self._read + count]
         self._note(self._read, taken)
@@ -70,11 +73,10 @@ class PositionCapture:
     def _note(self, first: int, taken: FloatArray) -> None:
         if not self._tap.heard or not len(taken):
             return
-        in_mm = taken / self._settings.counts_per_mm if self._settings.capture_unit == "counts" else taken
         edges_s = self._edges_s[first : first + len(taken)]
         # The tap hears where the stage truly was, before the encoder's noise and rounding.
         true_mm = self._axis.sample(edges_s + self._settings.capture_latency_s)[0] - self._settings.home_position_mm
-        self._tap.note("position", edges_s, in_mm)
+        self._tap.note("position", edges_s, taken / self._settings.counts_per_mm)
         self._tap.note("true position", edges_s, true_mm)
 
     def _recorded(self, now_s: float) -> FloatArray:
@@ -105,5 +107,4 @@ class PositionCapture:
             random = generator(s.seed, "captured encoder", *self.run_key)
             position_mm = position_mm + random.normal(0.0, s.encoder_noise_mm, len(times_s))
         # The encoder counts; what is read is a whole number of counts.
-        counts = np.round(position_mm * s.counts_per_mm)
-        return counts if s.capture_unit == "counts" else counts / s.counts_per_mm
+        return np.round(position_mm * s.counts_per_mm)

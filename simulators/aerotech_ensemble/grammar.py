@@ -74,10 +74,12 @@ def whole(word: str, low: int, high: int) -> int:
     return int(value)
 
 
-def move_words(words: tuple[str, ...], axis_names: frozenset[str]) -> tuple[float, float | None]:
-    """Position and speed of `X 5.0 F20`, `X 5 XF 20`, `@0 5.0 F 20`, `X5 F20`, or without a speed."""
-    axes = "|".join(sorted(map(re.escape, axis_names)))
-    shape = rf"(?:{axes})\s*({_NUMBER})(?:\s+(?:(?:{axes})?F)\s*({_NUMBER}))?"
+def move_words(
+    words: tuple[str, ...], axis_names: frozenset[str], speed_words: frozenset[str]
+) -> tuple[float, float | None]:
+    """Position and speed of `X 5.0 XF20`, `X 5 XF 20`, `@0 5.0 F 20`, `X5 F20`, or without a speed."""
+    axes, speeds = ("|".join(sorted(map(re.escape, names))) for names in (axis_names, speed_words))
+    shape = rf"(?:{axes})\s*({_NUMBER})(?:\s+(?:{speeds})\s*({_NUMBER}))?"
     match = re.fullmatch(shape, " ".join(words), re.ASCII)
     if match is None:
         raise Invalid

@@ -65,7 +65,7 @@ class Interpreter:
             "FAULTACK": self._on_axis(self.axis.acknowledge),
             "ENABLE": self._on_axis(self._enable),
             "DISABLE": self._on_axis(self.axis.disable),
-            "ABORT": self._on_axis(self.axis.abort),
+            "ABORT": self._on_axis(self._abort),
             "HOME": self._home,
             "HOMEASYNC": self._home_asynchronously,
             "PROGRAM": self._program,
@@ -154,8 +154,10 @@ class Interpreter:
     def _length(self, length_mm: float) -> str:
         return f"{length_mm / self._unit_mm:.6f}"
 
-    def _move_words(self, words: tuple[str, ...]) -> tuple[float, float | None]:
-        position, speed = move_words(words, self._names)
+    def _move_words(self, words: tuple[str, ...], *, coordinated: bool = False) -> tuple[float, float | None]:
+        own = frozenset(f"{name}F" for name in self._names)
+        speed_words = own | {"F"} if coordinated or self._settings.bare_speed_word else own
+        position, speed = move_words(words, self._names, speed_words)
         return position * self._unit_mm, None if speed is None else speed * self._unit_mm
 
     def _program_mm(self, machine_mm: float) -> float:
@@ -176,6 +178,11 @@ class Interpreter:
         self.axis.enable()
         # As EPICS found on real controllers, and sends WAIT MODE NOWAIT after each ENABLE.
         self._modes.default_wait()
+
+    def _abort(self) -> None:
+        self.axis.abort()
+        if self._settings.abort_disabled == "refuse" and not self.axis.enabled:
+            raise Faulted
 
     def _axis_status(self) -> str:
         status = self.axis.status()
@@ -226,7 +233,7 @@ class Interpreter:
         return self._go(self.axis.commanded_mm() + distance_mm, distance_mm, speed_mm_s)
 
     def _linear(self, words: tuple[str, ...]) -> Reply:
-        value_mm, speed_mm_s = self._move_words(words)
+        value_mm, speed_mm_s = self._move_words(words, coordinated=True)
         origin_mm = self._modes.program_zero_mm if self._modes.positioning == ABSOLUTE else self.axis.commanded_mm()
         return self._go(origin_mm + value_mm, value_mm, speed_mm_s, linear=True)
 
@@ -313,10 +320,6 @@ class Interpreter:
 
     # position capture
 
-    @property
-    def _register_unit(self) -> float:
-        return self._unit_mm if self._settings.capture_unit == "mm" else 1.0
-
     def _data_acquisition(self, words: tuple[str, ...]) -> Reply:
         now_s = self._clock.now_s()
         match self._after_axis(words):
@@ -330,13 +333,12 @@ class Interpreter:
             case ("OFF",):
                 self.capture.off(now_s)
             case ("READ", first, points):
-                count = whole(points, 1, self._settings.double_registers)
-                start = whole(first, 0, self._settings.double_registers - count)
+                count = whole(points, 1, self._settings.integer_registers)
+                start = whole(first, 0, self._settings.integer_registers - count)
                 # Sources do not say what happens, so it is a setting.
                 if self._settings.capture_short_read == "refuse" and self.capture.left(now_s) < count:
                     raise Faulted
-                # What is in the registers is in the unit of the axis, or in counts.
-                self._registers.store(start, self.capture.take(now_s, count) / self._register_unit)
+                self._registers.store(start, self.capture.take(now_s, count))
             case _:
                 raise Invalid
         return None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from rigctl.core.arrays import FloatArray
 from simulators.aerotech_ensemble.grammar import Command, Invalid, number, whole
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
@@ -21,9 +23,9 @@ class Registers:
         self._integers = [0] * len(self._integers)
         self._doubles = [0.0] * len(self._doubles)
 
-    def store(self, first: int, values: FloatArray) -> None:
-        """Put values into consecutive doubles."""
-        self._doubles[first : first + len(values)] = values.tolist()
+    def store(self, first: int, counts: FloatArray) -> None:
+        """Put whole numbers into consecutive integers."""
+        self._integers[first : first + len(counts)] = counts.astype(np.int64).tolist()
 
     def access(self, command: Command) -> str | None:
         """Read (`DGLOBAL(1)`) or write (`DGLOBAL(1) = 0.5`) one register."""

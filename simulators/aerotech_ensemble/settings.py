@@ -6,6 +6,8 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+REGISTERS_MAX = 1_000_000
+"""Of either kind: more than any controller has."""
 WaitMode = Literal["nowait", "movedone", "inpos"]
 
 
@@ -82,9 +84,14 @@ class EnsembleSimulatorSettings(BaseModel):
     limit_reply: Literal["refuse", "fault"] = "refuse"
     """A set-point outside a limit: answered `#`, or `%` followed by the fault. The axis fault is set in both."""
 
-    integer_registers: int = Field(default=100, ge=0)
-    """GlobalIntegers."""
-    double_registers: int = Field(default=1000, ge=0)
+    abort_disabled: Literal["refuse", "accept"] = "refuse"
+    """ABORT on an axis that is disabled: answered `#` or `%`."""
+    bare_speed_word: bool = False
+    """Is the speed of a single axis' move understood as `F20` too, or as `XF20` alone?"""
+
+    integer_registers: int = Field(default=50, ge=0, le=REGISTERS_MAX)
+    """GlobalIntegers; one public site has 50 of them and 512 doubles."""
+    double_registers: int = Field(default=512, ge=0, le=REGISTERS_MAX)
     """GlobalDoubles."""
 
     capture_trigger: int = 1
@@ -94,9 +101,7 @@ class EnsembleSimulatorSettings(BaseModel):
     capture_points_max: int = Field(default=50_000, ge=1)
     capture_latency_s: float = Field(default=0.0, ge=0)
     """From the edge to the latched position."""
-    capture_unit: Literal["mm", "counts"] = "mm"
-    """What DATAACQ READ puts into the registers."""
-    capture_read: Literal["continues", "restarts"] = "continues"
+    capture_read: Literal["continues", "restarts"] = "restarts"
     """Does a second READ go on where the first ended, or begin with the first point again?"""
     capture_short_read: Literal["refuse", "partial"] = "refuse"
     """A READ of more points than recorded: answered `#`, or `%` with the rest of the registers untouched."""

@@ -162,8 +162,11 @@ GREETING = (
     ("GETPARM(X, 140)", "%X\n"),
     ("GETPARM(X, 129)", "%mm\n"),
     ("GETPARM(X, 2)", "%10000.000\n"),
+    ("GETPARM(X, 124)", "%60.000\n"),
+    ("GETPARM(X, 37)", "%-25.000\n"),
+    ("GETPARM(X, 38)", "%25.000\n"),
 )
-UNIT = GREETING[-2:]
+UNIT = GREETING[3:5]
 
 
 # the manual's bytes
@@ -189,7 +192,7 @@ def test_homing_and_a_move_are_the_manuals_exchange(eos: str) -> None:
         ("WAIT MODE NOWAIT", "%" + eos),
         ("RAMP MODE RATE", "%" + eos),
         ("RAMP RATE X 100", "%" + eos),
-        ("MOVEABS X 5 F20", "%" + eos),
+        ("MOVEABS X 5 XF20", "%" + eos),
         ("AXISSTATUS(X)", "%2097179\n"),
         ("AXISSTATUS(X)", "%2097155\n"),
         ("PLANESTATUS(0)", "%1\n"),
@@ -214,19 +217,20 @@ def test_a_capture_is_the_manuals_exchange() -> None:
         ("DATAACQ X INPUT 1", "%\n"),
         ("DATAACQ X TRIGGER 1", "%\n"),
         ("DATAACQ X ON 3", "%\n"),
-        ("DGLOBAL(51) = 1000000000000", "%\n"),
+        ("IGLOBAL(51) = -2147483648", "%\n"),
         ("DATAACQ X READ 50, 2", "%\n"),
-        ("DGLOBAL(50)", "%-1.250000\n"),
-        ("DGLOBAL(51)", "%2.500000\n"),
-        ("DGLOBAL(50) = 1000000000000", "%\n"),
+        ("IGLOBAL(50)", "%-12501\n"),
+        ("IGLOBAL(51)", "%25000\n"),
+        ("IGLOBAL(50) = -2147483648", "%\n"),
         ("DATAACQ X READ 50, 1", "%\n"),
-        ("DGLOBAL(50)", "%3,75\n"),
+        ("IGLOBAL(50)", "%37500\n"),
         *UNIT,
         capture_register_first=50,
         capture_registers=2,
+        capture_read="continues",
     )
     recording.arm(3, 0.01)
-    np.testing.assert_array_equal(recording.collect(), [[-1.25], [2.5], [3.75]])
+    np.testing.assert_array_equal(recording.collect(), [[-1.2501], [2.5], [3.75]])
     assert not conversation.expected
 
 
@@ -299,9 +303,11 @@ def test_another_instrument_is_not_opened(greeting: tuple[str, str], text: str) 
 
 
 def test_a_scale_of_zero_counts_is_not_opened() -> None:
-    conversation = Conversation(*GREETING[:-1], ("GETPARM(X, 2)", "%0.000\n"))
+    exchanges = [
+        ("GETPARM(X, 2)", "%0.000\n") if line == "GETPARM(X, 2)" else (line, reply) for line, reply in GREETING
+    ]
     with pytest.raises(WrongInstrument, match="CountsPerUnit is 0"):
-        stage(conversation, VirtualClock(), capture_unit="counts").open()
+        stage(Conversation(*exchanges), VirtualClock()).open()
 
 
 def test_a_unit_that_another_client_has_changed_is_noticed_before_a_motion_and_after_a_record() -> None:
@@ -318,6 +324,32 @@ def test_a_unit_that_another_client_has_changed_is_noticed_before_a_motion_and_a
     assert bench.tap.sent("MOVEABS") == bench.tap.sent("OSCILLATE") == []
     bench.ensemble.relieve(WrongUnit(at_s=0.0))
     bench.stage.move_to(5.0)
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [{"position_min_mm": -20.0}, {"position_max_mm": 20.0}, {"position_min_mm": 0.0, "position_max_mm": 50.0}],
+)
+def test_limits_of_the_controller_narrower_than_the_rig_files_are_told_in_one_line(limits: dict[str, float]) -> None:
+    low, high = limits.get("position_min_mm", -25.0), limits.get("position_max_mm", 25.0)
+    with pytest.raises(LimitError) as raised:
+        Bench(simulated=limits).opened()
+    assert (
+        f"stage: the travel -25 to 25 mm reaches beyond the controller's own limits, {low:g} to {high:g} mm"
+        in str(raised.value)
+    )
+    assert "parameters 37 and 38" in str(raised.value)
+
+
+def test_wider_limits_of_the_controller_and_none_at_all_are_no_hindrance() -> None:
+    Bench(simulated={"position_min_mm": -30.0, "position_max_mm": 30.0}).opened()
+    opened, _ = talking()
+    assert opened.limits.position_max_mm == 25.0
+    none_set = [
+        (line, "%0.000\n") if line in ("GETPARM(X, 37)", "GETPARM(X, 38)") else (line, reply)
+        for line, reply in GREETING
+    ]
+    stage(Conversation(*none_set), VirtualClock()).open()
 
 
 def test_the_constructor_touches_nothing_and_a_stop_needs_no_open() -> None:
@@ -375,7 +407,7 @@ def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any]) -> None:
         (lambda s: s.oscillate(0.0, 5.0, -0.5, 10.0), "above zero"),
         (lambda s: s.oscillate(0.0, 5.0, 0.5, math.nan), "above zero"),
         (lambda s: s.oscillate(0.0, math.nan, 0.5, 10.0), "above zero"),
-        (lambda s: s.arm(50_001, 0.01), "at most 50000"),
+        (lambda s: s.arm(41, 0.01), "at most 40"),
         (lambda s: s.arm(0, 0.01), "cannot capture 0"),
         (lambda s: s.arm(10, 0.0001), "shortest period is 0.0005 s"),
     ],
@@ -405,7 +437,7 @@ def test_the_largest_amplitude_named_is_allowed_and_no_more(centre_mm: float, am
 def test_an_oscillation_starts_at_the_negative_end_and_lasts_whole_cycles() -> None:
     bench = Bench().homed()
     bench.stage.oscillate(2.0, 5.0, 0.3, 10.1)
-    assert bench.tap.sent("MOVEABS") == ["MOVEABS X -3 F20"]
+    assert bench.tap.sent("MOVEABS") == ["MOVEABS X -3 XF20"]
     assert bench.tap.sent("OSCILLATE") == ["OSCILLATE X, 10, 0.3, 4"]
     start_s = bench.axis.end_s - 4 / 0.3
     times_s = np.linspace(start_s, bench.axis.end_s, 500)
@@ -460,8 +492,10 @@ def test_an_axis_not_homed_is_not_moved() -> None:
 
 @pytest.mark.parametrize("style", ["refuse", "fault"])
 def test_a_limit_of_the_controller_is_reported_with_its_fault(style: str) -> None:
-    bench = Bench(simulated={"position_max_mm": 10.0, "limit_reply": style}).homed()
-    with pytest.raises(InstrumentError, match=r"MOVEABS X 12 F20.*positive soft limit") as raised:
+    bench = Bench(simulated={"limit_reply": style}).homed()
+    # Somebody narrows them while the stage is in use.
+    bench.stage._wire.tell("SETPARM X, 38, 10")
+    with pytest.raises(InstrumentError, match=r"MOVEABS X 12 XF20.*positive soft limit") as raised:
         bench.stage.move_to(12.0)
     assert raised.value.code == "16"
     assert not isinstance(raised.value, MotionStopped)
@@ -683,16 +717,16 @@ def test_a_stop_ends_a_capture() -> None:
     ("simulated", "configured"),
     [
         ({}, {}),
-        ({}, {"capture_registers": 7}),
-        ({"capture_unit": "counts"}, {"capture_unit": "counts", "capture_registers": 64}),
-        ({"capture_read": "restarts"}, {"capture_read": "restarts"}),
+        ({"capture_read": "continues"}, {}),
+        ({"capture_read": "continues"}, {"capture_read": "continues", "capture_registers": 7}),
+        ({"capture_read": "continues", "integer_registers": 50}, {"capture_read": "continues"}),
         ({"always_send_eos": False}, {}),
         ({"capture_latency_s": 0.05}, {"latency_s": 0.05}),
         ({"capture_trigger": 3, "capture_input": 2}, {"capture_trigger": 3, "capture_input": 2}),
     ],
 )
 def test_what_is_collected_is_the_motion_at_the_edges(simulated: dict[str, Any], configured: dict[str, Any]) -> None:
-    bench = Bench(simulated=simulated, **configured).homed()
+    bench = Bench(simulated={"integer_registers": 310, **simulated}, **configured).homed()
     bench.stage.oscillate(0.0, 5.0, 0.5, 20.0)
     bench.stage.arm(300, 0.02)
     first_s = bench.clock.now_s() + 0.3
@@ -701,12 +735,14 @@ def test_what_is_collected_is_the_motion_at_the_edges(simulated: dict[str, Any],
     rows = bench.stage.collect()
     edges_s = first_s + 0.02 * np.arange(300) + simulated.get("capture_latency_s", 0.0)
     assert rows.shape == (300, 1)
-    np.testing.assert_allclose(rows[:, 0], bench.axis.sample(edges_s)[0], atol=2.6e-6)
+    # A count is 5 nm: what is right to a count is off by half of one at most.
+    np.testing.assert_allclose(rows[:, 0], bench.axis.sample(edges_s)[0], atol=2.5e-6 + 1e-12)
 
 
 @pytest.mark.parametrize("simulated", [{}, {"capture_short_read": "partial"}])
 def test_missed_edges_are_not_passed_over(simulated: dict[str, Any]) -> None:
-    bench = Bench(simulated=simulated, capture_registers=40).homed()
+    simulated = {"capture_read": "continues", **simulated}
+    bench = Bench(simulated=simulated, capture_read="continues", capture_registers=40).homed()
     for edges in (0, 39, 99):
         bench.stage.arm(100, 0.01)
         bench.line.begin(bench.clock.now_s() + 0.1, 0.01, edges)
@@ -724,9 +760,19 @@ def test_a_refused_read_with_an_axis_fault_names_the_fault() -> None:
 
 
 def test_one_read_must_hold_all_where_reads_start_over() -> None:
-    bench = Bench(capture_read="restarts", capture_registers=100).homed()
+    bench = Bench(simulated={"integer_registers": 1000}, capture_registers=100).homed()
     with pytest.raises(LimitError, match="at most 100"):
         bench.stage.arm(101, 0.01)
+
+
+def test_how_many_registers_there_are_is_asked_and_limits_a_record() -> None:
+    bench = Bench(simulated={"integer_registers": 50}).homed()
+    assert bench.stage.longest_record(0.01) == 40
+    with pytest.raises(LimitError, match=r"at most 40; .* raise the controller's GlobalIntegers"):
+        bench.stage.arm(41, 0.01)
+    assert bench.tap.lines == []
+    with pytest.raises(LimitError, match="at most 0"):
+        Bench(simulated={"integer_registers": 5}).homed().stage.arm(1, 0.01)
 
 
 # the link
@@ -753,7 +799,7 @@ def recorded(samples: int, **configured: Any) -> Bench:
 
 def test_a_read_out_that_was_cut_off_is_no_record() -> None:
     bench = recorded(20)
-    bench.tap.on_line = lambda line: line != "DGLOBAL(15)"
+    bench.tap.on_line = lambda line: line != "IGLOBAL(15)"
     with pytest.raises(LinkLost):
         bench.stage.collect()
 
@@ -762,7 +808,7 @@ def test_a_read_out_that_was_cut_off_is_no_record() -> None:
 @pytest.mark.parametrize("fault", ["doubled", "previous", "dropped", "half"])
 def test_a_fault_between_registers_gives_no_record(register: int, fault: str) -> None:
     bench = recorded(20)
-    line = f"DGLOBAL({register})"
+    line = f"IGLOBAL({register})"
     replies: list[bytes] = []
 
     def spoil(reply: bytes) -> bytes:
@@ -804,7 +850,7 @@ def test_an_abort_is_sent_again_on_a_new_connection() -> None:
 
 
 def test_a_late_reply_is_not_taken_for_the_next_one() -> None:
-    bench = Bench(faults={"late": {"nth": [6], "delay_s": 2.5}}).opened()
+    bench = Bench(faults={"late": {"nth": [9], "delay_s": 2.5}}).opened()
     with pytest.raises(LinkTimeout, match="nothing came"):
         bench.stage.identify()
     assert bench.stage.position().value == 0.0

@@ -136,9 +136,11 @@ def rotation(stage: Stage, kind: str) -> Scene:
 
 
 def ensemble(stage: Stage) -> Scene:
-    settings = EnsembleSimulatorSettings(encoder_noise_mm=0.0002)
+    settings = EnsembleSimulatorSettings(encoder_noise_mm=0.0002, capture_read="continues")
     wire, connect = stage.wire(SimulatedEnsemble(stage.clock, MotionAxis(), stage.line, settings))
-    driver = AerotechEnsemble("it", EnsembleSettings(capture_registers=8), connect, stage.clock)
+    driver = AerotechEnsemble(
+        "it", EnsembleSettings(capture_registers=8, capture_read="continues"), connect, stage.clock
+    )
 
     def session() -> list[float]:
         driver.home()

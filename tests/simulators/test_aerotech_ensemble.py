@@ -19,6 +19,7 @@ from simulators.motion import MotionAxis
 from simulators.wiring import EndsItself, TriggerLine
 
 X = frozenset({"X", "@0"})
+XF = frozenset({"XF", "F"})
 
 
 class Bench:
@@ -80,11 +81,11 @@ def test_it_answers_the_example_exchange_byte_by_byte() -> None:
     assert bench("WAIT MODE NOWAIT") == "%\n"
     bench.clock.sleep_s(0.1)
     assert bench("AXISSTATUS(X)") == "%2097157\n"
-    assert bench("MOVEABS X 5.0 F20") == "%\n"
+    assert bench("MOVEABS X 5.0 XF20") == "%\n"
     bench.clock.sleep_s(0.1)
     assert bench("AXISSTATUS(X)") == "%2097177\n"
     assert bench("PFBK(X)") == "%0.500000\n"
-    assert bench("MOVEABS X 999 F20") == "#\n"
+    assert bench("MOVEABS X 999 XF20") == "#\n"
     assert bench("AXISFAULT(X)") == "%16\n"
     assert bench("NONE") == "!\n"
 
@@ -98,17 +99,17 @@ def test_without_the_bit_a_bare_acknowledge_has_no_line_feed() -> None:
 @pytest.mark.parametrize("form", ["PFBK(X)", "PFBK X", "pfbk ( x )", "PFBK(@0)", "PFBK @0", "  Pfbk  x  "])
 def test_an_axis_is_named_in_every_form_clients_use(form: str) -> None:
     bench = Bench().enabled()
-    bench("MOVEABS X 1.25 F20")
+    bench("MOVEABS X 1.25 XF20")
     bench.clock.sleep_s(10.0)
     assert bench(form) == "%1.250000\n"
 
 
 @pytest.mark.parametrize(
     "form",
-    ["MOVEABS X 5.0 F20.0", "MOVEABS X 5 XF 20", "MOVEABS @0 5. F 20", "moveabs x5 xf20", "MOVEINC X 5.0 F20.0"],
+    ["MOVEABS X 5.0 XF20.0", "MOVEABS X 5 XF 20", "MOVEABS @0 5. F 20", "moveabs x5 xf20", "MOVEINC X 5.0 F20.0"],
 )
 def test_a_move_is_written_in_every_form_clients_use(form: str) -> None:
-    bench = Bench().enabled()
+    bench = Bench(bare_speed_word=True).enabled()
     assert bench(form) == "%\n"
     bench.clock.sleep_s(0.135)
     assert float(bench("VFBK(X)")[1:]) == pytest.approx(20.0)
@@ -185,7 +186,9 @@ OTHERS = (
     ("IGLOBAL(45)", "%7"),
     ("DGLOBAL(1)=0.5", "%"),
     ("DGLOBAL(1)", "%0.500000"),
-    ("DGLOBAL(1000)", "!"),
+    ("DGLOBAL(512)", "!"),
+    ("IGLOBAL(50)", "!"),
+    ("MOVEABS X 1 F20", "!"),
     ("IGLOBAL(1) = 0.5", "!"),
     ("SETPARM(X,DefaultRampRate,100)", "%"),
     ("GETPARM(@0,DefaultRampRate)", "%100.000"),
@@ -204,7 +207,8 @@ OTHERS = (
     ("DATAACQ X INPUT 1", "%"),
     ("DATAACQ X ON 200", "%"),
     ("DATAACQ X OFF", "%"),
-    ("DATAACQ X READ 50, 100", "#"),
+    ("DATAACQ X READ 10, 40", "#"),
+    ("DATAACQ X READ 50, 100", "!"),
     ("DATAACQ X SING 5", "!"),
 )
 
@@ -222,7 +226,23 @@ def test_foreign_clients_meet_the_answers_they_expect(script: tuple[tuple[str, s
 # the state machine
 
 
-@pytest.mark.parametrize("line", ["MOVEABS X 1 F5", "FREERUN X 1", "HOME X", "HOMEASYNC X", "OSCILLATE X,1,1,1"])
+@pytest.mark.parametrize(("reading", "reply"), [("refuse", "#\n"), ("accept", "%\n")])
+def test_an_abort_of_a_disabled_axis_does_as_set_up(reading: str, reply: str) -> None:
+    bench = Bench(abort_disabled=reading)
+    assert bench("ABORT X") == reply
+    assert bench.enabled()("ABORT X") == "%\n"
+
+
+def test_off_forgets_the_trigger_and_the_input() -> None:
+    bench = armed(2)
+    for line in ("DATAACQ X OFF", "DATAACQ X ON 2"):
+        assert bench(line) == "%\n"
+    bench.line.begin(bench.clock.now_s() + 0.1, 0.1, 2)
+    bench.clock.sleep_s(1.0)
+    assert bench("DATAACQ X READ 0, 2") == "#\n"
+
+
+@pytest.mark.parametrize("line", ["MOVEABS X 1 XF5", "FREERUN X 1", "HOME X", "HOMEASYNC X", "OSCILLATE X,1,1,1"])
 def test_a_disabled_axis_refuses_to_move(line: str) -> None:
     bench = Bench()
     assert bench(line) == "#\n"
@@ -232,15 +252,15 @@ def test_a_disabled_axis_refuses_to_move(line: str) -> None:
 
 def test_an_axis_may_be_set_up_to_refuse_moves_before_homing() -> None:
     bench = Bench(homing_needed=True).enabled()
-    assert bench("MOVEABS X 1 F5") == "#\n"
+    assert bench("MOVEABS X 1 XF5") == "#\n"
     bench("HOMEASYNC X")
     bench.clock.sleep_s(30.0)
-    assert bench("MOVEABS X 1 F5") == "%\n"
+    assert bench("MOVEABS X 1 XF5") == "%\n"
 
 
 def test_a_fault_disables_until_it_is_acknowledged() -> None:
     bench = Bench().enabled()
-    bench("MOVEABS X 10 F20")
+    bench("MOVEABS X 10 XF20")
     bench.clock.sleep_s(0.3)
     bench.ensemble.controller.trip(AxisFault.EMERGENCY_STOP)
     assert bench("AXISFAULT(X)") == "%2048\n"
@@ -249,16 +269,21 @@ def test_a_fault_disables_until_it_is_acknowledged() -> None:
     bench.clock.sleep_s(1.0)
     assert bench.status() == AxisStatus(0)
     assert bench.position_mm() < 9.0
-    assert bench("MOVEABS X 1 F20") == "#\n"
+    assert bench("MOVEABS X 1 XF20") == "#\n"
     assert bench("ENABLE X") == "%\n"
     assert bench("WAIT MODE NOWAIT") == "%\n"
-    assert bench("MOVEABS X 1 F20") == "%\n"
+    assert bench("MOVEABS X 1 XF20") == "%\n"
 
 
 @pytest.mark.parametrize(("style", "reply"), [("refuse", "#\n"), ("fault", "%\n")])
 @pytest.mark.parametrize(
     ("line", "fault"),
-    [("MOVEABS X 25.1 F5", 16), ("MOVEABS X -26 F5", 32), ("MOVEABS X 1 F2000", 1024), ("OSCILLATE X,26,0.1,1", 16)],
+    [
+        ("MOVEABS X 25.1 XF5", 16),
+        ("MOVEABS X -26 XF5", 32),
+        ("MOVEABS X 1 XF2000", 1024),
+        ("OSCILLATE X,26,0.1,1", 16),
+    ],
 )
 def test_a_set_point_beyond_a_limit_faults_before_anything_moves(
     style: str, reply: str, line: str, fault: int
@@ -293,7 +318,7 @@ def test_a_jog_ends_at_the_soft_limit_and_may_leave_it() -> None:
 
 def test_before_homing_only_the_limit_switch_stands_in_the_way() -> None:
     bench = Bench(position_max_mm=100.0).enabled()
-    assert bench("MOVEABS X 50 F20") == "%\n"
+    assert bench("MOVEABS X 50 XF20") == "%\n"
     bench.clock.sleep_s(10.0)
     assert bench("AXISFAULT(X)") == "%4\n"
     assert bench.status() & AxisStatus.CW_LIMIT_LEVEL
@@ -302,7 +327,7 @@ def test_before_homing_only_the_limit_switch_stands_in_the_way() -> None:
 
 def test_homing_makes_positions_relative_to_the_mark() -> None:
     bench = Bench(home_position_mm=-3.0, home_search_s=2.0).enabled()
-    bench("MOVEABS X 4 F20")
+    bench("MOVEABS X 4 XF20")
     bench.clock.sleep_s(10.0)
     bench("HOMEASYNC X")
     assert bench.status() & (AxisStatus.HOMING | AxisStatus.HOMED) == AxisStatus.HOMING
@@ -354,7 +379,7 @@ def test_enabling_brings_the_default_wait_mode_back() -> None:
     bench = Bench(wait_mode="movedone").enabled()
     assert bench("ENABLE X") == "%\n"
     assert bench("GETMODE(1)") == "%1\n"
-    assert bench("MOVEABS X 10 F10") == ""
+    assert bench("MOVEABS X 10 XF10") == ""
     bench.clock.sleep_s(1.0)
     assert bench.client.take() == ""
     bench.clock.sleep_s(0.1)
@@ -374,7 +399,7 @@ def test_an_oscillation_waits_if_the_firmware_does(waits: bool) -> None:
 def test_a_fault_ends_the_waiting_at_once() -> None:
     bench = Bench().enabled()
     bench("WAIT MODE MOVEDONE")
-    assert bench("MOVEABS X 20 F1") == ""
+    assert bench("MOVEABS X 20 XF1") == ""
     bench.clock.sleep_s(1.0)
     bench.ensemble.controller.trip(AxisFault.OVER_CURRENT)
     assert bench.client.take() == "#\n"
@@ -421,7 +446,7 @@ def test_abort_brakes_smoothly() -> None:
 
 def test_positions_come_in_counts() -> None:
     bench = Bench(counts_per_mm=100.0).enabled()
-    bench("MOVEABS X 0.123456 F20")
+    bench("MOVEABS X 0.123456 XF20")
     bench.clock.sleep_s(5.0)
     assert bench("PFBK(X)") == "%0.120000\n"
     assert bench("PERR(X)") == "%0.003456\n"
@@ -446,11 +471,11 @@ def test_reset_loses_what_was_not_committed() -> None:
 
 def captured(bench: Bench, first: int, count: int) -> list[float]:
     assert bench(f"DATAACQ X READ {first}, {count}") == "%\n"
-    return [float(bench(f"DGLOBAL({i})")[1:]) for i in range(first, first + count)]
+    return [float(bench(f"IGLOBAL({i})")[1:]) for i in range(first, first + count)]
 
 
 def armed(points: int, **settings: Any) -> Bench:
-    bench = Bench(**settings).enabled()
+    bench = Bench(integer_registers=70, **settings).enabled()
     for line in ("OSCILLATE X, 10, 0.5, 10", "DATAACQ X INPUT 1", "DATAACQ X TRIGGER 1", f"DATAACQ X ON {points}"):
         assert bench(line) == "%\n"
     return bench
@@ -464,7 +489,7 @@ def test_captured_positions_are_the_axis_at_the_edges_plus_latency() -> None:
     bench.clock.sleep_s(2.0)
     assert not bench.status() & AxisStatus.POSITION_CAPTURE
     expected_mm = bench.axis.sample(start_s + 0.003 + 0.02 * np.arange(50))[0]
-    np.testing.assert_allclose(captured(bench, 10, 50), expected_mm, atol=0.5 / 200_000 + 1e-9)
+    assert captured(bench, 10, 50) == np.round(expected_mm * 200_000).tolist()
 
 
 def test_an_edge_counts_only_when_its_latency_is_over() -> None:
@@ -478,7 +503,7 @@ def test_an_edge_counts_only_when_its_latency_is_over() -> None:
 
 @pytest.mark.parametrize("mode", ["continues", "restarts"])
 def test_a_second_read_does_as_set_up(mode: str) -> None:
-    bench = armed(6, capture_read=mode, capture_unit="counts")
+    bench = armed(6, capture_read=mode)
     bench.line.begin(bench.clock.now_s() + 0.1, 0.1, 6)
     bench.clock.sleep_s(1.0)
     first, second = captured(bench, 0, 3), captured(bench, 0, 3)
@@ -488,17 +513,17 @@ def test_a_second_read_does_as_set_up(mode: str) -> None:
 
 
 def test_a_read_of_more_than_there_is_does_as_set_up() -> None:
-    for mode, reply, left in (("refuse", "#\n", "%7.000000\n"), ("partial", "%\n", "%7.000000\n")):
+    for mode, reply, left in (("refuse", "#\n", "%7\n"), ("partial", "%\n", "%7\n")):
         bench = armed(3, capture_short_read=mode)
-        bench("DGLOBAL(2) = 7")
+        bench("IGLOBAL(2) = 7")
         bench.line.begin(bench.clock.now_s() + 0.1, 0.1, 2)
         bench.clock.sleep_s(1.0)
         assert bench("DATAACQ X READ 0, 3") == reply
-        assert bench("DGLOBAL(2)") == left
+        assert bench("IGLOBAL(2)") == left
 
 
 def test_off_ends_a_capture_and_other_sources_see_no_edges() -> None:
-    bench = armed(5)
+    bench = armed(5, capture_read="continues")
     bench.line.begin(bench.clock.now_s() + 0.1, 0.1, 5)
     bench.clock.sleep_s(0.35)
     bench("DATAACQ X OFF")
@@ -514,7 +539,7 @@ def test_off_ends_a_capture_and_other_sources_see_no_edges() -> None:
 
 def test_encoder_noise_belongs_to_the_run_not_to_the_order_of_asking() -> None:
     def run(key: int, after_s: float) -> list[float]:
-        bench = Bench(encoder_noise_mm=1e-4, seed=5).enabled()
+        bench = Bench(encoder_noise_mm=1e-4, seed=5, integer_registers=200).enabled()
         bench.clock.sleep_s(after_s)
         bench.ensemble.announce_run(key)
         for line in ("DATAACQ X INPUT 1", "DATAACQ X TRIGGER 1", "DATAACQ X ON 200"):
@@ -525,7 +550,7 @@ def test_encoder_noise_belongs_to_the_run_not_to_the_order_of_asking() -> None:
 
     assert run(1, 0.0) == run(1, 17.0)
     assert run(1, 0.0) != run(2, 0.0)
-    assert np.std(run(1, 0.0)) == pytest.approx(1e-4, rel=0.2)
+    assert np.std(run(1, 0.0)) / 200_000 == pytest.approx(1e-4, rel=0.2)
 
 
 # the socket
@@ -592,7 +617,7 @@ LINES = st.one_of(
 @given(st.lists(LINES, max_size=12))
 @example(["MOVEABS X 1E300 F1E300", "FREERUN X 1E300", "OSCILLATE X, 1E300, 1E3, 1"])
 @example(
-    ["MOVEABS X 5.0 F20", "WAIT MODE MOVEDONE", "LINEAR X -1", "OSCILLATE X, 5.0, 20, 20", "HOME X", "FREERUN X -1"]
+    ["MOVEABS X 5.0 XF20", "WAIT MODE MOVEDONE", "LINEAR X -1", "OSCILLATE X, 5.0, 20, 20", "HOME X", "FREERUN X -1"]
 )
 @hypothesis_settings(deadline=None, max_examples=150)
 def test_every_line_has_exactly_one_reply(lines: list[str]) -> None:
@@ -617,9 +642,9 @@ def test_a_number_survives_the_wire(value: float) -> None:
 def test_the_grammar_tells_calls_statements_and_assignments_apart() -> None:
     assert parse(b'program run 1, "Sine 1.bcx"\r') == Command("PROGRAM", ("RUN", "1", '"Sine 1.bcx"'))
     assert parse(b"DGLOBAL ( 3 ) = -0.5") == Command("DGLOBAL", ("3",), "-0.5")
-    assert move_words(("X", "5", "XF", "20"), X) == (5.0, 20.0)
-    assert move_words(("X5", "F20"), X) == (5.0, 20.0)
-    assert move_words(("@0", "-.5"), X) == (-0.5, None)
+    assert move_words(("X", "5", "XF", "20"), X, XF) == (5.0, 20.0)
+    assert move_words(("X5", "F20"), X, XF) == (5.0, 20.0)
+    assert move_words(("@0", "-.5"), X, XF) == (-0.5, None)
     assert whole("12.0", 0, 12) == 12
 
 

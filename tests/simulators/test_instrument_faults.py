@@ -125,7 +125,7 @@ STAGE_READY = [
     Wait(10.0),
     Says("AXISFAULT(X)", "%0"),
 ]
-STAGE_MOVES = [*STAGE_READY, Says("MOVEABS X 20 F1", "%"), Wait(20.5)]
+STAGE_MOVES = [*STAGE_READY, Says("MOVEABS X 20 XF1", "%"), Wait(20.5)]
 
 
 METER_RECORDS = [
@@ -243,7 +243,7 @@ SCRIPTS: dict[tuple[str, str], tuple[str, list[Step]]] = {
     ),
     ("aerotech-ensemble", "limit_hit"): (
         "limit_hit = { at_s = 20.0 }",
-        [*STAGE_MOVES, Says("AXISFAULT(X)", "%4"), Says("MOVEABS X 1 F1", "#")],
+        [*STAGE_MOVES, Says("AXISFAULT(X)", "%4"), Says("MOVEABS X 1 XF1", "#")],
     ),
     ("aerotech-ensemble", "emergency_stop"): (
         "emergency_stop = { at_s = 20.0, lasting_s = 10.0 }",
@@ -265,7 +265,7 @@ SCRIPTS: dict[tuple[str, str], tuple[str, list[Step]]] = {
         [
             *STAGE_MOVES,
             Says("AXISFAULT(X)", f"%{1 << 15}"),
-            Says("MOVEABS X 1 F1", "#"),
+            Says("MOVEABS X 1 XF1", "#"),
             Says("ACKNOWLEDGEALL", "%"),
             Says("ENABLE X", "#"),
             Wait(31.0),
@@ -280,7 +280,7 @@ SCRIPTS: dict[tuple[str, str], tuple[str, list[Step]]] = {
             Wait(41.0),
             Says("GETPARM(X, 129)", "%in"),
             Says("PFBK(X)", "%0.787402"),
-            Says("MOVEABS X 0.5 F1", "%"),
+            Says("MOVEABS X 0.5 XF1", "%"),
             Wait(51.0),
             Says("GETPARM(X, 129)", "%mm"),
             Says("PFBK(X)", "%12.700000"),
