@@ -90,8 +90,13 @@ def test_power_sums_are_those_of_the_samples(name, period_s, rate_hz, rotation_s
 def test_sums_over_fine_samples_are_the_integrals(name, period_s, rotation_s):
     pattern = named_pattern(name, float(period_s), rotation_s)
     fine = pattern.sampled(1000.0).power_sums(2) / 1000.0
-    scale = pattern.period_s ** np.arange(1, 4)
-    assert fine / scale == pytest.approx(pattern.power_sums(2) / scale, abs=5e-3 / period_s * 4)
+    power = np.arange(1, 4)
+    integrals = np.zeros((2, 3))
+    for dwell in pattern.dwells:
+        start_s, stop_s = (at_s - 0.5 * pattern.period_s for at_s in (dwell.start_s, dwell.stop_s))
+        integrals[0 if dwell.sign > 0 else 1] += (stop_s**power - start_s**power) / power
+    scale = pattern.period_s**power
+    assert fine / scale == pytest.approx(integrals / scale, abs=5e-3 / period_s * 4)
 
 
 @settings(deadline=None)

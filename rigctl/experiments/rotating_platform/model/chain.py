@@ -102,27 +102,19 @@ class PlatformRuns:
 
     def late(self, delay_s: float) -> tuple[FloatArray, FloatArray]:
         """`speed_squared` and `turning` with the motion `delay_s` later than the samples say."""
-        if not self.cells:
-            return self.speed_squared, self.turning
-        return _two(
-            self.afterwards.of(
-                "late",
-                delay_s,
-                lambda: np.concatenate([_about_turns(each, delay_s=delay_s) for each in self.cells], axis=1),
-            )
-        )
+        return self._after_turns("late", delay_s, lambda each: _about_turns(each, delay_s=delay_s))
 
     def ringing(self, cutoff_hz: float) -> tuple[FloatArray, FloatArray]:
         """What an elliptic filter with its pass band up to `cutoff_hz` makes of `speed_squared` and `turning`."""
+        return self._after_turns("ringing", cutoff_hz, lambda each: _about_turns(each, cutoff_hz=cutoff_hz))
+
+    def _after_turns(
+        self, what: str, value: float, make: Callable[[Cells], FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
         if not self.cells:
             return self.speed_squared, self.turning
-        return _two(
-            self.afterwards.of(
-                "ringing",
-                cutoff_hz,
-                lambda: np.concatenate([_about_turns(each, cutoff_hz=cutoff_hz) for each in self.cells], axis=1),
-            )
-        )
+        both = self.afterwards.of(what, value, lambda: np.concatenate([make(each) for each in self.cells], axis=1))
+        return both[0], both[1]
 
     def at(self, **changes: Any) -> PlatformRuns:
         """The same runs at another point of the chain."""
@@ -170,10 +162,6 @@ def _ends_s(cells: Cells) -> FloatArray:
         motion = _motion(course.tobytes(), cells.turn_before, cells.sample_rate_hz)
         ends_s[number] = motion.last_s if motion.is_cycloid else 0.0
     return np.asarray(ends_s[cells.kind])
-
-
-def _two(both: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return both[0], both[1]
 
 
 def _about_turns(cells: Cells, delay_s: float = 0.0, cutoff_hz: float | None = None) -> FloatArray:

@@ -90,24 +90,15 @@ class PlatformModel:
     def _added_to(self, channel: str, values: FloatArray, sizes: Sequence[FloatArray]) -> FloatArray:
         run = at_rest(self.recorded, channel, values)
         before = run.along + run.signal
-        angle = np.zeros(run.t.size)
-        passed = [
-            (each.effect, sizes_for(channel, each, arguments))
-            for each, arguments in zip(self.placed, sizes, strict=True)
-        ]
-        for effect, arguments in passed:
-            if effect.on == "platform_angle_rad":
-                angle = angle + effect(run.at(signal=angle), **arguments)
-        moved = turned(run, angle)
-        bias = run.signal
-        force = moved.along
-        for effect, arguments in passed:
-            if effect.on == "force_m_s2":
-                force = force + effect(moved.at(signal=force), **arguments)
-        reading = force + bias
-        for effect, arguments in passed:
-            if effect.on == "reading_m_s2" and not effect.scanned:
-                reading = reading + effect(moved.at(signal=reading), **arguments)
+
+        def passed(point: str, at: PlatformRuns, signal: FloatArray) -> FloatArray:
+            for each, arguments in zip(self.placed, sizes, strict=True):
+                if each.effect.on == point and not each.effect.scanned:
+                    signal = signal + each.effect(at.at(signal=signal), **sizes_for(channel, each, arguments))
+            return signal
+
+        moved = turned(run, passed("platform_angle_rad", run, np.zeros(run.t.size)))
+        reading = passed("reading_m_s2", moved, passed("force_m_s2", moved, moved.along) + run.signal)
         # What effects add only: the baseline is a thousand times the noise and is reduced exactly, sample by sample.
         return np.asarray(reading - before)
 

@@ -15,7 +15,13 @@ from rigctl.experiments.rotating_platform.model.chain import Afterwards, Platfor
 from rigctl.experiments.rotating_platform.model.templates import templates
 from rigctl.experiments.rotating_platform.observe.cells import STATE
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, baseline_columns, bias_columns
-from rigctl.experiments.rotating_platform.observe.observables import READ, own_columns, stacked, turns_before
+from rigctl.experiments.rotating_platform.observe.observables import (
+    READ,
+    known_start_s,
+    own_columns,
+    stacked,
+    turns_before,
+)
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.workbench.study import Observations
 
@@ -163,7 +169,7 @@ class Recorded:
         names = sorted({name for each in runs for name in (*own_columns(each.run.conditions), *each.run.cells.own)})
         return PlatformRuns(
             channel=channel,
-            t=joined(lambda each: _start_s(each) + each.run.cells.time_s),
+            t=joined(lambda each: known_start_s(each.run.conditions) + each.run.cells.time_s),
             within=joined(
                 lambda each: each.run.cells.time_s - 0.5 * each.run.cells.periods * each.run.cells.period_s
             ),
@@ -213,11 +219,6 @@ def _own_column(each: ChannelRun, name: str) -> FloatArray:
     if name in cells.own:
         return np.asarray(cells.state[:, len(STATE) + cells.own.index(name)])
     return np.full(cells.period.size, own_columns(each.run.conditions).get(name, math.nan))
-
-
-def _start_s(each: ChannelRun) -> float:
-    start_s = float(each.run.conditions.get("start_s", math.nan))
-    return start_s if math.isfinite(start_s) else 0.0
 
 
 def _temperatures(each: ChannelRun) -> FloatArray:

@@ -147,11 +147,11 @@ def _fold(
     if not 0.0 <= from_hz < width_hz:
         raise DataError(f"from_hz is {from_hz:g}: it must be below one over the period, {width_hz:g} Hz")
     even = np.linspace(0.0, 1.0, panels + 1)
-    place, share = _composite(even)
+    place, share = gauss_nodes(even)
     smooth = _harmonics(weights, width_hz, density, sided, place) * share[:, None, None]
     lowest = max(from_hz / width_hz, 4.0**-_GRADING)
     edges = np.union1d(even, 4.0 ** -np.arange(float(_GRADING)))
-    low, low_share = _composite(np.append(lowest, edges[edges > lowest]))
+    low, low_share = gauss_nodes(np.append(lowest, edges[edges > lowest]))
     transform = _transform(weights, low)
     # Twice, for the interval on the other side of zero.
     value = 2.0 * low_share * two_sided(density, sided, low * width_hz)
@@ -163,7 +163,7 @@ def _fold(
     return _Folded(np.concatenate([place, low]), values, divergent)
 
 
-def _composite(edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+def gauss_nodes(edges: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Gauss's nodes and shares on each interval between `edges`."""
     nodes, shares = legendre.leggauss(_NODES)
     width = np.diff(edges)[:, None]

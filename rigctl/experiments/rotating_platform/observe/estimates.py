@@ -62,7 +62,7 @@ def _shapes_of(cells: Cells, keep: BoolArray) -> Int64Array:
 
 
 def _dwells_of(cells: Cells, keep: BoolArray) -> SampledPattern:
-    first = np.rint(0.5 * (cells.centre[keep] + cells.samples - cells.count[keep])).astype(np.int64)
+    first = cells.first[keep]
     stop = first + np.rint(cells.count[keep]).astype(np.int64)
     dwells: list[tuple[int, float, float]] = []
     rate_hz = cells.sample_rate_hz

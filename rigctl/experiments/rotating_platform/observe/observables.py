@@ -153,12 +153,13 @@ def _whole_run(number: int, rows: list[Row]) -> int:
 def turns_before(channels: Sequence[ChannelRun]) -> dict[str, int]:
     """By run_id, how many turns the recorded runs before it have made."""
     runs = {each.run.run_id: each.run for each in channels}
-    in_time = sorted(runs.values(), key=lambda run: _known_start_s(run.conditions))
+    in_time = sorted(runs.values(), key=lambda run: known_start_s(run.conditions))
     made = np.cumsum([0, *(int(run.cells.turn_number.max()) for run in in_time)])
     return {run.run_id: int(turns) for run, turns in zip(in_time, made.tolist(), strict=False)}
 
 
-def _known_start_s(conditions: Mapping[str, Any]) -> float:
+def known_start_s(conditions: Mapping[str, Any]) -> float:
+    """When a run began in its recording's time [s]; 0 where that is not known."""
     start_s = _start_s(conditions)
     return start_s if math.isfinite(start_s) else 0.0
 

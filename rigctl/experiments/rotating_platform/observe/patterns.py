@@ -96,16 +96,6 @@ class Pattern:
             if dwell.sign != after.sign
         )
 
-    def power_sums(self, order: int) -> FloatArray:
-        """Integrals of t^j over the dwells of either sign, t from mid-period; shape (2, order + 1), `+` first."""
-        power = np.arange(1, order + 2)
-        sums = np.zeros((2, order + 1))
-        for dwell in self.dwells:
-            start, stop = dwell.start_s - 0.5 * self.period_s, dwell.stop_s - 0.5 * self.period_s
-            # From mid-period: what is even about it cancels there and nowhere else.
-            sums[_row(dwell.sign)] += (stop**power - start**power) / power
-        return sums
-
     def sampled(self, sample_rate_hz: float) -> SampledPattern:
         """The pattern on a recording's samples; raises `ConfigError` when its period is no whole number of them."""
         return SampledPattern(self, sample_rate_hz)
@@ -207,7 +197,7 @@ class SampledPattern:
         sums = [[0] * (order + 1), [0] * (order + 1)]
         for sign, start, stop in self.segments:
             for j in range(order + 1):
-                sums[_row(sign)][j] += _odd_power_sum(2 * start + 1 - self.samples, stop - start, j)
+                sums[0 if sign > 0 else 1][j] += _odd_power_sum(2 * start + 1 - self.samples, stop - start, j)
         scale = (2.0 * self.sample_rate_hz) ** np.arange(order + 1)
         return np.array(sums, dtype=np.float64) / scale
 
@@ -299,10 +289,6 @@ def _check_times(label: str, **times_s: float) -> None:
     for key, time_s in times_s.items():
         if not (math.isfinite(time_s) and time_s >= 0.0):
             raise ConfigError(f"{label}: {key} is {time_s:g}: it cannot be negative")
-
-
-def _row(sign: int) -> int:
-    return 0 if sign > 0 else 1
 
 
 def _odd_power_sum(first: int, count: int, order: int) -> int:

@@ -160,14 +160,9 @@ class Reducer:
         usual = np.flatnonzero(cells.faults[:, 0, -1] == 0)
         # The second of them: before the first turn of a run there is no bin.
         cells_of_period = np.flatnonzero(cells.period == usual[min(1, usual.size - 1)])
-        first = np.rint(0.5 * (cells.centre[cells_of_period] + cells.samples - cells.count[cells_of_period])).astype(
-            np.int64
-        )
         bin_of = np.full(sampled.samples, NO_BIN)
-        for at, count, number in zip(
-            first, cells.count[cells_of_period].astype(np.int64), cells.bin[cells_of_period], strict=True
-        ):
-            bin_of[at : at + count] = number
+        for each in cells_of_period:
+            bin_of[cells.first[each] : cells.first[each] + int(cells.count[each])] = cells.bin[each]
         weights = np.zeros((len(self.bins), sampled.samples))
         for row, each in enumerate(self.bins):
             where = (bin_of == each.number) & (sampled.sign == each.sign)

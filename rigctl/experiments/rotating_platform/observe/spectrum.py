@@ -15,6 +15,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray, Int64Array
 from rigctl.core.errors import DataError
+from rigctl.experiments.rotating_platform.observe.covariance import gauss_nodes
 
 TAPERS = 5
 """Tapers per bin; the lowest have as many as their number."""
@@ -24,7 +25,7 @@ _BANDS_PER_OCTAVE = 8
 _FEWEST_SAMPLES = 256
 _MAX_FILLED = 0.01
 # The window of the lowest bins is worked out on fewer samples, out to this many bins beyond, in steps of 4 to zero.
-_WINDOW_SAMPLES, _BEYOND, _NODES, _GRADING = 512, 40, 8, 16
+_WINDOW_SAMPLES, _BEYOND, _GRADING = 512, 40, 16
 
 
 @dataclass(frozen=True)
@@ -116,9 +117,7 @@ def _low_window() -> tuple[FloatArray, FloatArray]:
     """Places of a quadrature, in bins, and what the lowest bins see there: (nodes,) and (_EXACT_BINS, nodes)."""
     n = _WINDOW_SAMPLES
     edges = np.append(4.0 ** -np.arange(_GRADING, 0.0, -1.0), np.arange(1.0, _EXACT_BINS + _BEYOND + 1.0))
-    nodes, shares = np.polynomial.legendre.leggauss(_NODES)
-    width = np.diff(edges)[:, None]
-    place, share = (edges[:-1, None] + 0.5 * width * (nodes + 1.0)).ravel(), (0.5 * width * shares).ravel()
+    place, share = gauss_nodes(edges)
     t = np.arange(1, n + 1) / (n + 1)
     taper = np.sqrt(2.0 / (n + 1)) * np.sin(np.pi * np.arange(1, TAPERS + 1)[:, None] * t)
     line, _ = np.linalg.qr(np.stack([np.ones(n), t], axis=1))

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,10 @@ class Fitted:
         index = self.names.index(name)
         return math.sqrt(float(self.covariance[index, index]))
 
+    def as_json(self, unit: float = 1.0) -> dict[str, Any]:
+        """Every parameter, `unit` times as large, within `rigctl result --json`."""
+        return {name: Value(unit * self.value(name), unit * self.sigma(name)).as_json() for name in self.names}
+
 
 @dataclass(frozen=True)
 class Value:
@@ -49,6 +54,10 @@ class Value:
 
     value: float
     sigma: float
+
+    def as_json(self) -> dict[str, float | None]:
+        """Within `rigctl result --json`; None for what is not known."""
+        return {name: number if math.isfinite(number) else None for name, number in vars(self).items()}
 
 
 def flip(g_sign: Sequence[float], readings_v: FloatArray, g_m_s2: float, sigma_v: FloatArray | None = None) -> Fitted:

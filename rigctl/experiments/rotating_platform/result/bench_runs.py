@@ -16,7 +16,7 @@ from rigctl.experiments.rotating_platform.observe.noise_fit import NoiseFit, fit
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS, Chains
 from rigctl.experiments.rotating_platform.observe.spectrum import NoiseSpectrum, noise_spectrum
 from rigctl.experiments.rotating_platform.observe.store_reduction import chunks_of
-from rigctl.experiments.rotating_platform.result.alignment import Axes, Fitted, angle_scan, axes, flip
+from rigctl.experiments.rotating_platform.result.alignment import Axes, Fitted, Value, angle_scan, axes, flip
 
 _FEWEST = 8
 _STRETCHES = 8
@@ -35,12 +35,8 @@ class Scan:
 
     def as_json(self) -> dict[str, Any]:
         """Within `rigctl result --json`."""
-        shown: dict[str, Any] = {"run_id": self.run_id}
-        for channel, fit in self.fits.items():
-            shown[channel] = {name: {"value": fit.value(name), "sigma": fit.sigma(name)} for name in fit.names}
-        shown["amplitude_ratio"] = vars(self.axes.amplitude_ratio)
-        shown["nonorthogonality_rad"] = vars(self.axes.nonorthogonality_rad)
-        return shown
+        axes = {name: value.as_json() for name, value in vars(self.axes).items()}
+        return {"run_id": self.run_id, **{channel: fit.as_json() for channel, fit in self.fits.items()}, **axes}
 
 
 @dataclass(frozen=True)
@@ -57,14 +53,8 @@ class NoiseRecord:
         noise, sigmas = self.fit.noise, self.fit.sigmas
         names = ("white_v2_hz", "coefficient_v2_hz", "exponent", "pendulum_v2_hz")
         values = (noise.white, noise.coefficient, noise.exponent, self.fit.pendulum)
-        return {
-            "run_id": self.run_id,
-            "channel": self.channel,
-            **{
-                name: {"value": value, "sigma": sigma if math.isfinite(sigma) else None}
-                for name, value, sigma in zip(names, values, sigmas, strict=True)
-            },
-        }
+        fitted = {name: Value(*each).as_json() for name, *each in zip(names, values, sigmas, strict=True)}
+        return {"run_id": self.run_id, "channel": self.channel, **fitted}
 
 
 def scans(source: RunSource, chains: Chains) -> tuple[list[Scan], dict[str, str]]:
@@ -90,13 +80,8 @@ class Flipped:
 
     def as_json(self) -> dict[str, Any]:
         """Within `rigctl result --json`."""
-        values = {name: (self.sensor.value(name), self.sensor.sigma(name)) for name in self.sensor.names}
-        sensor: dict[str, Any] = {name: {"value": value, "sigma": sigma} for name, (value, sigma) in values.items()}
-        if self.amplifier is None:
-            return {"sensor": sensor, "chain": None}
-        k = self.amplifier
-        chain = {name: {"value": k * value, "sigma": k * sigma} for name, (value, sigma) in values.items()}
-        return {"sensor": sensor, "chain": chain}
+        chain = None if self.amplifier is None else self.sensor.as_json(self.amplifier)
+        return {"sensor": self.sensor.as_json(), "chain": chain}
 
 
 def flips(source: RunSource, chains: Chains) -> dict[str, Flipped]:

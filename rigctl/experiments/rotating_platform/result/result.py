@@ -23,7 +23,7 @@ from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READ
 from rigctl.experiments.rotating_platform.observe.run_noise import SIDED
 from rigctl.experiments.rotating_platform.result.alignment import Value, wobble
 from rigctl.experiments.rotating_platform.result.bench_runs import NoiseRecord
-from rigctl.experiments.rotating_platform.result.run_result import RunResult, run_result, value_json
+from rigctl.experiments.rotating_platform.result.run_result import RunResult, run_result
 
 EQUATION_1 = "eq. 1, Q-Flex"
 
@@ -87,11 +87,9 @@ class PlatformResult:
     def as_json(self) -> dict[str, Any]:
         """Keys of `rigctl result --json`."""
         return {
-            "tilt_gain": value_json(self.tilt_gain),
-            "accel_m_s2": {name: value_json(value) for name, value in self.accel_m_s2.items()},
-            "wobble_rad": None
-            if self.wobble_rad is None
-            else {name: value_json(value) for name, value in self.wobble_rad.items()},
+            "tilt_gain": self.tilt_gain.as_json(),
+            "accel_m_s2": _each_as_json(self.accel_m_s2),
+            "wobble_rad": None if self.wobble_rad is None else _each_as_json(self.wobble_rad),
             "sided": SIDED,
             "theory_noise": {channel: noise.as_json() for channel, noise in self.chain_noise.items()},
             "noise": [each.as_json() for each in self.noise_records],
@@ -99,6 +97,10 @@ class PlatformResult:
             "runs": [run.as_json() for run in self.runs],
             "left_out": dict(self.left_out),
         }
+
+
+def _each_as_json(values: Mapping[str, Value]) -> dict[str, Any]:
+    return {name: value.as_json() for name, value in values.items()}
 
 
 def platform_result(

@@ -101,7 +101,7 @@ class RunResult:
         for output in MEANS:
             unit = "m_s3" if output.endswith("slope") else "m_s2"
             for channel in sorted(CHANNELS):
-                shown[f"{output}_{channel}_{unit}"] = value_json(self.values[channel][output])
+                shown[f"{output}_{channel}_{unit}"] = self.values[channel][output].as_json()
         shown["precision_1h_m_s2"] = {channel: self.precision[channel].as_json() for channel in sorted(CHANNELS)}
         shown["response"] = None if self.response is None else _response(self.response)
         shown["remarks"] = list(self.remarks)
@@ -151,15 +151,6 @@ def _dropped(cells: Cells) -> dict[str, int]:
     return {name: int(cells.faults[:, :, i].max(axis=1).sum()) for i, name in enumerate(FAULTS[:3])}
 
 
-def value_json(value: Value) -> dict[str, float | None]:
-    """Within `rigctl result --json`; None for what is not known."""
-    return {"value": _number(value.value), "sigma": _number(value.sigma)}
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def _response(found: SineResponse) -> dict[str, Any]:
     return {
         "accel_pp_m_s2": found.accel_pp,
@@ -202,10 +193,8 @@ def _by_period(cells: Cells, modulated: FloatArray, *, slope: bool = False) -> F
 
 def commanded_accel(cells: Cells) -> FloatArray:
     """What was commanded of a_Z, as the mean over the kept samples of each period."""
-    total = np.bincount(cells.period, cells.count * cells.state[:, 0], cells.periods)
-    count = np.bincount(cells.period, cells.count, cells.periods)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(total / count)
+    # Modulated, for the demodulation to take it off again.
+    return _by_period(cells, cells.sign * cells.state[:, 0])
 
 
 def response_of(run: PlatformRun, sampled: SampledPattern, series: PeriodEstimates) -> SineResponse | None:

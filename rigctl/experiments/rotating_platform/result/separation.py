@@ -14,7 +14,7 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
 from rigctl.experiments.rotating_platform.observe.estimators import Estimator, weights
-from rigctl.experiments.rotating_platform.observe.patterns import Pattern, SampledPattern
+from rigctl.experiments.rotating_platform.observe.patterns import SampledPattern
 
 DRIFT = ("constant", "linear", "quadratic", "cubic")
 """Names of the polynomial orders of a drift."""
@@ -77,14 +77,13 @@ class Separation:
 _NO_PATTERN = "what turns with the platform (a bias that depends on theta) counts as acceleration, in every pattern"
 
 
-def conditions(pattern: Pattern | SampledPattern) -> Conditions:
-    """The moments of c, on the samples or in continuous time; raises `ConfigError` for a pattern without extent."""
-    sums = _about_their_mean(pattern.power_sums(2))
+def conditions(sampled: SampledPattern) -> Conditions:
+    """The moments of c on the samples; raises `ConfigError` for a pattern without extent."""
+    sums = _about_their_mean(sampled.power_sums(2))
     total, signed = sums[0] + sums[1], sums[0] - sums[1]
-    period_s = pattern.period_s if isinstance(pattern, Pattern) else pattern.pattern.period_s
     if not total[2] > 0.0:
-        label = pattern.label if isinstance(pattern, Pattern) else pattern.pattern.label
-        raise ConfigError(f"{label} keeps a single sample: sample faster or dwell longer")
+        raise ConfigError(f"{sampled.pattern.label} keeps a single sample: sample faster or dwell longer")
+    period_s = sampled.pattern.period_s
     return Conditions(
         float(signed[0] / total[0]), float(period_s * signed[1] / total[2]), float(signed[2] / total[2])
     )
