@@ -58,13 +58,16 @@ class Operator:
 
     def remount(self, axis: str, configuration: str, mounting: int) -> None:
         """Take the package off and seat it again for `axis` in `configuration`."""
+        self._confirm(f"Mount the package for axis {axis} in {configuration} (mounting {mounting})")
         self._act(_seated(axis, configuration, mounting))
 
-    def level(self, reading_v: float) -> float | None:  # noqa: ARG002 - hands that see the level themselves
+    def level(self, reading_v: float) -> float | None:
         """Turn the levelling screws until the static output is inside its limit.
 
         Returns when that was, by the clock of a served world; None where there is no clock but ours.
         """
+        seen = f": static output {reading_v:+.3f} V" if math.isfinite(reading_v) else ""
+        self._confirm(f"Level the package{seen}")
         return self._act({"level": True}).get("rig_time_s")
 
     def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
@@ -84,6 +87,7 @@ class Operator:
 
     def bring_room_to(self, temperature_c: float) -> None:
         """Have the room, and all in it, at a temperature [degC]."""
+        self._confirm(f"Bring the room to {temperature_c:g} degC and wait until the bench has followed")
         self._act({"room": {"temperature_c": temperature_c}})
 
     def restore_room(self, temperature_c: float, at_s: float) -> None:
@@ -95,6 +99,7 @@ class Operator:
 
     def flip(self, g_sign: int) -> None:
         """Turn the sensors so that +g or -g acts along them, amplifiers bypassed; 0: back as they were."""
+        self._confirm(FLIPS[g_sign])
         self._act({"flip": g_sign})
 
     def accept(self, question: str) -> bool:  # noqa: ARG002
@@ -104,6 +109,9 @@ class Operator:
     def announce_run(self, number: int) -> None:
         """A run begins, the key of a simulated world's randomness; a person need not know."""
         self._act({"run": number})
+
+    def _confirm(self, request: str) -> None:
+        """Return when it may be taken for done: at once where nobody is asked."""
 
     def _act(self, action: dict[str, Any]) -> dict[str, Any]:
         if self.link is None:
@@ -158,31 +166,10 @@ class TerminalOperator(Operator):
     questions: Questions | None = None
     """Where what is asked is put up too, for whoever else looks after the campaign."""
 
-    def remount(self, axis: str, configuration: str, mounting: int) -> None:
-        """Ask for a remounting and wait for the confirmation."""
-        self._confirm(f"Mount the package for axis {axis} in {configuration} (mounting {mounting})")
-        super().remount(axis, configuration, mounting)
-
-    def level(self, reading_v: float) -> float | None:
-        """Ask for levelling and wait for the confirmation."""
-        seen = f": static output {reading_v:+.3f} V" if math.isfinite(reading_v) else ""
-        self._confirm(f"Level the package{seen}")
-        return super().level(reading_v)
-
     def still_mounted(self, axis: str, configuration: str, mounting: int, levelled: Levelled | None = None) -> bool:
         """Ask whether the mounting survived."""
         question = f"Is {axis} in {configuration}, mounting {mounting}, still in place and untouched?"
         return self.accept(question) and super().still_mounted(axis, configuration, mounting, levelled)
-
-    def bring_room_to(self, temperature_c: float) -> None:
-        """Ask for another room temperature and wait for the confirmation."""
-        self._confirm(f"Bring the room to {temperature_c:g} degC and wait until the bench has followed")
-        super().bring_room_to(temperature_c)
-
-    def flip(self, g_sign: int) -> None:
-        """Ask for the sensors to be turned over, or put back, and wait for the confirmation."""
-        self._confirm(FLIPS[g_sign])
-        super().flip(g_sign)
 
     def accept(self, question: str) -> bool:
         """Yes or no."""
