@@ -20,6 +20,7 @@ from rigctl.console.place import kind_of
 from rigctl.console.shell import Shell, while_running
 from rigctl.console.widgets.bars import SCREENS
 from rigctl.console.widgets.dialogs import ConfirmDialog, OpenDialog
+from rigctl.core.clock import utc_now
 from rigctl.core.errors import RigError
 from rigctl.core.making_safe import TERMINAL_LOST, Rest, ended_by_signals
 
@@ -132,7 +133,7 @@ class Console(Shell):
             notice += f"; the campaign {'was stopped' if stops else 'went on'}, as its file chose ({view.path})"
         elif view is not None and view.alive:
             notice += f"; the campaign went on, it was not this console's ({view.path})"
-        self.kept.notice = f"{notice}, {state.now()}"
+        self.kept.notice = f"{notice}, {utc_now()}"
         state.record_action(self.directory, notice)
         self._keep_state()
 
@@ -227,17 +228,16 @@ class Console(Shell):
     def action_open(self) -> None:
         """Ask which file."""
 
-        def go(path: str | None) -> None:
-            if path is not None:
-                self._act(f"open {path}")
-                self.action_screen(self._open(Path(path)))
+        def go(path: str) -> None:
+            self._act(f"open {path}")
+            self.action_screen(self._open(Path(path)))
 
         near = [
             p
             for pattern in ("*.rig.sqlite", "*.toml", "campaigns/*.toml", "out/*.rig.sqlite")
             for p in sorted(Path().glob(pattern))
         ]
-        self.push_screen(OpenDialog("Open a rig file, a campaign file or a store", near), go)
+        OpenDialog("Open a rig file, a campaign file or a store", near).ask(self, go)
 
     def action_bench(self) -> None:
         """Hold the rig."""
@@ -254,16 +254,11 @@ class Console(Shell):
         if view is None or not view.alive:
             self.exit()
             return
-
-        def go(agreed: bool | None) -> None:
-            if agreed:
-                self.exit()
-
         question = (
             f"A campaign runs ({view.path}). It goes on without the console; "
             f"`rigctl console {view.path}` attaches to it again."
         )
-        self.push_screen(ConfirmDialog("Quit the console?", question), go)
+        ConfirmDialog("Quit the console?", question).ask(self, lambda _: self.exit())
 
     def on_motion_asked(self, message: say.MotionAsked) -> None:
         """Move, jog or home a stage of the rig that is held."""

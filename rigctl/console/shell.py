@@ -31,6 +31,7 @@ from rigctl.console.store_view import StoreView
 from rigctl.console.themes import DARK, LIGHT
 from rigctl.console.widgets.bars import Banner, Standing, TabBar, TopBar
 from rigctl.console.widgets.dialogs import HelpDialog, QuestionDialog
+from rigctl.core.clock import utc_now
 from rigctl.core.errors import RigError
 
 P = ParamSpec("P")
@@ -193,7 +194,7 @@ class Shell(App[None]):
     @while_running
     def _note(self, text: str, severity: say.Severity = "information") -> None:
         self.notify(text, severity=severity, timeout=8, markup=False)
-        self._panes.log.add(state.now(), "alarm" if severity == "error" else "note", text)
+        self._panes.log.add(utc_now(), "alarm" if severity == "error" else "note", text)
         if severity == "error":
             self._alarms += 1
             self.action_ring()
@@ -254,19 +255,18 @@ class Shell(App[None]):
             return
         store = self._view.path if self._view else Path()
 
-        def go(text: str | None) -> None:
-            if text is not None:
-                self._act(f"answer '{text}' to: {question.text.partition(' Type ')[0]}")
-                # With its number: the campaign may ask something else by the time the word is written.
-                self._send("answer", store, text, question.number)
+        def go(text: str) -> None:
+            self._act(f"answer '{text}' to: {question.text.partition(' Type ')[0]}")
+            # With its number: the campaign may ask something else by the time the word is written.
+            self._send("answer", store, text, question.number)
 
-        self.push_screen(QuestionDialog(question.number, question.text, question.choices), go)
+        QuestionDialog(question.text, question.choices).ask(self, go)
 
     # What is kept, and searched
 
     def _act(self, action: str) -> None:
         """Record what the operator does: here, in the user's file, and in the store it is for."""
-        self._panes.log.add(state.now(), "action", action)
+        self._panes.log.add(utc_now(), "action", action)
         view = self._view
         self._record(action)
         if view is not None and view.alive:

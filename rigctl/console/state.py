@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import tempfile
 from dataclasses import asdict, dataclass, fields
-from datetime import UTC, datetime
 from pathlib import Path
 
 import platformdirs
 
 from rigctl.console.widgets.bars import SCREENS
+from rigctl.core.clock import utc_now
 
 ACTIONS = "actions.jsonl"
 
@@ -69,11 +69,6 @@ def record_action(directory: Path, action: str) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with (directory / ACTIONS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"time": now(), "action": action}, ensure_ascii=False) + "\n")
+            file.write(json.dumps({"time": utc_now(), "action": action}, ensure_ascii=False) + "\n")
     except OSError:
         return
-
-
-def now() -> str:
-    """UTC, ISO 8601."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")

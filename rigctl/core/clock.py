@@ -7,6 +7,7 @@ jumps to the next event (`simulators.clock`). Everybody who waits, waits here, s
 from __future__ import annotations
 
 import time
+from datetime import UTC, datetime
 from typing import Protocol
 
 
@@ -46,3 +47,8 @@ class RealClock:
         """Sleep `duration_s` of rig time."""
         if duration_s > 0:
             time.sleep(duration_s / self._speed)
+
+
+def utc_now() -> str:
+    """The time of day, UTC, ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -10,9 +10,10 @@ from typing import Any
 
 from rigctl.campaign.store import ledger, synced
 from rigctl.campaign.store.checksums import ColumnSums, row_sum
-from rigctl.campaign.store.header_json import dumps, utc_now
+from rigctl.campaign.store.header_json import dumps
 from rigctl.campaign.store.ledger import Change
 from rigctl.campaign.store.schema import database_errors, first_chunk_id, has_checksums, snapshot, transaction
+from rigctl.core.clock import utc_now
 from rigctl.core.errors import DamagedStore, DataError
 
 COLUMNS = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,6 @@ from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo
 def dumps(value: Any) -> str:
     """JSON text; numpy scalars and arrays become numbers and lists."""
     return _encode(value)
-
-
-def utc_now() -> str:
-    """The time, ISO 8601."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def _plain(value: object) -> Any:

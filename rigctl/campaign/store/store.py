@@ -18,11 +18,12 @@ from rigctl.campaign.recording import Header, RunRecord, flaw_of_run_id
 from rigctl.campaign.store import schema
 from rigctl.campaign.store.checked_rows import CheckedRows, Row
 from rigctl.campaign.store.entries import Document, Event
-from rigctl.campaign.store.header_json import dumps, header_from_json, utc_now
+from rigctl.campaign.store.header_json import dumps, header_from_json
 from rigctl.campaign.store.opening import create_file, open_file
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.campaign.store.samples import joined_columns, last_samples, sample_pieces
 from rigctl.core.arrays import FloatArray
+from rigctl.core.clock import utc_now
 from rigctl.core.errors import DataError
 from rigctl.core.interfaces import Identity
 
@@ -159,9 +160,7 @@ class Store:
         with self._rows.writing(durable=True):
             # The mark and its reason as an event, in one commit.
             self._rows.mark_run(*run[:5], int(valid), reason, *run[7:9])
-            self._rows.append(
-                "events", utc_now(), None, "mark", dumps({"run_id": run_id, "valid": valid, "reason": reason})
-            )
+            self._rows.append_event("mark", {"run_id": run_id, "valid": valid, "reason": reason}, None)
 
     def _run(self, run_id: str) -> Row:
         rows = self._rows.rows("runs", "WHERE run_id = ?", (run_id,))

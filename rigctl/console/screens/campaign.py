@@ -154,12 +154,11 @@ class CampaignPane(Vertical):
             return
         launch = Launch(form.path, _free(Path(form.path.stem + ".rig.sqlite")))
 
-        def go(chosen: Launch | None) -> None:
-            if chosen is not None:
-                self._go("tab-progress")
-                self.post_message(StartAsked(chosen))
+        def go(chosen: Launch) -> None:
+            self._go("tab-progress")
+            self.post_message(StartAsked(chosen))
 
-        self.app.push_screen(StartDialog(launch, launch_fault), go)
+        StartDialog(launch, launch_fault).ask(self.app, go)
 
     def action_ask(self, kind: str) -> None:
         """Pause or resume."""
@@ -167,13 +166,8 @@ class CampaignPane(Vertical):
 
     def action_abort(self) -> None:
         """Abort, once it is confirmed; STOP needs no confirmation."""
-
-        def go(agreed: bool | None) -> None:
-            if agreed:
-                self.post_message(RequestAsked("abort"))
-
         text = "The campaign ends now; what is recorded stays, and r resumes it."
-        self.app.push_screen(ConfirmDialog("Abort the campaign?", text), go)
+        ConfirmDialog("Abort the campaign?", text).ask(self.app, lambda _: self.post_message(RequestAsked("abort")))
 
     def action_edit(self) -> None:
         """Show the form."""
@@ -192,9 +186,7 @@ class CampaignPane(Vertical):
         if form is None:
             return
 
-        def write(name: str | None) -> None:
-            if name is None:
-                return
+        def write(name: str) -> None:
             path = Path(name)
             try:
                 form.save(path)
@@ -204,7 +196,7 @@ class CampaignPane(Vertical):
             self.post_message(Noted(f"saved {path}"))
             self._file.judge()
 
-        self.app.push_screen(TextDialog("Save the campaign", "file", str(form.path), _no_toml_name), write)
+        TextDialog("Save the campaign", "file", str(form.path), _no_toml_name).ask(self.app, write)
 
 
 def _free(path: Path) -> Path:

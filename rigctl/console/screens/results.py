@@ -88,13 +88,9 @@ class ResultsPane(Vertical):
 
     def action_compare(self) -> None:
         """Ask with which store."""
-
-        def go(path: str | None) -> None:
-            if path is not None:
-                self.post_message(AnalysisAsked("compare_with", (Path(path),)))
-
-        stores = sorted(Path().glob("*.rig.sqlite"))
-        self.app.push_screen(OpenDialog("Compare with which store?", stores), go)
+        OpenDialog("Compare with which store?", sorted(Path().glob("*.rig.sqlite"))).ask(
+            self.app, lambda path: self.post_message(AnalysisAsked("compare_with", (Path(path),)))
+        )
 
 
 def _drawn(table: ResultTable) -> Group:

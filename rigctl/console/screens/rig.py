@@ -135,13 +135,10 @@ class RigPane(Vertical):
         if (chosen := self._stage()) is None:
             return
         view, limits = chosen
-
-        def go(text: str | None) -> None:
-            if text is not None:
-                self.post_message(MotionAsked(view.name, "move", (decimal(text.strip()),)))
-
         about = f"now {_values_text(view)}; limits {limits}"
-        self.app.push_screen(TextDialog(f"Move {view.name}", about, "", limits.refusal_of), go)
+        TextDialog(f"Move {view.name}", about, "", limits.refusal_of).ask(
+            self.app, lambda text: self.post_message(MotionAsked(view.name, "move", (decimal(text.strip()),)))
+        )
 
     def action_home(self) -> None:
         """Home the stage that is chosen."""
@@ -156,11 +153,10 @@ class RigPane(Vertical):
     def action_step(self) -> None:
         """Another size of the jog's steps."""
 
-        def keep(text: str | None) -> None:
-            if text is not None:
-                self.jog_step = decimal(text.strip())
+        def keep(text: str) -> None:
+            self.jog_step = decimal(text.strip())
 
-        self.app.push_screen(TextDialog("Jog step", "deg or mm per step", f"{self.jog_step:g}", _no_step), keep)
+        TextDialog("Jog step", "deg or mm per step", f"{self.jog_step:g}", _no_step).ask(self.app, keep)
 
     def action_reconnect(self) -> None:
         """Try what does not answer again."""

@@ -202,7 +202,7 @@ class WorkbenchPane(Vertical):
         if not options:
             self.post_message(Noted("open a store first: o", "warning"))
             return
-        self.app.push_screen(PickDialog("Add which effect?", options), lambda name: self._send("add", name))
+        self._pick("Add which effect?", options, "add")
 
     def action_remove(self) -> None:
         """Pick one that is in the model."""
@@ -210,24 +210,20 @@ class WorkbenchPane(Vertical):
             self.post_message(Noted("the model has no effects to remove", "warning"))
             return
         options = [(name, self._catalogue.get(name, "")) for name in self._effects]
-        self.app.push_screen(PickDialog("Remove which effect?", options), lambda name: self._send("remove", name))
+        self._pick("Remove which effect?", options, "remove")
 
     def action_covariate(self) -> None:
         """Pick what the residuals are shown against."""
-        options = [(name, "") for name in self._covariates]
-        if not options:
-            self.post_message(AnalysisAsked("residuals", (self.covariate,)))
+
+        def go(name: str) -> None:
+            self.covariate = name
+            self.post_message(AnalysisAsked("residuals", (name,)))
             self._go("tab-residuals")
-            return
 
-        def go(name: str | None) -> None:
-            if name is not None:
-                self.covariate = name
-                self.post_message(AnalysisAsked("residuals", (name,)))
-                self._go("tab-residuals")
+        if self._covariates:
+            PickDialog("Residuals against what?", [(name, "") for name in self._covariates]).ask(self.app, go)
+        else:
+            go(self.covariate)
 
-        self.app.push_screen(PickDialog("Residuals against what?", options), go)
-
-    def _send(self, what: str, name: str | None) -> None:
-        if name is not None:
-            self.post_message(AnalysisAsked(what, ([name],)))
+    def _pick(self, title: str, options: Sequence[tuple[str, str]], what: str) -> None:
+        PickDialog(title, options).ask(self.app, lambda name: self.post_message(AnalysisAsked(what, ([name],))))

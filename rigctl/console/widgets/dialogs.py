@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Generic, Literal, TypeVar
+from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 from rich.text import Text
-from textual.app import ComposeResult
+from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen
@@ -29,6 +29,19 @@ class Dialog(ModalScreen[Answer | None], Generic[Answer]):
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "Leave")]
     HINT = "Esc leaves  F8 STOP"
+
+    def __init__(self, title: str) -> None:
+        super().__init__()
+        self.title = title
+
+    def ask(self, app: App[Any], then: Callable[[Answer], object]) -> None:
+        """Show it; `then` is called with the answer, and not at all when the operator leaves it."""
+
+        def go(answer: Answer | None) -> None:
+            if answer is not None:
+                then(answer)
+
+        app.push_screen(self, go)
 
     def compose(self) -> ComposeResult:
         """Title, what the dialog is about, hints."""
@@ -66,8 +79,7 @@ class PickDialog(Dialog[str]):
     PLACEHOLDER = "search"
 
     def __init__(self, title: str, options: Sequence[tuple[str, str]]) -> None:
-        super().__init__()
-        self.title = title
+        super().__init__(title)
         self._options = list(options)
 
     def contents(self) -> ComposeResult:
@@ -134,8 +146,7 @@ class TextDialog(Dialog[str]):
     HINT = "Enter accepts   Esc leaves  F8 STOP"
 
     def __init__(self, title: str, prompt: str, value: str, refusal: Callable[[str], str]) -> None:
-        super().__init__()
-        self.title = title
+        super().__init__(title)
         self._prompt = prompt
         self._value = value
         self._refusal = refusal
@@ -172,8 +183,7 @@ class StartDialog(Dialog[Launch]):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "start", "Start")]
 
     def __init__(self, launch: Launch, fault: Callable[[Launch], Fault | None]) -> None:
-        super().__init__()
-        self.title = "Start a campaign"
+        super().__init__("Start a campaign")
         self._launch = launch
         self._fault = fault
         wrong = fault(launch)
@@ -237,10 +247,8 @@ class QuestionDialog(Dialog[str]):
 
     HINT = "write the answer, then Enter  Esc: later, F9 comes back  F8 STOP"
 
-    def __init__(self, number: int, text: str, choices: Sequence[str]) -> None:
-        super().__init__()
-        self.title = "THE CAMPAIGN WAITS FOR YOU"
-        self.number = number
+    def __init__(self, text: str, choices: Sequence[str]) -> None:
+        super().__init__("THE CAMPAIGN WAITS FOR YOU")
         self._text = text
         self._choices = choices
 
@@ -273,8 +281,7 @@ class ConfirmDialog(Dialog[bool]):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("y", "agree", "Yes"), Binding("n", "leave", "No")]
 
     def __init__(self, title: str, text: str) -> None:
-        super().__init__()
-        self.title = title
+        super().__init__(title)
         self._text = text
 
     def contents(self) -> ComposeResult:
@@ -292,8 +299,7 @@ class HelpDialog(Dialog[bool]):
     HINT = "Esc leaves   ↑ ↓ scroll  F8 STOP"
 
     def __init__(self, text: str) -> None:
-        super().__init__()
-        self.title = "Help"
+        super().__init__("Help")
         self._text = text
 
     def contents(self) -> ComposeResult:
