@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rigctl.effects.catalogue import Effect  # what prints numbers needs no catalogue
 
 _FIXED = range(-3, 6)
 """Powers of ten that are written out."""
@@ -52,6 +56,12 @@ def share(p: float) -> str:
 def counted(count: int, noun: str, many: str = "") -> str:
     """3 effects, 1 effect; `many` where that is not the noun with an s."""
     return f"{count} {noun if count == 1 else many or noun + 's'}"
+
+
+def typically(effect: Effect) -> str:
+    """An effect with the typical sizes of its parameters."""
+    sizes = (f"{name} = {number(value)} {effect.parameters[name]}" for name, value in effect.typical.items())
+    return f"{effect.id} ({', '.join(sizes)})"
 
 
 def duration(seconds: float | None) -> str:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from rigctl.report.quantities import duration
+from rigctl.report.tables.result_table import ResultTable, print_tables
 
 
 class ProgressBar:
@@ -75,13 +76,7 @@ def repeats_line(repeated: Mapping[str, int]) -> str:
 
 def print_status(status: Mapping[str, Any]) -> None:
     """A campaign's status in two lines, and a third when runs were repeated."""
-    console = Console()
-    console.print(
-        f"{status['state']}: {status['runs_done']} of {status['runs_planned']} runs"
-        f" ({status['runs_invalid']} invalid), {duration(status['eta_s'])} left",
-        highlight=False,
-    )
-    if status.get("step"):
-        console.print(str(status["step"]), highlight=False)
-    if line := repeats_line(status.get("runs_repeated", {})):
-        console.print(line, highlight=False)
+    runs = f"{status['runs_done']} of {status['runs_planned']} runs ({status['runs_invalid']} invalid)"
+    lines = [f"{status['state']}: {runs}, {duration(status['eta_s'])} left"]
+    lines += [str(status.get("step", "")), repeats_line(status.get("runs_repeated", {}))]
+    print_tables([ResultTable("", notes=list(filter(None, lines)))])

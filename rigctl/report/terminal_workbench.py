@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from rich.console import Console
-
 from rigctl.report.quantities import counted, number, probability
 from rigctl.report.tables.result_table import ResultTable, print_tables
 from rigctl.report.tables.workbench import (
@@ -139,26 +137,22 @@ SHORT = {"theta_deg": "deg", "frequency_hz": "Hz", "amplitude_mm": "mm", "dwell_
 
 def print_recommendation(recommendation: Findings) -> None:
     """The promise in words, then the runs in their order."""
-    console = Console()
-    console.print(recommendation["description"], highlight=False, markup=False)
-    if recommendation["runs"]:
-        print_tables([runs_table(recommendation["runs"])])
+    runs = recommendation["runs"]
+    print_tables([_text(recommendation["description"]), *([runs_table(runs)] if runs else [])])
 
 
 def print_outcome(outcome: Findings, store: str) -> None:
     """How an investigation ended."""
-    console = Console()
     model, added = outcome["model"], outcome["added"]
     saved = f"{counted(outcome['runs'], 'run')}; a full scan has {outcome['full_scan_runs']}"
-    lines = [
+    lines = (
         f"Verdict: {outcome['verdict']} after {saved}.",
         f"Added: {', '.join(added)}." if added else "Nothing was added.",
         f"Model version {model['version']}: {model_name(model['effects'])}.",
-    ]
-    if outcome["remains"]:
-        lines.append(f"What remains: {outcome['remains']}.")
-    lines.append(f"See `rigctl fit {store}` and `rigctl model history {store}`.")
-    console.print("\n".join(lines), highlight=False, markup=False)
+        f"What remains: {outcome['remains']}." if outcome["remains"] else "",
+        f"See `rigctl fit {store}` and `rigctl model history {store}`.",
+    )
+    print_tables([_text(*lines)])
 
 
 def runs_table(runs: Sequence[Findings]) -> ResultTable:

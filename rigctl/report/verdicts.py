@@ -37,6 +37,11 @@ def rms_unit(rungs: Sequence[Findings]) -> str | None:
     return channels.pop()[1] if len(channels) == 1 else None
 
 
+def only_rms(rung: Findings) -> float | None:
+    """What a version leaves of the only channel there is; None where it was not fitted."""
+    return next((float(each["value"]) for each in (rung.get("rms") or {}).values()), None)
+
+
 def comparison_sentence(comparison: Findings) -> str:
     """Does the model describe the data?"""
     p, reduced, dof = comparison["p_value"], comparison["chi2_per_dof"], comparison["dof"]

@@ -95,7 +95,7 @@ def null_search(store: Store) -> dict[str, Any]:
 
     def null_after(count: int) -> tuple[RecordingFit, NullPoint]:
         fit = fit_mounting(runs[:count], *calibration, effects)
-        return fit, fit.null(first.axis, first.configuration, first.mounting)
+        return fit, fit.null(*first.place)
 
     fit, null = null_after(len(runs))
     # Each is a fit of its own, which takes its time while a campaign runs; more are kept by the console.

@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import BLUE, INK, SOFT, VERMILION, new_figure, series_style
-from rigctl.report.verdicts import Findings, change_of, named, rms_unit
+from rigctl.report.verdicts import Findings, change_of, named, only_rms, rms_unit
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,14 @@ def ladder_plate(rungs: Sequence[Mapping[str, Any]]) -> Plate[LadderRow]:
     """Make the figure from `rigctl model history`."""
     unit = rms_unit(rungs)
     rows = [
-        LadderRow(r["version"], change_of(r), r["error_fit"], r["error_held_out"], _rms(r, unit), unit or "")
+        LadderRow(
+            r["version"],
+            change_of(r),
+            r["error_fit"],
+            r["error_held_out"],
+            None if unit is None else only_rms(r),
+            unit or "",
+        )
         for r in rungs
     ]
     caption = (
@@ -45,12 +52,6 @@ def ladder_plate(rungs: Sequence[Mapping[str, Any]]) -> Plate[LadderRow]:
     if unit is not None:
         caption += " On the right the rms of the residuals in the unit of the readings."
     return Plate("ladder", caption, rows, draw_ladder)
-
-
-def _rms(rung: Mapping[str, Any], unit: str | None) -> float | None:
-    return (
-        next((float(each["value"]) for each in (rung.get("rms") or {}).values()), None) if unit is not None else None
-    )
 
 
 def draw_ladder(rows: Sequence[LadderRow]) -> Figure:

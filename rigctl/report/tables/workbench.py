@@ -16,6 +16,7 @@ from rigctl.report.verdicts import (
     model_name,
     named,
     noise_sentence,
+    only_rms,
     rms_unit,
     sizes,
 )
@@ -88,11 +89,11 @@ def ladder_table(rungs: Sequence[Findings], *, results: bool = True) -> ResultTa
     """The error ladder: the versions of the model with their errors, and where asked for with their results."""
     rows, unit = [], rms_unit(rungs)
     for rung in rungs:
-        lines, left = [f"{rung['version']}: {change_of(rung)}"], rung.get("rms") or {}
+        lines = [f"{rung['version']}: {change_of(rung)}"]
         if results:
             lines += [f"    {name} = {_short(each)}" for name, each in (rung.get("result") or {}).items()]
         numbers = [number(rung[key]) for key in ("chi2_per_dof", "error_fit", "error_held_out")]
-        rows.append(["\n".join(lines), *([_only_rms(left)] if unit is not None else []), *numbers])
+        rows.append(["\n".join(lines), *([number(only_rms(rung))] if unit is not None else []), *numbers])
     notes = ["error: rms of the whitened residuals, 1.00 = noise; held out: on blocks not used in the fit"]
     notes += [noise_sentence(rungs[-1])] if rungs and rungs[-1].get("noise") else []
     notes += [f"version {rung['version']}: not fitted: {rung['note']}" for rung in rungs if "note" in rung]
@@ -132,10 +133,6 @@ def transfer_table(transfer: Findings, least_sigmas: float = 0.0) -> ResultTable
             rows.append([name, here, there, pair["here"]["unit"], "-" if apart is None else f"{apart:+.1f}"])
     title = "Parameters that differ" if least_sigmas else "Parameters"
     return ResultTable(title, ["parameter", "here", "there", "unit", "#sigmas apart"], rows)
-
-
-def _only_rms(left: Findings) -> str:
-    return next((number(each["value"]) for each in left.values()), "-")
 
 
 def _short(entry: Any) -> str:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
@@ -105,11 +104,7 @@ def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
     tilt.set_xlabel("commanded tilt / m/s²")
     tilt.set_ylabel("acceleration less printed / m/s²")
     tilt.legend(loc="best")
-    _finish((scan, tilt))
-    return figure
-
-
-def _finish(panels: Iterable[Axes]) -> None:
-    for panel, letter in zip(panels, "abcdef", strict=False):
+    for panel, letter in ((scan, "a"), (tilt, "b")):
         panel.ticklabel_format(axis="y", scilimits=(-3, 4))
         panel_letter(panel, letter)
+    return figure

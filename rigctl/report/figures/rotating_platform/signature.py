@@ -23,7 +23,7 @@ from rigctl.experiments.rotating_platform.result.published import ACCEL_Y_M_S2, 
 from rigctl.experiments.rotating_platform.study_data import imagined_cells
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import SOFT, new_figure, panel_letter, series_style
-from rigctl.report.quantities import number
+from rigctl.report.quantities import typically
 from rigctl.workbench.placed import placed
 from rigctl.workbench.study import Term
 
@@ -59,10 +59,9 @@ def signature_plate(effect: Effect) -> Plate[PlatformSignatureRow]:
             rows += _rows(effect, pattern, period_s)
     if not any(row.added_m_s2 for row in rows):
         raise DataError(f"'{effect.id}' changes no observable of a run: it is looked for in the samples")
-    sizes = ", ".join(f"{name} = {number(value)} {effect.parameters[name]}" for name, value in effect.typical.items())
     short = f", the mask {SHORT_S:g} s short" if effect.id in _MASK_SHORT else ""
     caption = (
-        f"What {effect.id} ({sizes}) adds, {_PLACE}{short}. (a) Mean acceleration and (b) bias by the joint fit over "
+        f"What {typically(effect)} adds, {_PLACE}{short}. (a) Mean acceleration and (b) bias by the joint fit over "
         "the modulation frequency; (c) what the fit leaves around a turn, pattern c of 60 s."
     )
     return Plate(f"signature_{effect.id}", caption, rows, draw_signature)
@@ -105,41 +104,27 @@ def draw_signature(rows: Sequence[PlatformSignatureRow]) -> Figure:
     figure = new_figure(2.4)
     panels = figure.subplots(1, 3)
     for panel, letter, output in zip(panels, "abc", ("accel mean", "bias mean", "around a turn"), strict=True):
+        here = [row for row in rows if row.output == output]
         if output == "around a turn":
-            _draw_profile(panel, rows)
+            series = [(name, [row for row in here if row.stop == stop]) for name, stop in (("at 0", 1), ("at π", -1))]
+            panel.set_xlabel("time since the turn / s")
+            panel.set_ylabel("added to what the fit leaves / m/s²")
         else:
-            for index, pattern in enumerate(PATTERNS):
-                rows_of_pattern = [row for row in rows if (row.output, row.pattern) == (output, pattern)]
-                look = series_style(index)
-                panel.plot(
-                    [1e3 / row.period_s for row in rows_of_pattern],
-                    [row.added_m_s2 for row in rows_of_pattern],
-                    color=look.color,
-                    marker=look.marker,
-                    linestyle=look.line,
-                    label=f"pattern {pattern}",
-                )
+            series = [(f"pattern {each}", [row for row in here if row.pattern == each]) for each in PATTERNS]
             panel.set_xlabel("modulation frequency / mHz")
             panel.set_ylabel(f"added to the {output} / m/s²")
-            panel.legend(loc="best")
+        for index, (label, points) in enumerate(series):
+            look = series_style(index)
+            panel.plot(
+                [row.since_turn_s if output == "around a turn" else 1e3 / row.period_s for row in points],
+                [row.added_m_s2 for row in points],
+                color=look.color,
+                marker=look.marker,
+                linestyle=look.line,
+                label=label,
+            )
+        panel.legend(loc="best")
         panel.axhline(0.0, color=SOFT, linewidth=0.5, zorder=0)
         panel.ticklabel_format(axis="y", scilimits=(-3, 4))
         panel_letter(panel, letter)
     return figure
-
-
-def _draw_profile(panel: object, rows: Sequence[PlatformSignatureRow]) -> None:
-    for index, (stop, label) in enumerate(((1, "at 0"), (-1, "at π"))):
-        rows_of_stop = [row for row in rows if row.output == "around a turn" and row.stop == stop]
-        look = series_style(index)
-        panel.plot(  # type: ignore[attr-defined]
-            [row.since_turn_s for row in rows_of_stop],
-            [row.added_m_s2 for row in rows_of_stop],
-            color=look.color,
-            marker=look.marker,
-            linestyle=look.line,
-            label=label,
-        )
-    panel.set_xlabel("time since the turn / s")  # type: ignore[attr-defined]
-    panel.set_ylabel("added to what the fit leaves / m/s²")  # type: ignore[attr-defined]
-    panel.legend(loc="best")  # type: ignore[attr-defined]

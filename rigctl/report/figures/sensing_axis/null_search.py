@@ -51,7 +51,7 @@ class ResponseRow:
 def response_plate(name: str, fit: RecordingFit, runs: Sequence[RunObservables]) -> Plate[ResponseRow]:
     """Make the figure of one mounting from its runs."""
     first = runs[0]
-    null = fit.null(first.axis, first.configuration, first.mounting)
+    null = fit.null(*first.place)
     caption = (
         f"Response in phase with the displacement, divided by gain and motion amplitude, against the stage's angle: "
         f"axis {first.axis}, {first.configuration}, mounting {first.mounting}. (a) All runs; (b) close to the null. "
@@ -66,7 +66,7 @@ def representative(runs: Iterable[RunObservables]) -> list[RunObservables]:
     """The runs of the mounting with most drive frequencies, then most runs, then the first."""
     mountings: dict[tuple[str, str, int], list[RunObservables]] = {}
     for run in runs:
-        mountings.setdefault((run.axis, run.configuration, run.mounting), []).append(run)
+        mountings.setdefault(run.place, []).append(run)
     return max(mountings.values(), key=lambda members: (len(by_frequency(members)), len(members)))
 
 

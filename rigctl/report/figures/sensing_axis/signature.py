@@ -21,7 +21,7 @@ from rigctl.experiments.sensing_axis.observe.recorded import recorded_package
 from rigctl.files.package import HeadSettings
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import SOFT, new_figure, series_style
-from rigctl.report.quantities import number
+from rigctl.report.quantities import typically
 
 FREQUENCIES_HZ = (0.3, 0.5, 0.6)
 AMPLITUDE_M = 5e-3
@@ -79,8 +79,7 @@ def signature_plate(effect: Effect) -> Plate[SignatureRow]:
     if not rows:
         where = "it is looked for in the samples" if effect.scanned else f"at {_PLACE}"
         raise DataError(f"'{effect.id}' changes no observable of a run: {where}")
-    sizes = ", ".join(f"{name} = {number(value)} {effect.parameters[name]}" for name, value in effect.typical.items())
-    caption = f"What {effect.id} ({sizes}) adds to the observables of a nominal bench, mounting and sensor, {_PLACE}."
+    caption = f"What {typically(effect)} adds to the observables of a nominal bench, mounting and sensor, {_PLACE}."
     return Plate(f"signature_{effect.id}", caption, rows, draw_signature)
 
 
