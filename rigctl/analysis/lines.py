@@ -143,7 +143,7 @@ class _Test:
             self._looks += 1
             p_value = max(p_value, min(1.0, bump * 2.0 ** (1 + self._looks)))
         # Trial frequencies are half a bin apart or less: a parabola places the top between them.
-        shift, peak = _vertex(self.power[at - 1 : at + 2])
+        shift, peak = vertex(self.power[at - 1 : at + 2])
         square = max((peak - 1.0) * self.to_amplitude[at], np.finfo(float).tiny)
         amplitude = float(np.sqrt(square))
         seen = sum(
@@ -286,7 +286,7 @@ def _half(pool: _Pool, half: int, at: int) -> tuple[float, float]:
     return (runs, power / runs / float(pool.level[at])) if runs > 0.5 else (0.0, 1.0)
 
 
-def _vertex(values: FloatArray) -> tuple[float, float]:
+def vertex(values: FloatArray) -> tuple[float, float]:
     """Place, in steps from the middle, and height of the parabola through three values."""
     if values.size < 3:
         return 0.0, float(values.max())

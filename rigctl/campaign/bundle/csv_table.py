@@ -102,7 +102,7 @@ def check_header(place: Place, line: int, header: Sequence[str]) -> None:
     # What a spreadsheet with a decimal comma writes.
     if len(header) == 1 and ";" in header[0]:
         raise place.error("fields are separated by semicolons; save it with commas and decimal points", line)
-    if all(_is_number(name) for name in header):
+    if all(is_number(name) for name in header):
         raise place.error("numbers where the header belongs; write the column names in the first line", line)
     for index, name in enumerate(header):
         if flaw := flaw_of_column(name):
@@ -111,11 +111,13 @@ def check_header(place: Place, line: int, header: Sequence[str]) -> None:
             raise place.error(f"column {name} is there twice; rename or remove one", line)
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Whether a field writes a number that can have been measured."""
     try:
-        return math.isfinite(decimal(text))
+        decimal(text)
     except ValueError:
         return False
+    return True
 
 
 def check_width(place: Place, line: int, fields: Sequence[str], header: Sequence[str]) -> None:

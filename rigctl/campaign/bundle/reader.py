@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.campaign.bundle.checks import check_samples
-from rigctl.campaign.bundle.csv_table import CsvTable, numbers_or_text, read_table
+from rigctl.campaign.bundle.csv_table import CsvTable, is_number, numbers_or_text, read_table
 from rigctl.campaign.bundle.files import HEADER_FILE, BundleFiles
 from rigctl.campaign.bundle.recording_toml import read_header
 from rigctl.campaign.bundle.sample_file import SUFFIXES, SampleFile, read_sample_file
@@ -19,7 +19,7 @@ from rigctl.campaign.layout import Field, Layout, face, layout_of, number
 from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id
 from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
-from rigctl.core.numbers import decimal_or_missing, is_missing
+from rigctl.core.numbers import is_missing
 from rigctl.core.readings import pasted_rows, seconds_of_stamps
 from rigctl.core.units import doubt_of_constant
 
@@ -144,7 +144,7 @@ class BundleReader:
             _require_columns(table, [name], f", which [table] {key} names")
             # A column of time stamps is text here and becomes seconds when it is analysed.
             if numeric and name not in samples and seconds_of_stamps(table.column(name)) is None:
-                line, text = next((n, t) for n, t in table.fields(name) if not _is_number(t))
+                line, text = next((n, t) for n, t in table.fields(name) if not (is_missing(t) or is_number(t)))
                 raise table.place.error(
                     f"column {name} holds {text!r}, but [table] {key} needs numbers; leave a missing value empty",
                     line,
@@ -261,11 +261,3 @@ def _require_columns(table: CsvTable, names: Iterable[str], named_by: str = "") 
             near = difflib.get_close_matches(name, table.header, n=1)
             mend = f"rename {near[0]}" if near else f"add it (there are {', '.join(table.header)})"
             raise table.place.error(f"column {name} is missing{named_by}; {mend}", 1)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        decimal_or_missing(text)
-    except ValueError:
-        return False
-    return True

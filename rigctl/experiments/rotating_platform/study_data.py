@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from rigctl.experiments.rotating_platform.observe.cells import Cells
 from rigctl.experiments.rotating_platform.observe.channel_runs import ChannelRun, channel_run, channel_runs
 from rigctl.experiments.rotating_platform.observe.cutter import cells_of
 from rigctl.experiments.rotating_platform.observe.line_spectra import Spectra
+from rigctl.experiments.rotating_platform.observe.observables import known_start_s
 from rigctl.experiments.rotating_platform.observe.patterns import Pattern, named_pattern
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains, chains
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer
@@ -163,8 +164,7 @@ def _cells(given: Mapping[str, Any], chains: Chains, made: dict[str, Cells]) -> 
 
 
 def _end_s(run: PlatformRun) -> float:
-    start_s = float(run.conditions.get("start_s", 0.0))
-    return (start_s if math.isfinite(start_s) else 0.0) + run.cells.periods * run.cells.period_s
+    return known_start_s(run.conditions) + run.cells.periods * run.cells.period_s
 
 
 @dataclass(frozen=True)
@@ -182,25 +182,21 @@ class RecordedRuns:
 
     def __init__(self, source: RunSource) -> None:
         self.source = source
-        self._by_lines: dict[tuple[float, ...], ReducedRuns] = {}
+        self.reduced = cache(partial(_reduced, source))
+        """All runs without these lines; `DataError` when there are none."""
 
-    def reduced(self, lines_hz: tuple[float, ...]) -> ReducedRuns:
-        """All runs; `DataError` when there are none."""
-        if lines_hz not in self._by_lines:
-            self._by_lines[lines_hz] = self._reduced(lines_hz)
-        return self._by_lines[lines_hz]
 
-    def _reduced(self, lines_hz: tuple[float, ...]) -> ReducedRuns:
-        reduced = reduction(self.source, lines_hz)
-        channels, refused = channel_runs(reduced.runs)
-        left_out = {**reduced.left_out, **refused}
-        if not channels:
-            why = next(iter(left_out.values()), "it has no modulated run")
-            raise DataError(f"no valid run could be reduced: {why}")
-        runs = tuple({each.run.run_id: each.run for each in channels}.values())
-        spectra = scan(self.source, runs, lines_hz)
-        recorded = Recorded(tuple(channels), chains(self.source.header).g_m_s2, peaks=spectra.peaks)
-        return ReducedRuns(runs, recorded, spectra, left_out)
+def _reduced(source: RunSource, lines_hz: tuple[float, ...]) -> ReducedRuns:
+    reduced = reduction(source, lines_hz)
+    channels, refused = channel_runs(reduced.runs)
+    left_out = {**reduced.left_out, **refused}
+    if not channels:
+        why = next(iter(left_out.values()), "it has no modulated run")
+        raise DataError(f"no valid run could be reduced: {why}")
+    runs = tuple({each.run.run_id: each.run for each in channels}.values())
+    spectra = scan(source, runs, lines_hz)
+    recorded = Recorded(tuple(channels), chains(source.header).g_m_s2, peaks=spectra.peaks)
+    return ReducedRuns(runs, recorded, spectra, left_out)
 
 
 class PlatformData:
@@ -208,22 +204,11 @@ class PlatformData:
 
     def __init__(self, recorded: RecordedRuns, proposals: Sequence[Proposal] = ()) -> None:
         self.recorded = recorded
-        self._proposals = tuple(proposals)
-        self._extended: dict[tuple[float, ...], Recorded] = {}
+        self._extended = cache(partial(_with_proposals, recorded, proposals)) if proposals else None
 
     def channels(self, lines_hz: tuple[float, ...] = ()) -> Recorded:
         """All runs in both channels, with these lines taken off the samples of the recorded ones."""
-        made = self.recorded.reduced(lines_hz).channels
-        if not self._proposals:
-            return made
-        if lines_hz not in self._extended:
-            further = imagined_channels(self._proposals, made.channels, chains(self.recorded.source.header))
-            self._extended[lines_hz] = replace(
-                made,
-                channels=(*made.channels, *further),
-                imagined=frozenset(each.run.run_id for each in further),
-            )
-        return self._extended[lines_hz]
+        return self._extended(lines_hz) if self._extended else self.recorded.reduced(lines_hz).channels
 
     @cached_property
     def temperature_varies_within_runs(self) -> bool:
@@ -237,3 +222,10 @@ class PlatformData:
         """Whether every run says when it began."""
         starts_s = [float(each.run.conditions.get("start_s", np.nan)) for each in self.channels().channels]
         return bool(np.isfinite(starts_s).all())
+
+
+def _with_proposals(recorded: RecordedRuns, proposals: Sequence[Proposal], lines_hz: tuple[float, ...]) -> Recorded:
+    made = recorded.reduced(lines_hz).channels
+    further = imagined_channels(proposals, made.channels, chains(recorded.source.header))
+    imagined = frozenset(each.run.run_id for each in further)
+    return replace(made, channels=(*made.channels, *further), imagined=imagined)

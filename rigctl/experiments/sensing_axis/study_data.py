@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from math import degrees, radians
 
 import numpy as np
 
-from rigctl.analysis.kept import Reduction
-from rigctl.analysis.line_scan import LineScan
 from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.model.chain import Origins
@@ -18,7 +16,7 @@ from rigctl.experiments.sensing_axis.model.model import origins_of
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables, heads_of
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_calibration
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
-from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S, SOON_S, Limits, last_of, place_of
+from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S, SOON_S, Limits, last_of
 from rigctl.experiments.sensing_axis.observe.store_reduction import line_scan, reduction
 from rigctl.files.package import HeadSettings, Package
 from rigctl.workbench.study import Proposal
@@ -61,7 +59,7 @@ def _after_recorded(runs: Sequence[RunObservables], limits: Limits) -> _Conditio
     # Without a rig file lasers are believed as far out as they have been seen to work.
     farthest_deg = degrees(max((abs(run.theta_rad) for run in runs if run.lasers_m), default=-1.0) + 1e-6)
     return _Conditions(
-        place=place_of(last_of(runs)),
+        place=last_of(runs).place,
         start_s=max(ends) + SOON_S if np.isfinite(runs[-1].start_s) else np.nan,
         temperature_c=_temperature_trend(runs),
         heads=heads_of(runs) or tuple(limits.heads),
@@ -175,20 +173,10 @@ class RecordedRuns:
         self.package, self.heads, self.g_m_s2 = recorded_calibration(source.header)
         self.rig_is_known = source.header.rig_toml is not None
         self._source = source
-        self._reductions: dict[tuple[float, ...], Reduction[RunObservables]] = {}
-        self._scans: dict[tuple[float, ...], LineScan] = {}
-
-    def reduction(self, lines_hz: tuple[float, ...]) -> Reduction[RunObservables]:
-        """The runs as observables, and what was left out."""
-        if lines_hz not in self._reductions:
-            self._reductions[lines_hz] = reduction(self._source, lines_hz)
-        return self._reductions[lines_hz]
-
-    def line_scan(self, lines_hz: tuple[float, ...]) -> LineScan:
+        self.reduction = cache(partial(reduction, source))
+        """The runs as observables with lines at these frequencies fitted, and what was left out."""
+        self.line_scan = cache(partial(line_scan, source))
         """The spectrum of what the fitted harmonics and these lines leave of the samples."""
-        if lines_hz not in self._scans:
-            self._scans[lines_hz] = line_scan(self._source, lines_hz)
-        return self._scans[lines_hz]
 
     @cached_property
     def origins(self) -> Origins:

@@ -22,7 +22,7 @@ def test_cells_give_what_the_weights_do(name, estimator, period_s, rate_hz):
     table = channels[:, : 3 * sampled.samples].reshape(2, 3, sampled.samples)
     expected = np.einsum("ok,cpk->opc", weights(sampled, estimator), table)
     for output, wanted in zip(OUTPUTS, expected, strict=True):
-        assert series.output(output) == pytest.approx(wanted, rel=1e-9, abs=1e-12)
+        assert getattr(series, output) == pytest.approx(wanted, rel=1e-9, abs=1e-12)
     assert not series.refitted.any()
     assert not series.invalid.any()
     assert not series.faults.any()
@@ -42,7 +42,7 @@ def test_a_period_with_faults_is_refitted_to_what_is_left_and_counted():
     assert series.faults[2:, 0, 2].tolist() == [100, 100]
     assert series.refitted[:, 0].tolist() == [False, True, True, True]
     for output, value in zip(OUTPUTS, truth, strict=True):
-        assert series.output(output)[1:, 0] == pytest.approx([value] * 3, rel=1e-6, abs=1e-12)
+        assert getattr(series, output)[1:, 0] == pytest.approx([value] * 3, rel=1e-6, abs=1e-12)
     # The period without faults is projected: b mixes the slopes.
     assert series.accel_slope[0, 0] == pytest.approx(truth[1] + 0.9 * truth[3], rel=1e-4)
 
@@ -96,5 +96,5 @@ def test_the_refit_is_exact_whatever_is_missing(truth, lost, name):
     channel[list(lost)] = np.nan
     series = demodulated(sampled, channel, estimator="joint-ls")
     if not series.invalid.any():
-        values = [series.output(output)[0, 0] for output in OUTPUTS]
+        values = [getattr(series, output)[0, 0] for output in OUTPUTS]
         assert values == pytest.approx(truth, abs=1e-9)

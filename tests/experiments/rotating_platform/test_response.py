@@ -23,7 +23,7 @@ def demodulated(sampled, external, noise=0.0, estimator="projection"):
     channel = sign * (external + STATIC) + BIAS + noise
     found = by_cells.demodulated(sampled, channel, estimator=estimator)
     truth = by_cells.demodulated(sampled, external + STATIC)
-    outputs = [found.output(name)[:, 0] for name in OUTPUTS]
+    outputs = [getattr(found, name)[:, 0] for name in OUTPUTS]
     return outputs, [truth.bias_mean[:, 0], truth.bias_slope[:, 0]]
 
 

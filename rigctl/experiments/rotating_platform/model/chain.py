@@ -27,19 +27,15 @@ _MOST_KEPT = 64
 
 
 class Afterwards:
-    """What turns leave behind in all cells, by what was asked of it: both channels and all models ask alike."""
+    """What turns leave behind in all cells, made once for each time or frequency: all models ask alike."""
 
-    def __init__(self) -> None:
-        self._kept: dict[tuple[str, float], FloatArray] = {}
+    def __init__(self, cells: Sequence[Cells]) -> None:
+        def in_all(make: Callable[[Cells, float], FloatArray]) -> Callable[[float], FloatArray]:
+            return lru_cache(_MOST_KEPT)(lambda asked: np.concatenate([make(each, asked) for each in cells], axis=-1))
 
-    def of(self, what: str, value: float, make: Callable[[], FloatArray]) -> FloatArray:
-        """What was made for this `value`; of more than `_MOST_KEPT` the one that was asked for first goes."""
-        if (what, value) not in self._kept:
-            made = make()
-            if len(self._kept) >= _MOST_KEPT:
-                del self._kept[next(iter(self._kept))]
-            self._kept[what, value] = made
-        return self._kept[what, value]
+        self.decay = in_all(_decay)
+        self.late = in_all(lambda each, delay_s: _about_turns(each, delay_s=delay_s))
+        self.ringing = in_all(lambda each, cutoff_hz: _about_turns(each, cutoff_hz=cutoff_hz))
 
 
 @dataclass
@@ -78,7 +74,7 @@ class PlatformRuns:
     along: FloatArray = field(default_factory=lambda: np.zeros(0))
     across: FloatArray = field(default_factory=lambda: np.zeros(0))
     signal: FloatArray = field(default_factory=lambda: np.zeros(0))
-    afterwards: Afterwards = field(default_factory=Afterwards)
+    afterwards: Afterwards | None = None
 
     @property
     def warmer(self) -> FloatArray:
@@ -94,27 +90,20 @@ class PlatformRuns:
 
     def decay(self, time_s: float) -> FloatArray:
         """exp(-since / `time_s`), averaged over the samples of each cell."""
-        if not self.cells:
+        if self.afterwards is None:
             return np.asarray(np.exp(-self.since / time_s))
-        return self.afterwards.of(
-            "decay", time_s, lambda: np.concatenate([_decay(each, time_s) for each in self.cells])
-        )
+        return self.afterwards.decay(time_s)
 
     def late(self, delay_s: float) -> tuple[FloatArray, FloatArray]:
         """`speed_squared` and `turning` with the motion `delay_s` later than the samples say."""
-        return self._after_turns("late", delay_s, lambda each: _about_turns(each, delay_s=delay_s))
+        return self._motion(self.afterwards and self.afterwards.late(delay_s))
 
     def ringing(self, cutoff_hz: float) -> tuple[FloatArray, FloatArray]:
         """What an elliptic filter with its pass band up to `cutoff_hz` makes of `speed_squared` and `turning`."""
-        return self._after_turns("ringing", cutoff_hz, lambda each: _about_turns(each, cutoff_hz=cutoff_hz))
+        return self._motion(self.afterwards and self.afterwards.ringing(cutoff_hz))
 
-    def _after_turns(
-        self, what: str, value: float, make: Callable[[Cells], FloatArray]
-    ) -> tuple[FloatArray, FloatArray]:
-        if not self.cells:
-            return self.speed_squared, self.turning
-        both = self.afterwards.of(what, value, lambda: np.concatenate([make(each) for each in self.cells], axis=1))
-        return both[0], both[1]
+    def _motion(self, both: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        return (self.speed_squared, self.turning) if both is None else (both[0], both[1])
 
     def at(self, **changes: Any) -> PlatformRuns:
         """The same runs at another point of the chain."""

@@ -154,7 +154,8 @@ class Recorded:
     @cached_property
     def chain(self) -> dict[str, PlatformRuns]:
         """All cells of all runs, by channel."""
-        afterwards = Afterwards()
+        # Of either channel: what turns leave behind does not depend on which sensor feels it.
+        afterwards = Afterwards([each.run.cells for each in self.channels if each.channel == CHANNELS[0]])
         return {channel: self._chain(channel, afterwards) for channel in CHANNELS}
 
     def _chain(self, channel: str, afterwards: Afterwards) -> PlatformRuns:

@@ -44,11 +44,6 @@ class ChannelRun:
     sigma: FloatArray
     factor: FloatArray
 
-    @property
-    def outputs(self) -> int:
-        """How many of the observables are outputs of periods; the others are bins."""
-        return 4 * self.reducer.groups.size
-
 
 def channel_runs(runs: Sequence[PlatformRun]) -> tuple[list[ChannelRun], dict[str, str]]:
     """All runs in both channels, z first, and by run_id why one is left out."""

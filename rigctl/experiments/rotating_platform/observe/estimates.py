@@ -100,10 +100,6 @@ class PeriodEstimates:
     def __len__(self) -> int:
         return len(self.accel_mean)
 
-    def output(self, name: str) -> FloatArray:
-        """One of `estimators.OUTPUTS`."""
-        return np.asarray(getattr(self, name))
-
 
 def estimates(
     cells: Cells, keep: BoolArray, sampled: SampledPattern, estimator: Estimator = "projection"

@@ -13,6 +13,7 @@ from scipy.ndimage import uniform_filter1d
 
 from rigctl.analysis.kept import Kept, Packed
 from rigctl.analysis.line_scan import MAX_BINS, FoundLine, LineScan, ScannedRun
+from rigctl.analysis.lines import vertex
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
 from rigctl.experiments.rotating_platform.observe.lines import residual_blocks
@@ -188,9 +189,7 @@ def found_lines(found: Spectra, periods_s: Iterable[float], alpha: float = 0.01,
 def _line_at(at: int, p_value: float, halves: FloatArray, scan: LineScan) -> FoundLine:
     """Size and place of a line from the powers of all runs, and how well one half of them foretells the other."""
     count, power, _, inverse = halves[:, :, at].sum(axis=0)
-    around = halves[:, 1, at - 1 : at + 2].sum(axis=0)
-    bend = around[0] - 2.0 * around[1] + around[2]
-    shift = float(np.clip(0.5 * (around[0] - around[2]) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0
+    shift, _ = vertex(halves[:, 1, at - 1 : at + 2].sum(axis=0))
     square = max(float((power - count) / inverse), np.finfo(float).tiny)
     amplitude = math.sqrt(square)
     sigma = math.sqrt(max(2.0 * power - count, count)) / float(inverse) / (2.0 * amplitude)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigctl.analysis.lines import vertex
 from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.experiments.rotating_platform.observe.cells import Cells, Columns
 from rigctl.experiments.rotating_platform.observe.estimates import usual_mask
@@ -159,9 +160,8 @@ def refined(
             weight += 0.25 * kept**2 / max(square[channel], np.finfo(float).tiny)
             count += 1.0
     at = int(np.clip(np.argmax(power), 1, power.size - 2))
-    bend = power[at - 1] - 2.0 * power[at] + power[at + 1]
-    shift = 0.5 * (power[at - 1] - power[at + 1]) / bend if bend < 0.0 else 0.0
-    frequency_hz = float(near_hz + apart[at] + np.clip(shift, -0.5, 0.5) * (apart[1] - apart[0]))
+    shift, _ = vertex(power[at - 1 : at + 2])
+    frequency_hz = float(near_hz + apart[at] + shift * (apart[1] - apart[0]))
     return frequency_hz, math.sqrt(max(float(power[at]) - count, 0.0) / max(weight, np.finfo(float).tiny))
 
 

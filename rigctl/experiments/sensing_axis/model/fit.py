@@ -67,7 +67,7 @@ class RecordingFit:
 
 def mountings_of(model: RecordingModel) -> list[tuple[str, str, int]]:
     """Axis, configuration and number of every mounting, in the order of their runs."""
-    return list(dict.fromkeys((run.axis, run.configuration, run.mounting) for run in model.runs))
+    return list(dict.fromkeys(run.place for run in model.runs))
 
 
 def null_point(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.experiments.sensing_axis.observe.observables import RunObservables
-from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S, SOON_S, last_of, overhead, place_of, rooms
+from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S, SOON_S, last_of, overhead, rooms
 from rigctl.workbench.study import Course, Proposal
 
 VISITS = 12
@@ -38,7 +38,7 @@ def courses(runs: Sequence[RunObservables]) -> list[Course]:
     starts = np.array([run.start_s for run in runs])
     if len(runs) < VISITS or not np.isfinite(starts).all():
         return []
-    here = [run for run in runs if place_of(run) == place_of(last_of(runs))]
+    here = [run for run in runs if run.place == last_of(runs).place]
     clock = _Clock(float(max(run.start_s + run.duration_s for run in runs)) + SOON_S, overhead(runs))
     used = [_settings(run) for run in sorted(here, key=lambda run: run.start_s)]
     # Where the recording was oftenest, and of these what is nearest to the null.

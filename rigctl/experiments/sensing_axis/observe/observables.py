@@ -57,6 +57,11 @@ class RunObservables:
     extra: Mapping[str, float] = field(default_factory=dict)
 
     @property
+    def place(self) -> tuple[str, str, int]:
+        """Axis, configuration and number of its mounting."""
+        return self.axis, self.configuration, self.mounting
+
+    @property
     def amplitude_m(self) -> float:
         """Amplitude A of the stage's motion [m]."""
         return float(np.abs(self.motion_m[0]))

@@ -47,7 +47,7 @@ def options(runs: Sequence[RunObservables], limits: Limits) -> list[Proposal]:
     Without a rig file nothing farther out than the recording shows to have been possible. In a room at another
     temperature only those used, so that nothing but the room differs.
     """
-    here = [run for run in runs if place_of(run) == place_of(last_of(runs))]
+    here = [run for run in runs if run.place == last_of(runs).place]
     angles, frequencies = _used(degrees(run.theta_rad) for run in here), _used(run.frequency_hz for run in here)
     dwells = sorted({*DWELLS_S, *(float(round(run.duration_s)) for run in here)})
     overhead_s = overhead(runs)
@@ -73,11 +73,6 @@ def overhead(runs: Sequence[RunObservables]) -> float:
 def last_of(runs: Sequence[RunObservables]) -> RunObservables:
     """The run made last; that of the last row where times are not known."""
     return max(runs, key=lambda run: run.start_s) if all(np.isfinite(run.start_s) for run in runs) else runs[-1]
-
-
-def place_of(run: RunObservables) -> tuple[str, str, int]:
-    """Axis, configuration and number of a run's mounting."""
-    return run.axis, run.configuration, run.mounting
 
 
 @dataclass(frozen=True)
