@@ -7,24 +7,11 @@ from pathlib import Path
 from benchmarks.blind_courses import TERMS, Rig, noisy
 from rigctl.campaign.store.store import Store
 from rigctl.composition import study_of
-
-SCAN = """\
-experiment = "sensing-axis"
-rig = "rig.toml"
-
-[procedure]
-name = "scan"
-axes = ["X"]
-configurations = ["flag"]
-angles_deg = [-20.0, -0.8, 0.8, 20.0]
-frequencies_hz = [0.3, 0.6]
-approaches = [1, -1]
-dwell_s = 20.0
-"""
+from tests.flag_scan import SCAN
 
 
 def test_noise_goes_on_from_the_scan_as_it_was(tmp_path: Path) -> None:
-    rig = Rig(tmp_path, {}, campaign=SCAN)
+    rig = Rig(tmp_path, {}, campaign=SCAN.replace("dwell_s = 6.0", "dwell_s = 20.0"))
     with Store.open(rig.scan, readonly=True) as store:
         study = study_of(store)
         runs = next(each.runs for each in noisy(study, "flicker", 1).courses() if each.kind == "more of the same")

@@ -3,48 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rigctl import runner
 from rigctl.campaign.store.store import Store
 from rigctl.composition import allowed_by_rig
 from rigctl.experiments.sensing_axis.observe import set_points
 from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S
 from rigctl.experiments.sensing_axis.observe.store_reduction import reduction
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
-from rigctl.files.campaign_file import parse_campaign
-from rigctl.files.rig_file import read_rig
 from rigctl.workbench.next.imagined import Imagined
 from rigctl.workbench.study import Plannable, Proposal, Term
 from rigctl.workbench.verdict.attempt import Attempt
-
-SCAN = """\
-experiment = "sensing-axis"
-rig = "hidden-effect-rig.toml"
-
-[procedure]
-name = "scan"
-axes = ["X"]
-configurations = ["flag"]
-angles_deg = [-20.0, -0.8, 0.8, 20.0]
-frequencies_hz = [0.3, 0.6]
-approaches = [1, -1]
-dwell_s = 6.0
-"""
+from tests.flag_scan import flown
 
 TERMS = (Term("roll-gravity"), Term("resonance"))
 
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
-    path = tmp_path_factory.mktemp("imagined") / "x.rig.sqlite"
-    campaigns = Path(__file__).parents[2] / "campaigns"
-    campaign = parse_campaign(SCAN, campaigns / "x.toml")
-    runner.start(campaign, read_rig(campaign.rig_path), path, runner.Options(unattended=True))
-    return Store.open(path)
+    return Store.open(flown(tmp_path_factory.mktemp("imagined")))
 
 
 @pytest.fixture(scope="module")

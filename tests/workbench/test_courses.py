@@ -16,7 +16,6 @@ from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.observe.set_points import ROOM_S
 from rigctl.experiments.sensing_axis.study import SensingAxisStudy
 from rigctl.files.campaign_file import parse_campaign
-from rigctl.files.rig_file import read_rig
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.hidden import HiddenInNoise
 from rigctl.workbench.next.courses import revealing
@@ -29,34 +28,15 @@ from rigctl.workbench.next.triangle import triangle_of
 from rigctl.workbench.study import Course, Proposal, Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.kernels import SlowNoise
+from tests.flag_scan import flown
 
-SCAN = """\
-experiment = "sensing-axis"
-rig = "hidden-effect-rig.toml"
-
-[procedure]
-name = "scan"
-axes = ["X"]
-configurations = ["flag"]
-angles_deg = [-20.0, -0.8, 0.8, 20.0]
-frequencies_hz = [0.3, 0.6]
-approaches = [1, -1]
-dwell_s = 6.0
-"""
 TERMS = (Term("roll-gravity"), Term("resonance"))
 DRIFT = Term("bias-drift")
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    found = tmp_path_factory.mktemp("courses") / "x.rig.sqlite"
-    campaigns = Path(__file__).parents[2] / "campaigns"
-    rig = found.with_name("rig.toml")
-    text = (campaigns / "hidden-effect-rig.toml").read_text(encoding="utf-8")
-    rig.write_text(text + "\n[world.temperature]\ndaily_k = 3.0\n", encoding="utf-8")
-    campaign = parse_campaign(SCAN.replace("hidden-effect-rig.toml", "rig.toml"), found.with_name("x.toml"))
-    runner.start(campaign, read_rig(rig), found, runner.Options(unattended=True))
-    return found
+    return flown(tmp_path_factory.mktemp("courses"), "\n[world.temperature]\ndaily_k = 3.0\n")
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ class Ensemble:
     """The satellites that a seed makes; settings are all there is to it."""
 
     at_once = LANES
-    columns = COLUMNS
+    columns: tuple[str, ...] = COLUMNS
 
     def __init__(self, settings: SatelliteSettings) -> None:
         self._settings = settings

@@ -136,7 +136,7 @@ def _cubic(a: FloatArray, table: Amplitudes) -> ComplexArray:
 
 
 def _of_moved(name: str, y: ComplexArray, a: FloatArray, table: Amplitudes) -> tuple[ComplexArray, ComplexArray]:
-    """Less the gradient on masses that move along their own axes, with a_c11 = 1; see `baseline`."""
+    """Less the gradient on masses that move along their own axes, with a_c11 = 1; see `equation._put_moved`."""
     xx, xy, xz, yy, zz = (table.of(f"moved g_{axes}") for axes in ("xx", "xy", "xz", "yy", "zz"))
     ac12, ac13, ad12, ad13, theta_cx = (a[_AT[each]] for each in ("ac12", "ac13", "ad12", "ad13", "theta_cx"))
     if name == "ac13":

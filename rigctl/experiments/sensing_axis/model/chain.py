@@ -130,6 +130,6 @@ def harmonics(signal: FloatArray, count: int) -> ComplexArray:
 
 
 def referred(amplitudes: ComplexArray) -> ComplexArray:
-    """Amplitudes on the grid, where x = A sin(w t), referred to the displacement as `signals.referred_to` does."""
+    """Amplitudes on the grid, where x = A sin(w t), referred to the displacement as `sine_fit.referred_to` does."""
     order = np.arange(amplitudes.shape[-1])
     return amplitudes * 1j**order
