@@ -185,6 +185,7 @@ def page(evidence: Evidence) -> str:
         html.command(advice(diagnosis, name)),
         *map(html.paragraph, slow_noise_sentences(diagnosis)),
         html.heading("Error ladder"),
+        # One version makes no ladder; its numbers stand in the table.
         *([html.figure(evidence.ladder)] if len(evidence.rungs) > 1 else []),
         *map(html.table, [ladder_table(evidence.rungs), *rms_tables(evidence.rungs)]),
         html.heading("Residuals"),
@@ -194,6 +195,7 @@ def page(evidence: Evidence) -> str:
         body += [html.heading("What is left in the samples"), *map(html.figure, evidence.drawn.spectra)]
     body += [html.heading("Candidates"), *_candidates(evidence)]
     body += [html.heading("Result"), *_result(store, evidence.drawn)]
+    # Last: a reader wants the result before the model's parameters.
     body.append(html.table(parameters_table(evidence.fit)))
     return html.page(title, body)
 

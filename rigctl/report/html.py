@@ -85,6 +85,7 @@ def table(table: ResultTable) -> str:
         cells = "".join(f"<td{kind}>{text}</td>" for kind, text in zip(kinds, texts, strict=True))
         mark = ' class="mark"' if marked else ""
         body += f"<tr{mark}>{cells}</tr>"
+    # A wide table scrolls by itself; the page does not.
     rows = f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
     return (rows if body else "") + "".join(paragraph(note, "soft") for note in table.notes)
 
@@ -97,4 +98,5 @@ def figure(plate: Plate[Any]) -> str:
 
 
 def _words(text: str) -> str:
+    # Sentences are written for terminals of any encoding; a page is UTF-8.
     return escape(text.replace("+-", "±"))

@@ -16,6 +16,7 @@ def quantity(value: float | None, sigma: float | None, unit: str = "") -> str:
     """A value with its standard uncertainty to two digits: (9.71 +- 0.12)e-05 rad/m."""
     if value is None or not math.isfinite(value) or (sigma is not None and not math.isfinite(sigma)):
         return "not determined"
+    # Held, or known exactly: no sigma says how many digits there are.
     if not sigma:
         return _spaced(number(value, 6), unit)
     # By the larger of the two, so that both stand under one power of ten.
@@ -78,4 +79,5 @@ def _exponent(value: float) -> int:
 
 
 def _spaced(text: str, unit: str) -> str:
+    # 1 is the unit of ratios, which nobody writes.
     return f"{text} {unit}" if unit and unit != "1" else text

@@ -50,6 +50,7 @@ class ProgressBar:
             self._bar.update(
                 self._task,
                 description=step,
+                # Nothing is planned yet while a procedure starts: the bar then moves without an end.
                 total=status["runs_planned"] or None,
                 completed=status["runs_done"],
                 state=status["state"],

@@ -175,6 +175,7 @@ def _alternatives(diagnosis: Findings) -> tuple[list[str], list[str]]:
         others = [name for name in same.get(effect, []) if name != effect]
         if effect in listed:
             continue
+        # Each of a group names the others: told once.
         listed |= {effect, *others}
         if others:
             choices.append(" or ".join([str(effect), *others]))

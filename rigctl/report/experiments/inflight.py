@@ -59,11 +59,13 @@ def _table2(result_json: Mapping[str, Any]) -> ResultTable:
         summaries = [("printed", each["reference"], None)]
         for estimate, word in (("paper", "published"), ("joint", "joint")):
             for truth in ("paper", "exact"):
+                # One sigma for both truths: it is stated by the estimate, which knows neither.
                 sigma = each[estimate]["analytic_sigma"] if truth == "exact" else None
                 summaries.append((f"{word}, {truth} truth", each[estimate][f"{truth}_truth"], sigma))
         heads = [name, f"< {number(each['objective'], 2)}"]
         for place, (words, summary, sigma) in enumerate(summaries):
             numbers = [number(summary[key], 2) for key in ("worst", "mean", "std")]
+            # Of errors without their sign: mean and scatter about it make up the root mean square.
             numbers.append(number(math.hypot(summary["mean"], summary["std"]), 2))
             head = heads[place] if place < len(heads) else ""
             rows.append([head, words, *numbers, "" if sigma is None else number(sigma, 2)])
@@ -81,6 +83,7 @@ def _table3(table: Mapping[str, Any]) -> ResultTable:
     ]
     printed = table["reference"]
     rows.append(["total", *(number(table[key], 3) for key in ("before_m_s2", "total_worst_m_s2", "total_mean_m_s2"))])
+    # The paper prints no total before calibration.
     rows.append(["printed total", "", *(number(printed[key], 3) for key in ("total_worst_m_s2", "total_mean_m_s2"))])
     sentence = (
         "Table 3: what is left at the frequency of the test, m/s2, before and after calibration; linear totals, "

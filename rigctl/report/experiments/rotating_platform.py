@@ -53,9 +53,11 @@ def _recording(result: Mapping[str, Any]) -> ResultTable:
     rows = [["gain of the commanded tilt", quantity(gain["value"], gain["sigma"])]]
     for axis, value in result["accel_m_s2"].items():
         rows.append([f"acceleration {axis}", quantity(value["value"], value["sigma"], "m/s2")])
+    # Null where the electrical biases are not known.
     for sensor, value in (result["wobble_rad"] or {}).items():
         rows.append([f"wobble of sensor {sensor.upper()}", quantity(value["value"], value["sigma"], "rad")])
     for channel, flipped in result.get("flips", {}).items():
+        # Of the whole chain where its amplifier is known, else of the sensor alone.
         turned = flipped["chain"] or flipped["sensor"]
         what = f"chain of channel {channel}" if flipped["chain"] else f"channel {channel} without its amplifier"
         for name, words, unit in _TURNED_OVER:

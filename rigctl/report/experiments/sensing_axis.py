@@ -75,6 +75,7 @@ def _out_of_plane(rows: Sequence[PlaneRow]) -> Picture:
         y = np.array([row.out_of_plane_arcsec for row in of_configuration])
         lines.append(Line(x, y, configuration, MARKS[place], place))
     sigma, required = rows[0].sigma_hc_arcsec, rows[0].requirement_arcsec
+    # Room for the lines at 2 sigma with their names, and for a null that lies beyond them.
     reach = max(2.2 * sigma, *(abs(row.out_of_plane_arcsec) * 1.1 for row in rows))
     levels = tuple((n * sigma, label) for n, label in ((2, "+2σ"), (1, "+σ"), (0, "0"), (-1, "−σ"), (-2, "−2σ")))
     levels += ((required, "required"), (-required, "required"))
@@ -206,6 +207,7 @@ def _budget(name: str, axis: Mapping[str, Any]) -> ResultTable:
     rows.append(["expanded (95 %)", "", "", *_arcsec(axis["expanded_95_arcsec"])])
     inside = ", ".join(f"{part} {arcsec:.2f}" for part, arcsec in axis["included_in_scatter"].items())
     notes = [f"in the scatter already, per mounting: {inside}", f"Monte Carlo: {axis['monte_carlo']['reason']}"]
+    # Combined and expanded, which are no contributions.
     marked = [False] * (len(rows) - 2) + [True, True]
     columns = ["contribution", "type", "input", "#1", "#2"]
     return ResultTable(f"Uncertainty of axis {name} / arcsec", columns, rows, marked, notes, "Budget")

@@ -88,6 +88,7 @@ def _rows(covariate: str, comparison: Comparison) -> Iterator[ResidualRow]:
         yield ResidualRow(
             covariate,
             float(values[i]),
+            # A covariate of words is kept as the places of its words.
             levels[int(values[i])] if levels else "",
             comparison.version,
             effects,
@@ -120,6 +121,7 @@ def draw_residuals(rows: Sequence[ResidualRow]) -> Figure:
     words = {row.value: row.level for row in rows if row.level}
     # Words that touch are written upright.
     upright = sum(len(word) + 1 for word in words.values()) * len(versions) > LETTERS
+    # Covariates that were set have few values, which a reader looks for by themselves.
     few = _few([row.value for row in rows])
     for panel in panels[-1]:
         if words:
@@ -155,6 +157,7 @@ def _plain(value: float, _: object) -> str:
 
 
 def _scale(axes: Axes, residuals: Sequence[float]) -> None:
+    # Never narrower than twice the band, so that noise alone looks like noise.
     largest = max(2.0 * LINEAR_SIGMA, 2.0 * max(map(abs, residuals), default=0.0))
     axes.set_yscale("symlog", linthresh=LINEAR_SIGMA)
     axes.set_ylim(-largest, largest)

@@ -120,6 +120,7 @@ def ranking_plate(diagnosis: Findings) -> Plate[RankRow]:
         RankRow(
             named(rank["effect"], rank["choice"]),
             rank["effect"] in diagnosis["suggested"],
+            # For one parameter this is its size in sigmas. Rounding may leave a fall below zero where there is none.
             math.sqrt(max(rank["chi2_fall"] or 0.0, 0.0)),
             rank["p_value_corrected"],
             rank["held_out_error_ratio"],

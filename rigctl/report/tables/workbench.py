@@ -72,6 +72,7 @@ def ranking_table(diagnosis: Findings, most: int) -> ResultTable:
     rows = []
     for rank in shown:
         star = "*" if rank["effect"] in suggested else " "
+        # What is significant has a size; of the others a reader asks what size these data would have shown.
         insignificant = (rank["p_value_corrected"] or 0.0) >= diagnosis["alpha"]
         told = sizes(rank, detectable=insignificant and rank["effect"] not in suggested)
         lines = [f"{star} {named(rank['effect'], fixed_choice(rank))}", *(f"    {size}" for size in told)]
@@ -91,6 +92,7 @@ def ladder_table(rungs: Sequence[Findings], *, results: bool = True) -> ResultTa
     for rung in rungs:
         lines = [f"{rung['version']}: {change_of(rung)}"]
         if results:
+            # Indented below the version: a column each would not fit 80 letters.
             lines += [f"    {name} = {_short(each)}" for name, each in (rung.get("result") or {}).items()]
         numbers = [number(rung[key]) for key in ("chi2_per_dof", "error_fit", "error_held_out")]
         rows.append(["\n".join(lines), *([number(only_rms(rung))] if unit is not None else []), *numbers])
@@ -120,6 +122,7 @@ def _over(name: str, unit: str) -> str:
     """A column's heading with the unit of its numbers."""
     if not unit:
         return name
+    # m/s/s could be read as either quotient.
     return f"{name}/({unit})" if "/" in unit else f"{name}/{unit}"
 
 

@@ -61,6 +61,7 @@ def draw_estimates(rows: Sequence[EstimateRow]) -> Figure:
     joint, paper = series_style(0), series_style(1)
     panel.barh(
         places,
+        # One sigma of the joint estimate to either side of zero, where the joint value stands in these differences.
         [2.0 * row.joint_sigma / row.published_sigma for row in rows],
         left=[-row.joint_sigma / row.published_sigma for row in rows],
         height=0.5,
@@ -71,6 +72,7 @@ def draw_estimates(rows: Sequence[EstimateRow]) -> Figure:
     panel.errorbar(
         [row.apart_sigma for row in rows],
         places,
+        # Its own sigma is the unit of this axis.
         xerr=1.0,
         fmt=paper.marker,
         color=paper.color,
@@ -103,6 +105,7 @@ def errors_plate(result: Mapping[str, Any]) -> Plate[ErrorRow]:
             each["objective"],
             each["reference"]["mean"],
             each["reference"]["worst"],
+            # Each against the truth that it estimates: the paper's forms, of first order, differ from the exact ones.
             each["paper"]["paper_truth"]["mean"],
             each["paper"]["paper_truth"]["worst"],
             each["joint"]["exact_truth"]["mean"],
@@ -125,6 +128,7 @@ def draw_errors(rows: Sequence[ErrorRow]) -> Figure:
         look = series_style(number)
         for place, row in enumerate(rows):
             mean, worst = (getattr(row, f"{name}_{which}") / row.objective for which in ("mean", "worst"))
+            # Above each other, or three lines of one parameter would hide each other.
             at = place + 0.24 * (number - 1)
             panel.plot([mean, worst], [at, at], color=look.color, linestyle="-")
             panel.plot(mean, at, look.marker, color=look.color, label=name if place == 0 else None)
@@ -175,6 +179,7 @@ def _labelled(figure: Figure, names: Sequence[str], x_label: str) -> Figure:
     """With a name at each row of its panel, the first on top, and a legend below."""
     (panel,) = figure.axes
     panel.set_yticks(range(len(names)), names)
+    # Places count from the bottom, tables from the top.
     panel.invert_yaxis()
     panel.set_xlabel(x_label)
     panel.grid(axis="x", color=SOFT, alpha=0.4, linewidth=0.4)

@@ -46,6 +46,7 @@ def alignment_plate(
         for channel in CHANNELS:
             fit = scan.fits[channel]
             for theta, value in zip(scan.theta_rad, scan.readings_m_s2[channel], strict=True):
+                # Eq. 6: what stays in a turn of the platform is bias, what turns with it acceleration.
                 fitted = fit.value("offset") + fit.value("cos") * math.cos(theta) + fit.value("sin") * math.sin(theta)
                 rows.append(
                     AlignmentRow(
@@ -53,6 +54,7 @@ def alignment_plate(
                     )
                 )
     for run in steady:
+        # Periods that do not count have no command.
         commanded = float(np.nanmean(run.commanded))
         value = run.values["z"]["accel"]
         fitted = result.tilt_gain.value * commanded + result.accel_m_s2["z"].value

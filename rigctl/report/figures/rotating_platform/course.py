@@ -42,6 +42,7 @@ def course_plate(
     rows: list[CourseRow] = []
     responses: list[str] = []
     for run in runs:
+        # Eq. 16 is of a sine.
         expected = _expected_bias(run, result.tilt_gain.value, chains) if external == "sine" else None
         z = CHANNELS.index("z")
         period_s = run.sampled.pattern.period_s
@@ -111,6 +112,7 @@ def draw_course(rows: Sequence[CourseRow]) -> Figure:
 def _expected_bias(run: RunResult, gain: float, chains: Chains) -> Any:
     """The bias of every period that the pattern makes of the sine, about its mean (eq. 16 on the masked samples)."""
     period_s = float(run.run.conditions["external_period_s"])
+    # Volts of the command over V/(m/s2) is what was asked for; the gain of eq. 13 makes of it what the sensor felt.
     amplitude = abs(float(run.run.conditions["v_z_v"])) / chains.command_v_per_m_s2["z"] * gain
     expected = expected_sine(run.sampled, amplitude, period_s, run.estimator)
     times_s = (np.arange(len(run.series)) + 0.5) * run.sampled.pattern.period_s + run.sampled.centre_s

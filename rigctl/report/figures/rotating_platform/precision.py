@@ -117,6 +117,7 @@ def draw_precision(rows: Sequence[PrecisionRow]) -> Figure:
 
 def table_plate(result: PlatformResult) -> Plate[PrecisionRow]:
     """Table 4: precision with pattern c of a minute by sampling rate; every run where there is none such."""
+    # It compares sampling rates: with another pattern or period the precision is another anyway.
     runs = [
         run
         for run in result.runs

@@ -71,9 +71,11 @@ def _rows(effect: Effect, pattern: str, period_s: float) -> list[PlatformSignatu
     recorded = _recorded(pattern, period_s, SHORT_S if effect.id in _MASK_SHORT else 0.0)
     placed_effect = placed(effect, Term(effect.id), CHANNELS, ())
     model = PlatformModel(recorded, [placed_effect], [placed_effect.term])
+    # In the baseline's order: tilt gain, accelerations along Z and Y, biases, their rates.
     base = [1.0, INTERCEPT_M_S2, ACCEL_Y_M_S2, BIAS_M_S2["z"], BIAS_M_S2["y"], 0.0, 0.0]
     added = model.added(np.array([*base, *(each.typical for each in placed_effect.parameters)]))
     (z,) = (each for each in recorded.channels if each.channel == "z")
+    # Observables of a channel: four outputs with a value per group of periods each, then the bins around its turns.
     groups = z.reducer.groups.size
     rows = [
         PlatformSignatureRow(
@@ -83,6 +85,7 @@ def _rows(effect: Effect, pattern: str, period_s: float) -> list[PlatformSignatu
     ]
     if (pattern, period_s) == ("c", PERIODS_S[0]):
         for one_bin, value in zip(z.reducer.bins, added[4 * groups : z.value.size], strict=True):
+            # A bin is drawn where it begins; the one that ends at the turn in its middle, left of zero.
             after = -0.5 * BEFORE_S if one_bin.number == BEFORE else AFTER_S[one_bin.number]
             rows.append(PlatformSignatureRow("around a turn", pattern, period_s, after, one_bin.sign, float(value)))
     return rows

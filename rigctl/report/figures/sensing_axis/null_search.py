@@ -102,6 +102,7 @@ def _rows(fit: RecordingFit, null: NullPoint, runs: Sequence[RunObservables]) ->
         # A line may cross zero again far away; the crossing near the null is meant.
         rows += [_row("apparent null", null, zero, 0.0, frequency) for zero in zeros[:1]]
         at_null.append(float(np.interp(null.theta0_rad, theta, line)))
+    # The lines of all frequencies cross there, not at zero but at what the guide's twist leaves (rho1 g, eq. 5).
     rows.append(_row("null", null, null.theta0_rad, float(np.mean(at_null))))
     return rows
 
@@ -131,11 +132,13 @@ def _row(
 
 
 def _scale(gain_v_per_m_s2: float, run: RunObservables) -> float:
+    # Volts over gain and amplitude: eq. 5 as an acceleration by millimetre of motion.
     return UM_PER_M / (gain_v_per_m_s2 * run.amplitude_m * MM_PER_M)
 
 
 def _grid(null: NullPoint, runs: Sequence[RunObservables]) -> FloatArray:
     """Angles of the model's lines: all over the runs' range, and densely around the null."""
+    # The close-up adds a margin to its runs: twice as far, lines reach its edges.
     near = 2.0 * ZOOM_ARCSEC * ARCSEC
     angles = [null.theta0_rad - near, null.theta0_rad + near, *(run.theta_rad for run in runs)]
     wide = np.linspace(min(angles), max(angles), _GRID)
@@ -152,6 +155,7 @@ def _predicted(fit: RecordingFit, template: RunObservables, theta_rad: FloatArra
 
 def _zeros(theta: FloatArray, line: FloatArray) -> list[float]:
     """Angles where a line crosses zero."""
+    # The line is known at points only; between two of different sign it is as good as straight.
     before = np.flatnonzero(np.signbit(line[:-1]) != np.signbit(line[1:]))
     share = line[before] / (line[before] - line[before + 1])
     return [float(t) for t in theta[before] + share * (theta[before + 1] - theta[before])]

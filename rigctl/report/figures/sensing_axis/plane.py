@@ -55,6 +55,7 @@ def plane_plate(name: str, axis: AxisResult, settings: AxisSettings) -> Plate[Pl
 
 
 def _rows(axis: AxisResult, settings: AxisSettings) -> list[PlaneRow]:
+    # In cyclic order, so that j, k and the axis are right-handed.
     _, j, k = CYCLIC[settings.cube_axis]
     angles = _in_plane_rad(axis.vectors, axis.plane.normal, j)
     normal = axis.plane.normal
@@ -146,6 +147,7 @@ def _draw_bands(axes: Axes, rows: Sequence[PlaneRow]) -> None:
         reach = max(reach, requirement)
         axes.axhline(requirement, color=SOFT, linestyle="--", label=f"requirement ±{requirement:g}″")
         axes.axhline(-requirement, color=SOFT, linestyle="--")
+    # More room below, where the legend stands.
     axes.set_ylim(-1.45 * reach, 1.2 * reach)
 
 

@@ -61,6 +61,7 @@ def draw_nulls(rows: Sequence[NullRow]) -> Figure:
             above.errorbar(
                 mountings,
                 [row.theta0_deg for row in nulls],
+                # Arcseconds vanish on an axis of degrees: sigma has a panel of its own below.
                 yerr=[arcsec / 3600.0 for arcsec in sigma],
                 fmt=look.marker,
                 color=look.color,
@@ -106,6 +107,7 @@ def budget_plate(budgets: Mapping[str, AxisBudget]) -> Plate[BudgetRow]:
 
 def _rows(axis: AxisBudget) -> list[BudgetRow]:
     first = axis.budget
+    # The sign says which way a contribution turns the axis; bars show how far.
     sizes = np.abs(first.components) / ARCSEC
     combined = first.standard_uncertainty / ARCSEC
     rows = [
@@ -133,6 +135,7 @@ def draw_budget(rows: Sequence[BudgetRow]) -> Figure:
 
 
 def _ranked(rows: Sequence[BudgetRow]) -> list[str]:
+    # One order for all axes, which share their labels: by the larger component, on whichever axis.
     largest: dict[str, float] = {}
     for row in rows:
         size = max(row.component_1_arcsec, row.component_2_arcsec)

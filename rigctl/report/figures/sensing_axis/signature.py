@@ -63,13 +63,16 @@ def signature_plate(effect: Effect) -> Plate[SignatureRow]:
     runs = [_run(f, float(angle), heads) for f in FREQUENCIES_HZ for angle in angles]
     # Of an empty recording: the nominal package.
     package = recorded_package(Header("sensing-axis"))
+    # The origins are those that WARMER_K and LATER_S count from.
     base = RecordingModel(runs, package, heads, 9.80665, origins=Origins(20.0, 0.0))
     model = base.with_effects((effect,))
+    # The bench's own parameters stay at their start in both: the difference is the effect's alone.
     nothing = np.array(
         [p.start if not owner else 0.0 for p, owner in zip(model.parameters, model.owners, strict=True)]
     )
     typical = np.array(
         [
+            # An effect's parameters are named `effect.parameter[place]`.
             effect.typical[p.name.partition("[")[0].rpartition(".")[2]] if owner else p.start
             for p, owner in zip(model.parameters, model.owners, strict=True)
         ]
@@ -109,6 +112,7 @@ def _run(frequency_hz: float, theta_deg: float, heads: Iterable[str]) -> RunObse
     motion = np.zeros(HARMONICS, np.complex128)
     # x(t) = A sin wt, in the convention of a cosine's complex amplitude.
     motion[0] = -1j * AMPLITUDE_M
+    # Only predictions are asked for: what was measured enters none, but has to be there.
     silent = Amplitudes(
         np.zeros(HARMONICS + 1, np.complex128), np.ones(HARMONICS + 1), np.ones(HARMONICS + 1), np.zeros(0, complex)
     )

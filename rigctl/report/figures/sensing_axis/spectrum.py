@@ -35,6 +35,7 @@ def spectrum_plates(
     before = _pooled(source, ())
     after = _pooled(source, lines_hz) if lines_hz else {}
     for channel, left in before.items():
+        # Lengths are reduced to metres, whatever the name of their column says.
         unit = "V" if channel.endswith("_v") else "m"
         rows = _rows(channel, "without the drive", left, unit)
         if channel in after:
@@ -94,6 +95,7 @@ def draw_spectrum(rows: Sequence[SpectrumRow]) -> Figure:
         if row.kind == "line found":
             axes.axvline(row.frequency_hz, color=INK, linewidth=0.6, linestyle=":")
             label = f"{row.frequency_hz:.4g} Hz"
+            # At the top of the panel, whatever the spectrum's height.
             axes.annotate(label, (row.frequency_hz, 0.97), xycoords=("data", "axes fraction"), va="top", fontsize=7)
     axes.set_xlabel("frequency / Hz")
     axes.set_ylabel(f"{rows[0].channel} / ({rows[0].unit} Hz$^{{-1/2}}$)")

@@ -96,6 +96,7 @@ def draw_term(rows: Sequence[TermRow]) -> Figure:
     for number, level in enumerate(levels):
         along = sorted((row for row in rows if row.level == level), key=lambda row: row.value)
         places, look = [row.value for row in along], series_style(number)
+        # A single series is one colour of points, and its line would vanish among them.
         line = look if level else series_style(1)
         axes.plot(places, [row.reading for row in along], look.marker, color=look.color, ms=2.4, alpha=0.6)
         axes.plot(
