@@ -43,6 +43,7 @@ class SensorSettings(Table):
     @property
     def inv_w0_squared(self) -> float:
         """1 / w0^2 [s2]."""
+        # Not w0 itself: in this and in 1 / (w0 Q) the denominator of eq. 1 is linear.
         return (2.0 * math.pi * self.frequency_hz) ** -2
 
     @property
@@ -53,6 +54,7 @@ class SensorSettings(Table):
     @property
     def ring_down_s(self) -> float:
         """Time in which a free oscillation falls by a factor e."""
+        # 2 Q / w0.
         return self.q / (math.pi * self.frequency_hz)
 
 

@@ -86,6 +86,7 @@ class RigFile(Table):
     package: Package | None = None
     constants: dict[str, Constant] = {}
     certificates: dict[str, Certificate] = {}
+    # Not checked here: only the simulators know what a world has.
     world: dict[str, Any] | None = None
 
     @property

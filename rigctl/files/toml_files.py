@@ -25,6 +25,7 @@ NOT_KEYS = {"path", "text"}
 def read_text(path: Path) -> str:
     """The text of a file, its lines ended by LF; `ConfigError`."""
     try:
+        # Equal files have equal hashes, whatever system their lines come from.
         return read_regular(path, TOML_BYTES).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; check the name") from None
@@ -91,6 +92,7 @@ def _require_measurable(value: Any, path: Path, key: str = "") -> None:
     elif isinstance(value, list):
         for index, each in enumerate(value):
             _require_measurable(each, path, f"{key}.{index}")
+    # Not `>`, which lets NaN through.
     elif isinstance(value, int | float) and not abs(value) <= MAGNITUDE_MAX:
         raise ConfigError(one_line(f"{path}: {key}: {value} is no quantity; write a number"))
 

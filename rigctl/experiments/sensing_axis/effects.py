@@ -128,6 +128,7 @@ def yaw_lever(run: Runs, lever_cos: FloatArray, lever_sin: FloatArray) -> FloatA
 )
 def quadratic(run: Runs, K2: FloatArray) -> FloatArray:
     """The sensor responds to the square of the varying force too: 2 nu and DC, as the square of S."""
+    # Of the force with what acted before: roll, pitch, recoil and lever are squared with it.
     return K2 * np.square(run.signal)
 
 
@@ -236,6 +237,7 @@ def time_skew(run: Runs, tau: FloatArray) -> FloatArray:
 )
 def mains_pickup(run: Runs, amplitude: FloatArray, frequency: FloatArray) -> FloatArray:
     """A steady electrical line at no harmonic of the drive: the same amplitude in every run, the phase free."""
+    # In time of the recording, not of the run: a steady line goes on between runs.
     phase = 2.0 * np.pi * frequency * (run.start + run.t)
     return amplitude * np.sin(phase)
 

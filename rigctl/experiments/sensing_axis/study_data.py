@@ -34,6 +34,7 @@ def imagined(proposals: Sequence[Proposal], runs: Sequence[RunObservables], limi
 
     Settings may say also `start_s`; before there are any runs also `axis`, `configuration` and `mounting`.
     """
+    # A plan asks before there is a recording.
     common = _after_recorded(runs, limits) if runs else _before_any_run(limits)
     noise = _Noise(runs)
     wait_s = _waits_s(proposals)

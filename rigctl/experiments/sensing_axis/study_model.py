@@ -126,6 +126,7 @@ def _with_zeros(model: RecordingModel, whole: RecordingModel, values: FloatArray
 def _candidate(
     effect: Effect, head: str, model: RecordingModel, whole: RecordingModel, slopes: FloatArray
 ) -> Candidate:
+    # Several drifts have a rate: with another of them in the model, this one's carries its effect's name.
     taken = {name for each in model.effects if each.id != effect.id for name in each.parameters}
     columns: list[int] = []
     names: list[str] = []
@@ -203,6 +204,7 @@ def _time(runs: Sequence[RunObservables]) -> str | None:
 
 
 def _approach(runs: Sequence[RunObservables]) -> str | None:
+    # Zero: nobody wrote from which side.
     directions = [run.approach if run.approach else np.nan for run in runs]
     same = "every angle was reached from the same side, so that the shift is part of theta0"
     return _flat(directions, "approach", same)

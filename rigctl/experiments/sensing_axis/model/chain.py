@@ -118,6 +118,7 @@ def periodic_motion(
     x = (harmonics_m @ waves).real
     v = ((harmonics_m * jw) @ waves).real
     a = ((harmonics_m * jw**2) @ waves).real
+    # The grid is one of phase: runs of any frequency share it.
     return phase[None, :] / omega, x, v, a
 
 
@@ -132,4 +133,5 @@ def harmonics(signal: FloatArray, count: int) -> ComplexArray:
 def referred(amplitudes: ComplexArray) -> ComplexArray:
     """Amplitudes on the grid, where x = A sin(w t), referred to the displacement as `sine_fit.referred_to` does."""
     order = np.arange(amplitudes.shape[-1])
+    # A sine is the cosine a quarter period late: -i at the drive, (-i)^h at harmonic h.
     return amplitudes * 1j**order

@@ -88,6 +88,7 @@ def _parts(amplitudes: ComplexArray) -> FloatArray:
 
 def _row(run: RunObservables, heads: Sequence[str]) -> tuple[list[float], list[float], list[float]]:
     accel = run.accel_v
+    # Of the mean no degrees of freedom: its sigma is a relative weight.
     values, sigmas, dofs = [float(accel.value[0].real)], [float(accel.sigma[0])], [0.0]
     for channel in (accel, *(run.lasers_m.get(head) for head in heads)):
         for h in range(1, HARMONICS + 1):
@@ -157,6 +158,7 @@ def _covariates(runs: Sequence[RunObservables]) -> dict[str, FloatArray]:
         "amplitude_mm": [1e3 * run.amplitude_m for run in runs],
         "temperature_c": [run.temperature_c for run in runs],
         "start_s": [run.start_s for run in runs],
+        # Zero: nobody wrote from which side.
         "approach": [run.approach if run.approach else np.nan for run in runs],
         "mounting": [float(run.mounting) for run in runs],
     }

@@ -134,6 +134,7 @@ def _observe(prediction: Prediction) -> FloatArray:
     accel = prediction.accel_v
     # In phase is eq. 5; the quadrature tells the resonance's damping; the mean the level.
     parts = [accel[:, 1].real, accel[:, 1].imag, accel[:, 0].real]
+    # A head reads a share of the displacement: its quadrature tells nothing of the cube.
     parts += [prediction.lasers_m[:, head, 1].real for head in range(prediction.lasers_m.shape[1])]
     return np.stack(parts, axis=1)
 

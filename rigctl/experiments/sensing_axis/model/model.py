@@ -90,6 +90,7 @@ class RecordingModel:
         """The heads an effect acts on; none unless it has a value for each head."""
         if effect.scope != "head":
             return ()
+        # Found by trying: what is an error of side heads adds nothing to the main one, whatever its size.
         return effect.heads or tuple(
             head for head in self.heads if np.any(effect(self.at_head(head), **effect.typical))
         )
@@ -108,6 +109,7 @@ class RecordingModel:
         given = {family.base: values[family.first + np.array(family.index)][:, None] for family in self.families}
         run = self.conditions.at(theta0=given["theta0"])
         if "motion_m" in self._acting:
+            # As a difference: velocity and acceleration follow what is added to the motion.
             run = run.moved(self._passed("motion_m", run, given, run.x) - run.x)
         run = run.at(theta=self._passed("angle_rad", run, given, run.theta))
         accel_v = self._accel(run, given) if accel else np.zeros((len(self.runs), HARMONICS + 1), np.complex128)
@@ -162,6 +164,7 @@ class RecordingModel:
         readings = []
         for head in self.heads:
             seen = self._seen(head, rotation, run)
+            # A head whose scale nobody calls uncertain has no such parameter.
             scale = 1.0 + given.get(scale_of(head), np.zeros(1))
             readings.append(self._passed("laser_m", seen, given, seen.signal * scale))
         return referred(harmonics(np.stack(readings, axis=1), HARMONICS))
@@ -169,6 +172,7 @@ class RecordingModel:
     def _seen(self, head: str, rotation: FloatArray, run: Runs) -> Runs:
         """The runs as one head sees them: `signal` is the motion along the face's normal n over c . n."""
         place = self._places[head]
+        # A face moved by x meets the beam (n . x) / (c . n) farther along it, n its normal, c the beam's direction.
         along, across, ahead = components(rotation, place.outward, place.outward, place.leaning, X_LAB)
         cosine = np.cos(place.tilt) * along + np.sin(place.tilt) * across
         return run.at(

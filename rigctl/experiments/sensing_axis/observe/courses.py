@@ -76,6 +76,7 @@ class _Clock:
     def _runs(self, settings: Sequence[Settings], waits_s: Sequence[float]) -> Iterator[Proposal]:
         now_s, room = self._start_s, None
         for each, wait_s in zip(settings, waits_s, strict=True):
+            # From one run's beginning to the next: the run and what lies between are part of the wait.
             before_s = round(max(wait_s - self._overhead_s - each["dwell_s"], 0.0), 1)
             wait = {"wait_s": before_s} if before_s else {}
             if each.get("temperature_c") != room:
@@ -89,6 +90,7 @@ class _Clock:
 
 def _settings(run: RunObservables) -> dict[str, Any]:
     return {
+        # Rounded, so that repeats of a set-point come out as one: what was reached differs in its last digits.
         "theta_deg": round(degrees(run.theta_rad), 4),
         "frequency_hz": round(run.frequency_hz, 4),
         "amplitude_mm": round(1e3 * run.amplitude_m, 2),

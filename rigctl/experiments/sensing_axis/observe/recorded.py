@@ -39,6 +39,7 @@ def recorded_package(header: Header) -> Package:
     The sensors' resonance is that of the paper (Lucente et al. 2022), without the weight of a data sheet.
     """
     given = "gain_v_per_m_s2" in header.constants
+    # Else a place to start from: without a belief in it, it has no weight in the fit.
     gain = float(header.constants["gain_v_per_m_s2"]) if given else 100.0
     free = {"u_gain": ROUGHLY if given else UNKNOWN, "u_frequency": UNKNOWN, "u_q": UNKNOWN}
     sensor = {

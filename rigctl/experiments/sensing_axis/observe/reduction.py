@@ -88,6 +88,7 @@ def reduce_with_residuals(
     """As `reduce_run`, and what the fit left of the accelerometer's samples."""
     try:
         seen = _seen(samples)
+        # From the stage, which stands out of its noise farthest; the other channels are fitted at its frequency.
         basis, stage = find_frequency(
             samples["t_s"][seen],
             MM * samples[STAGE][seen],
@@ -177,6 +178,7 @@ class PooledNoise:
         variance[0] = self._mean(run, name)
         for h in range(1, harmonics + 1):
             psd, dof[h] = self._level(run, name, h * run.frequency_hz)
+            # Of the one-sided density S: S / T in phase and S / T in quadrature.
             variance[h] = psd / run.duration_s
         # A record without whole periods knows an amplitude a little less well than S / T.
         variance *= channel.variance_factor
@@ -184,6 +186,7 @@ class PooledNoise:
         return Amplitudes(channel.value, np.sqrt(np.maximum(variance, channel.floor)), dof, channel.lines)
 
     def _level(self, run: ReducedRun, name: str, frequency_hz: float) -> tuple[float, float]:
+        # Fitted frequencies differ in their last digits, the noise beside them does not.
         key = (*pool_of(run), name, round(frequency_hz, 4))
         if key not in self._levels:
             level = self._spectrum(run, name).level(frequency_hz, target_dof=NOISE_DOF)

@@ -93,6 +93,7 @@ def _places(
         (angle, frequency, _largest(last, limits, angle, frequency, amplitude))
         for angle, frequency, amplitude in itertools.product(angles, frequencies, amplitudes)
     ]
+    # Halved amplitudes may meet others of the grid.
     return [_SetPoint(*each, approach) for each in dict.fromkeys(grid) if each[2] for approach in (1, -1)]
 
 
@@ -123,6 +124,7 @@ def peak_output_v(
     # |H| of eq. 1: near its resonance a sensor saturates at a fraction of the force.
     response = 1.0 / abs(complex(1.0 - w**2 * sensor.inv_w0_squared, w * sensor.damping))
     force_m_s2 = 1e-3 * amplitude_mm * w**2 * abs(sin(radians(theta_deg)))
+    # Added without regard to sign: the swing has both.
     return sensor.gain_v_per_m_s2 * response * force_m_s2 + package.level_limit_v
 
 

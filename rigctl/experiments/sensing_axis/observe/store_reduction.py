@@ -38,6 +38,7 @@ def reduction(
     What a store keeps of earlier calls is used, what is new is kept, unless it is open for reading only.
     """
     faces = {face_column(head): face for head, face in recorded_faces(source.header).items()}
+    # What a run says of its faces goes before what the header says of all.
     records = [replace(r, conditions={**faces, **r.conditions}) for r in source.runs(valid_only=True)]
     scan = _GrowingScan(Kept(source, scan_recipe(lines_hz)))
 
@@ -157,6 +158,7 @@ def packed(run: ReducedRun) -> Packed:
         "motion_m": run.motion_m,
         "amplitudes": np.stack([np.concatenate([each.value, each.lines]) for each in channels]),
         "variances": np.stack([np.stack([each.variance_factor, each.floor]) for each in channels]),
+        # Noise is known to per cents, and spectra are most of what is kept.
         "noise": np.concatenate(spectra, axis=1).astype(np.float32),
     }
     return Packed(head, arrays)

@@ -56,6 +56,7 @@ class SensingAxisResult:
             degrees = math.degrees(angle.rad)
             angles[f"{a}{b}"] = {
                 "deg": degrees,
+                # Without a sign: which side of an axis is positive is a choice.
                 "offset_deg": abs(degrees - 90.0),
                 "sigma_deg": math.degrees(angle.sigma_rad),
             }
