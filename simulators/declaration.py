@@ -40,6 +40,7 @@ class Wiring:
     def signal(self, signal: Signal) -> Signal:
         """A quantity of the world as its sensor gives it."""
         plan = self.plan
+        # What nothing befalls is handed on as it is, and costs nothing.
         spoilt = plan.stuck or plan.saturation or plan.target_lost
         return FaultySensor(plan, self.tap).of(signal) if spoilt else signal
 

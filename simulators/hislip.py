@@ -190,6 +190,7 @@ class Channel:
     def _introduce(self, message: Message) -> None:
         if message.kind == Kind.INITIALIZE and message.payload.lower() in SUB_ADDRESSES:
             self.session = self._port.begin(self)
+            # One parameter for both: the server's version above, the session's number below.
             self.tell(Kind.INITIALIZE_RESPONSE, 0, VERSION << 16 | self.session.number)
         elif message.kind == Kind.ASYNC_INITIALIZE and (session := self._port.find(message.parameter)):
             self.session = session

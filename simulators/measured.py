@@ -106,6 +106,7 @@ class Tap:
                 self._columns.get(quantity, quantity),
                 self._measured.run,
                 self._record,
+                # Copies, of times and values: what an instrument tells from may be memory it uses again.
                 np.atleast_1d(np.array(at_s, dtype=np.float64)),
                 np.where(np.isfinite(given), given, np.nan),
             )

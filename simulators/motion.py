@@ -290,6 +290,7 @@ class MotionAxis:
             kept.pop(0)
         for segment in segments:
             if isinstance(segment, Ballistic) and segment.velocity == segment.acceleration == 0.0:
+                # A command that moves nothing makes no new stop: what stops draw must not depend on it.
                 moved = segment.position - kept[-1].position
                 if moved:
                     number, direction = kept[-1].number + 1, math.copysign(1.0, moved)

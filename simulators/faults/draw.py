@@ -52,10 +52,12 @@ def _drawn(fault: str, random: np.random.Generator, between_s: tuple[float, floa
         case "clock_jump":
             return {"at_s": at_s, "jump_s": lasting_s}
         case "missing_edges":
+            # Some edges, which must be noticed by counting, or all, which ends the record.
             return {"at_s": at_s, "lasting_s": lasting_s, "share": float(random.choice([0.01, 1.0]))}
         case "following_error" | "limit_hit" | "memory_overflow":
             return {"at_s": at_s}
         case "refused":
+            # Not the first attempt, with which the rig is opened.
             return {"between_s": [at_s, at_s + lasting_s]} if random.random() < AT_A_TIME else {"nth": [2, 3]}
         case _ if fault in WIRE_FAULTS:
             by_time = random.random() < AT_A_TIME

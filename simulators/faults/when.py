@@ -145,6 +145,7 @@ class Event(Table):
 
     def _drawn(self, seed: int, slot: int) -> list[float]:
         random = generator(seed, type(self).__name__, slot)
+        # A Poisson process: the number of an hour first, then each anywhere within it.
         count = int(random.poisson(self.per_hour))
         return sorted((SLOT_S * (slot + random.random(count))).tolist())
 

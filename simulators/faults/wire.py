@@ -15,6 +15,7 @@ from pydantic import Field
 from simulators.faults.when import Fault, Occasion, Table
 from simulators.keyed_random import generator
 
+# The longer before the shorter: what ends with CR LF ends with LF too.
 TERMINATORS = {b",EndOfAPI": b",EndOfAP", b"\r\n": b"\n\r", b"\n": b"\r", b"\r": b"\n"}
 """How replies end, each with an end that is wrong."""
 GIBBERISH = b"?~^|{}@`"

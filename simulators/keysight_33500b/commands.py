@@ -135,6 +135,7 @@ class Commands:
         for output in self._outputs.values():
             output.reset()
 
+    # Both outputs, whichever the header names: their phases are to be those that were set.
     def _synchronise(self, _: int) -> None:
         for output in self._outputs.values():
             output.synchronise()

@@ -128,6 +128,7 @@ class MeasurementCommands:
         """Integrate as long as that resolution takes."""
         self._meter.change()
         setup = self._setup
+        # A little more than asked for: a resolution that was read and sent back is rounded.
         fine = [n for n in setup.nplc_choices if RESOLUTION_BY_NPLC[n] * setup.range_v <= resolution_v * 1.0001]
         integration = setup.integrations["VOLT"]
         integration.nplc, integration.aperture_enabled = fine[0], False

@@ -101,6 +101,7 @@ class Meter:
                 setup.trigger_count,
                 setup.sample_count,
                 setup.trigger_delay_s or 0.0,
+                # One reading per trigger has no sample timer to wait for.
                 setup.period_s if setup.sample_count > 1 else setup.interval_s,
                 self._lag_s,
             )
@@ -238,5 +239,6 @@ class Meter:
         rounded = np.round(celsius / step) * step
         unit = self.configuration.temperature_unit
         scale, offset = {"C": (1.0, 0.0), "F": (1.8, 32.0), "K": (1.0, 273.15)}[unit]
+        # Infinite is a saturated sensor, NaN an input that nothing is connected to.
         readings = np.where(np.isinf(celsius), np.copysign(OVERLOAD, celsius), rounded * scale + offset)
         return np.where(np.isnan(celsius), NOT_A_NUMBER, readings)

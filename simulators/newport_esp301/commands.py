@@ -98,6 +98,7 @@ def _absolute(axis: EspAxis, command: Command) -> str | None:
 
 
 def _relative(axis: EspAxis, command: Command) -> None:
+    # From the target, not from where the stage happens to stand.
     axis.move_to(axis.target_deg + read_number(command.parameter) / axis.units_per_deg)
 
 
@@ -238,6 +239,7 @@ def _hardware_status(controller: Controller, _: Command) -> str:
     for axis in controller.axes:
         positive, negative = axis.at_hard_limits()
         bit = axis.number - 1
+        # Positive limits from bit 0 up, negative ones from bit 8.
         limits |= positive << bit | negative << bit + 8
         home |= axis.past_home() << bit
     return f"{limits:X}H, {home:X}H"

@@ -37,6 +37,7 @@ class Refused(Exception):
 
     def __init__(self, code: int, axis: int = 0) -> None:
         super().__init__(code, axis)
+        # As on the wire: 304 is error 4 of axis 3.
         self.code = axis * 100 + code
 
 

@@ -46,6 +46,7 @@ class GroupState(IntEnum):
     @property
     def must_initialise(self) -> bool:
         """Nothing but GroupInitialize helps."""
+        # Codes go by what a state allows: to 9 not initialised, to 19 ready, to 39 disabled, then what is under way.
         return self < GroupState.READY_FROM_ABORT
 
     @property

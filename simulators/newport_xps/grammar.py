@@ -37,6 +37,7 @@ class RequestReader:
 
     def feed(self, data: bytes) -> Iterator[str]:
         """Every request completed by `data`; an endless one comes out unfinished, to be refused."""
+        # Every byte is a character there: nonsense comes out as text, to be refused as such.
         self._pending += data.decode("latin-1")
         while ")" in self._pending or len(self._pending) > REQUEST_BYTES_MAX:
             text, parenthesis, self._pending = self._pending.partition(")")

@@ -125,6 +125,7 @@ class Group:
 
     def jog(self, velocities: Sequence[tuple[Positioner, float, float]]) -> None:
         """Turn each positioner at (velocity [deg/s], acceleration [deg/s2]), up to its travel limit."""
+        # Not while an abort brakes: it would never come to rest.
         self._require(self.state is GroupState.JOGGING and not self._enders)
         for positioner, velocity_deg_s, acceleration_deg_s2 in velocities:
             positioner.check_jog(velocity_deg_s, acceleration_deg_s2)

@@ -149,6 +149,7 @@ class ScpiShell:
         return self.standard
 
     def _status_byte(self) -> int:
+        # Bit 2 errors, 3 questionable, 5 standard events, 7 operation; 6 sums up those that are enabled (SCPI-99).
         status = 4 * bool(self._errors) + 8 * self.questionable.summary
         status += 32 * self._completed().summary + 128 * self.operation.summary
         return status + 64 * bool(status & self._service_enable)

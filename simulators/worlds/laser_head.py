@@ -61,6 +61,7 @@ class LaserHead:
         resting = turned_about_z(self._normal_table, angle)
         normal = turned_about_z(self._normal_table, turned)
         cosine = _dot(normal, self._beam)
+        # The cube stands off the rotation axis, along the turntable's y: turning carries it along.
         centre = (-self._lever_m * np.sin(angle), self._lever_m * np.cos(angle))
         # A face seen from its side; `seen` leaves it out below.
         with np.errstate(divide="ignore", invalid="ignore"):

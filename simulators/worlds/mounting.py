@@ -91,6 +91,7 @@ def truth(settings: BenchSettings, mounting: Mounting) -> dict[str, object]:
         "mounting": mounting.number,
         "delta_rad": [float(v) for v in rotation_vector(mounting.table_from_cube @ nominal.T)],
         "sensing_axis_coc": [float(v) for v in mounting.sensing_axis_cube],
+        # Turned by theta0 it has no component along the motion: x cos - y sin = 0.
         "theta0_deg": math.degrees(math.atan2(x, y)),
         "laser_zero_mm": {head: 1e3 * zero for head, zero in mounting.laser_zero_m.items()},
     }

@@ -109,6 +109,7 @@ class ChainRecord:
 
     def _external(self, times_s: FloatArray, index: Int64Array, attitude: Attitude) -> tuple[FloatArray, FloatArray]:
         """The laboratory's acceleration along the sensing axis and across it."""
+        # The platform turns from Y towards Z; at zero sensors and laboratory agree.
         cos, sin = np.cos(attitude.angle_rad), np.sin(attitude.angle_rad)
         y, z = (self._laboratory(axis, times_s, index) for axis in "yz")
         along_y, along_z = y * cos + z * sin, z * cos - y * sin
@@ -121,6 +122,7 @@ class ChainRecord:
 
     def _inertial(self, speed_rad_s: FloatArray, acceleration_rad_s2: FloatArray) -> FloatArray:
         """Centripetal and Euler force at the sensor's distance from the axis."""
+        # Felt is the sensor's own acceleration, which is towards the axis: hence the sign.
         r_cos, r_sin = self._lever
         return -(r_cos * speed_rad_s**2 + r_sin * acceleration_rad_s2)
 
@@ -157,6 +159,7 @@ class ChainRecord:
         warmer = self._room.temperature_c(times_s) - REFERENCE_C if b1 or b2 or b3 else np.zeros(times_s.shape)
         read = gain * felt_m_s2 + warmer * (b1 + warmer * (b2 + warmer * b3))
         read += self._chain.bias_v / self._chain.scale_v_per_m_s2
+        # Behind the bias: what is not linear acts on all that is read.
         read += self._size("quadratic", "K2") * read**2 + self._size("gain-asymmetry", "e") * np.abs(read)
         return self._chain.scale_v_per_m_s2 * read
 

@@ -27,6 +27,7 @@ class RingingFilter:
 
     def __init__(self, cutoff_hz: float, turntable: Turntable, force: Callable[[FloatArray, FloatArray], FloatArray]):
         zeros, poles, gain = ellip(ORDER, RIPPLE_DB, STOP_DB, 2.0 * math.pi * cutoff_hz, analog=True, output="zpk")
+        # Of even order it begins at the bottom of its ripple: brought back to 1 at DC.
         at_dc = gain * np.prod(-zeros) / np.prod(-poles)
         self._direct = float(np.real(gain / at_dc))
         self._poles: ComplexArray = poles

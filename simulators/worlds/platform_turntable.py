@@ -71,6 +71,7 @@ class Turntable:
         moving = speed_deg_s != 0.0
         nominal = np.deg2rad(angle_deg)
         return Attitude(
+            # Nothing at 0, all of it at half a turn: by so much the two stops are not half a turn apart.
             nominal + offset + 0.5 * self._stop_rad * (1.0 - np.cos(nominal)),
             np.deg2rad(speed_deg_s),
             np.deg2rad(acceleration_deg_s2),

@@ -156,5 +156,6 @@ class RotatingPlatform:
             latest.last_s = end_s
             return
         key = (self._settings.seed, self._run, "record", self._records_of_run)
+        # The one before is kept as well: its last readings may still be asked for.
         self._records = [*self._records[-1:], Record(train.first_s, train.period_s, end_s, key)]
         self._records_of_run += 1

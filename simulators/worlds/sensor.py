@@ -96,6 +96,7 @@ class SensorRecord:
         self._step_s = period_s / math.ceil(period_s / _STEP_S - 1e-9)
         inv_w0_squared, damping = settings.resonance(mounting.axis, mounting.configuration)
         self._response = response(inv_w0_squared, damping, self._step_s)
+        # An oscillation falls by e in 2 Q / w0.
         ring_downs_s = _SETTLE_RING_DOWNS * 2.0 * inv_w0_squared / damping if damping > 0.0 else 0.0
         lead_s = self._step_s * math.ceil(max(_SETTLE_S, ring_downs_s) / self._step_s)
         self._begin_s = first_s - self._skew_s - lead_s

@@ -24,6 +24,7 @@ ORBITAL_M_S = 7.49e3
 ROOM_K = 290.0
 
 AXES = {"x": 0, "y": 1, "z": 2}
+# The off-centring is from mass 1 to mass 2: it grows when mass 1 goes back.
 _SHARES: dict[str, tuple[float, float]] = {"masses": (-0.5, 0.5), "mass-1": (1.0, 0.0), "mass-2": (0.0, 1.0)}
 
 
@@ -101,6 +102,7 @@ def _orbit(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) ->
     for axis, name in enumerate(AXES):
         made[:, FORCING["tracker"] + axis] = size("tracker-bias", name)
     if "tracker-aberration" in settings.effects:
+        # In a session the Earth's own velocity keeps its direction, that in orbit goes round.
         orbital = size("tracker-aberration", "orbital") * ORBITAL_M_S / SPEED_OF_LIGHT_M_S
         made[:, FORCING["tracker"] + 1] += (
             size("tracker-aberration", "annual") * EARTH_ORBIT_M_S / SPEED_OF_LIGHT_M_S + orbital * true.cosine
@@ -140,6 +142,7 @@ def _injected(made: FloatArray, settings: SatelliteSettings, injection: Injectio
         loss = kappa / (mass * settings.size("wire-stiffness", "quality", name) * w) if kappa else 0.0
         cubic = settings.size("cubic-stiffness", "kappa3", name)
         made[:, FORCING["pushed"] + k] = share * (
+            # The share stands in front: of the cube of a mass' own way its square is left within.
             acceleration + kappa / mass * signal + loss * speed + cubic / mass * share**2 * signal**3
         )
         made[:, FORCING["reaction"] + k] = reaction * mass * share * acceleration

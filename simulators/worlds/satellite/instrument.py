@@ -105,6 +105,7 @@ def exact_truth(instrument: Instrument, settings: SatelliteSettings) -> dict[str
     of_gradient = common - ratio @ different
     k2 = instrument.quadratic_s2_m[:, 0]
     k2c, k2d = 0.5 * (k2[0] + k2[1]), 0.5 * (k2[0] - k2[1])
+    # Per square of what is measured, not of what is applied.
     each = k2 / slopes[:, 0, 0] ** 2
     return _named(
         of_gradient,
@@ -145,6 +146,7 @@ def operating_point(instrument: Instrument, settings: SatelliteSettings) -> Floa
     held = -instrument.positions_m @ gradient + instrument.parasitic_m_s2
     matrices, couplings = instrument.matrices, instrument.couplings
     common = np.zeros(3)
+    # What is not linear is small, and smaller by as much in every round.
     for _ in range(6):
         applied = common + held
         measured = (
@@ -182,6 +184,7 @@ def truths(settings: SatelliteSettings, draw: int) -> dict[str, Mapping[str, flo
 
 
 def _antisymmetric(t: FloatArray) -> FloatArray:
+    # The axes turn by t and vectors stay: the transpose of what turns a vector.
     return np.array([[0.0, t[2], -t[1]], [-t[2], 0.0, t[0]], [t[1], -t[0], 0.0]])
 
 

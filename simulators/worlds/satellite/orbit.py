@@ -45,6 +45,7 @@ def place(
         anomaly = anomaly - step
     # The last step is so small that its first order will do: no further sine and cosine.
     sine, cosine = sine - step * cosine, cosine + step * sine
+    # a / r; with mu = n^2 a^3 its cube gives mu / r^3.
     nearness = 1.0 / (1.0 - e * cosine)
     cosine, sine = (cosine - e) * nearness, np.sqrt(1.0 - e**2) * sine * nearness
     if np.any(turned_rad):

@@ -39,6 +39,7 @@ class Radio:
     def _skew(self, sent: FloatArray) -> None:
         """Sensor 1 is read half the delay early and sensor 2 late: to first order, by the slope."""
         common = 0.5 * (sent[:, 0:3] + sent[:, 3:6])
+        # Before the first sample nothing is known: it gets no slope.
         before = common[:1] if self._before is None else self._before
         slope = np.diff(np.concatenate([before, common]), axis=0) / self._step_s
         # For the slope across the border of two chunks.
