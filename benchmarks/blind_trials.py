@@ -32,6 +32,7 @@ from rigctl.composition import study_of
 from rigctl.core.errors import RigError
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.account import account_of
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fit import fit
 
@@ -63,8 +64,10 @@ def trial(asked: Asked, seed: int) -> dict[str, Any]:
             study = study_of(store)
             known = tuple(Term(effect) for effect in KNOWN)
             try:
-                found = diagnose(study, known, alpha=asked.alpha, seed=seed)
-                scores = score(found, drawn.truth) | pulls(found, drawn, fit(study, (*known, *found.suggested)))
+                account = account_of(study, [known], seed)
+                found = diagnose(study, known, alpha=asked.alpha, seed=seed, account=account)
+                fitted = fit(study, (*known, *found.suggested), account)
+                scores = score(found, drawn.truth) | pulls(found, drawn, fitted)
             except (RigError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
                 return {**common, "error": f"{type(error).__name__}: {error}"}
     return {**common, **scores, "seconds": round(time.perf_counter() - began_s, 1)}

@@ -38,6 +38,7 @@ from machine import conditions
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.study import TableStudy
+from rigctl.workbench.verdict.account import account_of
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fit import fit
 
@@ -123,7 +124,8 @@ def workbench(table: Table) -> Answer:
     header = Header("table", extra={"table": {"response": "y", "baseline": "b0", "start": {}}})
     columns = {READINGS: {"y": table.y, **table.columns}}
     study = TableStudy(Recording(header, (RunRecord(READINGS, READINGS, "import", {}),), columns, ImportReport(1)))
-    found = fit(study, diagnose(study, (), ALPHA).suggested).as_json()["parameters"]
+    account = account_of(study, [()])
+    found = fit(study, diagnose(study, (), ALPHA, account=account).suggested, account).as_json()["parameters"]
     values = {name: each["value"] for name, each in found.items()}
     periods = {name.partition(".")[0]: 1.0 / value for name, value in values.items() if name.endswith(".period")}
     return Answer({name: value for name, value in values.items() if name.endswith("]")} | periods)

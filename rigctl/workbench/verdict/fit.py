@@ -17,9 +17,12 @@ from rigctl.workbench.verdict.noise_entries import noise_entries
 
 
 @one_thread
-def fit(study: Study, terms: Sequence[Term]) -> ModelFit:
-    """Fit baseline and terms to all valid runs; `ProcedureError` when the runs do not determine them."""
-    account = account_of(study, [terms])
+def fit(study: Study, terms: Sequence[Term], account: Account | None = None) -> ModelFit:
+    """Fit baseline and terms to all valid runs; `ProcedureError` when the runs do not determine them.
+
+    `account` is the noise of the data, by default as these terms alone tell it.
+    """
+    account = account or account_of(study, [terms])
     return fitted(account.attempt(study, terms), account)
 
 

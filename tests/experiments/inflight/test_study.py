@@ -12,6 +12,7 @@ from rigctl.experiments.inflight.model.residual_samples import steadiness
 from rigctl.experiments.inflight.result.result import calibration
 from rigctl.experiments.inflight.study import InflightStudy
 from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.account import account_of
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fit import fit, parameters_of
@@ -37,13 +38,9 @@ def exact(flight, seed=1):
     return np.array([known[name] for name in NAMES])
 
 
-def pulls(found, truth):
-    parameters = found.as_json()["parameters"]
+def pulls(estimates, truth):
     return np.array(
-        [
-            (parameters[name]["value"] - each) / parameters[name]["sigma"]
-            for name, each in zip(NAMES, truth, strict=True)
-        ]
+        [(estimates[name].value - each) / estimates[name].sigma for name, each in zip(NAMES, truth, strict=True)]
     )
 
 
@@ -62,11 +59,12 @@ def plain(flight):
 
 
 def test_with_nothing_hidden_the_baseline_is_adequate(flight, plain):
-    found = fit(plain, ())
-    assert np.all(np.abs(pulls(found, exact(flight))) < 4.0)
+    account = account_of(plain, [()])
+    found = fit(plain, (), account)
+    assert np.all(np.abs(pulls(found.parameters, exact(flight))) < 4.0)
     assert 0.85 < found.error_fit < 1.15
     assert 0.85 < found.error_held_out < 1.15
-    said = diagnose(plain, ()).as_json()
+    said = diagnose(plain, (), account=account).as_json()
     assert (said["verdict"], said["suggested"], said["unexplained"]) == ("adequate", [], None)
     pairs = {(each["effect"], each["from"]) for each in said["inseparable"]}
     assert {("tracker-bias", f"baseline:{name}") for name in ("ac12_rad", "ac13_rad")} <= pairs
@@ -110,15 +108,16 @@ def test_one_temperature_stands_for_that_of_both_sensors(flight):
 def test_a_bias_that_goes_with_the_temperature_is_named_sized_and_explained(flight):
     sky = flight.Sky(noise=1.2e-12, seed=1, added=warm)
     study = InflightStudy(recording(flight, sky=sky, columns=temperature))
-    said = diagnose(study, ()).as_json()
+    account = account_of(study, [()])
+    said = diagnose(study, (), account=account).as_json()
     assert (said["verdict"], said["suggested"]) == ("effect", ["thermal-bias"])
     found = said["ranking"][0]["parameters"]["lambda_d"]
     assert found["value"] == pytest.approx(1e-10, abs=4.0 * found["sigma"])
     assert said["ranking"][0]["held_out_error_ratio"] < 0.5
-    before, after = fit(study, ()), fit(study, (Term("thermal-bias"),))
+    before, after = (fit(study, terms, account) for terms in ((), (Term("thermal-bias"),)))
     assert before.error_fit > 1.5
     assert after.error_fit < 1.15
-    assert np.all(np.abs(pulls(after, exact(flight))) < 4.0)
+    assert np.all(np.abs(pulls(after.parameters, exact(flight))) < 4.0)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +142,7 @@ def test_each_sensor_has_a_coefficient_of_its_own_where_the_data_ask_for_it(flig
     study = InflightStudy(recording(flight, sky=sky, columns=sensors, sessions=("dx", "dz", "ad11")))
     scored = Attempt(study, ()).scored_effect("thermal-bias")
     assert scored.candidate.term == Term("thermal-bias", choice)
-    fitted = fit(study, (scored.candidate.term,)).parameters
+    fitted = parameters_of(study, (scored.candidate.term,))
     for name, size in sizes.items():
         assert fitted[name].value == pytest.approx(size, abs=4.0 * fitted[name].sigma)
         assert fitted[name].sigma < 0.2 * size
@@ -214,12 +213,12 @@ def test_missing_samples_cost_precision_and_nothing_else(flight, plain, share):
         return columns, conditions
 
     study = InflightStudy(recording(flight, spoil=lost))
-    found, whole = fit(study, ()), fit(plain, ())
-    assert np.all(np.abs(pulls(found, exact(flight))) < 4.0)
-    assert found.error_fit < 1.25
+    found, whole = Attempt(study, ()), Attempt(plain, ())
+    assert np.all(np.abs(pulls(found.estimates(), exact(flight))) < 4.0)
+    assert found.error() < 1.25
     remarks = study.data.reduced.runs[0].remarks
     assert remarks[0].endswith("of its samples are missing: lines are fitted on those there are")
-    ratio = found.parameters["ac11_dx_m"].sigma / whole.parameters["ac11_dx_m"].sigma
+    ratio = found.estimates()["ac11_dx_m"].sigma / whole.estimates()["ac11_dx_m"].sigma
     assert 0.9 < ratio < 2.2
 
 
@@ -257,7 +256,7 @@ def test_nothing_that_can_be_used_is_one_line(flight):
     with pytest.raises(
         DataError, match=r"no run of this recording can be used: run dx: 0\.0336 orbits are too short"
     ):
-        fit(InflightStudy(recording(flight, spoil=short, sessions=("dx",))), ())
+        parameters_of(InflightStudy(recording(flight, spoil=short, sessions=("dx",))), ())
 
 
 def test_a_stimulus_of_no_whole_number_of_periods_is_said(flight):
@@ -268,7 +267,7 @@ def test_a_stimulus_of_no_whole_number_of_periods_is_said(flight):
     assert any(
         "72.264 periods in the run, no whole number" in remark for remark in study.data.reduced.runs[0].remarks
     )
-    ad11 = fit(study, ()).parameters["ad11"]
+    ad11 = parameters_of(study, ())["ad11"]
     assert ad11.value == pytest.approx(exact(flight)[5], abs=5.0 * ad11.sigma + 1e-6)
 
 

@@ -16,9 +16,10 @@ from rigctl.experiments.rotating_platform.observe.covariance import Q_FLEX_NOISE
 from rigctl.experiments.rotating_platform.study import PlatformStudy
 from rigctl.workbench.next.recommend import recommend
 from rigctl.workbench.study import Plannable, Term
+from rigctl.workbench.verdict.account import account_of
 from rigctl.workbench.verdict.compare import compare
 from rigctl.workbench.verdict.diagnose import diagnose
-from rigctl.workbench.verdict.fit import fit
+from rigctl.workbench.verdict.fit import fit, parameters_of
 from simulators.worlds.platform_effects import EFFECTS
 from simulators.worlds.platform_settings import PlatformSettings
 
@@ -61,7 +62,7 @@ def test_the_baseline_describes_a_clean_recording(clean: PlatformStudy) -> None:
 
 
 def test_the_fit_finds_the_tilt_whatever_the_bias_does(clean: PlatformStudy) -> None:
-    found = fit(clean, ()).parameters
+    found = parameters_of(clean, ())
     assert list(found)[:4] == ["tilt_gain", "accel_z0", "accel_y0", "bias_z[r01]"]
     assert {"bias_y[r02]", "bias_rate_z[r03]", "bias_rate_y[r04]"} <= set(found)
     for name, true, unit in (
@@ -116,7 +117,9 @@ def test_what_is_hidden_is_named_and_sized(effect: str, sizes: dict[str, float],
 
 def test_what_the_baseline_imitates_is_asked_where_the_baseline_is() -> None:
     """The square of a reading shows by the bias in it: where none was fitted yet, it would be taken for absorbed."""
-    base, found = (fit(study({"quadratic": {"K2": 1.0}}), terms) for terms in ((), (Term("quadratic"),)))
+    squared = study({"quadratic": {"K2": 1.0}})
+    account = account_of(squared, [()])
+    base, found = (fit(squared, terms, account) for terms in ((), (Term("quadratic"),)))
     size = found.parameters["K2[y]"]
     assert size.value == pytest.approx(1.0, abs=4.0 * size.sigma)
     assert size.sigma < 0.2
@@ -213,7 +216,7 @@ def test_an_effect_of_ones_own_is_fitted(tmp_path: Path) -> None:
     )
     nature = PlatformSettings(kind="rotating-platform", seed=22)
     own = PlatformStudy(sampled(nature, RUNS), [load(file)])
-    size = fit(own, (Term("tilt-square"),)).parameters["q[z]"]
+    size = parameters_of(own, (Term("tilt-square"),))["q[z]"]
     assert abs(size.value) < 4.0 * size.sigma
 
 
@@ -255,7 +258,7 @@ def test_the_next_run_would_tell_what_cannot_be_told(clean: PlatformStudy) -> No
 def test_recordings_that_cannot_be_asked_say_so() -> None:
     nature = PlatformSettings(kind="rotating-platform", seed=23)
     alone = PlatformStudy(sampled(nature, [SampledRun("c", 60.0, 10)]))
-    gain = fit(alone, ()).parameters["tilt_gain"]
+    gain = parameters_of(alone, ())["tilt_gain"]
     assert gain.value == 1.0
     with pytest.raises(ConfigError, match="unknown effect 'recoveries'; the nearest are recovery"):
         alone.model((Term("recoveries"),))
