@@ -38,6 +38,7 @@ class Feed:
         self._changed.set()
 
     def _run(self) -> None:
+        failed: tuple[Path, str] | None = None
         while not self._ended:
             # Before the path is read: a change that comes in between is seen at once.
             self._changed.clear()
@@ -51,6 +52,8 @@ class Feed:
             try:
                 follow(path, self._changed, self._post, LOOK_S)
             except Exception as error:  # noqa: BLE001 - whatever is wrong with a store, the console goes on
-                self._post(Noted(str(error), "error"))
-                # Until another store is named: this one would fail in the same way every time.
-                self._changed.wait()
+                if (path, str(error)) != failed:
+                    failed = path, str(error)
+                    self._post(Noted(str(error), "error"))
+                # A lock or a busy disk passes; a file that is no store fails in the same way, and is not told again.
+                self._changed.wait(LOOK_S)

@@ -35,11 +35,12 @@ def follow(path: Path, ended: threading.Event, post: Callable[[Message], object]
         seen: object = None
         watched = _Watched(store)
         while not ended.is_set():
-            # Looked at before the store is read: what is written in between shows at the next look.
-            now = _signs(path)
-            if now != seen:
-                seen = now
-                post(StoreSeen(watched.look()))
+            # Asked before the store is read: what is written in between shows at the next look. The file's size and
+            # time do not tell: a log written again from its start keeps its size, and times are coarse.
+            alive, commits = is_running(path), store.commits_seen()
+            if (alive, commits) != seen:
+                seen = alive, commits
+                post(StoreSeen(watched.look(alive)))
             ended.wait(look_s)
 
 
@@ -48,19 +49,6 @@ def earlier(store: Path, search: Search, before: int) -> list[LogLine]:
     with Store.open(store, readonly=True) as opened:
         lines = lines_of(event for event in opened.events() if event.id < before)
         return [line for line in lines if search.finds(line)]
-
-
-def _signs(path: Path) -> tuple[object, ...]:
-    """What changes when somebody writes the store, or its campaign's process ends."""
-    signs: list[object] = [is_running(path)]
-    # Commits go into the log first; the file itself changes at a checkpoint only.
-    for each in (path, path.with_name(path.name + "-wal")):
-        try:
-            status = each.stat()
-            signs += [status.st_size, status.st_mtime_ns]
-        except OSError:
-            signs.append(None)
-    return tuple(signs)
 
 
 class _Watched:
@@ -77,10 +65,9 @@ class _Watched:
         self._samples: Mapping[str, FloatArray] = {}
         self._sampled_s = 0.0
 
-    def look(self) -> StoreView:
-        """The store as it is now."""
+    def look(self, alive: bool) -> StoreView:
+        """The store as it is now; `alive` while a process runs its campaign."""
         store = self._store
-        alive = is_running(store.path)
         self._read_events()
         self._runs += store.runs(skip=len(self._runs))
         # They are there before the first run and stay.

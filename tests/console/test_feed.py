@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sqlite3
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +29,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 @pytest.fixture
 def looks(store: Store) -> Iterator[Callable[[], StoreView]]:
     with Store.open(store.path, readonly=True) as opened:
-        yield store_watch._Watched(opened).look
+        yield partial(store_watch._Watched(opened).look, False)
 
 
 def record(store: Store, number: int, samples: int = 10) -> None:
@@ -99,6 +102,54 @@ def test_a_store_that_breaks_is_one_line_and_the_console_goes_on(store: Store) -
         assert "bad.rig.sqlite" in posted[0].text
         watching.watch(store.path)
         wait_for(lambda: isinstance(posted[-1], StoreSeen))
+    finally:
+        watching.close()
+
+
+def test_a_store_that_cannot_be_read_for_a_moment_is_looked_at_again(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A busy disk or a lock at the wrong moment must not leave the console blind to the campaign's next question."""
+    posted: list[Any] = []
+    whole, refused = store_watch.follow, [sqlite3.OperationalError("database is locked")] * 3
+
+    def follow(*arguments: Any) -> None:
+        if refused:
+            raise refused.pop()
+        whole(*arguments)
+
+    monkeypatch.setattr(store_watch, "follow", follow)
+    watching = feed.Feed(posted.append)
+    watching.watch(store.path)
+    watching.start()
+    try:
+        wait_for(lambda: isinstance(posted[-1], StoreSeen) if posted else False)
+        assert [each.text for each in posted[:-1]] == ["database is locked"]
+    finally:
+        watching.close()
+
+
+def test_a_commit_that_leaves_no_trace_on_the_file_is_seen(store: Store) -> None:
+    """A log that is written again from its start keeps its size, and times of files are as coarse as the kernel's."""
+    log = store.path.with_name(store.path.name + "-wal")
+    store.add_event("note", {"told": "one"})
+    with sqlite3.connect(store.path) as beside:
+        beside.execute("PRAGMA wal_checkpoint(RESTART)")
+    store.add_event("note", {"told": "two"})
+    posted: list[Any] = []
+    watching = feed.Feed(posted.append)
+    watching.watch(store.path)
+    watching.start()
+    try:
+        wait_for(lambda: posted)
+        traces = [(each.stat().st_size, each.stat().st_mtime_ns) for each in (store.path, log)]
+        with sqlite3.connect(store.path) as beside:
+            beside.execute("PRAGMA wal_checkpoint(RESTART)")
+        store.add_event("question", {"text": "Mount the package"})
+        for each, (size, mtime_ns) in zip((store.path, log), traces, strict=True):
+            assert each.stat().st_size == size
+            os.utime(each, ns=(mtime_ns, mtime_ns))
+        wait_for(lambda: posted[-1].view.events[-1].kind == "question")
     finally:
         watching.close()
 

@@ -282,6 +282,10 @@ class Store:
         """Whether the file was opened for reading only."""
         return bool(self._rows.read("PRAGMA query_only")[0][0])
 
+    def commits_seen(self) -> int:
+        """A number that changes with every commit of somebody else, here or in another process."""
+        return int(self._rows.read("PRAGMA data_version")[0][0])
+
     @property
     def has_checksums(self) -> bool:
         """False for a file made before there were any, until it is opened for writing."""
