@@ -13,7 +13,8 @@ from scipy import stats
 from rigctl import Campaign, results
 from rigctl.campaign.store.store import Store
 from rigctl.composition import workbench_of
-from rigctl.report.document import write_report
+from rigctl.report.drawn import drawing_of
+from rigctl.report.figures.data import write_plates
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 
@@ -71,6 +72,7 @@ def test_the_budget_is_led_by_the_scatter_and_validated(result: dict[str, Any]) 
 
 def test_the_paper_s_figures_are_written(store: Path, tmp_path: Path) -> None:
     with Store.open(store) as opened:
-        written = {path.name for path in write_report(workbench_of(opened), None, tmp_path, lambda _: None)}
+        drawn = drawing_of("sensing-axis").draw(workbench_of(opened), (), ())
+        written = {path.name for path in write_plates(drawn.plates, drawn.left_out, tmp_path)}
     for name in ("fig12", "fig15", "fig16", "fig17"):
         assert {f"{name}.svg", f"{name}.csv"} <= written

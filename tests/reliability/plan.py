@@ -34,14 +34,14 @@ class Kind:
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
-        Kind("faulty_campaigns", "campaigns", ci=20, short=300, full=2000),
-        Kind("damaged_stores", "stores", ci=20, short=200, full=1000),
+        Kind("faulty_campaigns", "campaigns", ci=12, short=300, full=2000),
+        Kind("damaged_stores", "stores", ci=12, short=200, full=1000),
         Kind("fuzzed_files", "files", ci=2, short=10, full=100),
-        Kind("killed_campaigns", "campaigns", ci=10, short=150, full=1000),
+        Kind("killed_campaigns", "campaigns", ci=6, short=150, full=1000),
         Kind("fuzzed_replies", "replies", ci=3, short=60, full=600),
         Kind("simulated_days", "days", ci=0, short=3, full=30),
         Kind("power_cuts", "cuts", ci=2, short=50, full=500),
-        Kind("signals", "endings", ci=8, short=200, full=1000),
+        Kind("signals", "endings", ci=6, short=200, full=1000),
         Kind("two_programs", "second programs", ci=4, short=36, full=180),
     )
 }

@@ -21,7 +21,7 @@ from rigctl.console.app import Console
 
 HERE = Path(__file__).parent.parent
 CLEAN = ("first_urad = [9.0, -6.0]", "")
-SEEDS = (1, 2, 3, 4)
+SEEDS = (1, 2)
 
 
 def truth(name: str) -> dict[str, float]:
@@ -49,7 +49,7 @@ def test_coefficients_are_those_of_the_world_within_their_sigmas(begin: Any) -> 
     assert 0.8 < float(np.sqrt(np.mean(np.square(pulls)))) < 1.3
 
 
-@pytest.mark.parametrize("seed", SEEDS[:3])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_a_hidden_effect_is_found_and_in_a_clean_world_there_is_none(begin: Any, seed: int) -> None:
     hidden = workbench_of(Store.open(begin("one-axis", seed=seed)())).diagnose()
     assert (hidden.verdict, hidden.as_json()["suggested"]) == ("effect", ["head-eccentricity"])
