@@ -96,11 +96,11 @@ class PlatformRuns:
 
     def late(self, delay_s: float) -> tuple[FloatArray, FloatArray]:
         """`speed_squared` and `turning` with the motion `delay_s` later than the samples say."""
-        return self._motion(self.afterwards and self.afterwards.late(delay_s))
+        return self._motion(None if self.afterwards is None else self.afterwards.late(delay_s))
 
     def ringing(self, cutoff_hz: float) -> tuple[FloatArray, FloatArray]:
         """What an elliptic filter with its pass band up to `cutoff_hz` makes of `speed_squared` and `turning`."""
-        return self._motion(self.afterwards and self.afterwards.ringing(cutoff_hz))
+        return self._motion(None if self.afterwards is None else self.afterwards.ringing(cutoff_hz))
 
     def _motion(self, both: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         return (self.speed_squared, self.turning) if both is None else (both[0], both[1])

@@ -164,12 +164,12 @@ class Reducer:
         for each in cells_of_period:
             bin_of[cells.first[each] : cells.first[each] + int(cells.count[each])] = cells.bin[each]
         weights = np.zeros((len(self.bins), sampled.samples))
-        for row, each in enumerate(self.bins):
-            where = (bin_of == each.number) & (sampled.sign == each.sign)
+        for row, own in enumerate(self.bins):
+            where = (bin_of == own.number) & (sampled.sign == own.sign)
             if not where.any():
                 continue
             weights[row, where] = 1.0 / where.sum()
-            same = sampled.sign == each.sign
+            same = sampled.sign == own.sign
             line = np.stack([same.astype(np.float64), same * sampled.time_s])
             weights[row] -= np.linalg.solve(line @ line.T, line @ weights[row]) @ line
         return weights
