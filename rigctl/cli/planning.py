@@ -71,6 +71,7 @@ def investigate(
     rig_file = read_rig(campaign_file.rig_path) if campaign_file.rig and not store.exists() else None
     with ProgressBar() as bar:
         options = runner.Options(unattended=yes, display=bar, plugins=tuple(plugin or ()))
+        # Asked on stderr: what comes on stdout is the document.
         agree = (lambda _: True) if yes else partial(typer.confirm, err=True)
         settings = Settings(options, agree, tell, max_runs=max_runs)
         # Between its campaigns nothing moves: a signal may interrupt a computation at once. Campaigns take over

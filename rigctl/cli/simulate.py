@@ -39,5 +39,6 @@ def simulate(
         else:
             for address in served.addresses:
                 say(" ".join(f"{key}={value}" for key, value in address.items()))
+        # Somebody may be waiting for the addresses at the end of a pipe.
         sys.stdout.flush()
         served.serve()

@@ -86,6 +86,7 @@ def residuals(store: Path, covariate: str, plugins: Plugins) -> Json:
         comparison = workbench.compare()
     covariates = distinct(comparison.observations.covariates)
     if covariate not in covariates:
+        # Asked for none, or for one that was remembered from another store.
         followed = [trend.covariate for trend in sorted(comparison.trends, key=lambda trend: trend.p_value_corrected)]
         covariate = next((name for name in [*followed, *covariates] if name in covariates), "")
     rows = residual_plate(covariate, [comparison]).rows if covariate else []

@@ -43,6 +43,7 @@ class Limits:
 
     def refusal(self, value: float) -> str:
         """Why a stage is not sent to `value`; empty when it may go there."""
+        # NaN is refused too in this form.
         if self.low <= value <= self.high:
             return ""
         return f"{value:g} {self.unit} is outside {self.low:g} .. {self.high:g} {self.unit}"
@@ -139,6 +140,7 @@ def _recorded(view: StoreView, table: Mapping[str, Any]) -> list[tuple[str, floa
     last = {name: float(values[-1]) for name, values in view.samples.items() if len(values)}
     role = table["role"]
     if role == "rotation" and ("theta_deg" in conditions or "theta_deg" in last):
+        # A run has one angle, or, on a platform, a sample of it at every edge.
         return [("angle", float(conditions.get("theta_deg", last.get("theta_deg", math.nan))), "deg")]
     if role == "thermometer" and "temperature_c" in conditions:
         return [("temperature", float(conditions["temperature_c"]), "degC")]

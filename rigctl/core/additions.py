@@ -54,6 +54,7 @@ PROCEDURES = Registry("rigctl.procedures", Procedure, PROCEDURE_CONTRACT, lambda
 def effects_for(experiment: str) -> list[Effects]:
     """The modules of effects of an experiment, its own first, then others by name."""
     modules = (each for each in EFFECTS.sound() if each.experiment == experiment)
+    # False sorts before True: the experiment's own come first.
     return sorted(modules, key=lambda each: (each.name != experiment, each.name))
 
 

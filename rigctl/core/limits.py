@@ -26,6 +26,7 @@ class RotationLimits:
 
     def require_inside(self, name: str, low_deg: float, high_deg: float, controller_limits: str) -> None:
         """`LimitError` of the stage `name` when these reach beyond the limits set in its controller."""
+        # Else the controller would refuse in the middle of a campaign what was allowed here.
         if low_deg > self.angle_min_deg or high_deg < self.angle_max_deg:
             raise LimitError(
                 f"{name}: the limits {self.angle_min_deg:g} to {self.angle_max_deg:g} deg reach beyond the "

@@ -58,6 +58,7 @@ class RigPane(Vertical):
     def on_mount(self) -> None:
         """Columns once, rows as instruments come."""
         table = self.query_one(DataTable)
+        # So that 80 columns show all but the end of an identity.
         for name, width in zip(COLUMNS, (13, 12, 23, 6, None), strict=True):
             table.add_column(name, key=name, width=width)
 

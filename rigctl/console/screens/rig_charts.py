@@ -54,6 +54,7 @@ class Charts(Grid):
         voltage = strips.get("voltage")
         if voltage is not None and len(voltage.values) > 32:
             span_s = float(voltage.ago_s[-1] - voltage.ago_s[0])
+            # In volts: without a campaign nobody has said which sensor this is, nor what is required.
             self._show_spectrum(
                 *amplitude_density(voltage.values, (len(voltage.values) - 1) / max(span_s, 1e-3)), 1.0, "V", None
             )
@@ -78,6 +79,7 @@ class Charts(Grid):
         turns = [run for run in view.runs[-200:] if "theta_deg" in run.conditions]
         if turns:
             angles = np.array([float(run.conditions["theta_deg"]) for run in turns])
+            # Numbered from the end, which stays true when only the last runs are drawn.
             numbers = np.arange(len(view.runs) - len(turns) + 1, len(view.runs) + 1, dtype=float)
             self._chart("angle", "deg", [Line(numbers, angles, mark="o")], "run")
         self._show_run_spectrum(view)

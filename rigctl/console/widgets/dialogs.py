@@ -201,6 +201,7 @@ class StartDialog(Dialog[Launch]):
         for name, label, value in entries:
             yield Static(label)
             digits = r"\d*" if name == "seed" else None
+            # Not selected: the first key would take the place of what stands there.
             yield Input(str(value), compact=True, select_on_focus=False, id=name, restrict=digits)
         yield Tick("the simulated operator answers (nobody is asked)", compact=True, id="unattended")
         yield Static("", classes="refusal")

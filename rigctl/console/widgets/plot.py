@@ -212,6 +212,7 @@ def _name_levels(sheet: _Sheet, levels: Sequence[tuple[float, str]]) -> None:
 
 
 def _row(value: float, area: _Area) -> int:
+    # Rows count from the top.
     return area.height - 1 - round(float(scaled(np.array(value), *area.y, area.height)))
 
 
