@@ -46,6 +46,10 @@ class UnitColumns:
         self._drawn[name] = self._drawn.pop(name)
         return self._drawn[name].reshape(-1, self.choices, self.dimension)
 
+    def columns(self, place: int) -> FloatArray:
+        """Of one choice, (n, d)."""
+        return self.stack[:, place]
+
     @property
     def stack(self) -> FloatArray:
         """Of all choices, (n, choices, d)."""
@@ -63,6 +67,10 @@ class Scan:
     def rms(self) -> FloatArray:
         """Of each column, (choices, d)."""
         return np.asarray(np.sqrt(np.mean(self.columns**2, axis=0)))
+
+    def of(self, place: int) -> FloatArray:
+        """The columns of one choice, (n, d)."""
+        return self.columns[:, place]
 
     def whitened(self, noise: object, whiten: Callable[[FloatArray], FloatArray]) -> UnitColumns:
         """The columns whitened by `whiten`, at unit length; kept for as long as the same `noise` is asked for."""

@@ -10,7 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, runtime_checkable
 
+import numpy as np
+
 from rigctl.analysis.least_squares import Parameter
+from rigctl.analysis.summed_columns import SummedScan
 from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray, IntArray
 
@@ -172,7 +175,7 @@ class Candidate:
     term: Term
     names: tuple[str, ...]
     units: tuple[str, ...]
-    columns: FloatArray | Scan
+    columns: FloatArray | Scan | SummedScan
     typical: FloatArray
     place: int = 0
     scanned: int = 0
@@ -184,7 +187,7 @@ class Candidate:
 
         What the choice fixes (the frequency of a line) is no parameter here.
         """
-        return self.columns.columns[:, self.place] if isinstance(self.columns, Scan) else self.columns
+        return self.columns if isinstance(self.columns, np.ndarray) else self.columns.of(self.place)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from rigctl.workbench.study import Proposal, Term
 from rigctl.workbench.verdict.compare import compare
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fit import fit
-from rigctl.workbench.verdict.generic import _covariates
+from rigctl.workbench.verdict.shapes import covariates_of
 from rigctl.workbench.verdict.transfer import transfer
 
 ROWS = 60
@@ -91,7 +91,7 @@ def test_many_words_share_a_scatter() -> None:
 
 def test_words_are_no_polynomials() -> None:
     observations = study().observations
-    names = _covariates(observations, np.arange(ROWS))
+    names = covariates_of(observations, np.arange(ROWS))
     assert "x_mm" in names
     assert not [name for name in names if name.startswith(("operator", "direction"))]
 

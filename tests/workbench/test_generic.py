@@ -13,7 +13,8 @@ from rigctl.workbench.findings import Unexplained
 from rigctl.workbench.study import NoisePool, Observations, Series
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.description import described
-from rigctl.workbench.verdict.generic import POLYNOMIAL, Generic
+from rigctl.workbench.verdict.generic import Generic
+from rigctl.workbench.verdict.shapes import POLYNOMIAL
 
 SEEDS = 6
 COMPONENTS = ("nu in-phase", "nu quadrature", "DC")

@@ -6,12 +6,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from rigctl.analysis.column_sums import LARGE
+from rigctl.analysis.summed_columns import SummedScan
 from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.table.model.form import Choice, Form, Spans
 from rigctl.experiments.table.model.forms import Turning
 from rigctl.experiments.table.model.pieces import PluginPiece
+from rigctl.experiments.table.model.scan_sums import sums_of
 from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group, Level, Slope
@@ -52,7 +55,7 @@ class Scans:
     def __init__(self, points: int) -> None:
         self._points = points
         self._choices: dict[str, list[Choice]] = {}
-        self._made: dict[tuple[str, tuple[bool, ...]], Scan] = {}
+        self._made: dict[tuple[str, tuple[bool, ...]], Scan | SummedScan] = {}
 
     def choices(self, form: Scanned) -> list[Choice]:
         """What a form is tried with."""
@@ -60,19 +63,28 @@ class Scans:
             self._choices[form.id] = [form.full_choice(float(value)) for value in form.grid(self._points)]
         return self._choices[form.id]
 
-    def scan(self, form: Scanned, spanned: FloatArray) -> Scan:
+    def scan(self, form: Scanned, spanned: FloatArray) -> Scan | SummedScan:
         """A form with each of its choices, without the trivial functions that the model spans."""
         trivial = form.trivial()
         held = tuple(_is_spanned(each[:, None], spanned) for each in trivial)
         if (form.id, held) not in self._made:
             space = _span([each for each, is_held in zip(trivial, held, strict=True) if is_held], len(spanned))
-            stack = form.scan(self.choices(form))
-            columns = stack.reshape(len(stack), -1)
-            # Twice: once leaves the rounding of a column that lies almost entirely in the span.
-            for _ in range(2 if space.shape[1] else 0):
-                columns = columns - space @ (space.T @ columns)
-            self._made[form.id, held] = Scan(columns.reshape(stack.shape))
+            made = _scan_of if len(spanned) <= LARGE else _summed_scan_of
+            self._made[form.id, held] = made(form, self.choices(form), space)
         return self._made[form.id, held]
+
+
+def _scan_of(form: Scanned, choices: Sequence[Choice], space: FloatArray) -> Scan:
+    stack = form.scan(choices)
+    columns = stack.reshape(len(stack), -1)
+    # Twice: once leaves the rounding of a column that lies almost entirely in the span.
+    for _ in range(2 if space.shape[1] else 0):
+        columns = columns - space @ (space.T @ columns)
+    return Scan(columns.reshape(stack.shape))
+
+
+def _summed_scan_of(form: Scanned, choices: Sequence[Choice], space: FloatArray) -> SummedScan:
+    return SummedScan(sums_of(form, choices), space)
 
 
 def scan_candidates(

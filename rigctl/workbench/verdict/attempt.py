@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
 from scipy import optimize
 
-from rigctl.analysis.unit_columns import Scan
+from rigctl.analysis.summed_columns import SummedColumns, SummedScan
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
 from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, Study, Term, family_of
@@ -22,8 +23,10 @@ from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
 from rigctl.workbench.verdict.questions import Questions
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding
-from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
-from rigctl.workbench.verdict.score import Score, corrected, p_of
+from rigctl.workbench.verdict.scan import TOGETHER, ScanScores
+from rigctl.workbench.verdict.score import Score, corrected
+from rigctl.workbench.verdict.scoring import Scoring
+from rigctl.workbench.verdict.sketched import SketchedTrials
 from rigctl.workbench.verdict.trials import Family, Trials, trials
 
 ROUNDS = 2
@@ -40,8 +43,9 @@ _SCANNED = 3
 _PART = 1e-3
 # Degrees of freedom beyond which an estimated scale is as good as known.
 _WELL_KNOWN = 500.0
-# Of a ratio of sigmas that is the same for all data but for their last digit.
-_ROUNDING = 1e-13
+# Data of independent noise beyond which nothing hidden is projected out: what is just significant adds less than a
+# part in five hundred to their variance, and what is more is found, and the noise told anew.
+_SATURATED = 20_000
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,10 @@ class Attempt(FittedModel):
         return self.whitened_columns(candidate.derivative)
 
     @cached_property
+    def _scoring(self) -> Scoring:
+        return Scoring(self, self.estimator)
+
+    @cached_property
     def scored(self) -> list[Scored]:
         """Every candidate with its score, of an effect with several choices the one with the largest statistic only,
         less what its parameters cost where they differ in number.
@@ -130,7 +138,10 @@ class Attempt(FittedModel):
         best: Scored | None = None
         for group, scores in zip(self._questions.of(effect), self._scored_groups(effect), strict=True):
             if isinstance(scores, ScanScores):
-                strongest = [(group[scores.strongest], scores.score(scores.strongest))]
+                chosen = group[scores.strongest]
+                # Of a long scan the sums find the choice, and the columns themselves judge it.
+                exact = not isinstance(chosen.columns, SummedScan)
+                strongest = [(chosen, scores.score(scores.strongest) if exact else self._scoring.of(chosen))]
             else:
                 strongest = list(zip(group, scores, strict=True))
             for candidate, score in strongest:
@@ -161,20 +172,45 @@ class Attempt(FittedModel):
     @cached_property
     def trials(self) -> Trials:
         """How many independent trials the catalogue amounts to, family by family."""
-        return trials(self.families, len(self.left), self.seed)
+        if not any(isinstance(each.columns, SummedScan) for each in self.candidates):
+            return trials({name: self.family(name) for name in self._families}, len(self.left), self.seed)
+        sketched = SketchedTrials(self.projector)
+        families = {name: self._sketched_family(sketched, effects) for name, effects in self._families.items()}
+        return trials(families, sketched.rows, self.seed)
 
-    @cached_property
-    def families(self) -> dict[str, Family]:
-        """What each family of effects tries."""
-        families: dict[str, Family] = {}
-        for effect in self._questions.groups:
-            family = families.setdefault(family_of(self.study, effect), Family())
-            for each in self._scored_groups(effect):
+    def family(self, name: str) -> Family:
+        """What one family of effects tries."""
+        if name not in self._made:
+            family = self._made[name] = Family()
+            for each in itertools.chain(*map(self._scored_groups, self._families[name])):
                 if isinstance(each, ScanScores):
                     family.scans.append(each)
                 else:
                     family.bases.extend(score.basis for score in each)
+        return self._made[name]
+
+    @cached_property
+    def _made(self) -> dict[str, Family]:
+        return {}
+
+    @cached_property
+    def _families(self) -> dict[str, list[str]]:
+        """The effects of each family."""
+        families: dict[str, list[str]] = {}
+        for effect in self._questions.groups:
+            families.setdefault(family_of(self.study, effect), []).append(effect)
         return families
+
+    def _sketched_family(self, sketched: SketchedTrials, effects: Sequence[str]) -> Family:
+        family = Family()
+        for group in itertools.chain(*map(self._questions.of, effects)):
+            scan = group[0].columns
+            unit = None if isinstance(scan, np.ndarray) else self._scoring.unit_columns(scan)[0]
+            if isinstance(unit, SummedColumns) and not self.noise.factors:
+                sketched.add_scan(family, unit)
+            else:
+                sketched.add_columns(family, map(self.columns, group))
+        return family
 
     @cached_property
     def permuted(self) -> Permuted | None:
@@ -195,7 +231,7 @@ class Attempt(FittedModel):
                 # Digits beyond the tolerance of the search would stand in documents and mean nothing.
                 choice = {**at.choice, name: float(f"{np.exp(log):.6g}")}
                 candidate = study.candidate(self.model, self.result.values, Term(at.effect, choice))
-                return Scored(candidate, self._score(candidate))
+                return Scored(candidate, self._scoring.of(candidate))
 
             minimum = optimize.minimize_scalar(
                 lambda log, of=with_value: -of(log).score.statistic,
@@ -216,7 +252,7 @@ class Attempt(FittedModel):
         """The groups of an effect, scored once; the choices of a long scan together."""
         if effect not in self._scored:
             self._scored[effect] = [
-                self._scores_of_scan(group) if len(group) >= TOGETHER else [self._score(each) for each in group]
+                self._scoring.of_scan(group) if len(group) >= TOGETHER else list(map(self._scoring.of, group))
                 for group in self._questions.of(effect)
             ]
         return self._scored[effect]
@@ -224,37 +260,6 @@ class Attempt(FittedModel):
     @cached_property
     def _scored(self) -> dict[str, list[ScanScores | list[Score]]]:
         return {}
-
-    def _scores_of_scan(self, choices: Sequence[Candidate]) -> ScanScores:
-        scan, sigma, frame = choices[0].columns, self.model.observations.sigma, self.estimator.saturated
-        own = None if frame is None else OwnNoise(frame, float(self.noise.dof[0]))
-        scale = None if self.noise.factors else _common_ratio(sigma, self.noise.sigma)
-        if not isinstance(scan, Scan):
-            scan = Scan(np.stack([each.derivative for each in choices], axis=1))
-        if scale is None:
-            return ScanScores(self.projector, scan.whitened(self.noise, self.noise.whiten), 1.0, own)
-        # The same columns in every model, but for one factor.
-        unit = scan.whitened(self.model.observations, lambda columns: columns / sigma[:, None])
-        return ScanScores(self.projector, unit, scale, own)
-
-    def _score(self, candidate: Candidate) -> Score:
-        score, frame = self.projector.score(self.columns(candidate)), self.estimator.saturated
-        return score if frame is None else self._by_own_noise(score, frame)
-
-    def _by_own_noise(self, score: Score, frame: FloatArray) -> Score:
-        """With the scale of the noise as it is once the candidate is in: what it explains inflates it before."""
-        data = len(frame)
-        # What of the candidate was not projected out when the noise was estimated: it is in the noise's square sum.
-        outside = score.basis[:data] - frame @ (frame.T @ score.basis[:data])
-        explained = float(np.sum((outside.T @ self.left[:data]) ** 2))
-        taken = float(np.sum(outside**2))
-        dof = float(self.noise.dof[0])
-        if dof - taken < 1.0 or not score.dimension:
-            return score
-        # The scale was 1, so that `dof` is the square sum before; `explained` is what the candidate takes of it.
-        scale = max(dof - explained, 1e-9 * dof) / (dof - taken)
-        p_value = p_of(score.statistic / scale, score.dimension, dof - taken)
-        return replace(score, dof=dof - taken, p_value=float(p_value))
 
     def to_be_drawn(self, columns: FloatArray) -> bool:
         """Whether data whose correlated noise comes from the scatter have a part in these columns."""
@@ -309,6 +314,8 @@ def _estimator(fitted: FittedModel, asked: Callable[[], Sequence[Candidate]], ge
         return Hidden.of(named, len(given.value))
 
     def possible(where: IntArray) -> list[Hidden]:
+        if len(where) > _SATURATED and all(pool.order is None for pool in given.pools):
+            return []
         named, shapes = few(), generic.main_columns(where)
         large = above_rounding(named.columns, where, given.sigma)
         return [named.keep(named.columns[where], large), Hidden(shapes, np.arange(shapes.shape[1]))]
@@ -323,9 +330,3 @@ def _with_estimated_noise(fitted: FittedModel, estimator: NoiseEstimator) -> Fit
     for _ in range(ROUNDS if estimator.from_scatter else 1):
         fitted = fitted.with_noise(estimator.estimate(fitted.unexplained()))
     return fitted
-
-
-def _common_ratio(stated: FloatArray, estimated: FloatArray) -> float | None:
-    """The factor between given and estimated sigmas where it is the same for all; None where not."""
-    ratio = estimated / stated
-    return 1.0 / float(ratio[0]) if np.ptp(ratio) <= _ROUNDING * ratio[0] else None

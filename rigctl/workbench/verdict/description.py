@@ -8,8 +8,9 @@ import numpy as np
 
 from rigctl.workbench.findings import Unexplained
 from rigctl.workbench.study import OF_SIGNAL, Observations
-from rigctl.workbench.verdict.generic import Best, Shape
+from rigctl.workbench.verdict.generic import Best
 from rigctl.workbench.verdict.score import Score
+from rigctl.workbench.verdict.shapes import Shape
 
 _BY_POWER = {-1: "falling as 1/w", 0: "whatever the frequency", 1: "growing as w", 2: "growing as w^2"}
 

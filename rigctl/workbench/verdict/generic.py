@@ -12,37 +12,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.sketch import Sketch, sketch_of
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.score import ABSORBED, Projector, corrected, p_of, smallest_p
+from rigctl.workbench.verdict.shapes import Factor, Part, Shape, distinct, factors_of, normalised, plain
 from rigctl.workbench.verdict.trials import trials_of
 
-ANGLE_HARMONICS = 4
-POLYNOMIAL = 6
-"""Highest power of a covariate where neither angle nor frequency gives other shapes."""
-
-POWERS = (-1, 0, 1, 2)
 SHAPE_DRAWS = 1000
-# What makes a sine a column of its own beside the cosine; the correlation of columns that say the same.
-_SIDEWAYS, _COPY = 1e-3, 0.999
 # Numbers drawn at most: 16 MB in single precision.
 _MANY = 1 << 22
-# Beyond, keeping the columns of all shapes would take gigabytes.
-_FEW_DATA = 20_000
+# Beyond, the columns of all shapes would take gigabytes: a few of them are made at a time, and not kept.
+_FEW_DATA, _TOGETHER = 20_000, 8
 _NONE = np.zeros((0, 0))
 _NO_SMALLER = 1e-12
 """P-values below are no longer compared: evidence is."""
-
-
-@dataclass(frozen=True)
-class Shape:
-    """One generic candidate: `harmonic` of the angle (0: none), `power` of the frequency, `covariate` ("" none)."""
-
-    series: int
-    harmonic: int
-    power: int
-    covariate: str
 
 
 @dataclass(frozen=True)
@@ -69,9 +54,10 @@ class Generic:
 
     def __init__(self, given: Observations) -> None:
         self._given = given
-        self._kept: dict[int, _Part] = {}
+        self._kept: dict[int, Part] = {}
+        self._names: dict[int, list[Factor]] = {}
 
-    def _parts(self) -> Iterator[_Part]:
+    def _parts(self) -> Iterator[Part]:
         """Series by series; kept where that takes little memory."""
         for number in range(len(self._given.series)):
             part = self._kept.get(number)
@@ -79,15 +65,26 @@ class Generic:
                 rows = np.flatnonzero(self._given.series_of == number)
                 if not len(rows):
                     continue
-                part = _distinct(self._given, number, rows)
-                if len(self._given.value) <= _FEW_DATA:
-                    self._kept[number] = part
+                if len(self._given.value) > _FEW_DATA:
+                    yield from self._in_turn(number, rows)
+                    continue
+                part = self._kept[number] = distinct(self._given, number, rows, factors_of(self._given, number, rows))
             yield part
             if names := [name for series, name in self._given.templates if series == number]:
                 columns = np.stack([self._given.templates[number, name] for name in names], axis=1)
                 rows = np.flatnonzero(np.any(columns != 0.0, axis=1))
                 shapes = [Shape(number, 0, 0, name) for name in names]
-                yield rows, shapes, _normalised(columns[rows]), np.full(len(names), -1, dtype=np.intp)
+                yield rows, shapes, normalised(columns[rows]), np.full(len(names), -1, dtype=np.intp)
+
+    def _in_turn(self, number: int, rows: IntArray) -> Iterator[Part]:
+        """The shapes of a long series, some at a time, each time beside the constant."""
+        if number not in self._names:
+            self._names[number] = factors_of(self._given, number, rows)
+        constant, *others = self._names[number]
+        for first in range(0, len(others), _TOGETHER):
+            yield distinct(self._given, number, rows, [constant, *others[first : first + _TOGETHER]])
+        if not others:
+            yield distinct(self._given, number, rows, [constant])
 
     def main_columns(self, where: IntArray) -> FloatArray:
         """The shapes one at a time, products left out, at some data: what saturates a small pool; (data, k)."""
@@ -95,7 +92,8 @@ class Generic:
         for number in np.unique(self._given.series_of[where]):
             members = np.flatnonzero(self._given.series_of[where] == number)
             rows = where[members]
-            _, shapes, stack, second = _distinct(self._given, int(number), rows)
+            factors = factors_of(self._given, int(number), rows)
+            _, shapes, stack, second = distinct(self._given, int(number), rows, factors)
             main = [
                 place
                 for place, shape in enumerate(shapes)
@@ -110,15 +108,19 @@ class Generic:
     def best(self, noise: Noise, projector: Projector, rng: np.random.Generator) -> Best | None:
         """The strongest shape in the residuals; None where all shapes are absorbed."""
         rows = len(projector.left)
+        sketch = sketch_of(rows) if rows > _FEW_DATA else None
+        drawn = rows if sketch is None else sketch.buckets
         # Single precision, and fewer draws of long data: the count of trials needs no more.
-        draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // rows, 200)), rows), dtype=np.float32)
-        fitted = draws @ projector.basis.astype(np.float32)
+        draws = rng.standard_normal((min(SHAPE_DRAWS, max(_MANY // drawn, 200)), drawn), dtype=np.float32)
+        basis = projector.basis if sketch is None else sketch.of(projector.basis)
+        fitted = draws @ basis.astype(np.float32)
         smallest = np.ones(len(draws))
         shapes: list[Shape] = []
         scored: list[_Scored] = []
         for part in self._parts():
             of_series = self._scored(part, noise, projector)
-            smallest = np.minimum(smallest, _smallest(of_series, draws, fitted))
+            tried = of_series if sketch is None else _sketched(of_series, sketch)
+            smallest = np.minimum(smallest, _smallest(tried, draws, fitted))
             shapes += part[1]
             # Columns of all series together would be many times the data: they are made again for the one that wins.
             scored.append(replace(of_series, columns=_NONE, shadow=_NONE))
@@ -163,10 +165,10 @@ class Generic:
             return template[:, None]
         rows = np.flatnonzero(self._given.series_of == shape.series)
         columns = np.zeros((len(self._given.value), 2 if shape.harmonic else 1))
-        columns[rows] = _plain(self._given, rows, shape)
+        columns[rows] = plain(self._given, rows, shape)
         return columns
 
-    def _scored(self, part: _Part, noise: Noise, projector: Projector) -> _Scored:
+    def _scored(self, part: Part, noise: Noise, projector: Projector) -> _Scored:
         rows, shapes, stack, second = part
         where, white = noise.whiten_rows(rows, stack)
         basis = projector.basis[where]
@@ -189,9 +191,9 @@ class Generic:
         dimension[pairs] += beside_size > 0.0
         # What is left of the constant beside each shape, and how far the residuals go along that.
         constant_statistic = np.zeros(len(shapes))
-        plain = Shape(shapes[0].series, 0, 0, "")
-        if plain in shapes:  # templates have no mean of their own
-            constant = shapes.index(plain)
+        alone = Shape(shapes[0].series, 0, 0, "")
+        if alone in shapes:  # templates have no mean of their own
+            constant = shapes.index(alone)
             shared = columns[:, constant] @ columns - shadow[:, constant] @ shadow
             shared_beside = columns[:, constant] @ beside - shadow[:, constant] @ beside_shadow
             free, rest = shared[constant] - shared**2, along[constant] - shared * along
@@ -253,98 +255,6 @@ def _smallest(each: _Scored, draws: NDArray[np.float32], fitted: NDArray[np.floa
     return smallest_p(statistic, each.dimension)
 
 
-_Part = tuple[IntArray, list[Shape], FloatArray, IntArray]
-"""Rows of a series, its shapes, their columns at unit length, and where the second column of each is, or -1."""
-
-
-def _distinct(given: Observations, number: int, rows: IntArray) -> _Part:
-    shapes, columns, seconds = [], [], []
-    names, common = _common(given, number, rows)
-    for harmonic in range(ANGLE_HARMONICS + 1) if given.angle is not None else (0,):
-        first, second = common, np.zeros_like(common)
-        if harmonic and given.angle is not None:
-            angle = np.radians(harmonic * given.of_runs(given.angle)[rows])[:, None]
-            first, second = common * np.cos(angle), common * np.sin(angle)
-        columns.append(first)
-        seconds.append(second)
-        shapes += [Shape(number, harmonic, power, covariate) for power, covariate in names]
-    one, other = _normalised(np.hstack(columns)), _normalised(np.hstack(seconds))
-    # With two angles only, cosine and sine are multiples of each other: one column then stands for both.
-    other = other - one * np.sum(one * other, axis=0)
-    length = np.linalg.norm(other, axis=0)
-    paired = length > _SIDEWAYS
-    seen = np.any(one != 0.0, axis=0) | paired
-    # Where the cosine is nil at every set-point the sine takes its place.
-    one = np.where(np.any(one != 0.0, axis=0), one, other / np.where(paired, length, 1.0))
-    paired &= np.any(np.hstack(columns) != 0.0, axis=0)
-    where = np.full(len(shapes), -1, dtype=np.intp)
-    where[np.flatnonzero(paired & seen)] = int(seen.sum()) + np.arange(int((paired & seen).sum()))
-    stack = np.hstack([one[:, seen], (other / np.where(paired, length, 1.0))[:, paired & seen]])
-    return rows, [shape for shape, used in zip(shapes, seen, strict=True) if used], stack, where[seen]
-
-
-def _common(given: Observations, number: int, rows: IntArray) -> tuple[list[tuple[int, str]], FloatArray]:
-    """Powers of the frequency times covariates of a series: what they are, and their columns (rows, k)."""
-    names, columns = [], []
-    covariates = [name for name in _covariates(given, rows) if (number, name) not in given.templates]
-    for power in POWERS if given.frequency is not None else (0,):
-        for covariate in covariates:
-            names.append((power, covariate))
-            columns.append(_plain(given, rows, Shape(0, 0, power, covariate))[:, 0])
-    return names, np.stack(columns, axis=1)
-
-
-def _covariates(given: Observations, rows: IntArray) -> list[str]:
-    """Those that vary and are not collinear with others, with their powers; "" for none."""
-    names = [""]
-    used_up = given.angle is not None or given.frequency is not None
-    used = [given.of_runs(name)[rows] for name in (given.angle, given.frequency) if name is not None]
-    for name in (*given.covariates, *given.indicators):
-        values = given.of_runs(name)[rows]
-        if (
-            # Words are numbered in no order: they have no slope.
-            name in (given.angle, given.frequency, *given.levels)
-            or not np.isfinite(values).all()
-            or np.ptp(values) <= 0.0
-        ):
-            continue
-        if any(np.ptp(each) > 0.0 and abs(np.corrcoef(values, each)[0, 1]) > _COPY for each in used):
-            continue
-        used.append(values)
-        names.append(name)
-        # No more than half as many powers as values: else they would go through every point.
-        degrees = min(POLYNOMIAL if not used_up else 2, (len(np.unique(values)) - 1) // 2)
-        names += [f"{name}^{degree}" for degree in range(2, degrees + 1)]
-    return names
-
-
-def _plain(given: Observations, rows: IntArray, shape: Shape) -> FloatArray:
-    """Columns of one shape over the rows of its series, shape (rows, 1 or 2)."""
-    common = np.ones(len(rows))
-    if shape.covariate:
-        name, _, degree = shape.covariate.partition("^")
-        values = given.of_runs(name)[rows]
-        # Centred and of unit size: powers of years since 0 would be alike to the last digit.
-        common = _polynomial((values - values.mean()) / values.std(), int(degree or 1))
-    if shape.power and given.frequency is not None:
-        frequency = given.of_runs(given.frequency)[rows]
-        common = common * (frequency / frequency.mean()) ** shape.power
-    if not shape.harmonic or given.angle is None:
-        return np.asarray(common[:, None])
-    angle = np.radians(shape.harmonic * given.of_runs(given.angle)[rows])
-    return np.stack([common * np.cos(angle), common * np.sin(angle)], axis=1)
-
-
-def _polynomial(scaled: FloatArray, degree: int) -> FloatArray:
-    """The power of a scaled covariate, orthogonal to the lower powers, of unit rms."""
-    if degree == 1:
-        return scaled
-    lower = np.linalg.qr(np.vander(scaled, degree, increasing=True))[0]
-    power = scaled**degree
-    power = power - lower @ (lower.T @ power)
-    return np.asarray(power / np.sqrt(np.mean(power**2)))
-
-
-def _normalised(columns: FloatArray) -> FloatArray:
-    size = np.linalg.norm(columns, axis=0)
-    return np.asarray(columns / np.where(size > 0.0, size, 1.0))
+def _sketched(each: _Scored, sketch: Sketch) -> _Scored:
+    """In a sketch of the rows."""
+    return replace(each, where=np.arange(sketch.buckets), columns=sketch.of(each.columns, each.where))

@@ -109,5 +109,12 @@ def _settings(given: Observations) -> IntArray:
     if not given.covariates:
         # Nothing says that anything was set: these are no repeats of a setting.
         return np.arange(len(given.run_ids), dtype=np.intp)
-    conditions = np.nan_to_num(np.stack(list(given.covariates.values()), axis=1), nan=np.inf)
-    return np.asarray(np.unique(conditions, axis=0, return_inverse=True)[1], dtype=np.intp).ravel()
+    setting_of = np.zeros(len(given.run_ids), dtype=np.intp)
+    for values in given.covariates.values():
+        known = np.nan_to_num(values, nan=np.inf)
+        value_of = np.unique(known, return_inverse=True)[1].ravel()
+        setting_of = np.unique(setting_of * len(known) + value_of, return_inverse=True)[1].ravel()
+        if setting_of.max(initial=0) == len(known) - 1:
+            # Each is a setting of its own, whatever else was recorded.
+            break
+    return np.asarray(setting_of, dtype=np.intp)

@@ -7,13 +7,14 @@ readings are exchangeable, what the same residuals would show in any other order
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from rigctl.analysis.column_sums import LARGE
 from rigctl.core.arrays import FloatArray
 
 PERMUTATIONS = 2000
@@ -22,8 +23,15 @@ HEAVY_FROM = 0.05
 
 # Below, the test of kurtosis does not hold.
 _ROWS = 20
+_EXCESS = 0.5
+"""Of the kurtosis: less of it changes no p-value worth mentioning, and in long columns the test sees far less."""
 # The share of the permutations in whose tail smaller probabilities are looked for.
 _TAIL = 0.025
+
+_MANY, _PERMUTATIONS_LEAST = 100_000_000, 200
+"""Numbers permuted in all of long columns, and the least permutations of them."""
+
+_AT_ONCE = 1 << 22
 
 Smallest = Callable[[NDArray[np.float32]], FloatArray]
 """The smallest p of some questions in draws (draws, n) of what is left."""
@@ -33,17 +41,23 @@ def is_heavy_tailed(left: FloatArray) -> bool:
     """Whether residuals (n,) have more in their tails than a normal distribution would."""
     if len(left) < _ROWS or not np.ptp(left) > 0.0:
         return False
-    return p_of_kurtosis(left) < HEAVY_FROM
+    kurtosis = _kurtosis(left)
+    if len(left) > LARGE and kurtosis < 3.0 + _EXCESS:
+        return False
+    return p_of_kurtosis(len(left), kurtosis) < HEAVY_FROM
 
 
-def p_of_kurtosis(left: FloatArray) -> float:
-    """That a normal distribution has as large a fourth moment (Anscombe and Glynn, Biometrika 70 (1983) 227).
+def _kurtosis(left: FloatArray) -> float:
+    squares = (left - left.mean()) ** 2
+    return float(np.mean(squares**2) / np.mean(squares) ** 2)
+
+
+def p_of_kurtosis(count: int, kurtosis: float) -> float:
+    """That so many normal numbers have as large a kurtosis (Anscombe and Glynn, Biometrika 70 (1983) 227).
 
     As `scipy.stats.kurtosistest`, whose import takes longer than most comparisons.
     """
-    n = float(len(left))
-    squares = (left - left.mean()) ** 2
-    kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2)
+    n = float(count)
     variance = 24.0 * n * (n - 2.0) * (n - 3.0) / ((n + 1.0) ** 2 * (n + 3.0) * (n + 5.0))
     standard = (kurtosis - 3.0 * (n - 1.0) / (n + 1.0)) / np.sqrt(variance)
     skewness = 6.0 * (n**2 - 5.0 * n + 2.0) / ((n + 7.0) * (n + 9.0))
@@ -76,23 +90,37 @@ class Permuted:
     """Residuals `left` (n,), whitened and exchangeable, in other orders; `seed` fixes them."""
 
     def __init__(self, left: FloatArray, seed: int) -> None:
-        # A stream of its own, see `trials`.
-        rng = np.random.default_rng([seed, 5])
-        self._draws = rng.permuted(np.tile(left.astype(np.float32), (PERMUTATIONS, 1)), axis=1)
-        self._left = left
+        self._left, self._seed = left, seed
         self._tails: dict[str, Tail] = {}
+        # Orders of long columns are drawn anew whenever they are asked for, a few at a time.
+        self._kept = list(self._drawn()) if len(left) <= LARGE else None
 
     def probability(self, of: str, smallest: Smallest, statistic: float, dimension: int) -> float:
         """That a family or kind (`of`), which gives its `smallest` p in draws, shows as much by chance."""
         if of not in self._tails:
-            self._tails[of] = Tail(np.sort(smallest(self._draws)))
+            found = [smallest(draws) for draws in self._kept or self._drawn()]
+            self._tails[of] = Tail(np.sort(np.concatenate(found)))
         return self._tails[of].probability(float(special.chdtrc(dimension, statistic)))
 
     def p_of_share(self, frame: FloatArray, fitted: FloatArray) -> float:
         """That what is left goes as far along `frame` (n, p), outside of what is `fitted` (n, m), by chance."""
         wide, narrow = frame.astype(np.float32), fitted.astype(np.float32)
-        along = np.sum(np.square(self._draws @ wide), axis=1) - np.sum(np.square(self._draws @ narrow), axis=1)
-        rest = float(self._left @ self._left) - np.sum(np.square(self._draws @ wide), axis=1)
-        here = float(np.sum(np.square(frame.T @ self._left)))
-        as_far = along / rest >= here / (float(self._left @ self._left) - here)
-        return float((1 + np.sum(as_far)) / (1 + len(as_far)))
+        total, here = float(self._left @ self._left), float(np.sum(np.square(frame.T @ self._left)))
+        as_far, count = 0, 0
+        for draws in self._kept or self._drawn():
+            within = np.sum(np.square(draws @ wide), axis=1)
+            along = within - np.sum(np.square(draws @ narrow), axis=1)
+            as_far += int(np.sum(along / (total - within) >= here / (total - here)))
+            count += len(draws)
+        return (1 + as_far) / (1 + count)
+
+    def _drawn(self) -> Iterator[NDArray[np.float32]]:
+        """Permutations (draws, n), together fewer of long columns."""
+        # A stream of its own, see `trials`.
+        rng = np.random.default_rng([self._seed, 5])
+        n = len(self._left)
+        count = int(np.clip(_MANY // n, _PERMUTATIONS_LEAST, PERMUTATIONS))
+        at_once = count if n <= LARGE else max(_AT_ONCE // n, 1)
+        for first in range(0, count, at_once):
+            draws = min(at_once, count - first)
+            yield rng.permuted(np.tile(self._left.astype(np.float32), (draws, 1)), axis=1)

@@ -13,6 +13,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.analysis.summed_columns import SummedColumns
 from rigctl.analysis.unit_columns import UnitColumns
 from rigctl.core.arrays import BoolArray, FloatArray, IntArray
 from rigctl.workbench.verdict.score import ABSORBED, Projector, Score, p_of, smallest_p
@@ -39,7 +40,9 @@ class OwnNoise:
 class ScanScores:
     """The scores of an effect's choices, whose whitened columns are `unit` ones times `scale`."""
 
-    def __init__(self, projector: Projector, unit: UnitColumns, scale: float, own: OwnNoise | None) -> None:
+    def __init__(
+        self, projector: Projector, unit: UnitColumns | SummedColumns, scale: float, own: OwnNoise | None
+    ) -> None:
         self._unit, self._projector = unit, projector
         data = projector.data
         self._fitted, left = projector.basis[:data], projector.left[:data]
@@ -116,14 +119,15 @@ class ScanScores:
         return np.where(self.dimension > 0, dof, np.inf)
 
     def _bases(self) -> FloatArray:
-        stack = self._unit.stack - np.einsum("nm,mki->nki", self._fitted, self._shadow, optimize=True)
+        stack = np.stack([self._unit.columns(place) for place in range(self._unit.choices)], axis=1)
+        stack = stack - np.einsum("nm,mki->nki", self._fitted, self._shadow, optimize=True)
         return np.asarray(np.einsum("nki,kij->nkj", stack, self._root, optimize=True))
 
     def _basis(self, place: int) -> FloatArray:
         """Of one choice, (n + priors, dimension)."""
         basis = self._projector.basis
         free = -basis @ self._shadow[:, place]
-        free[: self._projector.data] += self._unit.stack[:, place]
+        free[: self._projector.data] += self._unit.columns(place)
         return np.asarray(free @ self._root[place][:, self._determined[place]])
 
     def _judge_by_own_noise(self, own: OwnNoise, in_frame: FloatArray, to_outside: FloatArray) -> None:

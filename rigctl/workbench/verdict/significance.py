@@ -66,7 +66,7 @@ def _permuted_p_of_scored(attempt: Attempt, scored: Scored) -> float:
     if permuted is None or not score.dimension:
         return 0.0
     name = family_of(attempt.study, scored.candidate.term.effect)
-    family = attempt.families[name]
+    family = attempt.family(name)
     found = permuted.probability(
         name, lambda draws: smallest_of(family, draws, permuted), score.statistic, score.dimension
     )

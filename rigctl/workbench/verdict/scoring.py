@@ -1,0 +1,72 @@
+"""Candidates scored beside a fitted model, one by one or all choices of a scan together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rigctl.analysis.summed_columns import SummedColumns, SummedScan
+from rigctl.analysis.unit_columns import Scan, UnitColumns
+from rigctl.core.arrays import FloatArray
+from rigctl.workbench.study import Candidate
+from rigctl.workbench.verdict.fitted_model import FittedModel
+from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
+from rigctl.workbench.verdict.scan import OwnNoise, ScanScores
+from rigctl.workbench.verdict.score import Score, p_of
+
+# Of a ratio of sigmas that is the same for all data but for their last digit.
+_ROUNDING = 1e-13
+
+
+class Scoring:
+    """The scores of candidates in what is left by a `fitted` model, whose noise an `estimator` told."""
+
+    def __init__(self, fitted: FittedModel, estimator: NoiseEstimator) -> None:
+        self._fitted, self._noise = fitted, fitted.noise
+        self._frame = estimator.saturated
+
+    def of(self, candidate: Candidate) -> Score:
+        """Of one candidate."""
+        score = self._fitted.projector.score(self._fitted.whitened_columns(candidate.derivative))
+        return score if self._frame is None else self._by_own_noise(score, self._frame)
+
+    def of_scan(self, choices: Sequence[Candidate]) -> ScanScores:
+        """Of all choices of a scan."""
+        scan = choices[0].columns
+        own = None if self._frame is None else OwnNoise(self._frame, float(self._noise.dof[0]))
+        # Sums over the rows cannot be whitened across them.
+        if isinstance(scan, np.ndarray) or (isinstance(scan, SummedScan) and self._noise.factors):
+            scan = Scan(np.stack([each.derivative for each in choices], axis=1))
+        return ScanScores(self._fitted.projector, *self.unit_columns(scan), own)
+
+    def unit_columns(self, scan: Scan | SummedScan) -> tuple[UnitColumns | SummedColumns, float]:
+        """The whitened columns of a scan at unit length, and the factor by which they are longer than kept ones."""
+        given = self._fitted.model.observations
+        scale = None if self._noise.factors else _common_ratio(given.sigma, self._noise.sigma)
+        if scale is None:
+            return scan.whitened(self._noise, self._noise.whiten), 1.0
+        # The same columns in every model, but for one factor.
+        return scan.whitened(given, lambda columns: columns / given.sigma[:, None]), scale
+
+    def _by_own_noise(self, score: Score, frame: FloatArray) -> Score:
+        """With the scale of the noise as it is once the candidate is in: what it explains inflates it before."""
+        data = len(frame)
+        # What of the candidate was not projected out when the noise was estimated: it is in the noise's square sum.
+        outside = score.basis[:data] - frame @ (frame.T @ score.basis[:data])
+        explained = float(np.sum((outside.T @ self._fitted.left[:data]) ** 2))
+        taken = float(np.sum(outside**2))
+        dof = float(self._noise.dof[0])
+        if dof - taken < 1.0 or not score.dimension:
+            return score
+        # The scale was 1, so that `dof` is the square sum before; `explained` is what the candidate takes of it.
+        scale = max(dof - explained, 1e-9 * dof) / (dof - taken)
+        p_value = p_of(score.statistic / scale, score.dimension, dof - taken)
+        return replace(score, dof=dof - taken, p_value=float(p_value))
+
+
+def _common_ratio(stated: FloatArray, estimated: FloatArray) -> float | None:
+    """The factor between given and estimated sigmas where it is the same for all; None where not."""
+    ratio = estimated / stated
+    return 1.0 / float(ratio[0]) if np.ptp(ratio) <= _ROUNDING * ratio[0] else None
