@@ -26,6 +26,7 @@ from rigctl.experiments.analysis import analysis_of
 from rigctl.files.campaign_file import CampaignFile, parse_campaign
 from rigctl.files.rig_file import RigFile
 from rigctl.planning import text_of
+from rigctl.rig import Rig
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.model import versions
 from rigctl.workbench.next.exclusion import Excluded, Sensitivity, sensitivity
@@ -260,7 +261,7 @@ def _begin(
     """The first runs, into a new store."""
     # Refused before the first design is computed, and before anything is connected.
     runner.dry_run(campaign, rig_file, settings.options.plugins)
-    header = runner.header_of(campaign, rig_file)
+    header = runner.header_of(campaign, Rig(rig_file), settings.options, {})
     # Plug-ins may add effects that the first design has to be able to see.
     plugins = [load(path) for path in settings.options.plugins]
     # A recording without runs: the study then knows instruments and effects, and no data.

@@ -45,7 +45,8 @@ class Driver:
 class Rig:
     """The instruments of a rig file. Made closed; use it in `with`: everything is at rest when that begins and ends.
 
-    `found_moving` are the stages that somebody had left moving.
+    `found_moving` are the stages that somebody had left moving. A rig that is not `reachable` is only asked what it
+    could do: no world is behind it, and it cannot be opened.
     """
 
     def __init__(
@@ -55,7 +56,10 @@ class Rig:
         self._reachable = reachable
         drivers = drivers_of(file)
         self.simulation, self.clock = _simulate(file, seed, start_s) if reachable else (None, RealClock())
-        self.instruments = {name: self._make(name, table, drivers[name]) for name, table in file.instruments.items()}
+        self.instruments: dict[str, Instrument] = {
+            name: driver.build(name, driver.settings, self._connect(name, driver.declaration), self.clock)
+            for name, driver in drivers.items()
+        }
         self._one_stop_at_a_time = threading.RLock()
         self._stops = 0
         self.found_moving: tuple[str, ...] = ()
@@ -67,11 +71,6 @@ class Rig:
     def from_file(cls, path: Path | str, *, seed: int | None = None) -> Rig:
         """A rig from its file, closed; `ConfigError` when the file is wrong."""
         return cls(read_rig(Path(path)), seed=seed)
-
-    @classmethod
-    def for_its_limits(cls, file: RigFile) -> Rig:
-        """A rig that is only asked what it could do: no world is behind it, and it cannot be opened."""
-        return cls(file, reachable=False)
 
     def __enter__(self) -> Rig:
         try:
@@ -157,10 +156,8 @@ class Rig:
             )
         return instruments[0]
 
-    def _make(self, name: str, table: InstrumentTable, driver: Driver) -> Instrument:
-        return driver.build(name, driver.settings, self._connect(name, table, driver.declaration), self.clock)
-
-    def _connect(self, name: str, table: InstrumentTable, declaration: DriverDeclaration) -> Connect:
+    def _connect(self, name: str, declaration: DriverDeclaration) -> Connect:
+        table = self.file.instruments[name]
         if not self._reachable:
             return self._nowhere
         if not declaration.wired:

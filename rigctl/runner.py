@@ -46,7 +46,7 @@ class Options:
 
 def start(campaign: CampaignFile, rig_file: RigFile, store_path: Path, options: Options) -> None:
     """Run a campaign into a new store; everything is checked before anything is connected, let alone moves."""
-    plugins = _loaded(options.plugins)
+    plugins = [load(path) for path in options.plugins]
     plan = _plan(campaign, None, plugins)
     # Made and planned for before the store exists: a plan that the rig refuses leaves nothing behind.
     rig = Rig(rig_file, seed=options.seed)
@@ -59,7 +59,8 @@ def start(campaign: CampaignFile, rig_file: RigFile, store_path: Path, options: 
         with _store_to_oneself(store_path):
             # Before the store: one without its world could never be resumed.
             _write_truth(rig_file, store_path)
-            header = _header(campaign, rig, options, _brought(campaign, plugins), plan.kept())
+            brought = _brought(campaign, plugins)
+            header = header_of(campaign, rig, options, {**plan.kept(), **({PLUGINS: brought} if brought else {})})
             with Store.create(store_path, header) as store:
                 for name, identity in identities.items():
                     store.set_identity(name, identity)
@@ -118,17 +119,13 @@ def _reopened(store: Store, plan: Plan, campaign: CampaignFile, part: Part) -> I
         yield rig, work, control
 
 
-def _loaded(paths: Sequence[Path]) -> list[Plugin]:
-    return [load(path) for path in paths]
-
-
 def _loaded_for(store: Store, paths: Sequence[Path], needed: Plugins) -> list[Plugin]:
     """Files of effects; `ConfigError` unless those the store's model and a campaign `needed` are among them."""
     given = [model_versions.PluginFile.of(path) for path in paths]
     model_versions.current(store).require(given)
     files = [model_versions.PluginFile(**file) for file in needed.values()]
     model_versions.require_files(f"{store.path}: its campaign began", files, given)
-    return _loaded(paths)
+    return [load(path) for path in paths]
 
 
 def _brought(campaign: CampaignFile, plugins: Sequence[Plugin]) -> Plugins:
@@ -143,7 +140,7 @@ def _brought(campaign: CampaignFile, plugins: Sequence[Plugin]) -> Plugins:
 
 def dry_run(campaign: CampaignFile, rig_file: RigFile, plugins: Sequence[Path] = ()) -> dict[str, Any]:
     """What a campaign would do, checked against the rig's limits; nothing is connected, nothing moves."""
-    plan = _plan(campaign, None, _loaded(plugins))
+    plan = _plan(campaign, None, [load(path) for path in plugins])
     rig = Rig(rig_file)
     _work(plan, rig, campaign)
     return {
@@ -219,14 +216,8 @@ def _write_truth(rig_file: RigFile, store_path: Path) -> None:
         truth_path(store_path).write_text(world, encoding="utf-8")
 
 
-def header_of(campaign: CampaignFile, rig_file: RigFile) -> Header:
-    """The header a store of this campaign would have, before anything is measured; nothing is connected."""
-    return _header(campaign, Rig(rig_file), Options(), {})
-
-
-def _header(
-    campaign: CampaignFile, rig: Rig, options: Options, plugins: Plugins, kept: Mapping[str, Any] | None = None
-) -> Header:
+def header_of(campaign: CampaignFile, rig: Rig, options: Options, kept: Mapping[str, Any]) -> Header:
+    """The header of this campaign's store, which keeps `kept` too; nothing is connected."""
     file = rig.file
     channels, lasers = campaigns_of(campaign.experiment, campaign.path).channels(rig)
     return Header(
@@ -244,8 +235,7 @@ def _header(
         extra={
             "certificates": {k: c.model_dump(mode="json") for k, c in file.certificates.items()},
             "unattended": options.unattended,
-            **(kept or {}),
-            **({PLUGINS: plugins} if plugins else {}),
+            **kept,
         },
     )
 

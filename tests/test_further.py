@@ -71,7 +71,7 @@ def test_what_is_proposed_keeps_to_the_platforms_limits(way: dict[str, Any], lim
     like = read_campaign(CAMPAIGNS / "bias-rejection.toml")
     text = like.rig_path.read_text().replace("angle_max_deg = 370.0", limits or "angle_max_deg = 370.0")
     settings = validated(PlatformProcedure, like.procedure, like.path, "procedure")
-    rig = Rig.for_its_limits(parse_rig(text, like.rig_path))
+    rig = Rig(parse_rig(text, like.rig_path), reachable=False)
     allowed = rotating_platform.within(bench_of(rig, settings), settings)
     assert allowed(Proposal({**TURN, **way})) is possible
 
@@ -136,7 +136,7 @@ def test_what_is_proposed_keeps_to_the_satellites_limits(
     session: str, stimulus: dict[str, float], possible: bool
 ) -> None:
     like = read_campaign(CAMPAIGNS / "microscope.toml")
-    rig = Rig.for_its_limits(read_rig(like.rig_path))
+    rig = Rig(read_rig(like.rig_path), reachable=False)
     allowed = inflight.within(flight_of(rig), inflight.procedure_of(like))
     assert allowed(Proposal({"session": session, "orbits": 10.0, **stimulus})) is possible
 

@@ -301,7 +301,7 @@ def session_with(desk: Any) -> Callable[..., tuple[Store, Hand]]:
         plan = plan_of(campaign)
         with Rig(read_rig(desk.directory / "rig.toml")) as rig:
             if not desk.store.exists():
-                Store.create(desk.store, runner._header(campaign, rig, runner.Options(), {})).close()
+                Store.create(desk.store, runner.header_of(campaign, rig, runner.Options(), {})).close()
             store = Store.open(desk.store)
             bench = bench_of(rig)
             hand = Hand(rig.operator_link, **will)
