@@ -79,7 +79,7 @@ class Charts(Grid):
         turns = [run for run in view.runs[-200:] if "theta_deg" in run.conditions]
         if turns:
             angles = np.array([float(run.conditions["theta_deg"]) for run in turns])
-            # Numbered from the end, which stays true when only the last runs are drawn.
+            # Only the last runs are drawn: numbered so that the latest has the number of them all.
             numbers = np.arange(len(view.runs) - len(turns) + 1, len(view.runs) + 1, dtype=float)
             self._chart("angle", "deg", [Line(numbers, angles, mark="o")], "run")
         self._show_run_spectrum(view)

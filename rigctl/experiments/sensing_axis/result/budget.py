@@ -164,7 +164,6 @@ def _response(
     values = fit.result.values
     slope = (residuals_of(changed(step), values) - residuals_of(changed(-step), values)) / (2.0 * step)
     # The fit follows the change: mounting rotations absorb a part of it.
-    # Rows beyond these are priors, which no change of the data moves.
     moved = -fit.result.covariance @ fit.result.jacobian[: len(slope)].T @ slope
     return np.array([fit.vector_slopes(null) @ moved for null in axis.nulls])
 
