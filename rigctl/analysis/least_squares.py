@@ -70,7 +70,6 @@ class FitResult:
     chi2: float
     verdict: Verdict
     reason: str
-    iterations: int
 
     @property
     def p_value(self) -> float:
@@ -261,7 +260,6 @@ class _Problem:
             state.chi2,
             verdict,
             reason,
-            iterations,
         )
 
     def _derivative(self, p: FloatArray, r: FloatArray) -> FloatArray:

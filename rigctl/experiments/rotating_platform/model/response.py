@@ -7,6 +7,7 @@ printed 17.5 min are those of the end; here it is the centre, 15 min, unless sai
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 
@@ -34,15 +35,10 @@ class Shift:
 
 @dataclass(frozen=True)
 class SineResponse:
-    """Mean acceleration and bias under an external sine: twice the amplitudes [m/s2], and how the bias lags.
-
-    The sigmas are from the scatter about the sines, 0 where there is none.
-    """
+    """Mean acceleration and bias under an external sine: twice the amplitudes [m/s2], and how the bias lags."""
 
     accel_pp: float
     bias_pp: float
-    accel_pp_sigma: float
-    bias_pp_sigma: float
     shift: Shift
 
 
@@ -60,7 +56,7 @@ def expected_sine(
     # The third output is the mean bias, which an external signal leaks into.
     shift = _shift(sampled, -float(np.angle(gain[2])), external_period_s)
     accel, bias = 2.0 * amplitude_m_s2 * np.abs(gain[[0, 2]])
-    return SineResponse(float(accel), float(bias), 0.0, 0.0, shift)
+    return SineResponse(float(accel), float(bias), shift)
 
 
 def measured_sine(
@@ -76,19 +72,12 @@ def measured_sine(
     periods do not tell the sine.
     """
     accel, bias = (_sine(sampled, values, external_period_s) for values in (accel_mean, bias_mean))
-    shift = _shift(sampled, phase_rad - bias.phase_rad, external_period_s)
-    return SineResponse(2.0 * accel.amplitude, 2.0 * bias.amplitude, 2.0 * accel.sigma, 2.0 * bias.sigma, shift)
+    shift = _shift(sampled, phase_rad - cmath.phase(bias), external_period_s)
+    return SineResponse(2.0 * abs(accel), 2.0 * abs(bias), shift)
 
 
-@dataclass(frozen=True)
-class _Sine:
-    amplitude: float
-    sigma: float
-    phase_rad: float
-
-
-def _sine(sampled: SampledPattern, values: FloatArray, external_period_s: float) -> _Sine:
-    """A level, a trend and a sine of known period fitted to values stamped at their centres."""
+def _sine(sampled: SampledPattern, values: FloatArray, external_period_s: float) -> complex:
+    """A sine of known period, amplitude and phase, fitted with level and trend to values stamped at their centres."""
     period_s = sampled.pattern.period_s
     seen = np.isfinite(values)
     time_s = ((np.arange(values.size) + 0.5) * period_s + sampled.centre_s)[seen]
@@ -101,13 +90,7 @@ def _sine(sampled: SampledPattern, values: FloatArray, external_period_s: float)
             "longer, or modulate faster"
         )
     coefficients, *_ = np.linalg.lstsq(columns, values[seen])
-    scatter = float(((values[seen] - columns @ coefficients) ** 2).sum()) / (time_s.size - columns.shape[1])
-    return _Sine(
-        math.hypot(coefficients[0], coefficients[1]),
-        # Of the amplitude of a sine in N data of variance s^2: 2 s^2 / N.
-        math.sqrt(2.0 * scatter / time_s.size),
-        math.atan2(coefficients[1], coefficients[0]),
-    )
+    return complex(coefficients[0], coefficients[1])
 
 
 def _shift(sampled: SampledPattern, lag_rad: float, external_period_s: float) -> Shift:
