@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup flight-model test checks lint types imports pytest foreign samples false-alarms metamorphic reliability reliability-ci reliability-full clean
+.PHONY: setup flight-model test checks lint types imports pytest foreign dialects samples false-alarms metamorphic reliability reliability-ci reliability-full clean
 
 setup: $(READY)
 
@@ -57,6 +57,10 @@ false-alarms: setup
 # Random tables written in other ways (order, words, names, units): the same must be found. Hours; can be interrupted as above. TABLES=40 for fewer.
 metamorphic: setup
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.foreign.metamorphic --tables $(TABLES) --out out/metamorphic.jsonl
+
+# The linear stage's contract on every two readings of the Ensemble's manual at once: a minute.
+dialects: setup
+	RIGCTL_ALL_PAIRS=1 $(BIN)/pytest tests/drivers/test_linear_stage_contract.py
 
 # What the pages show beside what the program prints now; WRITE=--write renews the pages.
 samples: setup

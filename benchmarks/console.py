@@ -175,7 +175,7 @@ def paint(directory: Path) -> None:
     """Ours and a bare application's, in turn."""
     console, bare = [], []
     for _ in range(TIMES):
-        console.append(first_paint_s([sys.executable, "-m", "rigctl.cli", "console"], str(directory)))
+        console.append(first_paint_s([sys.executable, "-m", "rigctl", "console"], str(directory)))
         bare.append(first_paint_s([sys.executable, "-c", BARE], str(directory)))
     ours, theirs = statistics.median(console), statistics.median(bare)
     print(

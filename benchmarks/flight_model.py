@@ -48,7 +48,7 @@ class Used:
 def campaign(store: Path) -> Used:
     """Run the command; `SystemExit` with its own words when it fails."""
     said = store.with_suffix(".txt")
-    arguments = [sys.executable, "-m", "rigctl.cli", "run", str(CAMPAIGN), "--store", str(store), "--yes"]
+    arguments = [sys.executable, "-m", "rigctl", "run", str(CAMPAIGN), "--store", str(store), "--yes"]
     start = time.perf_counter()
     with said.open("w") as file:
         to_file = [(os.POSIX_SPAWN_DUP2, file.fileno(), 1), (os.POSIX_SPAWN_DUP2, file.fileno(), 2)]

@@ -49,6 +49,9 @@ FAULTS = {
     30: "internal",
 }
 
+AXIS_NAME = 140
+"""The parameter's number in Aerotech's C header (EnsembleParameterId.h)."""
+AXES_MAX = 10
 SAFETY_FAULTS = 1 << 2 | 1 << 3 | 1 << 4 | 1 << 5 | 1 << 11
 """Limits and the emergency stop."""
 
@@ -61,6 +64,25 @@ class AsciiAxis:
         self._name = name
         self._axis = axis
         self._plane = plane
+
+    def enable(self) -> None:
+        """Enable, and have motions answered at once: enabling sets the wait mode back."""
+        self.tell(f"ENABLE {self._axis}")
+        self.tell("WAIT MODE NOWAIT")
+
+    def number_of_axis(self) -> int:
+        """The number by which programs know the axis."""
+        if self._axis.startswith("@"):
+            return int(self._axis[1:])
+        for number in range(AXES_MAX):
+            answer = self.link.ask(f"GETPARM(@{number}, {AXIS_NAME})")
+            if answer.status != SUCCESS:
+                break
+            if answer.value.strip('"').upper() == self._axis.upper():
+                return number
+        raise InstrumentError(
+            f"{self._name}: no axis of the controller is called {self._axis!r}; set `axis`", instrument=self._name
+        )
 
     def status(self) -> int:
         """AXISSTATUS; bits as in `AxisStatus`."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from drivers.aerotech_ascii import FAULT
 from drivers.aerotech_axis import AsciiAxis
+from drivers.aerotech_commands import Commands
 from drivers.aerotech_settings import EnsembleSettings
 from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
@@ -28,6 +30,7 @@ class PositionCapture:
         self._wire = wire
         self._clock = clock
         self._armed = 0
+        self._commands: Commands | None = None
         self._registers: int | None = None
 
     def provide(self, registers: int) -> None:
@@ -44,39 +47,40 @@ class PositionCapture:
             )
         return min(s.capture_points_max, self._one_read()) if s.capture_read == "restarts" else s.capture_points_max
 
-    def arm(self, samples: int, period_s: float) -> None:
-        """Clear and wait for `samples` edges, `period_s` apart."""
-        s = self._settings
+    def arm(self, samples: int, period_s: float, commands: Callable[[], Commands]) -> None:
+        """Clear and wait for `samples` edges, `period_s` apart; `commands` is asked once they are known to fit."""
         capacity = self.longest_record(period_s)
         if not 1 <= samples <= capacity:
             raise LimitError(
                 f"{self._name}: cannot capture {samples} positions, at most {capacity}; record for a shorter time or "
                 "at a longer period, or raise the controller's GlobalIntegers (its parameter 124)"
             )
-        self._wire.tell(f"DATAACQ {s.axis} INPUT {s.capture_input}")
-        self._wire.tell(f"DATAACQ {s.axis} TRIGGER {s.capture_trigger}")
-        self._wire.tell(f"DATAACQ {s.axis} ON {samples}")
+        self._commands = commands()
+        self._commands.arm(samples)
         self._armed = samples
 
     def end(self) -> None:
         """Wait for no more edges."""
-        if self._armed:
+        if self._armed and self._commands is not None:
             # Forgotten first: a stop that comes while OFF is under way must not send it a second time.
             self._armed = 0
-            # Switching it off does no harm when given twice.
-            self._wire.insist(f"DATAACQ {self._settings.axis} OFF")
+            self._commands.end()
 
     def counts(self) -> FloatArray:
         """The encoder at every edge, in counts; `InstrumentError` when edges were missed."""
         samples, self._armed = self._armed, 0
-        if not samples:
+        if not samples or self._commands is None:
             raise InstrumentError(f"{self._name}: no capture is armed; arm it before the run", instrument=self._name)
         # The last edge was seen by the pacing instrument; the position of this one is latched `latency_s` later.
         if self._settings.latency_s > 0.0:
             self._clock.sleep_s(self._settings.latency_s)
         counts: list[int] = []
         while len(counts) < samples:
-            counts += self._read(min(self._one_read(), samples - len(counts)), len(counts), samples)
+            count = min(self._one_read(), samples - len(counts))
+            read = self._read(self._commands, count)
+            if read is None:
+                raise self._too_few(len(counts), count, samples)
+            counts += read
         return np.array(counts, dtype=np.float64)
 
     def _one_read(self) -> int:
@@ -85,20 +89,15 @@ class PositionCapture:
         there = s.capture_points_max if self._registers is None else self._registers - s.capture_register_first
         return max(min(there, s.capture_registers or there), 0)
 
-    def _read(self, count: int, already: int, samples: int) -> list[int]:
+    def _read(self, commands: Commands, count: int) -> list[int] | None:
+        """The next so many; None when they are not all there."""
         first = self._settings.capture_register_first
         last = first + count - 1
         self._wire.tell(f"IGLOBAL({last}) = {NOT_WRITTEN}")
-        command = f"DATAACQ {self._settings.axis} READ {first}, {count}"
-        answer = self._wire.link.tell(command)
-        # `#` although the axis has no fault: the read itself cannot be done, for want of points.
-        if answer.status == FAULT and not self._wire.fault_word():
-            raise self._too_few(already, count, samples)
-        self._wire.succeed(command, answer)
+        if not commands.read(first, count):
+            return None
         counts = self._wire.ask_whole_numbers([f"IGLOBAL({register})" for register in range(first, last + 1)])
-        if counts[-1] == NOT_WRITTEN:
-            raise self._too_few(already, count, samples)
-        return counts
+        return None if counts[-1] == NOT_WRITTEN else counts
 
     def _too_few(self, already: int, count: int, samples: int) -> InstrumentError:
         return InstrumentError(

@@ -25,12 +25,26 @@ class EnsembleSettings(BaseModel):
     ramp_rate_mm_s2: float = Field(default=100.0, gt=0)
     """Of positioning moves; never above `acceleration_mm_s2`."""
     position_tolerance_mm: float = Field(default=0.001, gt=0)
-    oscillate_distance: Literal["peak-to-peak", "amplitude"] = "peak-to-peak"
-    """What the controller's OSCILLATE takes its distance for."""
+    program: str = Field(default="rigctl.bcx", pattern=r'^[^"]*$')
+    """The compiled `drivers/aerobasic/rigctl.ab` in the controller; empty to go by ASCII commands alone."""
+    program_task: int = Field(default=1, ge=1)
+    """The task that oscillates."""
+    capture_task: int = Field(default=2, ge=1)
+    """The task that sets up and reads a capture, while the other oscillates."""
+    program_timeout_s: float = Field(default=5.0, gt=0)
+    """How long a program may take to begin, and to do what is no motion."""
+    home_program: str = Field(default="HomeAsync.bcx", pattern=r'^[^"]*$')
+    """The maker's program that homes; without it, or empty, HOME is sent, during which nothing can be stopped."""
+    home_task: int = Field(default=5, ge=1)
+    """The auxiliary task."""
+    oscillate_distance: Literal["unknown", "peak-to-peak", "amplitude"] = "unknown"
+    """What the controller's OSCILLATE takes its distance for; only motion tells."""
+    oscillate_answers: Literal["unknown", "at once"] = "unknown"
+    """Is an ASCII OSCILLATE answered before the motion ends? Only motion tells, and else nothing could stop it."""
 
     capture_input: int = Field(default=1, ge=0)
     capture_trigger: int = Field(default=1, ge=0)
-    capture_register_first: int = Field(default=10, ge=0)
+    capture_register_first: int = Field(default=10, ge=7)
     """The first IGLOBAL register that captured positions are read into."""
     capture_registers: int | None = Field(default=None, ge=1)
     """How many registers, from the first, one DATAACQ READ may fill; all that the controller has when left out."""
@@ -49,6 +63,12 @@ class EnsembleSettings(BaseModel):
     def limits(self) -> LinearLimits:
         """The soft limits."""
         return LinearLimits(self.position_min_mm, self.position_max_mm, self.speed_mm_s, self.acceleration_mm_s2)
+
+    @model_validator(mode="after")
+    def _tasks_differ(self) -> Self:
+        if self.program_task == self.capture_task:
+            raise ValueError("program_task and capture_task must differ: one oscillates while the other captures")
+        return self
 
     @model_validator(mode="after")
     def _travel_is_not_empty(self) -> Self:

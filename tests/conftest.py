@@ -137,7 +137,7 @@ class Desk:
     def process(self, *arguments: object, **options: Any) -> subprocess.Popen[str]:
         """A command in another process."""
         process = subprocess.Popen(
-            [sys.executable, "-m", "rigctl.cli", *map(str, arguments)],
+            [sys.executable, "-m", "rigctl", *map(str, arguments)],
             cwd=self.directory,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -67,7 +67,7 @@ def made(tree: Path, out: Path, name: str) -> None:
 
     for number, line in enumerate(CASES[name]):
         command = line.format(store=work / "golden.rig.sqlite", work=work)
-        call = [sys.executable, "-m", "rigctl.cli", *shlex.split(command)]
+        call = [sys.executable, "-m", "rigctl", *shlex.split(command)]
         done = subprocess.run(call, cwd=tree, env=environment, capture_output=True, text=True, check=False)
         said: dict[str, Any] = {"command": masked(command), "status": done.returncode, "stderr": masked(done.stderr)}
         lines = masked(done.stdout)

@@ -456,6 +456,18 @@ def test_no_help_needs_what_the_commands_work_with() -> None:
     assert not [name for name in ("numpy", "sqlite3", "scipy", "textual", "matplotlib") if f"'{name}'" in told]
 
 
+@pytest.mark.parametrize(
+    ("arguments", "status", "stream"), [(["--help"], 0, "stdout"), (["check", "none.toml"], 2, "stderr")]
+)
+def test_the_package_runs_as_the_command(arguments: list[str], status: int, stream: str, tmp_path: Path) -> None:
+    call = [sys.executable, "-m", "rigctl", *arguments]
+    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == status
+    expected = "Run a campaign from start to result." if status == 0 else "none.toml"
+    assert expected in getattr(done, stream)
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize("command", EVERY_COMMAND, ids=" ".join)
 def test_help_is_that_of_the_command_which_acts(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     read = CliRunner().invoke(app, [*command, "--help"])

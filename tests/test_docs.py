@@ -36,7 +36,7 @@ from rigctl.files.campaign_file import CampaignFile, ModelTable, ReferenceTable
 from rigctl.files.rig_file import Certificate, Constant, InstrumentTable, OperatorTable, RigTable
 from rigctl.rig import DRIVERS, simulator_of
 from simulators import faults
-from simulators.aerotech_ensemble import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble import EnsembleDialect, EnsembleSimulatorSettings
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings
 from simulators.keysight_33500b import GeneratorSettings
 from simulators.keysight_34465a import MeterSettings
@@ -98,6 +98,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "newport-xps simulator": (XpsSimulatorSettings, set()),
     "newport-esp301 simulator": (Esp301SimulatorSettings, set()),
     "aerotech-ensemble simulator": (EnsembleSimulatorSettings, set()),
+    "aerotech-ensemble dialect": (EnsembleDialect, set()),
     "keyence simulator": (Lkg3001Settings, set()),
     "keysight-34465a simulator": (MeterSettings, set()),
     "keysight-33500b simulator": (GeneratorSettings, set()),

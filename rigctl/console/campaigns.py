@@ -49,7 +49,7 @@ class Campaigns:
         with log.open("ab") as log_file:
             process = subprocess.Popen(  # noqa: S603
                 # The same interpreter: another one on the path may have another version.
-                [sys.executable, "-m", "rigctl.cli", *arguments],
+                [sys.executable, "-m", "rigctl", *arguments],
                 stdin=read,
                 stdout=subprocess.DEVNULL,
                 stderr=log_file,

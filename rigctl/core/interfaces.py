@@ -130,6 +130,26 @@ class LinearStage(Stage, Protocol):
 
 
 @dataclass(frozen=True)
+class Learned:
+    """What a motion has shown of an instrument: a key of the rig file, its value, and what was measured."""
+
+    key: str
+    value: str
+    measured: str
+
+
+@runtime_checkable
+class LearnsByMoving(Protocol):
+    """An instrument of which only motion tells how it understands a command."""
+
+    def unknown_until_moved(self) -> tuple[str, ...]:
+        """The keys of the rig file that are not known; sends no motion."""
+
+    def learn_by_moving(self) -> tuple[Learned, ...]:
+        """Find them out by a small motion that somebody watches; the docstring of the driver says how far it goes."""
+
+
+@dataclass(frozen=True)
 class Channel:
     """One column of a run as an instrument delivers it."""
 

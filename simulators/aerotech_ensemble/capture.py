@@ -61,7 +61,7 @@ class PositionCapture:
         recorded = self._recorded(now_s)
         taken = recorded[self._read : self._read + count]
         self._note(self._read, taken)
-        if self._settings.capture_read == "continues":
+        if self._settings.dialect.capture_read == "continues":
             # Which of the two controllers do is not known for sure, so it is a setting.
             self._read += len(taken)
         return taken

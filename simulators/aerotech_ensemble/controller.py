@@ -11,6 +11,7 @@ import numpy as np
 from simulators.aerotech_ensemble.grammar import Invalid
 from simulators.aerotech_ensemble.limits import AxisLimits
 from simulators.aerotech_ensemble.parameters import Parameter, Parameters
+from simulators.aerotech_ensemble.refusals import Faulted
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisFault, AxisStatus, PlaneStatus
 from simulators.clock import SimulationClock
@@ -21,10 +22,6 @@ SLOWEST_MM_S = 1e-4
 # Beyond these a controller would refuse; the bounds are chosen, as no source gives them.
 FREQUENCIES_HZ = (1e-3, 1e3)
 LIMIT_FAULTS = AxisFault.CW_HARD_LIMIT | AxisFault.CCW_HARD_LIMIT | AxisFault.CW_SOFT_LIMIT | AxisFault.CCW_SOFT_LIMIT
-
-
-class Faulted(Exception):
-    """Understood but not executed."""
 
 
 class Activity(Enum):
@@ -138,7 +135,7 @@ class AxisController:
         s = self._settings
         if distance_mm == 0.0 or not FREQUENCIES_HZ[0] <= frequency_hz <= FREQUENCIES_HZ[1]:
             raise Invalid
-        amplitude_mm = distance_mm / 2 if s.oscillate_distance == "peak-to-peak" else distance_mm
+        amplitude_mm = distance_mm / 2 if s.dialect.oscillate_distance == "peak-to-peak" else distance_mm
         # The controller makes the frequency by its own clock.
         true_hz = frequency_hz * (1.0 + s.clock_ppm * 1e-6)
         w = 2.0 * math.pi * true_hz
@@ -312,7 +309,7 @@ class AxisController:
 
     def _ready_to_move(self) -> float:
         now_s = self._now()
-        if self._fault or not self.enabled or (self._settings.homing_needed and not self.homed):
+        if self._fault or not self.enabled or (self._settings.dialect.homing_needed and not self.homed):
             raise Faulted
         return now_s
 
@@ -322,7 +319,7 @@ class AxisController:
         if not fault:
             return False
         self._trip(self._clock.now_s(), fault)
-        if self._settings.limit_reply == "refuse":
+        if self._settings.dialect.limit_reply == "refuse":
             raise Faulted
         return True
 

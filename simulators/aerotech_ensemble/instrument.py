@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from simulators.aerotech_ensemble.controller import AxisController, Faulted
+from simulators.aerotech_ensemble.controller import AxisController
 from simulators.aerotech_ensemble.grammar import Invalid, parse
-from simulators.aerotech_ensemble.interpreter import Blocked, Interpreter, Restarting
+from simulators.aerotech_ensemble.interpreter import Interpreter
 from simulators.aerotech_ensemble.parameters import Parameter
+from simulators.aerotech_ensemble.refusals import Blocked, Faulted, Restarting
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisFault
 from simulators.clock import SimulationClock

@@ -3,44 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
+from simulators.aerotech_ensemble import inputs
 from simulators.aerotech_ensemble.capture import PositionCapture
-from simulators.aerotech_ensemble.controller import AxisController, Faulted
+from simulators.aerotech_ensemble.capture_commands import CaptureCommands
+from simulators.aerotech_ensemble.controller import AxisController
 from simulators.aerotech_ensemble.grammar import Command, Invalid, exactly, move_words, none, number, whole
 from simulators.aerotech_ensemble.modes import ABSOLUTE, INPOS, NOWAIT, MotionModes
 from simulators.aerotech_ensemble.parameters import Parameters, named
+from simulators.aerotech_ensemble.refusals import Blocked, Faulted, Reply, Restarting
 from simulators.aerotech_ensemble.registers import Registers
 from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisStatus, signed_32_bit
+from simulators.aerotech_ensemble.tasks import TASKS, Tasks
 from simulators.clock import SimulationClock
 from simulators.measured import Tap
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
 
-TASKS = 5
-TASK_IDLE = 1
 PLANES = 4
 CYCLES_MAX = 1_000_000_000
-
-
-@dataclass(frozen=True)
-class Blocked:
-    """The acknowledge comes at `until_s`; nothing else is interpreted before."""
-
-    until_s: float
-
-
-class Restarting(Exception):
-    """The controller boots; nobody is answered."""
-
-
-Reply = str | Blocked | None
-"""A value, an acknowledge that comes later, or (None) at once."""
+OSCILLATE_NUMBERS = {"required": {4}, "optional": {3, 4}, "unknown": {3}}
 
 
 class Interpreter:
-    """One ASCII command interpreter with its axis; raises `Invalid`, `Faulted` or `Restarting`."""
+    """The ASCII interface with its axis, and the tasks beside it; raises `Invalid`, `Faulted` or `Restarting`."""
 
     def __init__(
         self,
@@ -57,8 +44,13 @@ class Interpreter:
         self.axis = AxisController(clock, axis, self.parameters, settings)
         self.capture = PositionCapture(axis, trigger, settings, tap)
         self._registers = Registers(settings)
+        self._acquisition = CaptureCommands(clock, self.axis, self.capture, self._registers, settings)
         self._unit_mm = 1.0
-        self._modes = MotionModes(self.parameters, self._names)
+        # Each task has modes of its own; task 0 is the ASCII interface.
+        self._all_modes = [MotionModes(self.parameters, self._names) for _ in range(TASKS + 1)]
+        self._modes = self._all_modes[0]
+        self._tasks = Tasks(clock, self._registers, settings, self._execute_in_task, self.axis.moving)
+        self._only_in_programs = _only_in_programs(settings)
         self._handlers: dict[str, Callable[[tuple[str, ...]], Reply]] = {
             "VERSION": self._version,
             "ACKNOWLEDGEALL": self._acknowledge_all,
@@ -68,19 +60,19 @@ class Interpreter:
             "ABORT": self._on_axis(self._abort),
             "HOME": self._home,
             "HOMEASYNC": self._home_asynchronously,
-            "PROGRAM": self._program,
-            "TASKSTATE": self._task_state,
-            "WAIT": self._modes.set_wait,
-            "ABS": self._modes.set_absolute,
-            "INC": self._modes.set_incremental,
+            "PROGRAM": self._tasks.command,
+            "TASKSTATE": self._tasks.state,
+            "WAIT": lambda words: self._modes.set_wait(words),
+            "ABS": lambda words: self._modes.set_absolute(words),
+            "INC": lambda words: self._modes.set_incremental(words),
             "MOVEABS": self._move_absolute,
             "MOVEINC": self._move_incremental,
             "LINEAR": self._linear,
             "FREERUN": self._free_run,
             "OSCILLATE": self._oscillate,
             "RAMP": lambda words: self._modes.set_ramp(words, self._unit_mm),
-            "SCURVE": self._modes.set_s_curve,
-            "VELOCITY": self._modes.set_profiling,
+            "SCURVE": lambda words: self._modes.set_s_curve(words),
+            "VELOCITY": lambda words: self._modes.set_profiling(words),
             "PFBK": self._query(lambda: self._length(self.axis.feedback_mm())),
             "PFBKPROG": self._query(lambda: self._length(self._program_mm(self.axis.feedback_mm()))),
             "PCMD": self._query(lambda: self._length(self.axis.commanded_mm())),
@@ -97,16 +89,28 @@ class Interpreter:
             "SETPARM": self._set_parameter,
             "COMMITPARAMETERS": self._commit_parameters,
             "RESET": self._reset,
-            "GETMODE": self._modes.text,
-            "DIN": self._digital_input,
-            "DOUT": self._digital_output,
-            "AIN": self._analog_input,
-            "AOUT": self._analog_output,
-            "DATAACQ": self._data_acquisition,
+            "GETMODE": lambda words: self._modes.text(words),
+            "DIN": lambda words: inputs.digital_input(self._after_axis(words)),
+            "DOUT": lambda words: inputs.digital_output(self._after_axis(words)),
+            "AIN": lambda words: inputs.analog_input(self._after_axis(words)),
+            "AOUT": lambda words: inputs.analog_output(self._after_axis(words)),
+            "DATAACQ": lambda words: self._acquisition.command(self._after_axis(words)),
         }
 
     def execute(self, command: Command) -> Reply:
-        """Do it and say what is answered."""
+        """Do what the ASCII interface is told and say what is answered."""
+        if command.keyword in self._only_in_programs:
+            raise Invalid
+        return self._execute(command)
+
+    def _execute_in_task(self, task: int, command: Command) -> Reply:
+        self._modes = self._all_modes[task]
+        try:
+            return self._execute(command)
+        finally:
+            self._modes = self._all_modes[0]
+
+    def _execute(self, command: Command) -> Reply:
         if command.keyword in ("DGLOBAL", "IGLOBAL"):
             return self._registers.access(command)
         handler = self._handlers.get(command.keyword)
@@ -125,7 +129,9 @@ class Interpreter:
         self.axis.restart()
         self.capture.reset()
         self._registers.clear()
-        self._modes.restart()
+        self._tasks.restart()
+        for modes in self._all_modes:
+            modes.restart()
 
     # shapes that several commands share
 
@@ -156,7 +162,7 @@ class Interpreter:
 
     def _move_words(self, words: tuple[str, ...], *, coordinated: bool = False) -> tuple[float, float | None]:
         own = frozenset(f"{name}F" for name in self._names)
-        speed_words = own | {"F"} if coordinated or self._settings.bare_speed_word else own
+        speed_words = own | {"F"} if coordinated or self._settings.dialect.bare_speed_word else own
         position, speed = move_words(words, self._names, speed_words)
         return position * self._unit_mm, None if speed is None else speed * self._unit_mm
 
@@ -181,7 +187,7 @@ class Interpreter:
 
     def _abort(self) -> None:
         self.axis.abort()
-        if self._settings.abort_disabled == "refuse" and not self.axis.enabled:
+        if self._settings.dialect.abort_disabled == "refuse" and not self.axis.enabled:
             raise Faulted
 
     def _axis_status(self) -> str:
@@ -195,22 +201,6 @@ class Interpreter:
         # The axis is in plane 0; the other planes are empty.
         return str(int(self.axis.plane_status())) if whole(plane, 0, PLANES - 1) == 0 else "0"
 
-    def _task_state(self, words: tuple[str, ...]) -> Reply:
-        (task,) = exactly(1, words)
-        whole(task, 0, TASKS)
-        return str(TASK_IDLE)
-
-    def _program(self, words: tuple[str, ...]) -> Reply:
-        match words:
-            case ("STOP", task) if whole(task, 1, TASKS):
-                return None
-            case ("RUN", task, file) | (task, "RUN", file) if whole(task, 1, TASKS):
-                if file.strip('"') != self._settings.home_program:
-                    raise Invalid
-                self.axis.home()
-                return None
-        raise Invalid
-
     # motion
 
     def _home(self, words: tuple[str, ...]) -> Reply:
@@ -218,7 +208,7 @@ class Interpreter:
         return Blocked(self.axis.home())
 
     def _home_asynchronously(self, words: tuple[str, ...]) -> Reply:
-        if not self._settings.homing_asynchronous:
+        if self._settings.dialect.home_async != "keyword":
             raise Invalid
         none(self._after_axis(words))
         self.axis.home()
@@ -251,12 +241,17 @@ class Interpreter:
 
     def _oscillate(self, words: tuple[str, ...]) -> Reply:
         arguments = self._after_axis(words)
+        if len(arguments) not in OSCILLATE_NUMBERS[self._settings.dialect.oscillate_frequencies]:
+            raise Invalid
         if len(arguments) == 4:
-            # the number of frequencies, of the older library call: one is all that is offered here
+            # The number of frequencies, of the maker's library: one is all that is offered here.
             whole(arguments[3], 1, 1)
         distance, frequency, cycles = exactly(3, arguments[:3])
         end_s = self.axis.oscillate(number(distance) * self._unit_mm, number(frequency), whole(cycles, 1, CYCLES_MAX))
-        return self._moving_until(end_s) if self._settings.oscillate_waits else None
+        waits = self._settings.dialect.oscillate_waits
+        if waits == "never":
+            return None
+        return Blocked(end_s) if waits == "always" and self.axis.moving() else self._moving_until(end_s)
 
     def _moving_until(self, end_s: float) -> Reply:
         # With a fault, or already there, there is nothing to wait for.
@@ -297,48 +292,7 @@ class Interpreter:
         none(words)
         raise Restarting
 
-    def _digital_input(self, words: tuple[str, ...]) -> Reply:
-        for word in self._after_axis(words):
-            whole(word, 0, 31)
-        return "0"
 
-    def _digital_output(self, words: tuple[str, ...]) -> Reply:
-        (value,) = exactly(1, self._after_axis(words))
-        whole(value, 0, 0xFFFF)
-        return None
-
-    def _analog_input(self, words: tuple[str, ...]) -> Reply:
-        for word in self._after_axis(words):
-            whole(word, 0, 3)
-        return "0.000000"
-
-    def _analog_output(self, words: tuple[str, ...]) -> Reply:
-        (value,) = exactly(1, self._after_axis(words))
-        if abs(number(value)) > 10.0:
-            raise Invalid
-        return None
-
-    # position capture
-
-    def _data_acquisition(self, words: tuple[str, ...]) -> Reply:
-        now_s = self._clock.now_s()
-        match self._after_axis(words):
-            case ("TRIGGER", source):
-                self.capture.trigger = whole(source, 0, 255)
-            case ("INPUT", source):
-                self.capture.input = whole(source, 0, 255)
-            case ("ON", points):
-                count = whole(points, 1, self._settings.capture_points_max)
-                self.capture.arm(now_s, count, self.axis.zero_mm)
-            case ("OFF",):
-                self.capture.off(now_s)
-            case ("READ", first, points):
-                count = whole(points, 1, self._settings.integer_registers)
-                start = whole(first, 0, self._settings.integer_registers - count)
-                # Sources do not say what happens, so it is a setting.
-                if self._settings.capture_short_read == "refuse" and self.capture.left(now_s) < count:
-                    raise Faulted
-                self._registers.store(start, self.capture.take(now_s, count))
-            case _:
-                raise Invalid
-        return None
+def _only_in_programs(settings: EnsembleSimulatorSettings) -> frozenset[str]:
+    over_ascii = {"OSCILLATE": settings.dialect.oscillate_over_ascii, "DATAACQ": settings.dialect.capture_over_ascii}
+    return frozenset(keyword for keyword, understood in over_ascii.items() if not understood)

@@ -141,7 +141,7 @@ def _factory(settings: EnsembleSimulatorSettings) -> dict[Parameter, float]:
         Parameter.GLOBAL_DOUBLES: settings.double_registers,
         Parameter.SOCKET2_PORT: 8000,
         Parameter.SOCKET2_TIMEOUT: settings.socket_timeout_s * 1000.0,
-        Parameter.COMMAND_SETUP: int(settings.always_send_eos),
+        Parameter.COMMAND_SETUP: int(settings.dialect.always_send_eos),
         Parameter.COMMAND_TERMINATING_CHARACTER: ord("\n"),
         Parameter.COMMAND_SUCCESS_CHARACTER: ord("%"),
         Parameter.COMMAND_INVALID_CHARACTER: ord("!"),

@@ -27,6 +27,24 @@ class Registers:
         """Put whole numbers into consecutive integers."""
         self._integers[first : first + len(counts)] = counts.astype(np.int64).tolist()
 
+    def value(self, kind: str, index: int) -> float:
+        """A register as a program sees it: with all its digits."""
+        registers = self._of(kind)
+        if not 0 <= index < len(registers):
+            raise Invalid
+        return float(registers[index])
+
+    def write(self, kind: str, index: int, value: float) -> None:
+        """As a program does; a fraction is cut off for an integer."""
+        self.value(kind, index)
+        if kind == "DGLOBAL":
+            self._doubles[index] = value
+        else:
+            self._integers[index] = int(value)
+
+    def _of(self, kind: str) -> list[int] | list[float]:
+        return self._doubles if kind == "DGLOBAL" else self._integers
+
     def access(self, command: Command) -> str | None:
         """Read (`DGLOBAL(1)`) or write (`DGLOBAL(1) = 0.5`) one register."""
         words = command.words

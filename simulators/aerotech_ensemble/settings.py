@@ -6,15 +6,23 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from simulators.aerotech_ensemble.dialect import EnsembleDialect
+
 REGISTERS_MAX = 1_000_000
 """Of either kind: more than any controller has."""
 WaitMode = Literal["nowait", "movedone", "inpos"]
 
 
 class EnsembleSimulatorSettings(BaseModel):
-    """Keys of a simulated stage; where the wire's behaviour is not known for sure there is a key to choose it."""
+    """Keys of a simulated stage; `dialect` chooses where the wire's behaviour is not known for sure."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    dialect: EnsembleDialect = EnsembleDialect()
+    rigctl_program: bool = True
+    """Has the operator compiled and loaded `rigctl.ab`?"""
+    programs: dict[str, str] = {}
+    """More of the controller's file system: AeroBasic sources by the names of the compiled files."""
 
     axis: str = Field(default="X", pattern=r"^[A-Za-z]\w*$")
     """AxisName; the axis also answers to @0."""
@@ -56,23 +64,12 @@ class EnsembleSimulatorSettings(BaseModel):
     home_speed_mm_s: float = Field(default=10.0, gt=0)
     home_search_s: float = Field(default=2.0, ge=0)
     """What homing takes beyond the way to the mark."""
-    homing_needed: bool = False
-    """Does an axis that is not homed refuse to move? In the manual's example it moves."""
-    homing_asynchronous: bool = True
-    """Is HOMEASYNC understood?"""
-    home_program: str | None = None
-    """An AeroBasic program in the file system that homes, such as EPICS' HomeAsync.bcx."""
 
-    oscillate_distance: Literal["peak-to-peak", "amplitude"] = "peak-to-peak"
-    oscillate_waits: bool = True
-    """Does OSCILLATE hold its answer back as moves do, unless WAIT MODE NOWAIT?"""
     harmonics: tuple[float, ...] = ()
     """Amplitudes of the 2nd, 3rd, ... harmonic of an oscillation, relative to the fundamental."""
     clock_ppm: float = Field(default=0.0, gt=-1e6)
     """How fast the controller's clock is: a true frequency is (1 + ppm 1e-6) times the commanded one."""
 
-    always_send_eos: bool = True
-    """CommandSetup "Always Send EOS": a line feed after a bare acknowledge too."""
     wait_mode: WaitMode = "movedone"
     """DefaultWaitMode: in force after every ENABLE."""
     command_timeout_s: float = Field(default=0.0, ge=0)
@@ -81,13 +78,6 @@ class EnsembleSimulatorSettings(BaseModel):
     """Socket2Timeout: an idle client is disconnected; 0 is never."""
     startup_s: float = Field(default=5.0, ge=0)
     """After RESET nothing is answered for so long."""
-    limit_reply: Literal["refuse", "fault"] = "refuse"
-    """A set-point outside a limit: answered `#`, or `%` followed by the fault. The axis fault is set in both."""
-
-    abort_disabled: Literal["refuse", "accept"] = "refuse"
-    """ABORT on an axis that is disabled: answered `#` or `%`."""
-    bare_speed_word: bool = False
-    """Is the speed of a single axis' move understood as `F20` too, or as `XF20` alone?"""
 
     integer_registers: int = Field(default=50, ge=0, le=REGISTERS_MAX)
     """GlobalIntegers; one public site has 50 of them and 512 doubles."""
@@ -101,10 +91,6 @@ class EnsembleSimulatorSettings(BaseModel):
     capture_points_max: int = Field(default=50_000, ge=1)
     capture_latency_s: float = Field(default=0.0, ge=0)
     """From the edge to the latched position."""
-    capture_read: Literal["continues", "restarts"] = "restarts"
-    """Does a second READ go on where the first ended, or begin with the first point again?"""
-    capture_short_read: Literal["refuse", "partial"] = "refuse"
-    """A READ of more points than recorded: answered `#`, or `%` with the rest of the registers untouched."""
 
     @model_validator(mode="after")
     def _ranges_are_not_empty(self) -> Self:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 from unittest.mock import Mock
 
@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from drivers.aerotech_ensemble import AerotechEnsemble, EnsembleSettings
 from drivers.connect import connector
-from drivers.transport import Endpoint, InProcessTransport
+from drivers.transport import InProcessTransport
 from rigctl.core.clock import RealClock
 from rigctl.core.errors import (
     BadReply,
@@ -33,141 +33,24 @@ from rigctl.core.errors import (
 from rigctl.core.interfaces import Channel, LinearStage, PacedRecorder
 from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEnsemble
 from simulators.aerotech_ensemble.status import AxisFault
-from simulators.clock import ScaledClock, SimulationClock, VirtualClock
-from simulators.faults import FaultPlan, FaultyInstrument
+from simulators.clock import ScaledClock, VirtualClock
 from simulators.faults.mishaps import WrongUnit
 from simulators.motion import MotionAxis
 from simulators.serve import Server
 from simulators.wiring import TriggerLine
-
-Send = Callable[[bytes], None]
-PATIENCE_S = 20.0
-"""Wall-clock time after which a test gives up waiting for an event."""
-
-
-class Conversation:
-    """An instrument that expects these lines in this order and gives these replies."""
-
-    def __init__(self, *exchanges: tuple[str, str]) -> None:
-        self.expected = list(exchanges)
-        self._send: Send = lambda _: None
-
-    def connect(self, send: Send) -> Conversation:
-        self._send = send
-        return self
-
-    def receive(self, data: bytes) -> None:
-        line, reply = self.expected.pop(0)
-        assert data == line.encode() + b"\n"
-        self._send(reply.encode("latin-1"))
-
-    def close(self) -> None:
-        pass
-
-
-class Tap:
-    """Passes bytes on to another endpoint, notes the lines, and may meddle."""
-
-    def __init__(self, endpoint: Endpoint) -> None:
-        self.lines: list[str] = []
-        self.connections = 0
-        self.on_line: Callable[[str], bool] = lambda _: True
-        self.on_reply: Callable[[bytes], bytes] = lambda data: data
-        self._endpoint = endpoint
-
-    def connect(self, send: Send) -> TappedConnection:
-        self.connections += 1
-        return TappedConnection(self, self._endpoint.connect(lambda data: send(self.on_reply(data))))
-
-    def sent(self, keyword: str) -> list[str]:
-        return [line for line in self.lines if line.startswith(keyword)]
-
-
-class TappedConnection:
-    def __init__(self, tap: Tap, inner: Any) -> None:
-        self._tap = tap
-        self._inner = inner
-        self._cut = False
-
-    @property
-    def hung_up(self) -> bool:
-        return self._cut or self._inner.hung_up
-
-    def receive(self, data: bytes) -> None:
-        line = data.decode().removesuffix("\n")
-        self._tap.lines.append(line)
-        if self._tap.on_line(line):
-            self._inner.receive(data)
-        else:
-            self._cut = True
-
-    def close(self) -> None:
-        self._inner.close()
-
-
-class Bench:
-    """A driver, a simulated controller, and the wire that triggers it."""
-
-    def __init__(
-        self,
-        *,
-        clock: SimulationClock | None = None,
-        simulated: dict[str, Any] | None = None,
-        faults: dict[str, Any] | None = None,
-        **configured: Any,
-    ) -> None:
-        self.clock = clock or VirtualClock()
-        self.axis = MotionAxis()
-        self.line = TriggerLine()
-        self.ensemble = SimulatedEnsemble(
-            self.clock, self.axis, self.line, EnsembleSimulatorSettings(**(simulated or {}))
-        )
-        plan = FaultPlan.model_validate(faults or {})
-        self.tap = Tap(FaultyInstrument(self.ensemble, plan, self.clock))
-        self.stage = stage(self.tap, self.clock, **configured)
-
-    def opened(self) -> Bench:
-        self.stage.open()
-        return self
-
-    def homed(self) -> Bench:
-        self.opened().stage.home()
-        self.tap.lines.clear()
-        return self
-
-    def position_mm(self) -> float:
-        return self.axis.position(self.clock.now_s())
-
-    def at_rest(self) -> bool:
-        return self.axis.velocity(self.clock.now_s()) == 0.0
-
-
-def stage(endpoint: Endpoint, clock: SimulationClock, **configured: Any) -> AerotechEnsemble:
-    return AerotechEnsemble(
-        "stage", EnsembleSettings(**configured), lambda: InProcessTransport("sim:stage", endpoint, clock), clock
-    )
-
-
-def talking(*exchanges: tuple[str, str], **configured: Any) -> tuple[AerotechEnsemble, Conversation]:
-    """A stage just opened whose controller goes on with these exchanges."""
-    conversation = Conversation(*GREETING, *exchanges)
-    opened = stage(conversation, VirtualClock(), **configured)
-    opened.open()
-    return opened, conversation
-
-
-GREETING = (
-    ("NONE", "!\n"),
-    ("VERSION", "%4.01.000\n"),
-    ("GETPARM(X, 140)", "%X\n"),
-    ("GETPARM(X, 129)", "%mm\n"),
-    ("GETPARM(X, 2)", "%10000.000\n"),
-    ("GETPARM(X, 124)", "%60.000\n"),
-    ("GETPARM(X, 37)", "%-25.000\n"),
-    ("GETPARM(X, 38)", "%25.000\n"),
+from tests.drivers.ensemble_bench import (
+    ASCII,
+    BY_ASCII,
+    GREETING,
+    PATIENCE_S,
+    UNIT,
+    Bench,
+    Conversation,
+    in_thread,
+    stage,
+    talking,
+    when_sent,
 )
-UNIT = GREETING[3:5]
-
 
 # the manual's bytes
 
@@ -175,12 +58,19 @@ UNIT = GREETING[3:5]
 @pytest.mark.parametrize("eos", ["\n", ""])
 def test_homing_and_a_move_are_the_manuals_exchange(eos: str) -> None:
     moving, conversation = talking(
+        ("DATAACQ X OFF", "%" + eos),
+        ("AXISSTATUS(X)", "%0\n"),
+        ("OSCILLATE X, 0.001, 1, 1, 1", "#" + eos),
         ("AXISSTATUS(X)", "%0\n"),
         ("ACKNOWLEDGEALL", "%" + eos),
         ("ENABLE X", "%" + eos),
         ("WAIT MODE NOWAIT", "%" + eos),
         ("AXISSTATUS(X)", "%2097157\n"),
-        ("HOMEASYNC X", "%" + eos),
+        ("GETPARM(@0, 140)", "%Y\n"),
+        ("GETPARM(@1, 140)", '%"X"\n'),
+        ("IGLOBAL(32) = 1", "%" + eos),
+        ("IGLOBAL(33) = 1", "%" + eos),
+        ('PROGRAM RUN 5, "HomeAsync.bcx"', "%" + eos),
         ("AXISSTATUS(X)", "%2113545\n"),
         ("AXISSTATUS(X)", "%2097159\n"),
         ("PLANESTATUS(0)", "%0\n"),
@@ -199,6 +89,7 @@ def test_homing_and_a_move_are_the_manuals_exchange(eos: str) -> None:
         ("AXISSTATUS(X)", "%2097159\n"),
         ("PLANESTATUS(0)", "%0\n"),
         ("PFBKPROG(X)", "%4.999875\n"),
+        program="",
     )
     moving.home()
     moving.move_to(5.0)
@@ -206,14 +97,18 @@ def test_homing_and_a_move_are_the_manuals_exchange(eos: str) -> None:
 
 
 def test_a_line_feed_that_comes_late_belongs_to_the_reply_before() -> None:
-    asked, _ = talking(("PFBKPROG(X)", "\n%1.25\n"), ("DATAACQ X INPUT 1", "\r\n!"))
+    asked, _ = talking(("PFBKPROG(X)", "\n%1.25\n"), ("DATAACQ X OFF", "\r\n!"), program="")
     assert asked.position().value == 1.25
-    with pytest.raises(InstrumentError, match="did not understand"):
+    with pytest.raises(InstrumentError, match="does not understand"):
         asked.arm(1, 0.01)
 
 
 def test_a_capture_is_the_manuals_exchange() -> None:
     recording, conversation = talking(
+        ("DATAACQ X OFF", "%\n"),
+        ("AXISSTATUS(X)", "%0\n"),
+        ("OSCILLATE X, 0.001, 1, 1, 1", "!\n"),
+        ("OSCILLATE X, 0.001, 1, 1", "#\n"),
         ("DATAACQ X INPUT 1", "%\n"),
         ("DATAACQ X TRIGGER 1", "%\n"),
         ("DATAACQ X ON 3", "%\n"),
@@ -228,6 +123,7 @@ def test_a_capture_is_the_manuals_exchange() -> None:
         capture_register_first=50,
         capture_registers=2,
         capture_read="continues",
+        program="",
     )
     recording.arm(3, 0.01)
     np.testing.assert_array_equal(recording.collect(), [[-1.2501], [2.5], [3.75]])
@@ -236,7 +132,12 @@ def test_a_capture_is_the_manuals_exchange() -> None:
 
 def test_a_fault_reply_is_raised_with_the_faults_of_the_axis() -> None:
     refused, _ = talking(
-        ("AXISSTATUS(X)", "%0\n"), ("ACKNOWLEDGEALL", "%\n"), ("ENABLE X", "#\n"), ("AXISFAULT(X)", "%2064\n")
+        ("DATAACQ X OFF", "!\n"),
+        ("AXISSTATUS(X)", "%0\n"),
+        ("ACKNOWLEDGEALL", "%\n"),
+        ("ENABLE X", "#\n"),
+        ("AXISFAULT(X)", "%2064\n"),
+        program="",
     )
     with pytest.raises(InstrumentError, match=r"'ENABLE X': it was refused .*positive soft limit") as raised:
         refused.home()
@@ -358,13 +259,15 @@ def test_the_constructor_touches_nothing_and_a_stop_needs_no_open() -> None:
     bench.stage.close()
     assert bench.tap.connections == 0
     bench.stage.stop()
-    assert bench.tap.lines == ["ABORT X", "AXISSTATUS(X)", "PLANESTATUS(0)"]
+    assert bench.tap.lines == ["ABORT X", "PROGRAM STOP 1", "AXISSTATUS(X)", "PLANESTATUS(0)"]
     with pytest.raises(LinkLost, match="open it first"):
         bench.stage.position()
 
 
 def test_an_abort_that_a_disabled_axis_refuses_is_a_stop_when_it_does_not_move() -> None:
-    stopping, conversation = talking(("ABORT X", "#\n"), ("AXISSTATUS(X)", "%0\n"), ("PLANESTATUS(0)", "%0\n"))
+    stopping, conversation = talking(
+        ("ABORT X", "#\n"), ("PROGRAM STOP 1", "!\n"), ("AXISSTATUS(X)", "%0\n"), ("PLANESTATUS(0)", "%0\n")
+    )
     stopping.stop()
     assert not conversation.expected
 
@@ -434,11 +337,12 @@ def test_the_largest_amplitude_named_is_allowed_and_no_more(centre_mm: float, am
 # motion
 
 
-def test_an_oscillation_starts_at_the_negative_end_and_lasts_whole_cycles() -> None:
-    bench = Bench().homed()
+@pytest.mark.parametrize("way", [{}, ASCII], ids=["program", "ascii"])
+def test_an_oscillation_starts_at_the_negative_end_and_lasts_whole_cycles(way: dict[str, Any]) -> None:
+    bench = Bench(**way).homed()
     bench.stage.oscillate(2.0, 5.0, 0.3, 10.1)
     assert bench.tap.sent("MOVEABS") == ["MOVEABS X -3 XF20"]
-    assert bench.tap.sent("OSCILLATE") == ["OSCILLATE X, 10, 0.3, 4"]
+    assert bench.tap.sent("OSCILLATE") == (["OSCILLATE X, 5, 0.3, 4, 1"] if way else [])
     start_s = bench.axis.end_s - 4 / 0.3
     times_s = np.linspace(start_s, bench.axis.end_s, 500)
     expected_mm = 2.0 - 5.0 * np.cos(2 * math.pi * 0.3 * (times_s - start_s))
@@ -447,7 +351,9 @@ def test_an_oscillation_starts_at_the_negative_end_and_lasts_whole_cycles() -> N
 
 def test_a_controller_that_takes_the_amplitude_moves_the_same() -> None:
     for convention in ("peak-to-peak", "amplitude"):
-        bench = Bench(simulated={"oscillate_distance": convention}, oscillate_distance=convention).homed()
+        bench = Bench(
+            simulated={"dialect": {"oscillate_distance": convention}}, oscillate_distance=convention
+        ).homed()
         bench.stage.oscillate(0.0, 5.0, 0.5, 10.0)
         start_s = bench.axis.end_s - 10.0
         positions_mm = bench.axis.sample(start_s + np.linspace(0.0, 9.99, 1000))[0]
@@ -455,17 +361,17 @@ def test_a_controller_that_takes_the_amplitude_moves_the_same() -> None:
 
 
 def test_a_third_of_a_hertz_for_three_seconds_is_one_cycle() -> None:
-    bench = Bench().homed()
+    bench = Bench(**ASCII).homed()
     bench.stage.oscillate(0.0, 1.0, 1 / 3, 3.0)
-    assert bench.tap.sent("OSCILLATE") == ["OSCILLATE X, 2, 0.333333333, 1"]
+    assert bench.tap.sent("OSCILLATE") == ["OSCILLATE X, 1, 0.333333333, 1, 1"]
 
 
 def test_waiting_firmware_settings_of_others_are_undone_before_a_motion() -> None:
-    bench = Bench().homed()
+    bench = Bench(**ASCII).homed()
     other = InProcessTransport("other", bench.ensemble, bench.clock)
     bench.stage.close()
     other.write(b"WAIT MODE MOVEDONE\n")
-    assert other.read_until(b"\n", 1.0) == b"%\n"
+    assert other.read_exactly(1, 1.0) == b"%"
     other.close()
     bench.stage.open()
     bench.stage.oscillate(0.0, 5.0, 0.5, 1000.0)
@@ -492,7 +398,7 @@ def test_an_axis_not_homed_is_not_moved() -> None:
 
 @pytest.mark.parametrize("style", ["refuse", "fault"])
 def test_a_limit_of_the_controller_is_reported_with_its_fault(style: str) -> None:
-    bench = Bench(simulated={"limit_reply": style}).homed()
+    bench = Bench(**ASCII | {"simulated": {"dialect": BY_ASCII | {"limit_reply": style}}}).homed()
     # Somebody narrows them while the stage is in use.
     bench.stage._wire.tell("SETPARM X, 38, 10")
     with pytest.raises(InstrumentError, match=r"MOVEABS X 12 XF20.*positive soft limit") as raised:
@@ -540,45 +446,14 @@ def test_homing_that_finds_no_mark_is_an_error() -> None:
 
 
 def test_a_controller_without_asynchronous_homing_is_homed_all_the_same() -> None:
-    bench = Bench(simulated={"homing_asynchronous": False, "home_search_s": 30.0}).opened()
+    bench = Bench(simulated={"home_search_s": 30.0}).opened()
     bench.stage.home()
     assert bench.stage.is_homed()
-    assert bench.tap.sent("HOME") == ["HOMEASYNC X", "HOME X"]
+    assert bench.tap.sent("PROGRAM RUN 5") == ['PROGRAM RUN 5, "HomeAsync.bcx"']
+    assert bench.tap.sent("HOME") == ["HOME X"]
 
 
 # stopping
-
-
-@contextmanager
-def in_thread(action: Callable[[], None]) -> Iterator[list[BaseException]]:
-    """Runs `action` beside the block; its error, if any, is in the list afterwards."""
-    raised: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            action()
-        except RigError as error:
-            raised.append(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
-        yield raised
-    finally:
-        thread.join(PATIENCE_S)
-    assert not thread.is_alive()
-
-
-def when_sent(bench: Bench, keyword: str) -> threading.Event:
-    seen = threading.Event()
-
-    def look(line: str) -> bool:
-        if line.startswith(keyword):
-            seen.set()
-        return True
-
-    bench.tap.on_line = look
-    return seen
 
 
 SLOW: dict[str, Any] = {"motion_timeout_s": 1000.0, "move_speed_mm_s": 0.1}
@@ -590,15 +465,21 @@ SLOW: dict[str, Any] = {"motion_timeout_s": 1000.0, "move_speed_mm_s": 0.1}
     [
         ("MOVEABS", lambda s: s.move_to(20.0)),
         ("MOVEABS", lambda s: s.oscillate(0.0, 20.0, 0.5, 10.0)),
-        ("HOMEASYNC", lambda s: s.home()),
+        ("PROGRAM RUN 5", lambda s: s.home()),
     ],
     ids=["move", "way to an oscillation", "homing"],
 )
 def test_a_stop_from_another_thread_ends_a_blocked_motion(
     keyword: str, action: Callable[[AerotechEnsemble], None]
 ) -> None:
-    homing = keyword == "HOMEASYNC"
-    simulated = {"home_search_s": 0.1, "home_position_mm": 20.0 if homing else 0.0, "home_speed_mm_s": 0.1}
+    homing = keyword == "PROGRAM RUN 5"
+    dialect = {"home_async": "program"}
+    simulated = {
+        "dialect": dialect,
+        "home_search_s": 0.1,
+        "home_position_mm": 20.0 if homing else 0.0,
+        "home_speed_mm_s": 0.1,
+    }
     bench = Bench(clock=ScaledClock(20.0), simulated=simulated, **SLOW)
     bench = bench.opened() if homing else bench.homed()
     seen = when_sent(bench, keyword)
@@ -646,7 +527,7 @@ def test_a_motion_stopped_while_it_is_prepared_never_begins() -> None:
         if line.startswith("RAMP RATE"):
             stopper.start()
             deadline = time.monotonic() + PATIENCE_S
-            while bench.stage._stops == 0 and time.monotonic() < deadline:
+            while bench.stage._motion._stops == 0 and time.monotonic() < deadline:
                 time.sleep(0)
         return True
 
@@ -664,7 +545,7 @@ def test_two_threads_do_not_get_into_each_others_exchanges() -> None:
     waited = []
 
     def ask_as_well(line: str) -> bool:
-        if line == "DATAACQ X INPUT 1":
+        if line.startswith("IGLOBAL(0)") and not waited:
             asker.start()
             asker.join(0.05)
             waited.append(asker.is_alive())
@@ -678,7 +559,7 @@ def test_two_threads_do_not_get_into_each_others_exchanges() -> None:
 
 
 def test_a_blocking_homing_is_stopped_when_the_controller_listens_again() -> None:
-    simulated = {"homing_asynchronous": False, "home_search_s": 5.0}
+    simulated = {"home_search_s": 5.0}
     bench = Bench(clock=ScaledClock(20.0), simulated=simulated).opened()
     seen = when_sent(bench, "HOME X")
     with in_thread(bench.stage.home) as raised:
@@ -705,7 +586,7 @@ def test_a_stop_ends_a_capture() -> None:
     bench = Bench().homed()
     bench.stage.arm(10, 0.01)
     bench.stage.stop()
-    assert bench.tap.sent("DATAACQ")[-1] == "DATAACQ X OFF"
+    assert "IGLOBAL(0) = 5" in bench.tap.lines
     with pytest.raises(InstrumentError, match="no capture is armed"):
         bench.stage.collect()
 
@@ -717,10 +598,11 @@ def test_a_stop_ends_a_capture() -> None:
     ("simulated", "configured"),
     [
         ({}, {}),
-        ({"capture_read": "continues"}, {}),
-        ({"capture_read": "continues"}, {"capture_read": "continues", "capture_registers": 7}),
-        ({"capture_read": "continues", "integer_registers": 50}, {"capture_read": "continues"}),
-        ({"always_send_eos": False}, {}),
+        ({"dialect": {"capture_read": "continues"}}, {}),
+        ({"dialect": {"capture_read": "continues"}}, {"capture_read": "continues", "capture_registers": 7}),
+        ({"dialect": {"capture_read": "continues"}, "integer_registers": 50}, {"capture_read": "continues"}),
+        ({"dialect": {"always_send_eos": True}}, {}),
+        (ASCII["simulated"], {key: value for key, value in ASCII.items() if key != "simulated"}),
         ({"capture_latency_s": 0.05}, {"latency_s": 0.05}),
         ({"capture_trigger": 3, "capture_input": 2}, {"capture_trigger": 3, "capture_input": 2}),
     ],
@@ -739,10 +621,11 @@ def test_what_is_collected_is_the_motion_at_the_edges(simulated: dict[str, Any],
     np.testing.assert_allclose(rows[:, 0], bench.axis.sample(edges_s)[0], atol=2.5e-6 + 1e-12)
 
 
-@pytest.mark.parametrize("simulated", [{}, {"capture_short_read": "partial"}])
-def test_missed_edges_are_not_passed_over(simulated: dict[str, Any]) -> None:
-    simulated = {"capture_read": "continues", **simulated}
-    bench = Bench(simulated=simulated, capture_read="continues", capture_registers=40).homed()
+@pytest.mark.parametrize("short_read", ["refuse", "partial"])
+@pytest.mark.parametrize("way", [{}, ASCII], ids=["program", "ascii"])
+def test_missed_edges_are_not_passed_over(way: dict[str, Any], short_read: str) -> None:
+    dialect = {"capture_read": "continues", "capture_short_read": short_read} | (BY_ASCII if way else {})
+    bench = Bench(**way | {"simulated": {"dialect": dialect}}, capture_read="continues", capture_registers=40).homed()
     for edges in (0, 39, 99):
         bench.stage.arm(100, 0.01)
         bench.line.begin(bench.clock.now_s() + 0.1, 0.01, edges)
@@ -751,8 +634,10 @@ def test_missed_edges_are_not_passed_over(simulated: dict[str, Any]) -> None:
             bench.stage.collect()
 
 
-def test_a_refused_read_with_an_axis_fault_names_the_fault() -> None:
-    bench = Bench().homed()
+@pytest.mark.parametrize("way", [{}, ASCII], ids=["program", "ascii"])
+def test_a_refused_read_with_an_axis_fault_names_the_fault(way: dict[str, Any]) -> None:
+    dialect = {"capture_short_read": "refuse"} | (BY_ASCII if way else {})
+    bench = Bench(**way | {"simulated": {"dialect": dialect}}).homed()
     bench.stage.arm(10, 0.01)
     bench.ensemble.controller.trip(AxisFault.OVER_CURRENT)
     with pytest.raises(InstrumentError, match="over-current"):
@@ -869,7 +754,7 @@ def test_a_controller_busy_with_another_client_does_not_answer() -> None:
 
 def test_over_a_real_socket_it_homes_moves_and_survives_a_restart_of_the_controller() -> None:
     clock = ScaledClock(200.0)
-    settings = EnsembleSimulatorSettings(socket_timeout_s=0.0, home_search_s=1.0, always_send_eos=False)
+    settings = EnsembleSimulatorSettings(socket_timeout_s=0.0, home_search_s=1.0)
     server = Server(clock)
     port = server.add_tcp("stage", SimulatedEnsemble(clock, MotionAxis(), TriggerLine(), settings)).port
     serving = threading.Thread(target=server.serve)

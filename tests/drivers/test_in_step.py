@@ -22,7 +22,7 @@ from drivers.transport import InProcessTransport
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import OutOfStep, RigError
 from rigctl.core.voltage_sources import Waveform
-from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEnsemble
+from simulators.aerotech_ensemble import EnsembleDialect, EnsembleSimulatorSettings, SimulatedEnsemble
 from simulators.clock import VirtualClock
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings, SimulatedLkg3001, SimulatedLkg5000
 from simulators.keysight_33500b import Simulated33500B
@@ -136,7 +136,7 @@ def rotation(stage: Stage, kind: str) -> Scene:
 
 
 def ensemble(stage: Stage) -> Scene:
-    settings = EnsembleSimulatorSettings(encoder_noise_mm=0.0002, capture_read="continues")
+    settings = EnsembleSimulatorSettings(encoder_noise_mm=0.0002, dialect=EnsembleDialect(capture_read="continues"))
     wire, connect = stage.wire(SimulatedEnsemble(stage.clock, MotionAxis(), stage.line, settings))
     driver = AerotechEnsemble(
         "it", EnsembleSettings(capture_registers=8, capture_read="continues"), connect, stage.clock

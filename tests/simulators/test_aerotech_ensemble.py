@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from simulators.aerotech_ensemble import EnsembleSimulatorSettings, SimulatedEnsemble
+from simulators.aerotech_ensemble import GENTLE, EnsembleDialect, EnsembleSimulatorSettings, SimulatedEnsemble
 from simulators.aerotech_ensemble.grammar import Command, Invalid, move_words, number, parse, whole
 from simulators.aerotech_ensemble.status import AxisFault, AxisStatus
 from simulators.clock import VirtualClock
@@ -29,7 +29,11 @@ class Bench:
         self.clock = VirtualClock()
         self.axis = MotionAxis()
         self.line = TriggerLine()
-        self.ensemble = SimulatedEnsemble(self.clock, self.axis, self.line, EnsembleSimulatorSettings(**settings))
+        # In the gentler reading of the manual, with what a test says of it.
+        said = {key: settings.pop(key) for key in tuple(settings) if key in EnsembleDialect.model_fields}
+        dialect = GENTLE.model_copy(update={"home_async": "keyword", **said})
+        simulated = EnsembleSimulatorSettings(dialect=dialect, **settings)
+        self.ensemble = SimulatedEnsemble(self.clock, self.axis, self.line, simulated)
         self.client = Client(self.ensemble)
 
     def __call__(self, line: str) -> str:
@@ -117,6 +121,13 @@ def test_a_move_is_written_in_every_form_clients_use(form: str) -> None:
     assert bench.position_mm() == 5.0
 
 
+def test_a_bare_speed_word_is_understood_only_in_one_reading_but_in_every_coordinated_move() -> None:
+    bench = Bench(bare_speed_word=False).enabled()
+    assert bench("MOVEABS X 5.0 F20") == "!\n"
+    assert bench("MOVEABS X 5.0 XF20") == "%\n"
+    assert bench("LINEAR X 5.0 F20") == "%\n"
+
+
 EPICS = (
     ("NONE", "!"),
     ("GETPARM(@0, 140)", "%X"),
@@ -188,7 +199,6 @@ OTHERS = (
     ("DGLOBAL(1)", "%0.500000"),
     ("DGLOBAL(512)", "!"),
     ("IGLOBAL(50)", "!"),
-    ("MOVEABS X 1 F20", "!"),
     ("IGLOBAL(1) = 0.5", "!"),
     ("SETPARM(X,DefaultRampRate,100)", "%"),
     ("GETPARM(@0,DefaultRampRate)", "%100.000"),
@@ -347,14 +357,14 @@ def test_an_aborted_homing_leaves_the_axis_without_reference() -> None:
 
 
 def test_a_home_program_homes_when_there_is_one() -> None:
-    bench = Bench(home_program="HomeAsync.bcx").enabled()
+    bench = Bench(home_async="program").enabled()
     assert bench('PROGRAM RUN 5, "HomeAsync.bcx"') == "%\n"
     bench.clock.sleep_s(30.0)
     assert bench.status() & AxisStatus.HOMED
 
 
 def test_an_unknown_homeasync_is_invalid() -> None:
-    assert Bench(homing_asynchronous=False).enabled()("HOMEASYNC X") == "!\n"
+    assert Bench(home_async="none").enabled()("HOMEASYNC X") == "!\n"
 
 
 def test_an_estop_level_makes_the_status_negative() -> None:
@@ -386,12 +396,20 @@ def test_enabling_brings_the_default_wait_mode_back() -> None:
     assert bench.client.take() == "%\n"
 
 
-@pytest.mark.parametrize("waits", [True, False])
-def test_an_oscillation_waits_if_the_firmware_does(waits: bool) -> None:
+@pytest.mark.parametrize(
+    ("waits", "mode", "reply"),
+    [
+        ("as moves do", "MOVEDONE", ""),
+        ("as moves do", "NOWAIT", "%\n"),
+        ("never", "MOVEDONE", "%\n"),
+        ("always", "NOWAIT", ""),
+    ],
+)
+def test_an_oscillation_waits_if_the_firmware_does(waits: str, mode: str, reply: str) -> None:
     bench = Bench(oscillate_waits=waits).enabled()
-    bench("WAIT MODE MOVEDONE")
+    bench(f"WAIT MODE {mode}")
     immediate = bench("OSCILLATE X, 1, 1, 3")
-    assert immediate == ("" if waits else "%\n")
+    assert immediate == reply
     bench.clock.sleep_s(3.01)
     assert immediate + bench.client.take() == "%\n"
 

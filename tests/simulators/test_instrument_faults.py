@@ -32,7 +32,23 @@ from simulators.rig import SimulatedRig
 from simulators.wiring import TriggerLine
 
 RIG = Path(__file__).parent.parent.parent / "campaigns" / "all-instruments.rig.toml"
-RIG_TEXT = RIG.read_text(encoding="utf-8")
+PLAIN_STAGE = """
+[instruments.stage.simulator.dialect]
+always_send_eos = true
+limit_reply = "refuse"
+homing_needed = false
+home_async = "keyword"
+oscillate_distance = "peak-to-peak"
+oscillate_waits = "as moves do"
+oscillate_over_ascii = true
+oscillate_frequencies = "optional"
+capture_over_ascii = true
+capture_short_read = "refuse"
+
+[instruments.stage]
+"""
+"""The stage's lines here are written for a controller that reads the manual so."""
+RIG_TEXT = RIG.read_text(encoding="utf-8").replace("[instruments.stage]\n", PLAIN_STAGE.lstrip(), 1)
 NAMES = {
     "newport-xps": "rotation",
     "newport-esp301": "spare_rotation",

@@ -156,7 +156,7 @@ def test_rigctl_check_finds_it_by_its_entry_point(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(RIG.read_text(encoding="utf-8") + MOVER)
     path = os.pathsep.join([str(tmp_path), str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
     found = subprocess.run(
-        [sys.executable, "-m", "rigctl.cli", "check", str(tmp_path / "rig.toml")],
+        [sys.executable, "-m", "rigctl", "check", str(tmp_path / "rig.toml")],
         env={**os.environ, "PYTHONPATH": path},
         capture_output=True,
         text=True,

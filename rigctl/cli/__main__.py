@@ -1,5 +1,0 @@
-"""`python -m rigctl.cli`."""
-
-from rigctl.cli import main
-
-main()
