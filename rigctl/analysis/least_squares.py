@@ -72,15 +72,6 @@ class FitResult:
     reason: str
 
     @property
-    def p_value(self) -> float:
-        """Probability of a larger chi-squared if model and sigmas are right; NaN when dof is 0."""
-        if self.dof <= 0:
-            return float("nan")
-        from scipy.special import gammaincc
-
-        return float(gammaincc(0.5 * self.dof, 0.5 * self.chi2))
-
-    @property
     def chi2_per_dof(self) -> float:
         """Reduced chi-squared; NaN without degrees of freedom."""
         return self.chi2 / self.dof if self.dof > 0 else float("nan")

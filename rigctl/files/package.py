@@ -16,7 +16,6 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.file_tables import Table
 
 Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-Face = Literal["x", "y", "z", "-x", "-y", "-z"]
 CubeAxis = Literal["X", "Y", "Z"]
 
 CYCLIC: dict[str, tuple[int, int, int]] = {"X": (0, 1, 2), "Y": (1, 2, 0), "Z": (2, 0, 1)}
