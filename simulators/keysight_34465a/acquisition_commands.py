@@ -126,6 +126,7 @@ class AcquisitionCommands:
     def _take_block(self, limit: str = "MAX") -> bytes:
         count = READING_COUNT.parse(limit)
         self._meter.advance()
+        # Taken out, as FETCh? does not: so a client empties the memory while it fills.
         readings = self._meter.memory.take(int(count))
         return block(ascii_list(readings) if self._setup.data_format == "ASC" else self._binary(readings))
 

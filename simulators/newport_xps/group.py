@@ -60,6 +60,7 @@ class Group:
         now_s = self._clock.now_s()
         self._begin(GroupState.HOMING, done)
         arrived_s = [p.seek_home(now_s) for p in self.positioners.values()]
+        # A search takes its time even where the stage stands at its zero already.
         self._then(max(now_s + self._settings.home_search_s, *arrived_s), self._referenced)
 
     def move(self, targets_deg: Mapping[str, float], done: Done) -> None:
@@ -70,6 +71,7 @@ class Group:
         now_s = self._clock.now_s()
         self._begin(GroupState.MOVING, done)
         arrived_s = max(self.positioners[name].start(now_s, t) for name, t in targets_deg.items())
+        # There already: nothing moves, so nothing has to settle.
         if arrived_s <= now_s:
             self._end(GroupState.READY_FROM_MOTION)
             return
@@ -190,6 +192,7 @@ class Group:
 
     def lose_power(self) -> None:
         """The motors are dead; nobody is told."""
+        # Before the state changes, which would answer them.
         self._blocked, self._enders = [], []
         self._collapse(GroupState.NOT_INITIALISED, 0)
 

@@ -194,6 +194,7 @@ class AccelerometerBench:
 
     def _note_train(self) -> None:
         train = self._trigger.train
+        # By identity: a train that was cut is still the same one.
         if train is None or train is self._noted:
             return
         self._noted = train

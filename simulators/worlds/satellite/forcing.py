@@ -113,6 +113,7 @@ def _orbit(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) ->
 def _drag(made: FloatArray, settings: SatelliteSettings, time_s: FloatArray) -> None:
     mean = 2.0 * math.pi / settings.orbit_period_s * time_s
     c1, s1 = np.cos(mean), np.sin(mean)
+    # Of the double angle without further cosines: this is worked out for every step.
     c2, s2 = 1.0 - 2.0 * s1**2, 2.0 * s1 * c1
     drag = settings.drag
     for axis, (once, twice) in enumerate(((c1, s2), (s1, c2), (s1, c2))):

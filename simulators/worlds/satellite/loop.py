@@ -309,6 +309,7 @@ def _sensor_noise(
         white = red[mass, 2, 0]
         for i in range(L):
             now = noise[(2 + mass) * L + i]
+            # Second difference: the read-out's noise is one of position, and the loop measures accelerations.
             twice = now - 2.0 * s[held + i] + s[held + L + i]
             s[held + L + i] = s[held + i]
             s[held + i] = now
@@ -320,6 +321,7 @@ def _believed_gradient(o: FloatArray, f: FloatArray) -> None:
     """The gradient that follows from the orbit and the attitude as the ground knows them."""
     g, cosine, sine = f[_BELIEVED], f[_BELIEVED + 1], f[_BELIEVED + 2]
     for i in range(L):
+        # Columns 15 to 17: the attitude that comes down, not the true one.
         qx, qy, qz = 0.5 * o[15 * L + i], 0.5 * o[16 * L + i], 0.5 * o[17 * L + i]
         r = 2.0 / (1.0 + qx * qx + qy * qy + qz * qz)
         ux, uy, uz = qy * sine, qz * cosine - qx * sine, -qy * cosine
