@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,7 @@ class Score:
     sigma: FloatArray
     of: Callable[[], FloatArray]
 
-    @cached_property
+    @property
     def basis(self) -> FloatArray:
         """Q, shape (n, d); d is 0 when all is absorbed."""
         return self.of()

@@ -23,7 +23,7 @@ POINTS_MAX = 1500
 _DRAWS, _TRIED = 400, 8
 _MODEST = 8
 _RANK = 1e-13
-_FREE = 1e-9
+FREE = 1e-9
 """Of a step's square: with less left beside all else that is fitted it is no step of its own."""
 # Squares beyond overflow when they are summed.
 _HUGE = 1e100
@@ -137,7 +137,7 @@ def _best_step(step: Step, places: FloatArray, space: FloatArray, left: FloatArr
     square = np.cumsum(past[::-1])[::-1][1:].astype(np.float64)
     along = sums.along(np.column_stack([left, space]))[:, :, 0]
     kept = square - np.sum(along[1:] ** 2, axis=0)
-    seen = kept > _FREE * square
+    seen = kept > FREE * square
     return float(places[int(np.argmax(np.where(seen, along[0] ** 2 / np.where(seen, kept, 1.0), -1.0)))])
 
 
