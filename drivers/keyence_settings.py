@@ -29,7 +29,6 @@ class Generation:
     sampling_us: tuple[float, ...]
     storage_max: int
     storage_shared: bool
-    selects_stored_outputs: bool
     errors: dict[str, str]
 
     def output(self, number: int) -> str:
@@ -56,7 +55,6 @@ LKG3001 = Generation(
     sampling_us=(20.0, 50.0, 100.0, 200.0, 500.0, 1000.0),
     storage_max=65_536,
     storage_shared=False,
-    selects_stored_outputs=False,
     errors={
         "00": "command error",
         "01": "status error",
@@ -77,7 +75,6 @@ LKG5000 = Generation(
     sampling_us=(2.55, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0),
     storage_max=1_200_000,
     storage_shared=True,
-    selects_stored_outputs=True,
     errors={
         "50": "command error",
         "51": "status error",
@@ -109,7 +106,9 @@ class KeyenceSettings(BaseModel):
     Times are rig seconds: `link_timeout_s` for an answer, `mode_timeout_s` for the return to measuring (the
     LK-G5000 takes 0.6 s and 0.75 s per expansion unit), `readout_timeout_s` for one output's stored values
     (65 536 of them last 51 s at 115 200 baud), `edge_timeout_s` is how long no new edge may come before a
-    recording is taken for ended, `poll_s` the time between two questions for the status.
+    recording is taken for ended, `poll_s` the time between two questions for the status. `start_u_s` is how well the
+    rig time of an LK-G3001's first stored value has to be known (standard uncertainty; its storage runs on its own
+    clock): a recording of which it is known less well is an error.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -126,6 +125,7 @@ class KeyenceSettings(BaseModel):
     readout_timeout_s: float = Field(default=120.0, gt=0.0)
     edge_timeout_s: float = Field(default=5.0, gt=0.0)
     poll_s: float = Field(default=0.1, gt=0.0)
+    start_u_s: float = Field(default=0.02, gt=0.0)
 
     @property
     def dialect(self) -> Generation:

@@ -1,4 +1,7 @@
-"""A record that one meter paces and others follow, streamed into a run while it comes."""
+"""A record that one meter paces and others follow, streamed into a run while it comes.
+
+What records on a clock of its own runs beside it, from a little before to a little after.
+"""
 
 from __future__ import annotations
 
@@ -7,27 +10,39 @@ from collections.abc import Sequence
 import numpy as np
 
 from procedures.pace import Pace
+from rigctl.campaign.recording import time_column
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.run_writer import RunWriter
 from rigctl.core.arrays import FloatArray
-from rigctl.core.interfaces import PacedRecorder, PacingRecorder
+from rigctl.core.errors import InstrumentError
+from rigctl.core.interfaces import FreeRecorder, PacedRecorder, PacingRecorder
+
+SURELY = 3.0
+"""Standard uncertainties within which a time is."""
 
 
 def record(
     session: Session,
     writer: RunWriter,
     readout: PacingRecorder,
-    followers: Sequence[PacedRecorder],
+    followers: Sequence[PacedRecorder | FreeRecorder],
     samples: int,
     period_s: float,
 ) -> tuple[float, dict[str, FloatArray]]:
     """When the record began [rig s], and every column but `t_s`, shape (samples,) each.
 
+    A channel on a clock of its own has its own number of samples and a `time_column`, of the same zero as `t_s`.
     `InstrumentError` when samples come at another pace than they were asked for.
     """
+    free = [each for each in followers if isinstance(each, FreeRecorder)]
+    paced = [each for each in followers if not isinstance(each, FreeRecorder)]
     # First all that follow, then the meter that paces: its first edge must find them armed.
-    for follower in followers:
+    for follower in paced:
         follower.arm(samples, period_s)
+    for recorder in free:
+        recorder.prepare(samples, period_s)
+    for recorder in free:
+        recorder.begin()
     start_s = readout.start(samples, period_s)
     pace = Pace.of_record(session.clock, start_s, readout.first_sample_after_s, period_s, samples)
     name = readout.channels()[0].name
@@ -44,8 +59,29 @@ def record(
         received += len(part)
         parts.append(part)
     followed: dict[str, FloatArray] = {}
-    for follower in followers:
+    # First what still records, and fills its memory.
+    for recorder in free:
+        followed |= _own_clock_columns(recorder, start_s + readout.first_sample_after_s, (samples - 1) * period_s)
+    for follower in paced:
         values = follower.collect()
         followed |= {channel.name: values[:, i] for i, channel in enumerate(follower.channels())}
     writer.stream(followed)
     return start_s, {name: np.concatenate(parts), **followed}
+
+
+def _own_clock_columns(recorder: FreeRecorder, first_s: float, lasting_s: float) -> dict[str, FloatArray]:
+    """Each channel and its times, counted from the rig's first sample at `first_s`, while the others record."""
+    own = recorder.finish()
+    # To the nanosecond: the difference of two late times has no more digits to be relied on.
+    t_s = round(own.start_s - first_s, 9) + own.period_s * np.arange(len(own.values), dtype=np.float64)
+    # Surely within, as far as it is known when it began.
+    margin_s = SURELY * own.start_u_s
+    within = (t_s >= margin_s) & (t_s <= lasting_s - margin_s)
+    if not within.any():
+        raise InstrumentError(
+            f"{recorder.name}: it stored nothing while the others recorded; was it stopped?", instrument=recorder.name
+        )
+    columns: dict[str, FloatArray] = {}
+    for index, channel in enumerate(recorder.channels()):
+        columns |= {channel.name: own.values[within, index], time_column(channel.name): t_s[within]}
+    return columns

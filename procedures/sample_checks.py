@@ -190,12 +190,8 @@ def laser_flaw(column: Column, position: Column, latency_s: float) -> Flaw | Non
     seen, stage = column.course, position.course
     if seen is None or stage is None:
         return None
-    if flaw := _odd(column, seen, "mm") or _shift(column):
+    if flaw := _odd(column, seen, "mm") or _shift(column) or _moves_too_far(column, seen, stage):
         return flaw
-    largest_mm = FARTHEST * stage.amplitude + seen.purest
-    if seen.amplitude > largest_mm and seen.amplitude > largest_mm + column.resolution:
-        why = f"moves {seen.amplitude:.3g} mm, the encoder {stage.amplitude:.3g} mm; is it set to micrometres?"
-        return Flaw(column.channel, 0, why)
     period_s = column.sine.period_s
     w = 2.0 * math.pi * column.sine.frequency_hz
     # Modulo half a turn: a head on the other side sees the motion with the other sign.
@@ -206,6 +202,22 @@ def laser_flaw(column: Column, position: Column, latency_s: float) -> Flaw | Non
         why = f"moves {1e3 * late_rad / w:+.3g} ms away from the encoder; samples are {period_s:g} s apart"
         return Flaw(column.channel, 0, why)
     return None
+
+
+def free_laser_flaw(column: Column, position: Column) -> Flaw | None:
+    """As `laser_flaw`, of a head on a clock of its own: how late it is says nothing, nor how that changes."""
+    seen, stage = column.course, position.course
+    if seen is None or stage is None:
+        return None
+    return _odd(column, seen, "mm") or _moves_too_far(column, seen, stage)
+
+
+def _moves_too_far(column: Column, seen: Course, stage: Course) -> Flaw | None:
+    largest_mm = FARTHEST * stage.amplitude + seen.purest
+    if seen.amplitude <= largest_mm or seen.amplitude <= largest_mm + column.resolution:
+        return None
+    why = f"moves {seen.amplitude:.3g} mm, the encoder {stage.amplitude:.3g} mm; is it set to micrometres?"
+    return Flaw(column.channel, 0, why)
 
 
 def _phase_noise_rad(column: Column, seen: Course) -> float:

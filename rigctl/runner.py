@@ -86,9 +86,9 @@ def extend(store_path: Path, campaign: CampaignFile, options: Options) -> None:
         plugins = _loaded_for(store, options.plugins, {})
         part = next_part(store, campaign.path, campaign.text, mounted, _brought(campaign, plugins))
         plan = _plan(campaign, part, plugins)
-        with _reopened(store, plan, campaign, part) as (rig, work, control):
+        with _reopened(store, plan, campaign, part) as (rig, work, control, began_s):
             # Only with the rig in our hands: a further campaign that could not begin must not be kept as begun.
-            begin_part(store, part, rig.clock.now_s())
+            begin_part(store, part, began_s)
             _carry_out(store, rig, work, control, options, part)
 
 
@@ -101,14 +101,19 @@ def resume(store_path: Path, options: Options) -> None:
         campaign = parse_campaign(part.toml, store_path)
         # Also the plug-ins the campaign was begun with: without them its model is another.
         plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins))
-        with _reopened(store, plan, campaign, part) as (rig, work, control):
+        with _reopened(store, plan, campaign, part) as (rig, work, control, _):
             store.add_event("resumed", {"after": store.status().get("state", "")}, rig_time.latest_s(store))
             _carry_out(store, rig, work, control, options, part)
 
 
 @contextmanager
-def _reopened(store: Store, plan: Plan, campaign: CampaignFile, part: Part) -> Iterator[tuple[Rig, Work, Control]]:
-    """The rig a store was made with; a plan it cannot carry out is refused before anything is connected."""
+def _reopened(
+    store: Store, plan: Plan, campaign: CampaignFile, part: Part
+) -> Iterator[tuple[Rig, Work, Control, float]]:
+    """The rig a store was made with, and the rig time before it was connected, which takes time.
+
+    A plan it cannot carry out is refused before anything is connected.
+    """
     file = rig_file_of(store, with_world=True)
     start_s = rig_time.start_s(store, part.number, virtual=file.rig.clock == "virtual")
     rig = Rig(file, seed=store.header.seed, start_s=start_s)
@@ -116,7 +121,7 @@ def _reopened(store: Store, plan: Plan, campaign: CampaignFile, part: Part) -> I
     # Asked of the process that has ended; an old abort must not end this one.
     forget_requests(store)
     with in_charge(rig, campaign.on_terminal_lost, work.rest) as control:
-        yield rig, work, control
+        yield rig, work, control, start_s
 
 
 def _loaded_for(store: Store, paths: Sequence[Path], needed: Plugins) -> list[Plugin]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
+from scipy.special import ndtri
 
 from rigctl.core.arrays import FloatArray, Int64Array
 
@@ -25,3 +26,11 @@ def uniform_of_integers(salt: int, integers: Int64Array) -> FloatArray:
     mixed = mixed ^ (mixed >> np.uint64(31))
     # The upper 53 bits: a double has no more.
     return (mixed >> np.uint64(11)).astype(np.float64) * 2.0**-52 - 1.0
+
+
+def normal_at_times(times_s: FloatArray, *key: int | str) -> FloatArray:
+    """One standard normal number for each time, a fixed function of its microsecond and of `key`."""
+    salt = int(generator(*key).integers(2**63))
+    uniform = uniform_of_integers(salt, np.rint(1e6 * times_s).astype(np.int64))
+    # From [-1, 1) into (0, 1): half a step of the doubles away from both ends.
+    return np.asarray(ndtri(0.5 * (uniform + 1.0) + 2.0**-54), dtype=np.float64)

@@ -37,7 +37,7 @@ from rigctl.files.rig_file import Certificate, Constant, InstrumentTable, Operat
 from rigctl.rig import DRIVERS, simulator_of
 from simulators import faults
 from simulators.aerotech_ensemble import EnsembleDialect, EnsembleSimulatorSettings
-from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings
+from simulators.keyence_lkg import Lkg3001Dialect, Lkg3001Settings, Lkg5000Settings
 from simulators.keysight_33500b import GeneratorSettings
 from simulators.keysight_34465a import MeterSettings
 from simulators.newport_esp301 import Esp301SimulatorSettings
@@ -100,6 +100,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "aerotech-ensemble simulator": (EnsembleSimulatorSettings, set()),
     "aerotech-ensemble dialect": (EnsembleDialect, set()),
     "keyence simulator": (Lkg3001Settings, set()),
+    "keyence dialect": (Lkg3001Dialect, set()),
     "keysight-34465a simulator": (MeterSettings, set()),
     "keysight-33500b simulator": (GeneratorSettings, set()),
     "faults on the wire": (faults.WireFaults, set()),

@@ -266,7 +266,7 @@ def test_a_rig_without_lasers_or_thermometer_is_a_bench_as_well(desk: Any) -> No
 @pytest.mark.parametrize(
     ("table", "fault", "words"),
     [
-        ("lasers_a", "silent = { after = 60 }", "lasers_a"),
+        ("lasers_a", "silent = { after = 150 }", "lasers_a"),
         ("stage", "silent = { after = 1000 }", "NOT known to be at rest: "),
         ("rotation", "silent = { after = 36 }", "NOT known to be at rest: "),
         ("accelerometer", "silent = { after = 120 }", "accelerometer"),

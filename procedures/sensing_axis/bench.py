@@ -20,10 +20,12 @@ from rigctl.core.clock import Clock
 from rigctl.core.errors import ImplausibleSample, LimitError
 from rigctl.core.interfaces import (
     DisplacementMeter,
+    FreeRecorder,
     Instrument,
     LinearStage,
     PacedRecorder,
     PacingRecorder,
+    Recorder,
     RotationStage,
     Thermometer,
     Voltmeter,
@@ -47,6 +49,14 @@ ANGLE_RESOLUTION_DEG = 1e-4
 
 class Readout(Voltmeter, PacingRecorder, Protocol):
     """The accelerometer's voltmeter, which also paces the others."""
+
+
+class PacedMeter(DisplacementMeter, PacedRecorder, Protocol):
+    """A controller that records on the rig's edges."""
+
+
+class FreeMeter(DisplacementMeter, FreeRecorder, Protocol):
+    """A controller that records on its own clock."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +92,7 @@ class Bench:
 
     rotation: RotationStage
     linear: CapturingStage
-    lasers: tuple[DisplacementMeter, ...]
+    lasers: tuple[PacedMeter | FreeMeter, ...]
     readout: Readout
     thermometer: Thermometer | None
     package: Package
@@ -174,7 +184,7 @@ class Bench:
 
     def longest_run_s(self, sample_rate_hz: float, *, lasers: bool) -> float:
         """What the recorders' memories hold at this rate; `LimitError` when one of them is not that fast."""
-        recorders: list[PacedRecorder | PacingRecorder] = [self.readout, self.linear]
+        recorders: list[Recorder] = [self.readout, self.linear]
         if lasers:
             recorders += self.lasers
         return min(recorder.longest_record(1.0 / sample_rate_hz) for recorder in recorders) / sample_rate_hz
@@ -223,7 +233,7 @@ class Bench:
         # Once before and once after the record: a stage that slipped in between shows.
         angle = self.rotation.angle()
         temperature = [self._temperature_c()]
-        recorders: list[PacedRecorder] = [self.linear]
+        recorders: list[PacedRecorder | FreeRecorder] = [self.linear]
         if lasers:
             recorders += self.lasers
         start_s, columns = record(session, writer, self.readout, recorders, point.samples, 1.0 / point.sample_rate_hz)

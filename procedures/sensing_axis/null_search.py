@@ -122,7 +122,9 @@ class NullSearch:
             record = self.bench.run(self.session, name, point, before=lambda: self.fixture.confirm(self.mounting))
             if record.valid:
                 samples = self.session.store.samples(record.run_id)
-                self.runs.append(reduce_run(record.run_id, record.conditions, samples))
+                self.runs.append(
+                    reduce_run(record.run_id, record.conditions, samples, channels=self.session.store.header.channels)
+                )
                 return
             reason = record.reason
         raise ProcedureError(f"{key}: {MAX_ATTEMPTS} times {reason}; level the package or reduce the amplitude")

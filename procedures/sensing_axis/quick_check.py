@@ -57,7 +57,9 @@ def quick_check(session: Session, bench: Bench, fixture: Fixture, start: SetPoin
         if not record.valid:
             raise ProcedureError(f"{key}: {record.reason}; reduce the amplitude or level the package")
         samples = session.store.samples(record.run_id)
-        return observables([reduce_run(record.run_id, record.conditions, samples)])[0]
+        return observables(
+            [reduce_run(record.run_id, record.conditions, samples, channels=session.store.header.channels)]
+        )[0]
 
     near = measure("near null", replace(start, dwell_s=DWELL_S), lasers=True)
     fit = fit_recording(RecordingModel([near], bench.package, bench.heads, bench.g_m_s2))

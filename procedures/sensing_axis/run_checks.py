@@ -9,8 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from procedures.sample_checks import Flaw, encoder_flaw, laser_flaw, voltage_flaw
+from procedures.sample_checks import Flaw, encoder_flaw, free_laser_flaw, laser_flaw, voltage_flaw
 from procedures.sine_fit import Column, Sine
+from rigctl.campaign.recording import time_column
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ImplausibleSample, ProcedureError
 from rigctl.core.interfaces import DisplacementMeter, LinearStage, PacedRecorder, PacingRecorder
@@ -65,11 +66,15 @@ class Recorders:
         ]
         for laser in self.lasers:
             for head in laser.channels():
-                if (values_mm := columns.get(head.name)) is not None:
+                if (values_mm := columns.get(head.name)) is None:
+                    continue
+                if (own_s := columns.get(time_column(head.name))) is not None:
+                    flaw = free_laser_flaw(Column(head.name, Sine(own_s, frequency_hz), values_mm), position)
+                else:
                     # Against the encoder, which has a latency of its own.
                     late_s = head.latency_s - stage.latency_s
                     flaw = laser_flaw(Column(head.name, sine, values_mm), position, late_s)
-                    flaws.append((laser.name, flaw))
+                flaws.append((laser.name, flaw))
         for instrument, flaw in flaws:
             if flaw is not None:
                 raise flaw.of(instrument)

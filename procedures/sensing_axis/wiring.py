@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 from procedures.campaigns import Instruments
 from procedures.sensing_axis.bench import Bench
-from rigctl.campaign.recording import ChannelInfo, LaserInfo
+from rigctl.campaign.recording import OWN_CLOCK, ChannelInfo, LaserInfo
 from rigctl.core.errors import ConfigError
+from rigctl.core.interfaces import Channel
 from rigctl.experiments.sensing_axis.observe.recorded import STANDARD_G
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL, LASER_PREFIX
 from rigctl.files.rig_file import RigFile
@@ -54,8 +55,12 @@ def channels(rig: Instruments) -> tuple[Mapping[str, ChannelInfo], Mapping[str, 
     columns = {"stage_x_mm": ChannelInfo("mm", "position")}
     for role in ("linear", "displacement", "readout"):
         for instrument in rig.by_role(role):
-            columns |= {
-                c.name: ChannelInfo(c.unit, KINDS.get(role, c.kind), full_scale=c.full_scale, latency_s=c.latency_s)
-                for c in instrument.channels()
-            }
+            columns |= {c.name: _info(c, KINDS.get(role, c.kind)) for c in instrument.channels()}
     return columns, {name: LaserInfo(tilt_deg=head.tilt_deg) for name, head in rig.file.lasers.items()}
+
+
+def _info(channel: Channel, kind: str) -> ChannelInfo:
+    clock = None if channel.clock_u_s is None else OWN_CLOCK
+    return ChannelInfo(
+        channel.unit, kind, None, channel.full_scale, channel.latency_s, clock=clock, clock_u_s=channel.clock_u_s
+    )

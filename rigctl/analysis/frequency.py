@@ -67,7 +67,7 @@ def _search(
         basis = HarmonicBasis(t_s, estimate, harmonics, lines_hz=lines_hz)
         fit = basis.fit(x)
         # The amplitudes follow the frequency at every step (variable projection), so one number is searched for.
-        gradient = _frequency_gradient(basis, fit)
+        gradient = frequency_gradient(basis, fit)
         stiffness = float(gradient @ gradient)
         step = float(gradient @ fit.residuals) / stiffness if stiffness > 0.0 else np.inf
         if abs(estimate + step - frequency_hz) * basis.duration_s > 1.0:
@@ -102,7 +102,7 @@ def _peak_hz(t_s: FloatArray, x: FloatArray, near_hz: float, duration_s: float) 
     return float(trial[int(np.argmax(power))])
 
 
-def _frequency_gradient(basis: HarmonicBasis, fit: HarmonicFit) -> FloatArray:
+def frequency_gradient(basis: HarmonicBasis, fit: HarmonicFit) -> FloatArray:
     """Give d(model)/d(frequency) with the part that the linear columns can imitate taken out."""
     order = np.arange(1, basis.harmonics + 1)
     # Time from mid-record: another origin adds what the amplitudes imitate anyway, at the cost of rounding.

@@ -72,6 +72,7 @@ class Layout:
     `flaw_of_run` says why a row of runs.csv contradicts itself, None when it does not. `period_of` is the
     time [s] a run must at least last. `units_of` compares what was asked for with what the samples show.
     `handles_missing`: the analysis masks gaps and missing samples itself. `patterns`: custom ones in patterns.csv.
+    `own_clocks`: the analysis takes channels that have clocks of their own.
     """
 
     fields: Mapping[str, Field]
@@ -82,6 +83,7 @@ class Layout:
     constants: tuple[str, ...] = ()
     handles_missing: bool = False
     patterns: bool = False
+    own_clocks: bool = False
 
 
 def number(text: str) -> float:

@@ -19,15 +19,25 @@ READINGS = "readings"
 MAX_RUN_ID_BYTES = 200
 
 
+OWN_CLOCK = "own"
+
+
 @dataclass(frozen=True)
 class ChannelInfo:
-    """One sample column: `noise_rms` and `full_scale` in `unit`, `latency_s` as recorded, not corrected."""
+    """One sample column: `noise_rms` and `full_scale` in `unit`, `latency_s` as recorded, not corrected.
+
+    `clock` is `OWN_CLOCK` where the channel was not sampled at the rig's trigger edges: a run then has its times in a
+    column of their own (`time_column`). `clock_u_s` is how well they are known on the rig's time axis (standard
+    uncertainty), before an offset is fitted; None for nothing better than a quarter of the drive's period.
+    """
 
     unit: str = ""
     kind: str = ""
     noise_rms: float | None = None
     full_scale: float | None = None
     latency_s: float | None = None
+    clock: str | None = None
+    clock_u_s: float | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -149,6 +159,22 @@ class Recording:
         if run_id not in self.columns:
             raise DataError(f"no run {run_id} in this recording")
         return dict(self.columns[run_id])
+
+
+def time_column(channel: str) -> str:
+    """The column of times of a channel that has a clock of its own."""
+    return f"{channel}.t_s"
+
+
+def own_clocks(header: Header) -> tuple[str, ...]:
+    """The channels that have a clock of their own."""
+    return tuple(name for name, channel in header.channels.items() if channel.clock == OWN_CLOCK)
+
+
+def on_rig_time(samples: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """The columns of a run that were sampled at the times `t_s`: those without a clock of their own."""
+    own = {name for channel in samples if (time := time_column(channel)) in samples for name in (channel, time)}
+    return {name: column for name, column in samples.items() if name not in own}
 
 
 def flaw_of_run_id(run_id: str) -> str | None:

@@ -151,13 +151,18 @@ class LearnsByMoving(Protocol):
 
 @dataclass(frozen=True)
 class Channel:
-    """One column of a run as an instrument delivers it."""
+    """One column of a run as an instrument delivers it.
+
+    `clock_u_s` is None for a channel that is sampled at the rig's edges; of a `FreeRecorder` it is how well the rig
+    time of its rows is known at least (standard uncertainty).
+    """
 
     name: str
     unit: str
     kind: str
     latency_s: float = 0.0
     full_scale: float | None = None
+    clock_u_s: float | None = None
 
 
 @runtime_checkable
@@ -201,6 +206,40 @@ class StreamedRecorder(PacedRecorder, Protocol):
         """
 
 
+@dataclass(frozen=True)
+class OwnClockRecord:
+    """Rows at equal steps of the instrument's own clock, which nothing ties to the rig's.
+
+    `values` has the shape (rows, channels), NaN where there was no value. The first row was taken at `start_s`, rig
+    time, known to the standard uncertainty `start_u_s`; `period_s` is the step in seconds of the instrument.
+    """
+
+    start_s: float
+    start_u_s: float
+    period_s: float
+    values: FloatArray
+
+
+@runtime_checkable
+class FreeRecorder(Recorder, Protocol):
+    """Records rows on its own clock, beside what others record on the trigger edges."""
+
+    def prepare(self, samples: int, period_s: float) -> None:
+        """Clear, and be ready to record while others take `samples` edges `period_s` apart; `LimitError` beyond it.
+
+        Its own step is at most `period_s`.
+        """
+
+    def begin(self) -> None:
+        """Start, soon before the first edge; returns once it records."""
+
+    def finish(self) -> OwnClockRecord:
+        """Stop, and what was recorded; called after the last edge.
+
+        Raises `InstrumentError` when it has recorded for a shorter time than the edges came.
+        """
+
+
 @runtime_checkable
 class PacingRecorder(Recorder, Protocol):
     """Records on its own sample timer and gives the trigger edges all the others record on."""
@@ -217,8 +256,8 @@ class PacingRecorder(Recorder, Protocol):
 
 
 @runtime_checkable
-class DisplacementMeter(Instrument, PacedRecorder, Protocol):
-    """A controller with one or more displacement heads."""
+class DisplacementMeter(Instrument, Recorder, Protocol):
+    """A controller with one or more displacement heads; it is a `PacedRecorder` or a `FreeRecorder` besides."""
 
     def displacements(self) -> tuple[Reading, ...]:
         """The value of each head now [mm], NaN when out of range or without a target."""

@@ -19,7 +19,7 @@ from simulators.measured import Tap
 from simulators.wiring import Signal, TriggerLine
 
 STORAGE_CYCLES = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-"""Sampling cycles between stored values, by the number that selects them (SW,CF); 10 is the TIMING input."""
+"""Sampling cycles between stored values, by the number that selects them (SW,CF)."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Controller:
         self.clock = clock
         self.outputs = [Output(signal, settings.range_mm) for signal in heads]
         self._model = model
-        self._registers = Registers.of(registers)
-        self._storage = DataStorage(clock, trigger, self.outputs, settings, tap)
+        self.registers = Registers.of(registers)
+        self.storage = DataStorage(clock, trigger, self.outputs, settings, tap)
         self._measuring = True
         self._ready_s = clock.now_s()
         self._return_delay_s = 0.0
@@ -63,11 +63,10 @@ class Controller:
             "AQ": Command(self._initialise_storage),
             "AS": Command(self._start_storage),
             "AP": Command(self._stop_storage),
-            "AN": Command(self._storage_status),
-            "AO": Command(self._stored_values, parameters=1),
             "PW": Command(self._change_program, parameters=1),
-            "PR": Command(lambda _: f"PR,{self._registers.program}"),
+            "PR": Command(lambda _: f"PR,{self.registers.program}"),
             "KL": Command(self._lock_panel, parameters=1),
+            **self.storage_commands(),
             **self.measurement_commands(),
         }
 
@@ -78,8 +77,8 @@ class Controller:
     def befall(self, event: Event) -> None:
         """It loses its power: settings are kept, zeros and stored values are not."""
         if isinstance(event, PowerCycle):
-            self._storage.stop()
-            self._storage.clear()
+            self.storage.stop()
+            self.storage.clear()
             self._measuring = True
             for output in self.outputs:
                 output.unzero()
@@ -121,13 +120,13 @@ class Controller:
     def zero(self, indices: Sequence[int]) -> None:
         """Auto-zero on."""
         # What is stored so far is taken with the zero it was measured with.
-        self._storage.take()
+        self.storage.take()
         for output in self.wired(indices):
             output.zero(self.clock.now_s())
 
     def unzero(self, indices: Sequence[int]) -> None:
         """Auto-zero off."""
-        self._storage.take()
+        self.storage.take()
         for output in self.wired(indices):
             output.unzero()
 
@@ -174,9 +173,9 @@ class Controller:
             raise Refused(Fault.STATUS)
         self._measuring = main == "R0"
         if not self._measuring:
-            self._storage.stop()
+            self.storage.stop()
             # Before settings change: values belong to those they were stored under.
-            self._storage.take()
+            self.storage.take()
             return Answer(main, self.settings.reply_delay_s)
         self._apply_registers()
         delay_s = self.settings.reply_delay_s + self.settings.mode_return_s
@@ -186,16 +185,16 @@ class Controller:
     # Settings and programs
 
     def _write(self, parameters: list[str]) -> str:
-        self._registers.write(parameters)
+        self.registers.write(parameters)
         return f"SW,{parameters[0]}"
 
     def _read(self, parameters: list[str]) -> str:
-        return ",".join(["SR", *parameters, *self._registers.read(parameters)])
+        return ",".join(["SR", *parameters, *self.registers.read(parameters)])
 
     def _change_program(self, parameters: list[str]) -> str:
-        self._registers.program = whole(parameters[0], 0, PROGRAMS - 1)
-        self._storage.stop()
-        self._storage.take()
+        self.registers.program = whole(parameters[0], 0, PROGRAMS - 1)
+        self.storage.stop()
+        self.storage.take()
         self._apply_registers()
         return "PW"
 
@@ -203,54 +202,49 @@ class Controller:
         whole(parameters[0], 0, 1)
         return "KL"
 
-    def _cycle_s(self) -> float:
-        return self._model.sampling_us[int(self._registers.value("CA")[0])] * 1e-6
+    def cycle_s(self) -> float:
+        """The sampling cycle."""
+        return self._model.sampling_us[int(self.registers.value("CA")[0])] * 1e-6
 
     def _apply_registers(self) -> None:
         for number, output in enumerate(self.outputs, start=1):
-            kind, selected = (int(value) for value in self._registers.value("OC", output=number))
+            kind, selected = (int(value) for value in self.registers.value("OC", output=number))
             output.kernel = self._kernel(kind, selected)
-            output.offset_mm = float(self._registers.value("OF", output=number)[0])
+            output.offset_mm = float(self.registers.value("OF", output=number)[0])
 
     def _kernel(self, kind: int, selected: int) -> Kernel:
         if kind == 0:
-            return moving_average(4**selected, self._cycle_s())
+            return moving_average(4**selected, self.cycle_s())
         cutoff_hz = CUTOFFS_HZ[min(selected, len(CUTOFFS_HZ) - 1)]
         return low_pass(cutoff_hz) if kind == 1 else high_pass(cutoff_hz)
 
     # Storage
 
-    def _plan(self) -> Plan:
-        count, cycle = (int(value) for value in self._registers.value("CF"))
-        stored = tuple(
-            index for index in range(len(self.outputs)) if self._registers.value("OK", output=index + 1) == ("1",)
-        )
-        share = self.settings.storage_values
-        if self._model.storage_shared and stored:
-            # One memory for all outputs that are stored.
-            share //= len(stored)
-        cycle_s = STORAGE_CYCLES[cycle] * self._cycle_s() if cycle < len(STORAGE_CYCLES) else None
-        return Plan(min(count, share), cycle_s, stored)
+    def plan(self) -> Plan:
+        """What a storage that is started now takes."""
+        raise NotImplementedError
+
+    def storage_commands(self) -> dict[str, Command]:
+        """How the storage's status and its values are asked for."""
+        raise NotImplementedError
+
+    def counts(self) -> list[str]:
+        """How many values are stored of each output, two outputs at least, as they stand in a reply."""
+        stored = [self.storage.count(index) for index in range(max(2, len(self.outputs)))]
+        return [f"{count:0{self.settings.count_digits}d}" for count in stored]
+
+    def stored(self, index: int) -> str:
+        """The stored values of an output, comma-separated."""
+        return format_values(self.storage.values(index).tolist(), self.settings.decimals)
 
     def _initialise_storage(self, _: list[str]) -> str:
-        self._storage.clear()
+        self.storage.clear()
         return "AQ"
 
     def _start_storage(self, _: list[str]) -> str:
-        self._storage.start(self._plan())
+        self.storage.start(self.plan())
         return "AS"
 
     def _stop_storage(self, _: list[str]) -> str:
-        self._storage.stop()
+        self.storage.stop()
         return "AP"
-
-    def _storage_status(self, _: list[str]) -> str:
-        running = "1" if self._storage.running else "0"
-        # Two counts at least, as the manual's reply has them.
-        counts = [self._storage.count(index) for index in range(max(2, len(self.outputs)))]
-        return ",".join(["AN", running, *(f"{count:0{self.settings.count_digits}d}" for count in counts)])
-
-    def _stored_values(self, parameters: list[str]) -> str:
-        values = self._storage.values(self.output(parameters[0]))
-        text = format_values(values.tolist(), self.settings.decimals)
-        return f"AO,{text}" if text else "AO"

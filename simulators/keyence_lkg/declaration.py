@@ -26,14 +26,19 @@ def _columns(spec: Spec) -> dict[str, str]:
     return {str(output): name for name, output in spec.numbered("heads").items()}
 
 
-def _declared(settings: type[LkgSettings], make: Callable[..., Controller]) -> SimulatorDeclaration:
+HEAD_FAULTS = frozenset({"power_cycle", "target_lost", "saturation", "stuck"})
+
+
+def _declared(
+    settings: type[LkgSettings], make: Callable[..., Controller], faults: frozenset[str]
+) -> SimulatorDeclaration:
     return SimulatorDeclaration(
         settings,
         lambda spec, site, settings: make(site.clock, _heads(spec, site), site.trigger, settings, site.tap),
-        frozenset({"power_cycle", "target_lost", "saturation", "stuck", "missing_edges"}),
+        faults,
         _columns,
     )
 
 
-LKG3001 = _declared(Lkg3001Settings, SimulatedLkg3001)
-LKG5000 = _declared(Lkg5000Settings, SimulatedLkg5000)
+LKG3001 = _declared(Lkg3001Settings, SimulatedLkg3001, HEAD_FAULTS)
+LKG5000 = _declared(Lkg5000Settings, SimulatedLkg5000, HEAD_FAULTS | {"missing_edges"})

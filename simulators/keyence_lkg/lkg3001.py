@@ -8,10 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from simulators.clock import SimulationClock
-from simulators.keyence_lkg.controller import Command, Controller
+from simulators.keyence_lkg.controller import STORAGE_CYCLES, Command, Controller
+from simulators.keyence_lkg.dialect import Lkg3001Dialect
 from simulators.keyence_lkg.faults import Fault
 from simulators.keyence_lkg.model import LkgSettings, Model, common_registers
-from simulators.keyence_lkg.registers import Register, digits, switch, whole
+from simulators.keyence_lkg.registers import Field, Register, digits, exactly, switch, whole
+from simulators.keyence_lkg.storage import Plan
 from simulators.keyence_lkg.values import format_values
 from simulators.measured import Tap, unheard
 from simulators.wiring import Signal, TriggerLine
@@ -20,7 +22,6 @@ MODEL = Model(
     kind="keyence-lkg3001",
     outputs=2,
     sampling_us=(20.0, 50.0, 100.0, 200.0, 500.0, 1000.0),
-    storage_shared=False,
     codes={
         Fault.COMMAND: "00",
         Fault.STATUS: "01",
@@ -35,14 +36,18 @@ _STATISTICS_SPAN_S = 60.0
 
 
 class Lkg3001Settings(LkgSettings):
-    """The first generation's defaults: 65 536 values per output, all outputs stored."""
+    """The first generation's defaults: 65 536 values per output; `dialect` is what the manual may say besides."""
+
+    clock_ppm: float = 40.0
+    dialect: Lkg3001Dialect = Lkg3001Dialect()
 
 
 class SimulatedLkg3001(Controller):
     """An LK-G3001 with one or two heads.
 
-    `heads` are displacements in mm at rig times (NaN without a target), `trigger` is wired to the TIMING
-    input. Source: LK-G Series User's Manual, chapter 5.
+    `heads` are displacements in mm at rig times (NaN without a target), `trigger` is wired to the TIMING input, which
+    its storage does not follow: it stores by its own clock. Sources: LK-G Series User's Manual, chapter 5; storage
+    cycles and targets as in the maker's header LkIF.h.
     """
 
     def __init__(
@@ -50,10 +55,11 @@ class SimulatedLkg3001(Controller):
         clock: SimulationClock,
         heads: Sequence[Signal],
         trigger: TriggerLine,
-        settings: LkgSettings | None = None,
+        settings: Lkg3001Settings | None = None,
         tap: Tap | None = None,
     ) -> None:
         settings = settings or Lkg3001Settings()
+        self._dialect = settings.dialect
         super().__init__(MODEL, _registers(settings), clock, heads, trigger, settings, tap or unheard())
 
     def measurement_commands(self) -> dict[str, Command]:
@@ -68,6 +74,29 @@ class SimulatedLkg3001(Controller):
         for number, indices in ((0, (0, 1)), (1, (0,)), (2, (1,))):
             commands |= self._by_output(number, indices)
         return commands
+
+    def storage_commands(self) -> dict[str, Command]:
+        """Status and values, as the dialect has them."""
+        asked = 1 if self._dialect.status_by_output else 0
+        return {"AN": Command(self._status, parameters=asked), "AO": Command(self._values_of, parameters=1)}
+
+    def plan(self) -> Plan:
+        """The outputs of the target, so many sampling cycles apart."""
+        target, count, cycle = (int(value) for value in self.registers.value("CF"))
+        stored = tuple(index for index in self._dialect.targets[target] if index < len(self.outputs))
+        return Plan(count, STORAGE_CYCLES[cycle] * self.cycle_s(), stored, self._dialect.start_delay_s)
+
+    def _status(self, parameters: list[str]) -> str:
+        running = str(int(self.storage.running))
+        if not parameters:
+            return ",".join(["AN", running, *self.counts()])
+        whose = parameters if self._dialect.status_repeats_output else []
+        return ",".join(["AN", *whose, running, self.counts()[self.output(parameters[0])]])
+
+    def _values_of(self, parameters: list[str]) -> str:
+        text = self.stored(self.output(parameters[0]))
+        whose = parameters if self._dialect.values_repeat_output else []
+        return ",".join(["AO", *whose, *([text] if text else [])])
 
     def _by_output(self, number: int, indices: tuple[int, ...]) -> dict[str, Command]:
         def measure(_: list[str]) -> str:
@@ -113,9 +142,19 @@ class SimulatedLkg3001(Controller):
         return f"DO,{parameters[0]},{format_values(values, self.settings.decimals)}"
 
 
-def _registers(settings: LkgSettings) -> list[Register]:
+def _storage_register(settings: Lkg3001Settings) -> Register:
+    """Target, count and cycle; there is no cycle 10: the storage knows nothing of the TIMING input."""
+    dialect, most = settings.dialect, settings.storage_values
+    target = digits(1, 0, len(dialect.targets) - 1)
+    count: Field = exactly(dialect.count_digits, 1, most)
+    cycle: Field = exactly(dialect.cycle_digits, 0, len(STORAGE_CYCLES) - 1)
+    return Register(("CF",), 0, (target, count, cycle), ("0", f"{most:0{dialect.count_digits}d}", "0"))
+
+
+def _registers(settings: Lkg3001Settings) -> list[Register]:
     return [
         *common_registers(MODEL, settings),
+        _storage_register(settings),
         Register(("OC",), MODEL.outputs, (digits(1, 0, 0), digits(1, 0, 9)), ("0", "0")),
         Register(("HA", "M"), MODEL.outputs, (switch,), ("0",)),
         Register(("HB",), MODEL.outputs, (digits(1, 0, 4),), ("0",)),

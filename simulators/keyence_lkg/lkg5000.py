@@ -6,10 +6,11 @@ import re
 from collections.abc import Callable, Sequence
 
 from simulators.clock import SimulationClock
-from simulators.keyence_lkg.controller import Command, Controller
+from simulators.keyence_lkg.controller import STORAGE_CYCLES, Command, Controller
 from simulators.keyence_lkg.faults import Fault, Refused
 from simulators.keyence_lkg.model import LkgSettings, Model, common_registers
 from simulators.keyence_lkg.registers import Register, digits, number, switch, whole
+from simulators.keyence_lkg.storage import Plan
 from simulators.measured import Tap, unheard
 from simulators.wiring import Signal, TriggerLine
 
@@ -17,7 +18,6 @@ MODEL = Model(
     kind="keyence-lkg5000",
     outputs=12,
     sampling_us=(2.55, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0),
-    storage_shared=True,
     codes={
         Fault.COMMAND: "50",
         Fault.STATUS: "51",
@@ -34,7 +34,6 @@ class Lkg5000Settings(LkgSettings):
     """The second generation's defaults: 1 200 000 values shared by the outputs chosen with SW,OK."""
 
     storage_values: int = 1_200_000
-    stores_all_outputs: bool = False
     refusal_names_setting: bool = False
     mode_return_s: float = 0.6
 
@@ -69,6 +68,29 @@ class SimulatedLkg5000(Controller):
             commands |= self._by_outputs(letter, control)
         return commands
 
+    def storage_commands(self) -> dict[str, Command]:
+        """Status of all outputs at once, values by output."""
+        return {"AN": Command(self._status), "AO": Command(self._values_of, parameters=1)}
+
+    def plan(self) -> Plan:
+        """Outputs are chosen apart (SW,OK); cycle 10 is the TIMING input."""
+        count, cycle = (int(value) for value in self.registers.value("CF"))
+        stored = tuple(
+            index for index in range(len(self.outputs)) if self.registers.value("OK", output=index + 1) == ("1",)
+        )
+        # One memory for all outputs that are stored.
+        share = self.settings.storage_values // max(len(stored), 1)
+        cycle_s = STORAGE_CYCLES[cycle] * self.cycle_s() if cycle < len(STORAGE_CYCLES) else None
+        return Plan(min(count, share), cycle_s, stored)
+
+    def _status(self, _: list[str]) -> str:
+        running = int(self.storage.running)
+        return ",".join(["AN", str(running), *self.counts()])
+
+    def _values_of(self, parameters: list[str]) -> str:
+        text = self.stored(self.output(parameters[0]))
+        return f"AO,{text}" if text else "AO"
+
     def _by_outputs(self, letter: str, control: Callable[[Sequence[int]], None]) -> dict[str, Command]:
         def single(parameters: list[str]) -> str:
             control([self.output(parameters[0])])
@@ -101,11 +123,13 @@ def _flagged(flags: str) -> list[int]:
 
 
 def _registers(settings: LkgSettings) -> list[Register]:
-    outputs = MODEL.outputs
+    outputs, count = MODEL.outputs, settings.storage_values
     choice = digits(1, 0, 9)
     zero = "+000.000"
     return [
         *common_registers(MODEL, settings),
+        Register(("CF",), 0, (digits(7, 1, count), digits(2, 0, 10)), (f"{count:07d}", "00")),
+        Register(("OK",), outputs, (switch,), ("0",)),
         Register(("OC",), outputs, (digits(1, 0, 2), choice), ("0", "0")),
         Register(("OA", "T"), outputs, (choice,), ("0",)),
         Register(("OB",), outputs, (number,) * 4, (zero, zero, "+999.999", "+999.999")),

@@ -14,10 +14,10 @@ from simulators.keyence_lkg.registers import Register, digits, six_digits, switc
 class LkgSettings(BaseModel):
     """How a simulated controller is built and configured, and what the sources leave open.
 
-    `decimals` of the value in mm; `storage_values` is the capacity; `stores_all_outputs` without being asked
-    (SW,OK); `refusal_names_setting` puts `OF` rather than `SW` into the refusal of `SW,OF`; `count_digits` of
-    the counts in the storage status. The reply to R0 takes `mode_return_s`, and for `mode_settle_s` more,
-    measuring is refused. Every reply takes `reply_delay_s`.
+    `decimals` of the value in mm; `storage_values` is the capacity; `refusal_names_setting` puts `OF` rather than
+    `SW` into the refusal of `SW,OF`; `count_digits` of the counts in the storage status. The reply to R0 takes
+    `mode_return_s`, and for `mode_settle_s` more, measuring is refused. Every reply takes `reply_delay_s`. The
+    controller's own clock is fast by `clock_ppm`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -27,12 +27,12 @@ class LkgSettings(BaseModel):
     sampling_us: float = 1000.0
     latency_s: float = 0.0
     storage_values: int = 65_536
-    stores_all_outputs: bool = True
     refusal_names_setting: bool = True
     count_digits: int = 7
     mode_return_s: float = 0.0
     mode_settle_s: float = 0.0
     reply_delay_s: float = 0.0
+    clock_ppm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,6 @@ class Model:
     kind: str
     outputs: int
     sampling_us: tuple[float, ...]
-    storage_shared: bool
     codes: Mapping[Fault, str]
 
 
@@ -51,12 +50,9 @@ def common_registers(model: Model, settings: LkgSettings) -> list[Register]:
     if settings.sampling_us not in model.sampling_us:
         raise ValueError(f"sampling_us = {settings.sampling_us:g}: no sampling cycle of a {model.kind}")
     cycle = str(model.sampling_us.index(settings.sampling_us))
-    count = settings.storage_values
     offset = six_digits(settings.decimals)
     return [
         Register(("CA",), 0, (digits(1, 0, len(model.sampling_us) - 1),), (cycle,)),
-        Register(("CF",), 0, (digits(7, 1, count), digits(2, 0, 10)), (f"{count:07d}", "00")),
         Register(("OF",), model.outputs, (offset,), (offset("+000000"),)),
-        Register(("OK",), model.outputs, (switch,), ("1" if settings.stores_all_outputs else "0",)),
         Register(("HE",), model.outputs, (switch,), ("0",)),
     ]

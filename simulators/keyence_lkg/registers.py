@@ -19,6 +19,18 @@ def digits(width: int, low: int, high: int) -> Field:
     return lambda text: f"{whole(text, low, high):0{width}d}"
 
 
+def exactly(width: int, low: int, high: int) -> Field:
+    """A whole number of exactly `width` digits, of any number of them when that is 0; read back as written."""
+
+    def check(text: str) -> str:
+        whole(text, low, high)
+        if width and len(text) != width:
+            raise Refused(Fault.PARAMETER)
+        return text
+
+    return check
+
+
 def switch(text: str) -> str:
     """0 or 1."""
     return digits(1, 0, 1)(text)

@@ -1,4 +1,7 @@
-"""The data storage: one value per output and edge of the TIMING input, or per so many sampling cycles."""
+"""The data storage: one value per output and edge of the TIMING input, or per so many sampling cycles.
+
+Sampling cycles are those of the controller's own clock.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +24,15 @@ _LOOK_EVERY_S = 30.0
 
 @dataclass(frozen=True)
 class Plan:
-    """What to store: `count` values of each output; `cycle_s` apart, or by the TIMING input when None."""
+    """What to store: `count` values of each output; `cycle_s` apart, or by the TIMING input when None.
+
+    It begins `delay_s` after it was started.
+    """
 
     count: int
     cycle_s: float | None
     outputs: tuple[int, ...]
+    delay_s: float = 0.0
 
 
 class DataStorage:
@@ -44,6 +51,7 @@ class DataStorage:
         self._trigger = trigger
         self._outputs = outputs
         self._latency_s = settings.latency_s
+        self._rate = 1.0 + 1e-6 * settings.clock_ppm
         self._plan = Plan(0, None, ())
         self._start_s = math.inf
         self._seen_s = -math.inf
@@ -82,7 +90,7 @@ class DataStorage:
         if plan != self._plan:
             self._plan = plan
             self.clear()
-        self._start_s = self._clock.now_s()
+        self._start_s = self._clock.now_s() + plan.delay_s
         # An edge at the very instant of the start counts, once.
         self._seen_s = max(self._seen_s, math.nextafter(self._start_s, -math.inf))
         self._running = bool(plan.outputs) and self._count < plan.count
@@ -125,9 +133,9 @@ class DataStorage:
         self._running = self._count < self._plan.count
 
     def _instants(self, until_s: float) -> FloatArray:
-        cycle_s = self._plan.cycle_s
-        if cycle_s is None:
+        if self._plan.cycle_s is None:
             return self._trigger.edges(self._seen_s, until_s)
+        cycle_s = self._plan.cycle_s / self._rate
         # Rounding must not lose the cycle that ends right now.
         first, last = (math.floor((t - self._start_s) / cycle_s + 1e-6) for t in (self._seen_s, until_s))
         return np.asarray(self._start_s + cycle_s * np.arange(max(first, 0) + 1, last + 1), dtype=np.float64)

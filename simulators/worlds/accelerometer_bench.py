@@ -12,11 +12,13 @@ import numpy as np
 
 from rigctl.core.arrays import BoolArray, FloatArray
 from simulators.clock import SimulationClock
+from simulators.keyed_random import normal_at_times
 from simulators.motion import MotionAxis
 from simulators.wiring import Signal, Train, TriggerLine
 from simulators.worlds import mounting as mountings
 from simulators.worlds.bench_settings import BenchSettings
 from simulators.worlds.bench_train import BenchTrain
+from simulators.worlds.laser_head import LaserHead
 from simulators.worlds.mounting import Mounting
 from simulators.worlds.rotations import Configuration, about_z
 from simulators.worlds.sensor import Electronics, bias_v
@@ -165,12 +167,20 @@ class AccelerometerBench:
     def _displacement_mm(self, head: str, times_s: FloatArray) -> FloatArray:
         times_s = np.asarray(times_s, dtype=np.float64)
         readings = np.full(times_s.shape, np.nan)
-        for train, chosen in self._trains_at(times_s):
+        left = np.ones(times_s.shape, dtype=np.bool_)
+        for train, chosen in self._trains_over(times_s):
             readings[chosen] = train.displacement_mm(head, times_s[chosen])
+            left &= ~chosen
+        if self._mounting is not None and left.any():
+            # A controller that stores on its own clock reads thousands of times outside of any train.
+            key = self._key(self._mounting, "single", 0)
+            outside = LaserHead(self._settings, self._stages, self._mounting, head).reading_m(times_s[left])
+            noise = normal_at_times(times_s[left], *key, "laser", head)
+            readings[left] = 1e3 * outside + 1e-3 * self._settings.lasers[head].noise_um * noise
         return readings
 
-    def _trains_at(self, times_s: FloatArray) -> Iterator[tuple[BenchTrain, BoolArray]]:
-        """The trains the times fall in, each with a mask of its times; a reading outside is its own train."""
+    def _trains_over(self, times_s: FloatArray) -> Iterator[tuple[BenchTrain, BoolArray]]:
+        """The trains that times fall in, each with a mask of its times."""
         self._note_train()
         left = np.ones(times_s.shape, dtype=np.bool_)
         # Where two trains claim a time, as at the end of one that was cut, the later one has it.
@@ -181,6 +191,13 @@ class AccelerometerBench:
             left &= ~chosen
             if not left.any():
                 return
+
+    def _trains_at(self, times_s: FloatArray) -> Iterator[tuple[BenchTrain, BoolArray]]:
+        """As `_trains_over`; a reading outside is its own train."""
+        left = np.ones(times_s.shape, dtype=np.bool_)
+        for train, chosen in self._trains_over(times_s):
+            yield train, chosen
+            left &= ~chosen
         if self._mounting is None:
             return
         for at_s in np.unique(times_s[left]):

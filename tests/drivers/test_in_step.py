@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from drivers.aerotech_ensemble import AerotechEnsemble, EnsembleSettings
-from drivers.keyence_lkg import KeyenceLkg, KeyenceSettings
+from drivers.keyence_lkg import KeyenceSettings, Lkg3001, Lkg5000
 from drivers.keysight_33500b import Keysight33500B, SourceSettings
 from drivers.keysight_34465a import MeterThermometer, PacedVoltmeter, PacingVoltmeter
 from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
@@ -151,23 +151,46 @@ def ensemble(stage: Stage) -> Scene:
     return Scene(driver, wire, session)
 
 
-def keyence(stage: Stage, generation: str) -> Scene:
+KEYENCE_HEADS = {"laser_1_mm": 1, "laser_2_mm": 2}
+
+
+def lkg5000(stage: Stage) -> Scene:
     signals = [stage.signal, lambda times_s: -2.0 * stage.signal(times_s)]
-    simulated: Any
-    if generation == "lkg3001":
-        simulated = SimulatedLkg3001(stage.clock, signals, stage.line, Lkg3001Settings(range_mm=15.0))
-    else:
-        simulated = SimulatedLkg5000(stage.clock, signals, stage.line, Lkg5000Settings(range_mm=15.0))
-    wire, connect = stage.wire(simulated)
-    heads = {"laser_1_mm": 1, "laser_2_mm": 2}
-    driver = KeyenceLkg(
-        "it", KeyenceSettings.model_validate({"generation": generation, "heads": heads}), connect, stage.clock
-    )
+    wire, connect = stage.wire(SimulatedLkg5000(stage.clock, signals, stage.line, Lkg5000Settings(range_mm=15.0)))
+    settings = KeyenceSettings.model_validate({"generation": "lkg5000", "heads": KEYENCE_HEADS})
+    driver = Lkg5000("it", settings, connect, stage.clock)
 
     def session() -> list[float]:
         driver.arm(SAMPLES, PERIOD_S)
         stage.edges()
         return list(driver.collect().ravel())
+
+    return Scene(driver, wire, session)
+
+
+def lkg3001(stage: Stage) -> Scene:
+    def time(times_s: FloatArray) -> FloatArray:
+        """Another value in every row, which says when it was taken."""
+        return np.asarray(np.round(1e-3 * times_s, 5))
+
+    signals = [time, lambda times_s: -2.0 * time(times_s)]
+    simulated = SimulatedLkg3001(
+        stage.clock, signals, stage.line, Lkg3001Settings(range_mm=15.0, decimals=5, clock_ppm=0.0)
+    )
+    wire, connect = stage.wire(simulated)
+    settings = KeyenceSettings.model_validate({"generation": "lkg3001", "heads": KEYENCE_HEADS})
+    driver = Lkg3001("it", settings, connect, stage.clock)
+
+    def session() -> list[float]:
+        driver.prepare(SAMPLES, 0.01)
+        driver.begin()
+        stage.clock.sleep_s(0.5)
+        record = driver.finish()
+        first, second = record.values[:SAMPLES].T
+        taken_s = record.start_s + record.period_s * np.arange(SAMPLES)
+        # When it is carried out at all, a late command is carried out later: how late is in the record's own start.
+        started = abs(float(np.mean(1e3 * first - taken_s))) < 4.0 * record.start_u_s
+        return [float(len(first)), *np.round(np.diff(first), 4), *np.round(second + 2.0 * first, 4), float(started)]
 
     return Scene(driver, wire, session)
 
@@ -229,8 +252,8 @@ SCENES: dict[str, Callable[[Stage], Scene]] = {
     "xps": partial(rotation, kind="xps"),
     "esp301": partial(rotation, kind="esp301"),
     "ensemble": ensemble,
-    "lkg3001": partial(keyence, generation="lkg3001"),
-    "lkg5000": partial(keyence, generation="lkg5000"),
+    "lkg3001": lkg3001,
+    "lkg5000": lkg5000,
     "pacing meter": partial(meter, use="pacing"),
     "paced meter": partial(meter, use="paced"),
     "thermometer": partial(meter, use="thermometer"),

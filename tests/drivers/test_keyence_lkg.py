@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from drivers.keyence_lkg import KeyenceLkg, KeyenceSettings
+from drivers.keyence_lkg import KeyenceSettings, Lkg3001, Lkg5000
 from drivers.keyence_values import parse_values
 from drivers.transport import Endpoint, InProcessTransport
 from rigctl.core.arrays import FloatArray
@@ -86,11 +87,17 @@ def settings(generation: str, /, **values: object) -> KeyenceSettings:
     return KeyenceSettings.model_validate({"generation": generation, "heads": HEADS} | values)
 
 
-def driver(endpoint: Endpoint, clock: SimulationClock, configured: KeyenceSettings) -> KeyenceLkg:
-    return KeyenceLkg("lasers", configured, lambda: InProcessTransport("sim:lasers", endpoint, clock), clock)
+DRIVERS: dict[str, type[Lkg3001] | type[Lkg5000]] = {"lkg3001": Lkg3001, "lkg5000": Lkg5000}
 
 
-def talking(configured: KeyenceSettings, *exchanges: tuple[bytes, bytes]) -> tuple[KeyenceLkg, Conversation]:
+def driver(endpoint: Endpoint, clock: SimulationClock, configured: KeyenceSettings, guarded: bool = True) -> Any:
+    made = DRIVERS[configured.generation]
+    return made(
+        "lasers", configured, lambda: InProcessTransport("sim:lasers", endpoint, clock, guarded=guarded), clock
+    )
+
+
+def talking(configured: KeyenceSettings, *exchanges: tuple[bytes, bytes]) -> tuple[Any, Conversation]:
     conversation = Conversation(*exchanges)
     return driver(conversation, VirtualClock(), configured), conversation
 
@@ -139,11 +146,28 @@ def minus_two(times_s: FloatArray) -> FloatArray:
 # The manual's bytes
 
 
+def found_out(target: int, *outputs: int) -> list[tuple[bytes, bytes]]:
+    """What an LK-G3001 is asked when it is opened and accepts the first form of its storage."""
+    counts = [(f"AN,{output}\r".encode(), f"AN,{output},1,00012\r".encode()) for output in outputs]
+    ended = [(question, answer.replace(b",1,0", b",0,0")) for question, answer in counts]
+    return [
+        (b"Q0\r", b"Q0\r"),
+        (f"SW,CF,{target},0000100,00\r".encode(), b"SW,CF\r"),
+        (b"R0\r", b"R0\r"),
+        (b"AQ\r", b"AQ\r"),
+        (b"AS\r", b"AS\r"),
+        *counts,
+        (b"AP\r", b"AP\r"),
+        *ended,
+    ]
+
+
 def test_the_first_generation_is_read_by_the_manuals_bytes() -> None:
     lasers, conversation = talking(
         settings("lkg3001"),
         (b"R0\r", b"ER,R0,01\r"),
         (b"M1\r", b"M1,+00.0123\r"),
+        *found_out(3, 1, 2),
         (b"M0\r", b"M0,+00.0123,-00.4567\r"),
         (b"M0\r", b"M0,+FFFFFFF,XXXXXXXX\r"),
     )
@@ -158,6 +182,7 @@ def test_one_head_of_two_is_asked_alone() -> None:
         settings("lkg3001", heads={"side_mm": 2}),
         (b"R0\r", b"R0\r"),
         (b"M1\r", b"M1,XXXXXXXX\r"),
+        *found_out(2, 2),
         (b"M2\r", b"M2,-00.0120\r"),
     )
     lasers.open()
@@ -275,12 +300,12 @@ def test_it_is_a_displacement_meter_that_touches_nothing_until_opened(generation
     with pytest.raises(LinkLost, match="open"):
         bench.lasers.displacements()
     bench.lasers.stop()
-    assert bench.tap.sent == b"AP\rAN\r"
+    assert bench.tap.sent == (b"AP\rAN,1\rAN,2\r" if generation == "lkg3001" else b"AP\rAN\r")
 
 
 @both_generations
 def test_identity_is_the_generation(generation: str) -> None:
-    bench = Bench(generation, minus_two)
+    bench = Bench(generation, minus_two, heads={"laser_1_mm": 1})
     bench.lasers.open()
     bench.lasers.open()
     identity = bench.lasers.identify()
@@ -290,36 +315,32 @@ def test_identity_is_the_generation(generation: str) -> None:
     bench.lasers.close()
 
 
-@both_generations
-def test_each_edge_gives_a_row_with_each_heads_value(generation: str) -> None:
-    bench = Bench(generation)
+def test_each_edge_gives_a_row_with_each_heads_value() -> None:
+    bench = Bench("lkg5000")
     edges_s, rows = bench.record(500, 0.05)
     np.testing.assert_allclose(rows, np.column_stack([ramp(edges_s), minus_two(edges_s)]), atol=0.6e-4)
 
 
-@both_generations
-def test_columns_follow_the_settings_not_the_outputs(generation: str) -> None:
-    bench = Bench(generation, heads={"second_mm": 2, "first_mm": 1})
+def test_columns_follow_the_settings_not_the_outputs() -> None:
+    bench = Bench("lkg5000", heads={"second_mm": 2, "first_mm": 1})
     edges_s, rows = bench.record(10, 0.05)
     np.testing.assert_allclose(rows, np.column_stack([minus_two(edges_s), ramp(edges_s)]), atol=0.6e-4)
     assert bench.lasers.displacements()[0].value == -2.0
 
 
-@both_generations
-def test_a_second_recording_replaces_the_first(generation: str) -> None:
-    bench = Bench(generation)
+def test_a_second_recording_replaces_the_first() -> None:
+    bench = Bench("lkg5000")
     bench.record(20, 0.05)
     edges_s, rows = bench.record(10, 0.1)
     assert rows.shape == (10, 2)
     np.testing.assert_allclose(rows[:, 0], ramp(edges_s), atol=0.6e-4)
 
 
-@both_generations
-def test_a_lost_target_and_an_end_of_range_are_not_a_number(generation: str) -> None:
+def test_a_lost_target_and_an_end_of_range_are_not_a_number() -> None:
     def leaving(times_s: FloatArray) -> FloatArray:
         return np.where(times_s < 2.0, np.nan, 10.0 * (times_s - 1.0))
 
-    bench = Bench(generation, leaving, minus_two)
+    bench = Bench("lkg5000", leaving, minus_two)
     edges_s, rows = bench.record(30, 0.1)
     expected = leaving(edges_s)
     expected[expected > 15.0] = np.nan
@@ -329,57 +350,53 @@ def test_a_lost_target_and_an_end_of_range_are_not_a_number(generation: str) -> 
     assert math.isnan(bench.lasers.displacements()[0].value)
 
 
-@both_generations
-def test_sampling_and_averaging_are_set_up(generation: str) -> None:
-    bench = Bench(generation, sampling_us=500.0, averaging=64)
+def test_sampling_and_averaging_are_set_up() -> None:
+    bench = Bench("lkg5000", sampling_us=500.0, averaging=64)
     edges_s, rows = bench.record(20, 0.05)
     np.testing.assert_allclose(rows[:, 0], ramp(edges_s - 63 / 2 * 500e-6), atol=0.6e-4)
 
 
-@both_generations
 @pytest.mark.parametrize("simulated", [{"mode_return_s": 2.1}, {"mode_settle_s": 2.1}, {"reply_delay_s": 0.4}])
-def test_a_slow_return_to_measuring_is_waited_for(generation: str, simulated: dict[str, float]) -> None:
-    bench = Bench(generation, simulated=simulated)
+def test_a_slow_return_to_measuring_is_waited_for(simulated: dict[str, float]) -> None:
+    bench = Bench("lkg5000", simulated=simulated)
     assert bench.record(5, 0.05)[1].shape == (5, 2)
 
 
-@both_generations
-def test_a_return_to_measuring_that_takes_too_long_is_an_error(generation: str) -> None:
-    bench = Bench(generation, simulated={"mode_settle_s": 60.0})
+def test_a_return_to_measuring_that_takes_too_long_is_an_error() -> None:
+    bench = Bench("lkg5000", simulated={"mode_settle_s": 60.0})
     bench.lasers.open()
     with pytest.raises(InstrumentError, match=r"AQ refused with error .1 .status error") as refused:
         bench.lasers.arm(5, 0.05)
-    assert refused.value.code == {"lkg3001": "01", "lkg5000": "51"}[generation]
+    assert refused.value.code == "51"
     assert refused.value.text == "status error"
 
 
 # Limits and missing edges
 
 
-@pytest.mark.parametrize(("generation", "samples_max"), [("lkg3001", 65_536), ("lkg5000", 600_000)])
+@pytest.mark.parametrize(("generation", "samples_max"), [("lkg3001", 65_036), ("lkg5000", 600_000)])
 def test_more_than_the_storage_holds_is_refused_before_a_byte_is_sent(generation: str, samples_max: int) -> None:
     bench = Bench(generation)
+    set_up = bench.lasers.prepare if generation == "lkg3001" else bench.lasers.arm
     for samples in (0, samples_max + 1):
         with pytest.raises(LimitError, match=f"1 to {samples_max}"):
-            bench.lasers.arm(samples, 0.01)
+            set_up(samples, 0.01)
     with pytest.raises(LimitError, match="sampling_us"):
-        bench.lasers.arm(10, 0.9e-3)
+        set_up(10, 0.9e-3)
     assert not bench.tap.sent
 
 
-@both_generations
 @pytest.mark.parametrize("edges", [0, 1, 99])
-def test_missing_edges_are_an_error_that_says_how_many_came(generation: str, edges: int) -> None:
-    bench = Bench(generation, edge_timeout_s=3.0)
+def test_missing_edges_are_an_error_that_says_how_many_came(edges: int) -> None:
+    bench = Bench("lkg5000", edge_timeout_s=3.0)
     with pytest.raises(InstrumentError, match=f"{edges} of 100 trigger edges came, then no more"):
         bench.record(100, 0.05, edges=edges)
     assert bench.clock.now_s() < 0.6 + 100 * 0.05 + 3.0 + 2 * 0.05 + 2.0
     assert bench.record(10, 0.05)[1].shape == (10, 2)
 
 
-@both_generations
-def test_a_pause_of_the_edges_shorter_than_the_patience_is_no_end(generation: str) -> None:
-    bench = Bench(generation, edge_timeout_s=3.0)
+def test_a_pause_of_the_edges_shorter_than_the_patience_is_no_end() -> None:
+    bench = Bench("lkg5000", edge_timeout_s=3.0)
     bench.lasers.open()
     bench.lasers.arm(20, 0.05)
     bench.line.begin(bench.clock.now_s(), 0.05, 10)
@@ -387,17 +404,15 @@ def test_a_pause_of_the_edges_shorter_than_the_patience_is_no_end(generation: st
     assert bench.lasers.collect().shape == (20, 2)
 
 
-@both_generations
-def test_nothing_is_collected_that_was_not_armed(generation: str) -> None:
-    bench = Bench(generation)
+def test_nothing_is_collected_that_was_not_armed() -> None:
+    bench = Bench("lkg5000")
     bench.lasers.open()
     with pytest.raises(InstrumentError, match="arm first"):
         bench.lasers.collect()
 
 
-@both_generations
-def test_stop_from_another_thread_ends_a_collect_that_waits(generation: str) -> None:
-    bench = Bench(generation, clock=ScaledClock(speed=200.0), simulated={"mode_return_s": 0.0})
+def test_stop_from_another_thread_ends_a_collect_that_waits() -> None:
+    bench = Bench("lkg5000", clock=ScaledClock(speed=200.0), simulated={"mode_return_s": 0.0})
     asked = threading.Event()
     failures: list[RigError] = []
 
@@ -422,16 +437,10 @@ def test_stop_from_another_thread_ends_a_collect_that_waits(generation: str) -> 
     assert "of 1000 trigger edges came, then the storage was stopped" in str(failure)
 
 
-@both_generations
 @pytest.mark.parametrize("turned", [False, True])
-def test_on_a_line_without_parity_stored_values_are_read_twice(generation: str, turned: bool) -> None:
-    bench = Bench(generation)
-    bench.lasers = KeyenceLkg(
-        "lasers",
-        settings(generation),
-        lambda: InProcessTransport("sim:lasers", bench.tap, bench.clock, guarded=False),
-        bench.clock,
-    )
+def test_on_a_line_without_parity_stored_values_are_read_twice(turned: bool) -> None:
+    bench = Bench("lkg5000")
+    bench.lasers = driver(bench.tap, bench.clock, settings("lkg5000"), guarded=False)
     reads: list[bytes] = []
 
     def spoil(reply: bytes) -> bytes:
@@ -517,12 +526,11 @@ def test_a_hardware_fault_of_the_second_generation_is_not_mistaken_for_the_first
     assert not isinstance(raised.value, WrongInstrument)
 
 
-@both_generations
 @pytest.mark.parametrize("middle", ["SW", "CF", "SW,CF"])
-def test_a_refused_setting_is_reported_and_leaves_the_controller_measuring(generation: str, middle: str) -> None:
-    bench = Bench(generation)
+def test_a_refused_setting_is_reported_and_leaves_the_controller_measuring(middle: str) -> None:
+    bench = Bench("lkg5000")
     bench.lasers.open()
-    code = {"lkg3001": "22", "lkg5000": "62"}[generation]
+    code = "62"
     refuse = f"ER,{middle},{code}\r".encode()
     bench.tap.on_reply = lambda data: refuse if data == b"SW,CF\r" else data
     with pytest.raises(InstrumentError, match=f"SW,CF,0000010,10 refused with error {code} .*parameter") as raised:
@@ -543,26 +551,23 @@ def test_garbage_in_place_of_values_is_a_bad_reply(generation: str) -> None:
         bench.lasers.displacements()
 
 
-@both_generations
 @pytest.mark.parametrize("status", [b"AN\r", b"AN,1\r", b"AN,x,1,1\r", b"AN,1,0000001\r"])
-def test_a_status_that_lacks_an_outputs_count_is_a_bad_reply(generation: str, status: bytes) -> None:
-    bench = Bench(generation)
+def test_a_status_that_lacks_an_outputs_count_is_a_bad_reply(status: bytes) -> None:
+    bench = Bench("lkg5000")
     bench.tap.on_reply = lambda data: status if data.startswith(b"AN") else data
     with pytest.raises(BadReply, match="a count per output"):
         bench.record(10, 0.05)
 
 
-@both_generations
-def test_values_lost_in_the_read_out_are_a_bad_reply(generation: str) -> None:
-    bench = Bench(generation)
+def test_values_lost_in_the_read_out_are_a_bad_reply() -> None:
+    bench = Bench("lkg5000")
     bench.tap.on_reply = lambda data: data[:29] + b"\r" if data.startswith(b"AO,-") else data
     with pytest.raises(BadReply, match="3 values of 10"):
         bench.record(10, 0.05)
 
 
-@both_generations
-def test_automatic_output_between_the_replies_is_passed_over(generation: str) -> None:
-    bench = Bench(generation)
+def test_automatic_output_between_the_replies_is_passed_over() -> None:
+    bench = Bench("lkg5000")
     bench.tap.on_reply = lambda data: b"TG,1,+00.0001\r" + data + b"TG,1,+00.0002\r"
     assert bench.record(10, 0.05)[1].shape == (10, 2)
 

@@ -90,7 +90,7 @@ SINGLE_FAULTS = (
         "bias-rejection",
         silence="its numbers are what the instrument measured, and near enough to those before and after",
     ),
-    Single("missing_edges", "lasers_a", {"at_s": IN_A_RUN_S, **SPELL}),
+    Single("missing_edges", "stage", {"at_s": IN_A_RUN_S, **SPELL}),
     _meter("memory_overflow"),
     _meter("clock_jump", jump_s=2.0),
     Single("clock_drift", "accelerometer", {"ppm": 1e5}),

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rigctl.campaign.recording import time_column
 from rigctl.campaign.store.entries import RUN_ENDED
 from rigctl.campaign.store.store import Store
 from rigctl.core.arrays import FloatArray
@@ -119,13 +120,15 @@ def _told_during(
 
 
 def _wrong_sample(samples: dict[str, FloatArray], start_s: float, truths: dict[str, Truth], told: bool) -> str:
-    t_s = samples["t_s"]
-    period_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 1.0
+    times = {time_column(name) for name in samples}
     for name, values in samples.items():
-        if name in DERIVED:
+        if name in DERIVED or name in times:
             continue
         if name not in truths:
             return f"{name} was measured by no instrument"
+        own_s = samples.get(time_column(name))
+        t_s = samples["t_s"] if own_s is None else _nearest_rows(own_s, values, start_s, truths[name])
+        period_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 1.0
         measured, apart_s = truths[name].at(start_s + t_s)
         bad = ~np.isclose(values, measured, rtol=ROUNDED, atol=0.0, equal_nan=True) | (apart_s > 0.6 * period_s)
         if told:
@@ -137,6 +140,21 @@ def _wrong_sample(samples: dict[str, FloatArray], start_s: float, truths: dict[s
                 f"measured was {measured[first]} {apart_s[first]:.4f} s from there"
             )
     return ""
+
+
+def _nearest_rows(own_s: FloatArray, values: FloatArray, start_s: float, truth: Truth) -> FloatArray:
+    """The times of a clock of its own, moved by whole rows to where most values were measured.
+
+    When it began is known to a row or two only: that is what an offset is fitted for.
+    """
+    step_s = float(np.median(np.diff(own_s))) if len(own_s) > 1 else 1.0
+    moved = [own_s + rows * step_s for rows in (0, *(sign * rows for rows in (1, 2, 3) for sign in (1, -1)))]
+
+    def agreeing(times_s: FloatArray) -> int:
+        measured, _ = truth.at(start_s + times_s)
+        return int(np.isclose(values, measured, rtol=ROUNDED, atol=0.0, equal_nan=True).sum())
+
+    return max(moved, key=agreeing)
 
 
 def _wrong_reading(conditions: dict[str, object], read: Period, truths: dict[str, Truth], missed: bool) -> str:

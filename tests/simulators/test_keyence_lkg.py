@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +16,6 @@ from simulators.clock import VirtualClock
 from simulators.keyence_lkg import (
     Lkg3001Settings,
     Lkg5000Settings,
-    LkgSettings,
     SimulatedLkg3001,
     SimulatedLkg5000,
 )
@@ -38,7 +37,7 @@ def ramp(times_s: FloatArray) -> FloatArray:
 class Bench:
     """A controller on a virtual clock, and a client's end of its line."""
 
-    def __init__(self, generation: str, *heads: Signal, **settings: float) -> None:
+    def __init__(self, generation: str, *heads: Signal, **settings: Any) -> None:
         self.clock = VirtualClock()
         self.line = TriggerLine()
         signals = heads or (constant(0.0123), constant(-0.4567))
@@ -48,14 +47,14 @@ class Bench:
                 self.clock,
                 signals,
                 self.line,
-                Lkg3001Settings(**settings),  # type: ignore[arg-type]
+                Lkg3001Settings(**settings),
             )
         else:
             self.controller = SimulatedLkg5000(
                 self.clock,
                 signals,
                 self.line,
-                Lkg5000Settings(**settings),  # type: ignore[arg-type]
+                Lkg5000Settings(**settings),
             )
         self.received = bytearray()
         self.session = self.controller.connect(self.received.extend)
@@ -203,7 +202,6 @@ def test_letters_may_be_small_and_bytes_may_come_one_by_one(generation: str) -> 
         ("ZZ", "ZZ", "command"),
         ("", "", "command"),
         ("\nAN", "?AN", "command"),
-        ("AN,1", "AN", "count"),
         ("AO", "AO", "count"),
         ("PW", "PW", "count"),
         ("Q0,1", "Q0", "count"),
@@ -229,6 +227,8 @@ def test_a_wrong_command_is_refused_with_the_generations_code(
         ("lkg3001", "M3", "ER,M3,00"),
         ("lkg3001", "M1,1", "ER,M1,21"),
         ("lkg3001", "VR,3", "ER,VR,22"),
+        ("lkg3001", "AN", "ER,AN,21"),
+        ("lkg5000", "AN,1", "ER,AN,61"),
         ("lkg5000", "M1", "ER,M1,50"),
         ("lkg5000", "MS", "ER,MS,61"),
         ("lkg5000", "MS,13", "ER,MS,62"),
@@ -253,9 +253,6 @@ def test_a_generation_refuses_what_only_the_other_knows(generation: str, line: s
         ("SR,CA,1", "count"),
         ("SW,OC", "count"),
         ("SW,OC,0,0,1", "parameter"),
-        ("SW,CF,0000000,10", "parameter"),
-        ("SW,CF,1200001,10", "parameter"),
-        ("SW,CF,0000100,11", "parameter"),
         ("SW,OF,1,+01.234", "parameter"),
     ],
 )
@@ -328,7 +325,8 @@ def test_any_line_gets_exactly_one_reply(generation: str, lines: list[bytes], cu
 def test_measuring_and_settings_exclude_each_other(generation: str) -> None:
     bench = Bench(generation, refusal_names_setting=False)
     status = CODES[generation]["status"]
-    measuring = [MEASURE[generation], "AS", "AP", "AQ", "AN", f"AO,{OUTPUT[generation]}", "PR"]
+    status_of = "AN,1" if generation == "lkg3001" else "AN"
+    measuring = [MEASURE[generation], "AS", "AP", "AQ", status_of, f"AO,{OUTPUT[generation]}", "PR"]
     bench.converse(("SR,CA", f"ER,SR,{status}"), ("R0", f"ER,R0,{status}"), ("Q0", "Q0"), ("Q0", f"ER,Q0,{status}"))
     for command in measuring:
         assert bench.ask(command) == f"ER,{command[:2]},{status}"
@@ -382,7 +380,7 @@ def test_two_clients_share_the_controller_but_not_their_lines(generation: str) -
     ("generation", "address", "written", "read"),
     [
         ("lkg3001", "CA", "3", "3"),
-        ("lkg3001", "CF", "4711,10", "0004711,10"),
+        ("lkg3001", "CF", "2,04711,3", "2,04711,3"),
         ("lkg3001", "OC,2", "0,9", "0,9"),
         ("lkg3001", "OF,1", "+012345", "+01.2345"),
         ("lkg3001", "HA,M,1", "1", "1"),
@@ -561,6 +559,7 @@ def test_a_window_that_leaves_the_range_both_ways_has_no_value() -> None:
 
 
 def armed(generation: str, *heads: Signal, count: int = 100, cycle: int = 10, **settings: float) -> Bench:
+    """An LK-G5000 that stores all its heads."""
     bench = Bench(generation, *heads, **{"mode_return_s": 0.0, **settings})
     outputs = [f"{n + 1:0{len(OUTPUT[generation])}d}" for n in range(len(heads))]
     bench.set(f"SW,CF,{count:07d},{cycle:02d}", *(f"SW,OK,{output},1" for output in outputs))
@@ -568,22 +567,20 @@ def armed(generation: str, *heads: Signal, count: int = 100, cycle: int = 10, **
     return bench
 
 
-@both_generations
-def test_each_edge_of_the_timing_input_stores_each_heads_value(generation: str) -> None:
-    bench = armed(generation, ramp, lambda t: -2 * t, latency_s=0.003)
+def test_each_edge_of_the_timing_input_stores_each_heads_value() -> None:
+    bench = armed("lkg5000", ramp, lambda t: -2 * t, latency_s=0.003)
     bench.line.begin(0.5, 0.02, 100)
     bench.clock.sleep_s(1.0)
     bench.converse(("AN", "AN,1,0000025,0000025"))
     bench.clock.sleep_s(2.0)
     bench.converse(("AN", "AN,0,0000100,0000100"))
     expected = 0.5 + 0.02 * np.arange(100) + 0.003
-    assert bench.stored(OUTPUT[generation]) == pytest.approx(expected, abs=0.6e-4)
-    assert bench.stored(OUTPUT[generation].replace("1", "2")) == pytest.approx(-2 * expected, abs=0.6e-4)
+    assert bench.stored("01") == pytest.approx(expected, abs=0.6e-4)
+    assert bench.stored("02") == pytest.approx(-2 * expected, abs=0.6e-4)
 
 
-@both_generations
-def test_edges_from_the_start_to_the_stop_count_both_included_and_once(generation: str) -> None:
-    bench = armed(generation, ramp)
+def test_edges_from_the_start_to_the_stop_count_both_included_and_once() -> None:
+    bench = armed("lkg5000", ramp)
     bench.line.begin(0.0, 1.0, 100)
     bench.converse(("AN", "AN,1,0000001,0000000"), ("AP", "AP"), ("AS", "AS"))
     bench.clock.sleep_s(3.0)
@@ -591,62 +588,57 @@ def test_edges_from_the_start_to_the_stop_count_both_included_and_once(generatio
     bench.clock.sleep_s(3.0)
     bench.converse(("AN", "AN,0,0000004,0000000"), ("AS", "AS"))
     bench.clock.sleep_s(1.0)
-    assert bench.stored(OUTPUT[generation]) == [0.0, 1.0, 2.0, 3.0, 6.0, 7.0]
+    assert bench.stored("01") == [0.0, 1.0, 2.0, 3.0, 6.0, 7.0]
 
 
-@both_generations
-def test_a_storage_ends_when_full_and_begins_anew_only_when_cleared(generation: str) -> None:
-    bench = armed(generation, ramp, count=3)
+def test_a_storage_ends_when_full_and_begins_anew_only_when_cleared() -> None:
+    bench = armed("lkg5000", ramp, count=3)
     bench.line.begin(1.0, 1.0, 100)
     bench.clock.sleep_s(10.0)
     bench.converse(("AN", "AN,0,0000003,0000000"), ("AS", "AS"), ("AN", "AN,0,0000003,0000000"))
-    assert bench.stored(OUTPUT[generation]) == [1.0, 2.0, 3.0]
-    bench.converse(("AQ", "AQ"), ("AN", "AN,0,0000000,0000000"), (f"AO,{OUTPUT[generation]}", "AO"), ("AS", "AS"))
+    assert bench.stored("01") == [1.0, 2.0, 3.0]
+    bench.converse(("AQ", "AQ"), ("AN", "AN,0,0000000,0000000"), (f"AO,{'01'}", "AO"), ("AS", "AS"))
     bench.clock.sleep_s(10.0)
     # The edge at 10 s is the one at the very instant of the start.
-    assert bench.stored(OUTPUT[generation]) == [10.0, 11.0, 12.0]
+    assert bench.stored("01") == [10.0, 11.0, 12.0]
 
 
-@both_generations
-def test_clearing_a_storage_that_runs_lets_it_go_on(generation: str) -> None:
-    bench = armed(generation, ramp, count=3)
+def test_clearing_a_storage_that_runs_lets_it_go_on() -> None:
+    bench = armed("lkg5000", ramp, count=3)
     bench.line.begin(1.0, 1.0, 100)
     bench.clock.sleep_s(2.0)
     bench.converse(("AQ", "AQ"), ("AN", "AN,1,0000000,0000000"))
     bench.clock.sleep_s(5.0)
-    assert bench.stored(OUTPUT[generation]) == [3.0, 4.0, 5.0]
+    assert bench.stored("01") == [3.0, 4.0, 5.0]
 
 
-@both_generations
-def test_leaving_the_measuring_mode_ends_a_storage(generation: str) -> None:
-    bench = armed(generation, ramp)
+def test_leaving_the_measuring_mode_ends_a_storage() -> None:
+    bench = armed("lkg5000", ramp)
     bench.line.begin(1.0, 1.0, 100)
     bench.clock.sleep_s(2.0)
     bench.set()
     bench.clock.sleep_s(2.0)
     bench.converse(("AN", "AN,0,0000002,0000000"))
-    assert bench.stored(OUTPUT[generation]) == [1.0, 2.0]
+    assert bench.stored("01") == [1.0, 2.0]
 
 
-@both_generations
-def test_values_stored_before_an_auto_zero_keep_their_zero(generation: str) -> None:
-    bench = armed(generation, constant(2.0))
+def test_values_stored_before_an_auto_zero_keep_their_zero() -> None:
+    bench = armed("lkg5000", constant(2.0))
     bench.line.begin(1.0, 1.0, 100)
     bench.clock.sleep_s(2.0)
-    bench.ask("V1" if generation == "lkg3001" else "VS,01")
+    bench.ask("VS,01")
     bench.clock.sleep_s(1.0)
-    assert bench.stored(OUTPUT[generation]) == [2.0, 2.0, 0.0]
+    assert bench.stored("01") == [2.0, 2.0, 0.0]
 
 
-@both_generations
-def test_a_storage_by_cycles_takes_multiples_of_the_sampling_cycle(generation: str) -> None:
-    bench = armed(generation, ramp, count=5, cycle=4, sampling_us=1000.0)
+def test_a_storage_by_cycles_takes_multiples_of_the_sampling_cycle() -> None:
+    bench = armed("lkg5000", ramp, count=5, cycle=4, sampling_us=1000.0)
     start_s = bench.clock.now_s()
     bench.clock.sleep_s(0.0705)
     bench.converse(("AN", "AN,1,0000003,0000000"))
     bench.clock.sleep_s(1.0)
     expected = start_s + 0.02 * np.arange(1, 6)
-    assert bench.stored(OUTPUT[generation]) == pytest.approx(expected, abs=0.6e-4)
+    assert bench.stored("01") == pytest.approx(expected, abs=0.6e-4)
 
 
 def test_the_second_generations_outputs_share_the_memory() -> None:
@@ -656,30 +648,32 @@ def test_the_second_generations_outputs_share_the_memory() -> None:
     bench.converse(("AN", "AN,0,0000033,0000033,0000033"))
 
 
-@both_generations
-def test_only_outputs_chosen_for_storage_are_stored(generation: str) -> None:
-    bench = armed(generation, ramp, ramp, count=2)
-    bench.set(f"SW,OK,{OUTPUT[generation]},0")
+def test_only_outputs_chosen_for_storage_are_stored() -> None:
+    bench = armed("lkg5000", ramp, ramp, count=2)
+    bench.set(f"SW,OK,{'01'},0")
     bench.ask("AS")
     bench.line.begin(1.0, 0.01, 100)
     bench.clock.sleep_s(10.0)
-    bench.converse(("AN", "AN,0,0000000,0000002"), (f"AO,{OUTPUT[generation]}", "AO"))
+    bench.converse(("AN", "AN,0,0000000,0000002"), (f"AO,{'01'}", "AO"))
 
 
-@both_generations
-def test_heads_are_sampled_before_the_world_forgets(generation: str) -> None:
+def test_heads_are_sampled_before_the_world_forgets() -> None:
     oldest_s: list[float] = []
 
     def recent(times_s: FloatArray) -> FloatArray:
         oldest_s.append(bench.clock.now_s() - times_s.min())
         return times_s
 
-    bench = Bench(generation, recent, mode_return_s=0.0, stores_all_outputs=True)
-    bench.set("SW,CF,0001000,10")
+    bench = Bench(
+        "lkg5000",
+        recent,
+        mode_return_s=0.0,
+    )
+    bench.set("SW,CF,0001000,10", "SW,OK,01,1")
     bench.ask("AS")
     bench.line.begin(1.0, 1.0, 1000)
     bench.clock.sleep_s(500.0)
-    bench.stored(OUTPUT[generation])
+    bench.stored("01")
     assert len(oldest_s) > 10
     assert max(oldest_s) <= 60.0
 
@@ -697,7 +691,80 @@ def test_the_kind_is_the_one_that_rig_files_name(generation: str) -> None:
     assert Bench(generation).controller.kind == f"keyence-{generation}"
 
 
-def test_the_plain_settings_fit_either_generation() -> None:
-    build: list[Callable[..., Simulated]] = [SimulatedLkg3001, SimulatedLkg5000]
-    for make in build:
-        assert make(VirtualClock(), [ramp], TriggerLine(), LkgSettings(range_mm=3.0)).settings.range_mm == 3.0
+# The first generation's storage
+
+
+def set_up(*heads: Signal, setting: str, **settings: Any) -> Bench:
+    bench = Bench("lkg3001", *heads, **settings)
+    bench.set(setting)
+    bench.converse(("AQ", "AQ"), ("AS", "AS"))
+    return bench
+
+
+def test_the_first_generation_stores_on_its_own_clock_whatever_the_timing_input_says() -> None:
+    bench = set_up(ramp, lambda t: -2 * t, setting="SW,CF,2,00100,3", clock_ppm=1000.0)
+    bench.line.begin(0.5, 0.3, 100)
+    start_s = bench.clock.now_s()
+    bench.clock.sleep_s(0.255)
+    bench.converse(("AN,1", "AN,1,1,0000020"), ("AN,2", "AN,2,1,0000020"))
+    bench.clock.sleep_s(2.0)
+    bench.converse(("AN,2", "AN,2,0,0000100"))
+    # 50 ms after the command, every tenth sampling cycle of a clock that is fast by a thousandth.
+    expected = start_s + 0.05 + 0.01 / 1.001 * np.arange(1, 101)
+    assert bench.ask("AO,1").split(",")[:2] == ["AO", "1"]
+    assert bench.stored("1")[1:] == pytest.approx(expected, abs=0.6e-4)
+    assert bench.stored("2")[1:] == pytest.approx(-2 * expected, abs=0.6e-4)
+
+
+@pytest.mark.parametrize(
+    ("setting", "fault"),
+    [
+        ("0000100,10", "count"),
+        ("2,00100,10", "parameter"),
+        ("2,00100,03", "parameter"),
+        ("2,0000100,3", "parameter"),
+        ("2,100,3", "parameter"),
+        ("3,00100,3", "parameter"),
+        ("2,65537,3", "parameter"),
+        ("2,00000,3", "parameter"),
+    ],
+)
+def test_the_first_generation_refuses_a_storage_by_timing_and_other_forms_than_its_own(
+    setting: str, fault: str
+) -> None:
+    bench = Bench("lkg3001")
+    bench.ask("Q0")
+    assert bench.ask(f"SW,CF,{setting}") == f"ER,CF,{CODES['lkg3001'][fault]}"
+
+
+@pytest.mark.parametrize(
+    ("target", "number", "stored"),
+    [
+        ("none-out1-out2-both", 0, (0, 0)),
+        ("none-out1-out2-both", 1, (3, 0)),
+        ("none-out1-out2-both", 3, (3, 3)),
+        ("both-out1-out2", 0, (3, 3)),
+        ("both-out1-out2", 2, (0, 3)),
+        ("out1-out2-both", 0, (3, 0)),
+        ("out1-out2-both", 1, (0, 3)),
+        ("out1-out2-both", 2, (3, 3)),
+    ],
+)
+def test_which_outputs_a_target_stores_is_a_matter_of_the_dialect(
+    target: str, number: int, stored: tuple[int, int]
+) -> None:
+    bench = set_up(ramp, ramp, setting=f"SW,CF,{number},00003,0", dialect={"target": target})
+    bench.clock.sleep_s(1.0)
+    assert [bench.ask(f"AN,{output}") for output in (1, 2)] == [
+        f"AN,{output},0,{count:07d}" for output, count in enumerate(stored, 1)
+    ]
+
+
+def test_forms_of_the_replies_are_a_matter_of_the_dialect() -> None:
+    plain = {"status_repeats_output": False, "values_repeat_output": False, "count_digits": 0, "cycle_digits": 2}
+    bench = set_up(ramp, setting="SW,CF,0,2,03", dialect=plain, count_digits=5)
+    bench.clock.sleep_s(1.0)
+    bench.converse(("AN,1", "AN,0,00002"), ("AO,1", "AO,+00.0600,+00.0700"))
+    bench = set_up(ramp, setting="SW,CF,2,00002,3", dialect={"status_by_output": False})
+    bench.clock.sleep_s(1.0)
+    bench.converse(("AN", "AN,0,0000002,0000000"), ("AN,1", "ER,AN,21"))

@@ -11,7 +11,7 @@ from rigctl.campaign.bundle.files import open_bundle
 from rigctl.campaign.bundle.reader import BundleReader
 from rigctl.campaign.bundle.salvage import HEADER_LOST, Salvage
 from rigctl.campaign.bundle.writer import RunWithSamples, padded, whole_directory, write_readings, write_runs
-from rigctl.campaign.recording import Header, ImportReport, Recording, RunSource
+from rigctl.campaign.recording import Header, ImportReport, Recording, RunSource, on_rig_time, own_clocks
 from rigctl.campaign.store import synced
 from rigctl.campaign.store.entries import IMPORTED
 from rigctl.campaign.store.store import Store
@@ -118,10 +118,10 @@ def salvage_bundle(store: Path, directory: Path) -> Salvaged:
 
 
 def _saved(salvage: Salvage, header: Header, saved: list[str]) -> Iterator[RunWithSamples]:
-    channels = set(header.channels)
+    channels = set(header.channels) - set(own_clocks(header))
     for record, samples in salvage.runs():
         if record.state == "finished":
-            channels |= samples.keys()
+            channels |= on_rig_time(samples).keys()
             saved.append(record.run_id)
             yield record, samples
         elif "t_s" in samples:

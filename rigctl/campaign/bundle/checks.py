@@ -83,6 +83,24 @@ def check_samples(
     return Findings(tuple(invalid), tuple(remarks))
 
 
+def check_own_clock(file: SampleFile, channel: str, info: ChannelInfo, period_s: float) -> Findings:
+    """What is to be said of the samples of a channel on a clock of its own: they cost the channel, not the run.
+
+    `DataError` for a time base that is none, and for times that are too short for the run's period.
+    """
+    t_s = file.columns["t_s"]
+    step_s = _require_time(file, t_s)
+    if short := _too_short(t_s, step_s, period_s):
+        raise file.place.error(f"{short}; record longer, or remove the file")
+    remarks = [
+        *_time_base(t_s, step_s),
+        *_missing(file, [channel]),
+        *_saturated(file, {channel: info}, np.zeros_like(t_s)),
+        *_impossible(file),
+    ]
+    return Findings(remarks=tuple(remarks))
+
+
 def _require_columns(file: SampleFile, names: Sequence[str]) -> None:
     for name in names:
         if name in file.columns:

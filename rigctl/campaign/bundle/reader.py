@@ -10,13 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.campaign.bundle.checks import check_samples
+from rigctl.campaign.bundle.checks import check_own_clock, check_samples
 from rigctl.campaign.bundle.csv_table import CsvTable, is_number, numbers_or_text, read_table
 from rigctl.campaign.bundle.files import HEADER_FILE, BundleFiles
 from rigctl.campaign.bundle.recording_toml import read_header
-from rigctl.campaign.bundle.sample_file import SUFFIXES, SampleFile, read_sample_file
+from rigctl.campaign.bundle.sample_file import (
+    SUFFIXES,
+    SampleFile,
+    read_own_clock_file,
+    read_sample_file,
+)
 from rigctl.campaign.layout import Field, Layout, face, layout_of, number
-from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id
+from rigctl.campaign.recording import READINGS, ImportReport, RunRecord, flaw_of_run_id, own_clocks, time_column
 from rigctl.core.arrays import FloatArray
 from rigctl.core.bounds import RUNS, TABLE_BYTES, TABLE_ROWS, TOML_BYTES
 from rigctl.core.numbers import is_missing
@@ -41,6 +46,10 @@ class BundleReader:
             files.place(HEADER_FILE), files.read(HEADER_FILE, TOML_BYTES, "a bundle says there what it holds")
         )
         self._layout = layout_of(self.header.experiment)
+        if (free := own_clocks(self.header)) and not (self._layout and self._layout.own_clocks):
+            raise files.place(HEADER_FILE).error(
+                f"[channels.{free[0]}] clock: a {self.header.experiment} recording has one clock; leave it out"
+            )
         if self._layout is not None and self._layout.patterns and "patterns.csv" in files.names:
             patterns = _read_patterns(
                 read_table(files.place("patterns.csv"), files.read("patterns.csv", TABLE_BYTES), TABLE_ROWS)
@@ -65,6 +74,7 @@ class BundleReader:
         data = self._files.read("runs.csv", TABLE_BYTES, "add it, one row per run")
         table = read_table(self._files.place("runs.csv"), data, RUNS)
         rows = _run_rows(table, layout, self._warnings)
+        self._require_own_files(table, {run_id for run_id, _ in rows})
         self._warn_of_the_header(layout)
         # Collected on the way: that no run file has a channel is known only after the last one.
         seen: set[str] = set()
@@ -72,9 +82,37 @@ class BundleReader:
             if layout.patterns:
                 self._require_dwells(table, line, conditions)
             file = read_sample_file(self._files, run_id, line)
-            seen.update(file.columns)
-            yield self._checked(layout, run_id, conditions, file), file.columns
+            record = self._checked(layout, run_id, conditions, file)
+            columns = {**file.columns, **self._own_clocks(layout, record, file, line)}
+            seen.update(columns)
+            yield record, columns
         self._warn_of_strangers({run_id for run_id, _ in rows}, seen)
+
+    def _require_own_files(self, table: CsvTable, run_ids: set[str]) -> None:
+        """No file of a channel's own samples is that of another run as well."""
+        for run_id in run_ids:
+            for name in own_clocks(self.header):
+                if f"{run_id}.{name}" in run_ids:
+                    raise table.place.error(
+                        f"run {run_id}.{name} has the file of channel {name} of run {run_id}; give it another run_id"
+                    )
+
+    def _own_clocks(self, layout: Layout, record: RunRecord, file: SampleFile, line: int) -> dict[str, FloatArray]:
+        """The channels of a run that have clocks of their own, each with its times."""
+        columns: dict[str, FloatArray] = {}
+        for name in own_clocks(self.header):
+            if name in file.columns:
+                own = f"runs/{record.run_id}.{name}.csv"
+                raise file.place.error(f"{name} has a clock of its own; move it with its times to {own}")
+            found = read_own_clock_file(self._files, record.run_id, name, line)
+            if found is None:
+                continue
+            info, period_s = self.header.channels[name], layout.period_of(record.conditions)
+            if record.valid:
+                remarks = check_own_clock(found, name, info, period_s).remarks
+                self._warnings += [f"{found.place.file}: {remark}" for remark in remarks]
+            columns |= {name: found.columns[name], time_column(name): found.columns["t_s"]}
+        return columns
 
     def _checked(self, layout: Layout, run_id: str, row: Mapping[str, Any], file: SampleFile) -> RunRecord:
         conditions = {name: value for name, value in row.items() if name not in {"valid", "reason"}}
@@ -175,9 +213,10 @@ class BundleReader:
                 self._warnings.append(str(place.error(f"[constants] has no {name}; add it before you fit")))
 
     def _warn_of_strangers(self, run_ids: set[str], columns: set[str]) -> None:
+        known = run_ids | {f"{run_id}.{name}" for run_id in run_ids for name in own_clocks(self.header)}
         for name in sorted(self._files.names):
             suffix = next((s for s in SUFFIXES if name.endswith(s)), None)
-            if name.startswith("runs/") and suffix and name[5 : -len(suffix)] not in run_ids:
+            if name.startswith("runs/") and suffix and name[5 : -len(suffix)] not in known:
                 self._warnings.append(str(self._files.place(name).error("not in runs.csv, left out")))
         place = self._files.place(HEADER_FILE)
         for kind, names in (("channels", self.header.channels), ("lasers", self.header.lasers)):

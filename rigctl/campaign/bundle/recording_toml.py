@@ -11,7 +11,7 @@ from typing import Any
 from rigctl.campaign.bundle.csv_table import decode
 from rigctl.campaign.bundle.place import Place
 from rigctl.campaign.layout import FACES
-from rigctl.campaign.recording import ChannelInfo, Header, LaserInfo, TableSpec
+from rigctl.campaign.recording import OWN_CLOCK, ChannelInfo, Header, LaserInfo, TableSpec
 from rigctl.core.errors import DataError, either
 from rigctl.core.experiments import EXPERIMENTS, of_readings
 from rigctl.core.numbers import MAGNITUDE_MAX
@@ -160,17 +160,24 @@ def _channel(document: TomlDocument, name: str) -> ChannelInfo:
         raise document.error(
             (*keys, "unit"), f"{unit!r} contradicts the column's name; write {promised!r}, or rename the column"
         )
-    numbers = {
-        key: _number(document, (*keys, key), values.pop(key))
-        for key in ("noise_rms", "full_scale", "latency_s")
-        if key in values
+    numbers: dict[str, float | None] = {
+        key: _number(document, (*keys, key), values.pop(key)) if key in values else None
+        for key in ("noise_rms", "full_scale", "latency_s", "clock_u_s")
     }
-    if not numbers.get("full_scale", 1.0) > 0:
+    noise_rms, full_scale, latency_s, clock_u_s = numbers.values()
+    if full_scale is not None and not full_scale > 0:
         raise document.error((*keys, "full_scale"), "is not positive; write the largest reading, or leave it out")
-    if not numbers.get("noise_rms", 0.0) >= 0:
+    if noise_rms is not None and not noise_rms >= 0:
         raise document.error((*keys, "noise_rms"), "is negative; write the rms of one sample, or leave it out")
+    if clock_u_s is not None and not clock_u_s > 0:
+        raise document.error((*keys, "clock_u_s"), "is not positive; write a standard uncertainty, or leave it out")
     kind = _text(document, (*keys, "kind"), values.pop("kind", ""))
-    return ChannelInfo(unit, kind, **numbers, extra=_json(values))
+    clock = values.pop("clock", None)
+    if clock not in {None, OWN_CLOCK}:
+        raise document.error(
+            (*keys, "clock"), f'is {clock!r}; write "{OWN_CLOCK}", or leave it out for a channel on the rig\'s clock'
+        )
+    return ChannelInfo(unit, kind, noise_rms, full_scale, latency_s, clock, clock_u_s, extra=_json(values))
 
 
 def _laser(document: TomlDocument, name: str) -> LaserInfo:

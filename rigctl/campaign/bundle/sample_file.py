@@ -144,14 +144,37 @@ def read_sample_file(files: BundleFiles, run_id: str, row: int) -> SampleFile:
 
     `DataError` when there is no file or more than one, or it holds anything but columns of numbers of equal length.
     """
-    names = [name for suffix in SUFFIXES if (name := f"runs/{run_id}{suffix}") in files.names]
-    runs = files.place("runs.csv")
+    found = _file_of(files, run_id, row)
+    if found is None:
+        raise files.place("runs.csv").error(f"runs/{run_id}.csv is missing; add it, or remove run {run_id}", row)
+    return found
+
+
+def read_own_clock_file(files: BundleFiles, run_id: str, channel: str, row: int) -> SampleFile | None:
+    """The samples of a channel that has a clock of its own, with their times; None where the run has none.
+
+    `DataError` as of `read_sample_file`, and when there are other columns in it than `t_s` and the channel.
+    """
+    found = _file_of(files, f"{run_id}.{channel}", row)
+    if found is not None and set(found.columns) != {"t_s", channel}:
+        raise found.place.error(
+            f"holds the columns {', '.join(found.columns)}; write t_s and {channel}",
+            1 if found.text is not None else None,
+        )
+    return found
+
+
+def _file_of(files: BundleFiles, name: str, row: int) -> SampleFile | None:
+    names = [full for suffix in SUFFIXES if (full := f"runs/{name}{suffix}") in files.names]
     if not names:
-        raise runs.error(f"runs/{run_id}.csv is missing; add it, or remove run {run_id}", row)
-    # Nothing says which of two files holds the run.
+        return None
+    # Nothing says which of two files holds the samples.
     if len(names) > 1:
-        raise runs.error(f"run {run_id} has both {' and '.join(names)}; remove all but one", row)
-    (name,) = names
+        raise files.place("runs.csv").error(f"run {name} has both {' and '.join(names)}; remove all but one", row)
+    return _read(files, names[0])
+
+
+def _read(files: BundleFiles, name: str) -> SampleFile:
     place = files.place(name)
     if name.endswith(".npz"):
         with files.open(name, NPZ_BYTES, shorten="split the run") as file:

@@ -10,6 +10,7 @@ import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,15 @@ import numpy as np
 from rigctl.campaign.bundle.files import HEADER_FILE
 from rigctl.campaign.bundle.recording_toml import header_to_toml
 from rigctl.campaign.bundle.sample_file import csv_bytes, npz_bytes
-from rigctl.campaign.recording import RunRecord, RunSource
+from rigctl.campaign.recording import (
+    OWN_CLOCK,
+    ChannelInfo,
+    Header,
+    RunRecord,
+    RunSource,
+    on_rig_time,
+    time_column,
+)
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 
@@ -50,16 +59,26 @@ def whole_directory(directory: Path) -> Iterator[Path]:
 
 def write_runs(source: RunSource, runs: Iterator[RunWithSamples], directory: Path) -> None:
     """recording.toml, runs.csv, one file per run and, where there are custom patterns, patterns.csv."""
-    (directory / HEADER_FILE).write_text(header_to_toml(source.header), encoding="utf-8")
     (directory / "runs").mkdir()
     records = []
+    own: set[str] = set()
     for record, samples in runs:
         _write_samples(directory / "runs", record.run_id, samples)
+        own |= {name for name in samples if time_column(name) in samples}
         records.append(record)
     # Last: the runs come one at a time, and their rows are complete only when all samples have passed.
+    header = _with_own_clocks(source.header, own)
+    (directory / HEADER_FILE).write_text(header_to_toml(header), encoding="utf-8")
     _write_table(directory / "runs.csv", *_run_table(records))
     if patterns := source.header.extra.get("patterns"):
         _write_table(directory / "patterns.csv", list(patterns), zip(*patterns.values(), strict=True))
+
+
+def _with_own_clocks(header: Header, own: Iterable[str]) -> Header:
+    """A header that says which channels have a clock of their own, should it have been lost."""
+    unsaid = {name: header.channels.get(name, ChannelInfo()) for name in sorted(own)}
+    said = {name: replace(channel, clock=OWN_CLOCK) for name, channel in unsaid.items()}
+    return replace(header, channels={**header.channels, **said})
 
 
 def write_readings(source: RunSource, runs: Iterator[RunWithSamples], directory: Path) -> None:
@@ -108,15 +127,26 @@ def _field(value: object) -> str:
 
 
 def _write_samples(directory: Path, run_id: str, samples: Mapping[str, FloatArray]) -> None:
-    long = sum(column.size for column in samples.values()) > LONG_RUN_VALUES
-    suffix, data = (".npz", npz_bytes(samples)) if long else (".csv", csv_bytes(samples))
-    (directory / f"{run_id}{suffix}").write_bytes(data)
+    common = on_rig_time(samples)
+    _write_columns(directory, run_id, common)
+    for name in samples:
+        if (time := time_column(name)) in samples:
+            _write_columns(directory, f"{run_id}.{name}", {"t_s": samples[time], name: samples[name]})
+
+
+def _write_columns(directory: Path, name: str, columns: Mapping[str, FloatArray]) -> None:
+    long = sum(column.size for column in columns.values()) > LONG_RUN_VALUES
+    suffix, data = (".npz", npz_bytes(columns)) if long else (".csv", csv_bytes(columns))
+    (directory / f"{name}{suffix}").write_bytes(data)
 
 
 def padded(samples: Mapping[str, FloatArray], channels: Iterable[str]) -> dict[str, FloatArray]:
-    """The columns of a run that was cut off, all of `channels` and as long as t_s: what had not come is NaN."""
+    """The columns of a run that was cut off, all of `channels` and as long as t_s: what had not come is NaN.
+
+    A channel on a clock of its own comes at the end of a run: one that was cut off has none.
+    """
     length = samples["t_s"].size
-    columns = {**samples, **{name: np.empty(0) for name in channels if name not in samples}}
+    columns = {**on_rig_time(samples), **{name: np.empty(0) for name in channels if name not in samples}}
     return {
         name: np.append(column[:length], np.full(max(0, length - column.size), np.nan))
         for name, column in columns.items()

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rigctl.campaign.recording import RunRecord, flaw_of_column
+from rigctl.campaign.recording import RunRecord, flaw_of_column, time_column
 from rigctl.campaign.store.checked_rows import CheckedRows
 from rigctl.campaign.store.checksums import ColumnSums
 from rigctl.campaign.store.entries import RUN_ENDED
@@ -49,7 +49,8 @@ class RunWriter:
     def append(self, columns: Mapping[str, FloatArray]) -> None:
         """Add a chunk to each of `columns`, shape (n,) each, in one commit.
 
-        Columns may come at different times and in chunks of their own; at `finish` all are equally long.
+        Columns may come at different times and in chunks of their own; at `finish` all are equally long, but for
+        channels on a clock of their own, each of which is as long as its times.
         """
         self._take(columns)
         self._commit()
@@ -123,9 +124,15 @@ class RunWriter:
             raise DataError(f"run {self.run_id} is ended; begin another run")
 
     def _require_equal_lengths(self) -> None:
-        if len(set(self._lengths.values())) > 1:
-            lengths = ", ".join(f"{name} {length}" for name, length in self._lengths.items())
-            raise DataError(f"run {self.run_id}: columns differ in length ({lengths}); the run stays unfinished")
+        times = {name: time_column(name) for name in self._lengths if time_column(name) in self._lengths}
+        # A channel with times of its own is as long as these.
+        alike = {name: length for name, length in self._lengths.items() if name not in {*times, *times.values()}}
+        odd = {name for each in times.items() if self._lengths[each[0]] != self._lengths[each[1]] for name in each}
+        if odd or len(set(alike.values())) > 1:
+            listed = ", ".join(
+                f"{name} {self._lengths[name]}" for name in self._lengths if name in odd or name in alike
+            )
+            raise DataError(f"run {self.run_id}: columns differ in length ({listed}); the run stays unfinished")
 
     def __enter__(self) -> RunWriter:
         return self

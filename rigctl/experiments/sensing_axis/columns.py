@@ -87,4 +87,5 @@ COLUMNS = Layout(
     samples_of=lambda _: ("t_s", "stage_x_mm", "accel_v"),
     units_of=_units,
     period_of=lambda run: 1 / float(run["frequency_hz"]),
+    own_clocks=True,
 )

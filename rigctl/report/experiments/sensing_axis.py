@@ -91,7 +91,10 @@ def null_search(store: Store) -> dict[str, Any]:
     if not records:
         return {}
     effects = chosen(store.header.experiment, campaign_of(store).model.effects)
-    runs = observables([reduce_run(r.run_id, r.conditions, store.samples(r.run_id)) for r in records], harmonics=1)
+    channels = store.header.channels
+    runs = observables(
+        [reduce_run(r.run_id, r.conditions, store.samples(r.run_id), channels=channels) for r in records], harmonics=1
+    )
     first, calibration = runs[0], recorded_calibration(store.header)
 
     def null_after(count: int) -> tuple[RecordingFit, NullPoint]:

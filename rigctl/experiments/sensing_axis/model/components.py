@@ -102,6 +102,9 @@ def _pair(channel: Amplitudes | None, harmonic: int) -> list[float]:
     if channel is None:
         return [np.nan, np.nan]
     value = complex(channel.value[harmonic])
+    if channel.clock is not None and harmonic == 1:
+        # What turns the fundamental has become the offset of the channel's clock.
+        return [value.real, np.nan]
     return [value.real, value.imag]
 
 

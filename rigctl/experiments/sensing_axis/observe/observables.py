@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rigctl.analysis.clock_fit import ClockFit
 from rigctl.core.arrays import ComplexArray, FloatArray
 
 HARMONICS = 3
@@ -24,12 +25,15 @@ class Amplitudes:
     `sigma` is that of the in-phase and of the quadrature part each; `dof` are the degrees of freedom behind it, 0 for
     the mean, whose sigma is no more than a relative weight: its noise lies below 1/T. `lines` are the amplitudes of
     the lines that were fitted with the harmonics (NaN: not in this run), referred to the record's first sample.
+    `clock` is what was fitted to a channel on a clock of its own, None of others: the quadrature of its fundamental
+    is then used up.
     """
 
     value: ComplexArray
     sigma: FloatArray
     dof: FloatArray = field(default_factory=lambda: np.zeros(HARMONICS + 1))
     lines: ComplexArray = field(default_factory=lambda: np.zeros(0, dtype=np.complex128))
+    clock: ClockFit | None = None
 
 
 @dataclass(frozen=True)

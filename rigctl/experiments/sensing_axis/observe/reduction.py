@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.analysis.clock_fit import ClockFit, fit_on_own_clock
 from rigctl.analysis.frequency import find_frequency
 from rigctl.analysis.noise import NoisePool, Spectrum, pooled_psd, spectrum
 from rigctl.analysis.resolution import amplitude_floor
-from rigctl.analysis.sine_fit import HarmonicBasis
+from rigctl.analysis.sine_fit import HarmonicBasis, HarmonicFit
+from rigctl.campaign.recording import ChannelInfo, on_rig_time, time_column
 from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables
@@ -37,6 +39,7 @@ class ReducedChannel:
 
     `variance_factor` are their variances in units of S / T (of the mean: S / 2T), `floor` the variances that the
     channel's resolution leaves at least, both of shape (HARMONICS + 1,); `lines` the amplitudes of fitted lines.
+    `clock` was fitted to a channel on a clock of its own.
     """
 
     value: ComplexArray
@@ -44,6 +47,7 @@ class ReducedChannel:
     variance_factor: FloatArray
     floor: FloatArray
     lines: ComplexArray
+    clock: ClockFit | None = None
 
 
 @dataclass(frozen=True)
@@ -72,18 +76,26 @@ class ReducedRun:
 
 
 def reduce_run(
-    run_id: str, conditions: Mapping[str, Any], samples: Mapping[str, FloatArray], lines_hz: Sequence[float] = ()
+    run_id: str,
+    conditions: Mapping[str, Any],
+    samples: Mapping[str, FloatArray],
+    lines_hz: Sequence[float] = (),
+    channels: Mapping[str, ChannelInfo] | None = None,
 ) -> ReducedRun:
     """Fit the drive's harmonics, and lines of known frequency, to every channel of one run.
 
-    Times are taken as given; samples without a value are left out. Raises `DataError`, naming the run, when the
-    record cannot be fitted.
+    Times are taken as given; samples without a value are left out. `channels` says how well the times are known of
+    those that have a clock of their own. Raises `DataError`, naming the run, when the record cannot be fitted.
     """
-    return reduce_with_residuals(run_id, conditions, samples, lines_hz)[0]
+    return reduce_with_residuals(run_id, conditions, samples, lines_hz, channels)[0]
 
 
 def reduce_with_residuals(
-    run_id: str, conditions: Mapping[str, Any], samples: Mapping[str, FloatArray], lines_hz: Sequence[float]
+    run_id: str,
+    conditions: Mapping[str, Any],
+    samples: Mapping[str, FloatArray],
+    lines_hz: Sequence[float],
+    channels: Mapping[str, ChannelInfo] | None = None,
 ) -> tuple[ReducedRun, Residuals]:
     """As `reduce_run`, and what the fit left of the accelerometer's samples."""
     try:
@@ -103,16 +115,22 @@ def reduce_with_residuals(
     except (DataError, KeyError, ValueError) as error:
         cause = f"column {error} is missing" if isinstance(error, KeyError) else error
         raise DataError(f"run {run_id}: {cause}") from error
-    channels, residuals = {ACCEL: accel[0]}, accel[1]
-    for name, column in samples.items():
+    reduced, residuals = {ACCEL: accel[0]}, accel[1]
+    for name, column in on_rig_time(samples).items():
         if name.startswith(LASER_PREFIX):
             laser = _channel(basis, MM * column[seen], reference, len(lines_hz))
             if laser is not None:
-                channels[name] = laser[0]
+                reduced[name] = laser[0]
+    for name in samples:
+        if name.startswith(LASER_PREFIX) and (own_s := samples.get(time_column(name))) is not None:
+            clock_u_s = channels[name].clock_u_s if channels and name in channels else None
+            free = _free_channel(own_s, MM * samples[name], basis.frequency_hz, reference, clock_u_s, len(lines_hz))
+            if free is not None:
+                reduced[name] = free
     order = np.arange(1, HARMONICS + 1)
     # Back from "in phase with x" to x = A sin(w t): X_1 = -iA.
     motion_m = stage.amplitudes_referred_to(reference) * (-1j) ** order
-    return ReducedRun(run_id, dict(conditions), basis.frequency_hz, basis.duration_s, motion_m, channels), residuals
+    return ReducedRun(run_id, dict(conditions), basis.frequency_hz, basis.duration_s, motion_m, reduced), residuals
 
 
 def observables(runs: Sequence[ReducedRun], *, harmonics: int = HARMONICS) -> list[RunObservables]:
@@ -183,7 +201,12 @@ class PooledNoise:
         # A record without whole periods knows an amplitude a little less well than S / T.
         variance *= channel.variance_factor
         # Noise below a step of the converter may leave no trace in the residuals, but not in the amplitudes.
-        return Amplitudes(channel.value, np.sqrt(np.maximum(variance, channel.floor)), dof, channel.lines)
+        sigma = np.sqrt(np.maximum(variance, channel.floor))
+        if channel.clock is None:
+            return Amplitudes(channel.value, sigma, dof, channel.lines)
+        return Amplitudes(
+            channel.value, _with_clock(sigma, channel, run.frequency_hz), dof, channel.lines, channel.clock
+        )
 
     def _level(self, run: ReducedRun, name: str, frequency_hz: float) -> tuple[float, float]:
         # Fitted frequencies differ in their last digits, the noise beside them does not.
@@ -241,12 +264,46 @@ def _channel(
             return None
         column = column[seen]
     fit = basis.fit(column)
-    value = np.concatenate([[complex(fit.dc)], fit.amplitudes_referred_to(reference)])
-    factor = np.concatenate([[1.0], basis.variance_factors])
     line_amplitudes = fit.line_amplitudes if len(basis.lines_hz) == lines else np.full(lines, np.nan + 0j)
+    reduced = _reduced(basis, fit, column, fit.amplitudes_referred_to(reference), line_amplitudes)
+    return reduced, Residuals(basis, fit.residuals)
+
+
+def _reduced(
+    basis: HarmonicBasis, fit: HarmonicFit, column: FloatArray, amplitudes: ComplexArray, lines: ComplexArray
+) -> ReducedChannel:
+    value = np.concatenate([[complex(fit.dc)], amplitudes])
+    factor = np.concatenate([[1.0], basis.variance_factors])
     noise = spectrum(fit.residuals, basis).compact(basis.duration_s)
-    floor = amplitude_floor(column, fit.residuals, basis)
-    return ReducedChannel(value, noise, factor, floor, line_amplitudes), Residuals(basis, fit.residuals)
+    return ReducedChannel(value, noise, factor, amplitude_floor(column, fit.residuals, basis), lines)
+
+
+def _free_channel(
+    t_s: FloatArray, column: FloatArray, frequency_hz: float, reference: complex, clock_u_s: float | None, lines: int
+) -> ReducedChannel | None:
+    """A channel on its own clock, without the samples that have no value; None when too few are left.
+
+    Lines are not fitted in it.
+    """
+    seen = np.isfinite(column) & np.isfinite(t_s)
+    if seen.sum() <= _MIN_KEPT_SAMPLES * seen.size:
+        return None
+    try:
+        found = fit_on_own_clock(t_s[seen], column[seen], frequency_hz, reference, HARMONICS, clock_u_s)
+    except DataError:
+        return None
+    none = np.full(lines, np.nan + 0j)
+    return replace(_reduced(found.basis, found.fit, column[seen], found.amplitudes, none), clock=found.clock)
+
+
+def _with_clock(sigma: FloatArray, channel: ReducedChannel, frequency_hz: float) -> FloatArray:
+    """Standard uncertainties of amplitudes that were turned by an offset which is itself uncertain."""
+    assert channel.clock is not None
+    turned_u_rad = 2.0 * math.pi * frequency_hz * channel.clock.offset_u_s * np.arange(len(sigma))
+    moved = np.abs(channel.value) * turned_u_rad
+    # Turning moves the fundamental's quadrature, which is used up; its in-phase part only where they are not parted.
+    moved[1] = abs(channel.value[1].imag) * turned_u_rad[1]
+    return np.asarray(np.hypot(sigma, moved))
 
 
 def _is_extra(name: str, value: Any) -> bool:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
+from rigctl.analysis.clock_fit import ClockFit
 from rigctl.analysis.kept import Kept, LeftOut, Packed, Progress, Recipe, Reduction, each_reduced
 from rigctl.analysis.line_scan import LineScan, ScannedRun, scanned
 from rigctl.analysis.noise import Spectrum
@@ -24,7 +25,7 @@ from rigctl.experiments.sensing_axis.observe.reduction import (
     reduce_with_residuals,
 )
 
-VERSION = 3
+VERSION = 4
 """Of what is kept: counted up whenever reduction.py would give other numbers."""
 
 _SCAN = "accel_v"
@@ -45,7 +46,9 @@ def reduction(
     def make(record: RunRecord) -> Packed:
         samples = source.samples(record.run_id)
         try:
-            run, residuals = reduce_with_residuals(record.run_id, record.conditions, samples, lines_hz)
+            run, residuals = reduce_with_residuals(
+                record.run_id, record.conditions, samples, lines_hz, source.header.channels
+            )
         except DataError:
             # Remembered all the same: else its samples would be read again at every question.
             scan.add(record, lambda: None)
@@ -125,7 +128,7 @@ def _opened(kept: Kept) -> LineScan:
 def _scanned(source: RunSource, record: RunRecord, lines_hz: Sequence[float]) -> ScannedRun | None:
     samples = source.samples(record.run_id)
     try:
-        run, left = reduce_with_residuals(record.run_id, record.conditions, samples, lines_hz)
+        run, left = reduce_with_residuals(record.run_id, record.conditions, samples, lines_hz, source.header.channels)
     except DataError:
         return None
     return scanned(left.basis, left.values, run.channels[ACCEL].noise)
@@ -152,6 +155,7 @@ def packed(run: ReducedRun) -> Packed:
         "frequency_hz": run.frequency_hz,
         "duration_s": run.duration_s,
         "bins": {name: each.noise.weight.size for name, each in run.channels.items()},
+        "clocks": {name: asdict(each.clock) for name, each in run.channels.items() if each.clock},
     }
     spectra = [np.stack([each.noise.frequency_hz, each.noise.psd, each.noise.weight]) for each in channels]
     arrays = {
@@ -169,8 +173,11 @@ def unpacked(kept: Packed, record: RunRecord) -> ReducedRun:
     head, arrays = kept.head, kept.arrays
     ends = np.cumsum(list(head["bins"].values()))[:-1]
     spectra = np.split(arrays["noise"].astype(np.float64), ends, axis=1)
+    clocks = {name: ClockFit(**each) for name, each in head["clocks"].items()}
     channels = {
-        name: ReducedChannel(value[: HARMONICS + 1], Spectrum(*spectrum), factor, floor, value[HARMONICS + 1 :])
+        name: ReducedChannel(
+            value[: HARMONICS + 1], Spectrum(*spectrum), factor, floor, value[HARMONICS + 1 :], clocks.get(name)
+        )
         for name, value, (factor, floor), spectrum in zip(
             head["bins"], arrays["amplitudes"], arrays["variances"], spectra, strict=True
         )

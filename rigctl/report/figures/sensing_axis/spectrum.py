@@ -54,9 +54,10 @@ def spectrum_plates(
 
 def _pooled(source: RunSource, lines_hz: Sequence[float]) -> dict[str, Spectrum]:
     pools: dict[str, NoisePool] = {}
+    channels = source.header.channels
     for record in source.runs(valid_only=True):
         try:
-            run = reduce_run(record.run_id, record.conditions, source.samples(record.run_id), lines_hz)
+            run = reduce_run(record.run_id, record.conditions, source.samples(record.run_id), lines_hz, channels)
         except DataError:
             continue  # a run that cannot be fitted is in no residual either
         for name, channel in run.channels.items():
