@@ -11,8 +11,8 @@ resource takes `backend` as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 from urllib.parse import parse_qsl
@@ -24,6 +24,35 @@ from rigctl.core.clock import Clock
 from rigctl.core.errors import ConfigError
 
 EXAMPLES = "tcp://host:port, serial:/dev/ttyUSB0?baud=115200 or a VISA resource such as GPIB0::12::INSTR"
+
+
+@dataclass(frozen=True)
+class SerialConnect:
+    """Opens a serial line; `said` are the options that its address fixes."""
+
+    device: str
+    clock: Clock
+    line: SerialSettings
+    address: str
+    floor_s: float
+    said: frozenset[str]
+
+    def __call__(self) -> SerialTransport:
+        """One connection."""
+        return SerialTransport(self.device, self.clock, self.line, address=self.address, floor_s=self.floor_s)
+
+
+def serial_ways(connect: Connect, lines: Sequence[SerialSettings]) -> list[tuple[str, Connect]]:
+    """The connections to try, with words for them: of a serial line these settings, but for what its address says."""
+    if not isinstance(connect, SerialConnect):
+        return [("", connect)]
+    ways: dict[SerialSettings, tuple[str, Connect]] = {}
+    for line in lines:
+        # What the address says wins over what the instrument may be set to.
+        fixed = {option: getattr(connect.line, option) for option in connect.said}
+        tried = replace(line, **fixed)
+        ways[tried] = (f"{tried.baud} baud", replace(connect, line=tried))
+    return list(ways.values())
 
 
 def connector(
@@ -51,7 +80,7 @@ def connector(
             if not device:
                 raise ConfigError(f"address {address!r}: no device; write serial:/dev/ttyUSB0?baud=115200")
             line = _line(address, options, settings)
-            return partial(SerialTransport, device, clock, line, address=address, floor_s=floor_s)
+            return SerialConnect(device, clock, line, address, floor_s, frozenset(options))
         case "visa":
             return _visa(address, *_split(address, rest), clock, settings, floor_s)
         case _:
@@ -82,7 +111,7 @@ def _visa(
     line = _line(address, line_options, settings)
     if isinstance(parsed, ASRLInstr) and backend == PYVISA_PY:
         # pyvisa-py takes serial bytes one by one from pyserial; a megabyte of them takes it ten seconds
-        return partial(SerialTransport, parsed.board, clock, line, address=address, floor_s=floor_s)
+        return SerialConnect(parsed.board, clock, line, address, floor_s, frozenset(line_options))
     return partial(VisaTransport, resource, clock, backend=backend, settings=line, address=address, floor_s=floor_s)
 
 

@@ -11,9 +11,11 @@ Where the sources are silent the driver decides:
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import re
 import statistics
+from collections.abc import Iterator
 
 from pydantic import Field
 
@@ -23,11 +25,12 @@ from drivers.rotation_settings import RotationSettings
 from drivers.transport import Connect
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
-from rigctl.core.errors import InstrumentError, LinkError, MotionStopped, SafetyStop
+from rigctl.core.errors import InstrumentError, LinkError, MotionStopped, RigError, SafetyStop
 from rigctl.core.interfaces import Identity, Reading
 
 UNIT_DEGREE = 7
 
+UNKNOWN_COMMAND = 6
 EMERGENCY_STOP, LIMITS, AXIS_ERRORS = 4, range(4, 8), 100
 """Error codes: of an axis, its number is in the hundreds."""
 
@@ -55,14 +58,19 @@ class NewportEsp301:
         # The number of the connection on which it was homed: a new connection may mean that its power was off.
         self._homed_in_session = 0
         self._stops = 0
+        self._keypad = False
 
     # instrument
 
     def open(self) -> None:
-        """Connect, check that an ESP30x answers and forget its old errors; moves nothing."""
+        """Connect, check that an ESP30x answers and forget its old errors; moves nothing.
+
+        The keypad is unlocked.
+        """
         try:
             self._line.open()
             self._line.clear_errors()
+            self._find_keypad()
         except BaseException:
             self._line.close()
             raise
@@ -74,8 +82,9 @@ class NewportEsp301:
     def identify(self) -> Identity:
         """Model and firmware as `VE?` tells them."""
         text = self._line.ask("VE?")
+        found = f", at {self._line.found}" if self._line.found else ""
         model, _, version = text.partition(" ")
-        return Identity(model, "", re.sub(r"^\s*[Vv]ersion\s+", "", version), text)
+        return Identity(model, "", re.sub(r"^\s*[Vv]ersion\s+", "", version), text + found)
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` when replies may have been taken for others."""
@@ -106,12 +115,13 @@ class NewportEsp301:
         self._homed_in_session = 0
         self._line.clear_errors()
         self._prepare()
-        self._start(f"{self._axis}MO", stops)
         search = f"{self._axis}OR{self._settings.home_mode}"
-        self._start(search, stops)
-        # Taken before waiting: a connection that was lost during the search is not the one it was begun on.
-        session = self._line.session
-        self._finish(search, stops)
+        with self._keypad_locked():
+            self._start(f"{self._axis}MO", stops)
+            self._start(search, stops)
+            # Taken before waiting: a connection that was lost during the search is not the one it was begun on.
+            session = self._line.session
+            self._finish(search, stops)
         self._homed_in_session = session
 
     def is_homed(self) -> bool:
@@ -141,8 +151,9 @@ class NewportEsp301:
         if not self.is_homed():
             raise InstrumentError(f"{self.name}: axis {self._axis} is not homed; home it", instrument=self.name)
         move = f"{self._axis}PA{plain(angle_deg)}"
-        self._start(move, stops)
-        self._finish(move, stops)
+        with self._keypad_locked():
+            self._start(move, stops)
+            self._finish(move, stops)
         reached_deg = self.angle().value
         if abs(reached_deg - angle_deg) > self._settings.arrival_tolerance_deg:
             raise MotionStopped(
@@ -189,6 +200,30 @@ class NewportEsp301:
         self._await_rest(command, self._settings.motion_timeout_s)
         self._raise_if_stopped(command, stops)
         self._check(command)
+
+    def _find_keypad(self) -> None:
+        """Unlock the keypad, which a session before this one may have left locked; see whether it can be locked."""
+        with self._line.lock:
+            self._line.tell("LC0")
+            error = self._line.next_error()
+        # A controller without the command has a keypad that nobody can lock.
+        self._keypad = error.code != UNKNOWN_COMMAND
+        if error.code and self._keypad:
+            raise self._failed("LC0", error)
+
+    @contextlib.contextmanager
+    def _keypad_locked(self) -> Iterator[None]:
+        """All keys but STOP: one pressed by chance must not move the stage elsewhere."""
+        if not self._keypad:
+            yield
+            return
+        self._line.tell("LC1")
+        try:
+            yield
+        finally:
+            # Why a motion failed must not hide behind a keypad that stays locked; the next start unlocks it.
+            with contextlib.suppress(RigError):
+                self._line.tell("LC0")
 
     def _await_rest(self, command: str, timeout_s: float) -> None:
         deadline_s = self._clock.now_s() + timeout_s

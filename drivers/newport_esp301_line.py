@@ -11,15 +11,19 @@ import re
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
+from drivers.connect import serial_ways
 from drivers.conversation import Check, Conversation
 from drivers.numbers import decimal, whole
 from drivers.transport import Connect, Transport
-from rigctl.core.errors import BadReply, WrongInstrument
+from drivers.transport_serial import SerialSettings
+from rigctl.core.errors import BadReply, LinkTimeout, WrongInstrument
 
 END = b"\r\n"
 VERSION = "VE?"
 MODEL = re.compile(r"ESP\s?30\d")
 ERRORS_QUEUED_MAX = 64
+LINES = tuple(SerialSettings(baud=baud, rtscts=True) for baud in (921600, 19200))
+"""How ESP301s are set: over its USB connector at 921 600 baud, and at 19 200 where drivers use its RS-232."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +48,14 @@ class EspLine:
 
     def __init__(self, name: str, connect: Connect, timeout_s: float) -> None:
         self.name = name
+        self.found = ""
+        """Which of the line's settings the controller answered at; empty where there was nothing to choose."""
         self._timeout_s = timeout_s
+        self._ways = serial_ways(connect, LINES)
+        self._way = self._ways[0][1]
         # A serial line: late answers outlive the connection.
-        self._conversation = Conversation(name, connect, Check(_bytes(VERSION), self._is_version), anew=False)
+        check = Check(_bytes(VERSION), self._is_version)
+        self._conversation = Conversation(name, lambda: self._way(), check, anew=False)
         self._version = ""
         self.lock = self._conversation.lock
 
@@ -61,10 +70,12 @@ class EspLine:
         return self._conversation.sessions
 
     def open(self) -> str:
-        """Connect and return the controller's answer to `VE?`; `WrongInstrument` if it is no ESP30x."""
+        """Connect and return the controller's answer to `VE?`; `WrongInstrument` if it is no ESP30x.
+
+        Where the address does not say how the line is set, what ESP301s are set to is tried.
+        """
         with self.lock:
-            self._conversation.open()
-            self._version = self.ask(VERSION)
+            self._version = self._found_version()
         if not MODEL.search(self._version):
             raise WrongInstrument(
                 f"{self.name}: no ESP301 answers, 'VE?' gave {self._version[:80]!r}; check address and baud rate",
@@ -72,6 +83,31 @@ class EspLine:
                 text=self._version,
             )
         return self._version
+
+    def _found_version(self) -> str:
+        """What answers `VE?` at the first of the ways at which an ESP30x does, else at the last."""
+        for words, way in self._ways:
+            self._way, self.found = way, words if len(self._ways) > 1 else ""
+            last = way is self._ways[-1][1]
+            try:
+                self._conversation.open()
+                # At another rate it has heard noise, which this ends: an error in its queue, cleared later.
+                if way is not self._ways[0][1]:
+                    self.tell("")
+                version = self.ask(VERSION)
+            except LinkTimeout as error:
+                if last:
+                    raise self._silent(error) from error
+            else:
+                if last or MODEL.search(version):
+                    return version
+        raise LinkTimeout(f"{self.name}: no way to connect")
+
+    def _silent(self, error: LinkTimeout) -> LinkTimeout:
+        if len(self._ways) == 1:
+            return error
+        tried = " and ".join(words for words, _ in self._ways)
+        return LinkTimeout(f"{error}; tried {tried} with RTS/CTS, as its address says neither")
 
     def close(self) -> None:
         """Disconnect for good; an exchange in another thread ends with `LinkLost`."""

@@ -7,6 +7,7 @@ import os
 import pty
 import selectors
 import socket
+import termios
 import time
 import tty
 from collections.abc import Callable
@@ -65,13 +66,18 @@ class Stream(Protocol):
         ...
 
 
+NOISE = bytes(byte ^ 0xFF for byte in range(256))
+"""What a byte becomes at a wrong rate, as far as it matters: no character of any command."""
+
+
 class _Terminal:
     """The instrument's side of a pseudo-terminal; clients may come and go.
 
     The far side is held open here as well: otherwise the first client that closes it would end it for all.
     """
 
-    def __init__(self, unread_s: float) -> None:
+    def __init__(self, unread_s: float, baud: int | None = None) -> None:
+        self._baud = baud
         self._near, self._far = pty.openpty()
         # A terminal would echo what comes and make other line ends of it.
         tty.setraw(self._far)
@@ -84,7 +90,7 @@ class _Terminal:
         return self._near
 
     def recv(self, limit: int) -> bytes:
-        return os.read(self._near, limit)
+        return self._as_heard(os.read(self._near, limit))
 
     def send(self, data: bytearray) -> int:
         if self._full_since is not None and time.monotonic() - self._full_since > self._unread_s:
@@ -92,12 +98,18 @@ class _Terminal:
             # As if sent: the caller then forgets it.
             return len(data)
         try:
-            sent = os.write(self._near, data)
+            sent = os.write(self._near, self._as_heard(bytes(data)))
         except BlockingIOError:
             self._full_since = self._full_since or time.monotonic()
             raise
         self._full_since = None
         return sent
+
+    def _as_heard(self, data: bytes) -> bytes:
+        """What comes through when the client's end is set to another rate: bytes all the same, but not these."""
+        if self._baud is None or termios.tcgetattr(self._near)[5] == getattr(termios, f"B{self._baud}"):
+            return data
+        return data.translate(NOISE)
 
     def close(self) -> None:
         os.close(self._near)
@@ -241,8 +253,13 @@ class Server:
         return self._listen(name, OperatorPort(handler, self._clock), port, "tcp")
 
     def add_serial(self, name: str, instrument: SimulatedInstrument, baud: int) -> Address:
-        """Serve a pseudo-terminal; `baud` is told to clients, bytes travel as fast as they can."""
-        terminal = _Terminal(self._unread_s)
+        """Serve a pseudo-terminal; `baud` is told to clients, bytes travel as fast as they can.
+
+        An instrument whose line has a rate of its own (`baud`) hears and says noise at any other.
+        """
+        own = getattr(instrument, "baud", None)
+        baud = own or baud
+        terminal = _Terminal(self._unread_s, own)
         self._clients.add(_Client(terminal, instrument, self._clock, self._selector))
         return Address(name, instrument.kind, "serial", device=terminal.device, baud=baud)
 

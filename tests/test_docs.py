@@ -41,6 +41,7 @@ from simulators.keyence_lkg import Lkg3001Dialect, Lkg3001Settings, Lkg5000Setti
 from simulators.keysight_33500b import GeneratorSettings
 from simulators.keysight_34465a import MeterSettings
 from simulators.newport_esp301 import Esp301SimulatorSettings
+from simulators.newport_esp301.settings import Esp301Dialect
 from simulators.newport_xps import XpsSimulatorSettings
 from simulators.worlds import bench_settings as world
 from simulators.worlds import platform_effects
@@ -98,6 +99,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "newport-xps simulator": (XpsSimulatorSettings, set()),
     "newport-esp301 simulator": (Esp301SimulatorSettings, set()),
     "aerotech-ensemble simulator": (EnsembleSimulatorSettings, set()),
+    "newport-esp301 dialect": (Esp301Dialect, set()),
     "aerotech-ensemble dialect": (EnsembleDialect, set()),
     "keyence simulator": (Lkg3001Settings, set()),
     "keyence dialect": (Lkg3001Dialect, set()),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from simulators.keysight_33500b import resting
 from simulators.keysight_33500b.output import (
     AMPLITUDE_MINIMUM_VPP,
     FREQUENCY_MINIMUM_HZ,
@@ -39,6 +40,7 @@ class Commands:
             *self._shape(),
             *self._levels(),
             *self._connector(),
+            *resting.commands(self._output),
         )
 
     def _shape(self) -> tuple[Command, ...]:

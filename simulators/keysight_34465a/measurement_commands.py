@@ -14,9 +14,9 @@ from simulators.keysight_34465a.configuration import (
 from simulators.keysight_34465a.meter import Meter
 from simulators.keysight_34465a.settings import MeterSettings
 from simulators.keysight_34465a.stored import stored
-from simulators.scpi import Boolean, Choice, Command, Number, ScpiError, Text, setting
+from simulators.scpi import Boolean, Choice, Command, Number, OnOffOnce, ScpiError, Text, setting
 
-ONCE = Choice(("ON", "OFF", "ONCE"))
+ONCE = OnOffOnce()
 PROBES = {"FRTD": "85", "RTD": "85", "FTH": "5000", "THER": "5000"}
 """The one type that each probe can be: alpha 0.00385, or 5 kohm at 25 degC."""
 PROBE = Choice(("FRTD", "RTD", "FTHermistor", "THERmistor", "DEFault"))

@@ -25,6 +25,7 @@ class Controller(Protocol):
     axes: list[EspAxis]
     powered_s: float
     stored: list[dict[str, float]]
+    keypad_locked: bool
 
     def reset(self) -> None:
         """Start anew."""
@@ -262,6 +263,18 @@ def _reset(controller: Controller, _: Command) -> None:
     controller.reset()
 
 
+def _keypad(controller: Controller, command: Command) -> str | None:
+    if not controller.settings.dialect.keypad_lock:
+        raise Refused(6)
+    if command.query:
+        return str(int(controller.keypad_locked))
+    value = read_number(command.parameter)
+    if value not in (0.0, 1.0):
+        raise Refused(7)
+    controller.keypad_locked = bool(value)
+    return None
+
+
 CONTROLLER_COMMANDS: dict[str, Callable[[Controller, Command], str | None]] = {
     "ST": _stop,
     "AB": _abort,
@@ -277,4 +290,5 @@ CONTROLLER_COMMANDS: dict[str, Callable[[Controller, Command], str | None]] = {
     "ZH": _limit_configuration,
     "SM": _save,
     "RS": _reset,
+    "LC": _keypad,
 }

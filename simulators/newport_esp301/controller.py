@@ -43,6 +43,11 @@ class SimulatedEsp301:
         self._waiting = False
         self.reset()
 
+    @property
+    def baud(self) -> int:
+        """What its line is set to."""
+        return self.settings.dialect.baud
+
     def connect(self, send: Callable[[bytes], None]) -> Connection:
         """Serve one more client; all of them share the queues."""
         return EspClient(self, send)
@@ -53,6 +58,7 @@ class SimulatedEsp301:
             EspAxis(number, motion, self.clock, self.settings, self.report, self._tap)
             for number, motion in enumerate(self._motions, start=1)
         ]
+        self.keypad_locked = False
         self.powered_s = self.clock.now_s()
         self.stored = [stored_defaults(self.settings) for _ in self.axes]
         self.errors.clear()

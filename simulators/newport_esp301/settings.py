@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field
+
+
+class Esp301Dialect(BaseModel):
+    """What controllers of this family do one way or the other; the defaults make life hardest for a client."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    baud: Literal[19200, 921600] = 19200
+    """What its line is set to: RS-232 as drivers found it, or as over its USB connector."""
+    keypad_lock: bool = False
+    """Is LC, which locks the keypad, understood?"""
 
 
 class Esp301SimulatorSettings(BaseModel):
@@ -10,6 +23,7 @@ class Esp301SimulatorSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    dialect: Esp301Dialect = Esp301Dialect()
     version: str = "ESP301 Version 3.0.1 6/1/99"
     stage: str = "RV120HAT, SN0001"
     line_characters_max: int = Field(default=80, ge=8)

@@ -2,7 +2,7 @@
 
 from simulators.scpi.commands import Command, Pending, Register, Reply, setting
 from simulators.scpi.device import ScpiShell
-from simulators.scpi.grammar import Boolean, Choice, Integer, Number, ScpiError, Text, header_regex, parse
+from simulators.scpi.grammar import Boolean, Choice, Integer, Number, OnOffOnce, ScpiError, Text, header_regex, parse
 
 __all__ = [
     "Boolean",
@@ -10,6 +10,7 @@ __all__ = [
     "Command",
     "Integer",
     "Number",
+    "OnOffOnce",
     "Pending",
     "Register",
     "Reply",

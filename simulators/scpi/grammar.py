@@ -220,6 +220,21 @@ class Boolean:
 
 
 @dataclass(frozen=True)
+class OnOffOnce:
+    """ON, OFF, a number, of which only zero is off, or ONCE: the value is ON, OFF or ONCE."""
+
+    def parse(self, text: str) -> str:
+        """The word; -224 for another one."""
+        if text.upper() == "ONCE":
+            return "ONCE"
+        return "ON" if Boolean().parse(text) else "OFF"
+
+    def format(self, value: str) -> str:
+        """The word."""
+        return value
+
+
+@dataclass(frozen=True)
 class Text:
     """A quoted string; within it a doubled quote stands for one."""
 

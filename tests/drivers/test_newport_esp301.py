@@ -59,7 +59,8 @@ class Scripted:
         self.lines.append("<closed>")
 
     def commands(self) -> list[str]:
-        return [line for line in self.lines if not line.endswith("?")]
+        """What is no question, locking the keypad apart."""
+        return [line for line in self.lines if not line.endswith("?") and not line.startswith("LC")]
 
 
 def opened(extra: Script | None = None, **settings: float) -> tuple[NewportEsp301, Scripted]:
@@ -81,7 +82,7 @@ def homed(extra: Script | None = None) -> tuple[NewportEsp301, Scripted]:
 
 def test_opening_asks_who_is_there_and_empties_the_error_queue() -> None:
     stage, controller = opened({"TB?": ["6, 1, COMMAND DOES NOT EXIST", "106, 2, LIMIT", NO_ERROR]})
-    assert controller.lines == ["VE?", "TB?", "TB?", "TB?"]
+    assert controller.lines == ["VE?", "TB?", "TB?", "TB?", "LC0", "TB?"]
     assert stage.identify() == Identity("ESP301", "", "3.0.1 6/1/99", VERSION)
 
 
@@ -116,10 +117,12 @@ def test_homing_checks_the_axis_sets_it_up_and_looks_for_errors_after_each_comma
         "1SL?",
         "1SR?",
         *("1VA10", "TB?", "1AC40", "TB?", "1AG40", "TB?"),
+        "LC1",
         *("TB?", "1MO", "TB?"),
         *("TB?", "1OR1", "TB?"),
         *("1MD?", "1MD?", "1MD?"),
         "TB?",
+        "LC0",
     ]
 
 
@@ -133,7 +136,10 @@ def test_axis_home_mode_and_speed_come_from_the_settings() -> None:
 def test_a_move_is_sent_once_and_watched() -> None:
     stage, controller = homed({"1MD?": ["1", "0", "0", "1"]})
     stage.move_to(12.5)
-    assert controller.lines == ["1SN?", "1MO?", "TB?", "1PA12.5", "TB?", *["1MD?"] * 3, "TB?", "1TP?"]
+    assert controller.lines == [
+        *("1SN?", "1MO?", "LC1", "TB?", "1PA12.5", "TB?"),
+        *(*["1MD?"] * 3, "TB?", "LC0", "1TP?"),
+    ]
 
 
 @pytest.mark.parametrize(("angle_deg", "text"), [(-0.0, "0"), (1e-5, "0.00001"), (100.0, "100"), (0.1 + 0.2, "0.3")])
@@ -203,6 +209,21 @@ def test_stop_that_has_no_effect_becomes_an_abort() -> None:
     with pytest.raises(InstrumentError, match="'1ST' has not ended"):
         stage.stop()
     assert controller.commands() == ["1ST", "1AB"]
+
+
+def test_a_keypad_that_cannot_be_locked_is_left_alone() -> None:
+    stage, controller = opened({"TB?": [NO_ERROR, "6, 1, COMMAND DOES NOT EXIST", NO_ERROR]})
+    stage.home()
+    stage.move_to(12.5)
+    assert [line for line in controller.lines if line.startswith("LC")] == ["LC0"]
+
+
+def test_a_motion_that_fails_leaves_the_keypad_unlocked() -> None:
+    stage, controller = homed()
+    controller.script["TB?"] = [NO_ERROR, "106, 130211, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED", NO_ERROR]
+    with pytest.raises(InstrumentError, match="failed with 106"):
+        stage.move_to(160.0)
+    assert [line for line in controller.lines if line.startswith("LC")] == ["LC1", "LC0"]
 
 
 def test_a_late_answer_is_not_taken_for_the_next_one() -> None:

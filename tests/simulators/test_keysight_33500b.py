@@ -259,3 +259,36 @@ def test_pyvisa_sets_it_over_a_raw_socket(served: str) -> None:
         assert source.query("SYST:ERR?") == NO_ERROR
     finally:
         manager.close()
+
+
+SNAPSHOT = {
+    "OUTPut:SYNC": "1",
+    "OUTPut:SYNC:SOURce": "CH1",
+    "OUTPut2:POLarity": "NORM",
+    "SOURce1:BURSt:STATe": "0",
+    "SOURce2:BURSt:MODE": "TRIG",
+    "SOURce1:FREQuency:MODE": "CW",
+    "TRIGger2:SOURce": "IMM",
+}
+
+
+@pytest.mark.parametrize(("header", "value"), SNAPSHOT.items())
+def test_what_is_not_simulated_says_so_and_stays_as_it_is(bench: Bench, header: str, value: str) -> None:
+    assert bench.ask(f"{header}?") == value
+    bench.send(f"{header} {value}")
+    assert bench.error() == '+0,"No error"'
+
+
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        ("OUTP:SYNC OFF", "-221"),
+        ("SOUR1:BURS:STAT 1", "-221"),
+        ("TRIG2:SOUR BUS", "-221"),
+        ("TRIG2:SOUR MAYBE", "-224"),
+        ("OUTP3:POL NORM", "-114"),
+    ],
+)
+def test_nothing_else_is_taken_for_done(bench: Bench, command: str, code: str) -> None:
+    bench.send(command)
+    assert bench.error().startswith(code)

@@ -612,3 +612,20 @@ def test_pyvisa_reads_it_over_a_raw_socket(served: str) -> None:
         assert meter.query("SYST:ERR?") == '+0,"No error"'
     finally:
         manager.close()
+
+
+@pytest.mark.parametrize(
+    ("said", "is_on"), [("0", "0"), ("1", "1"), ("OFF", "0"), ("ON", "1"), ("once", "0"), ("+0.0E0", "0")]
+)
+@pytest.mark.parametrize("header", ["SENS:VOLT:DC:ZERO:AUTO", "SENS:VOLT:DC:RANG:AUTO"])
+def test_a_switch_that_can_be_once_takes_numbers_as_well(header: str, said: str, is_on: str) -> None:
+    bench = Bench()
+    bench.send(f"{header} {said}")
+    assert (bench.ask("SYST:ERR?"), bench.ask(f"{header}?")) == ('+0,"No error"', is_on)
+
+
+@pytest.mark.parametrize(("said", "code"), [("TWICE", "-224"), ("'0'", "-104")])
+def test_a_switch_that_can_be_once_takes_nothing_else(said: str, code: str) -> None:
+    bench = Bench()
+    bench.send(f"SENS:VOLT:DC:ZERO:AUTO {said}")
+    assert bench.ask("SYST:ERR?").startswith(code)

@@ -393,3 +393,14 @@ def test_numbers_have_their_decimals(value: float, decimals: int) -> None:
     assert float(text) == pytest.approx(value, abs=0.51 * 10.0**-decimals)
     assert not re.fullmatch(r"-0\.?0*", text)
     assert len(text.partition(".")[2]) == decimals
+
+
+def test_the_keypad_is_locked_only_where_the_command_is_known(bench: Bench) -> None:
+    bench.send("LC1")
+    assert bench.error() == "6"
+    knows = Bench(dialect={"keypad_lock": True})
+    assert knows.send("LC1;LC?") == ["1"]
+    assert knows.send("LC0;LC?") == ["0"]
+    knows.send("LC2")
+    assert knows.error() == "7"
+    assert knows.controller.keypad_locked is False
