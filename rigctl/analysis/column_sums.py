@@ -157,19 +157,22 @@ class SmoothSums(ColumnSums):
             cell = np.floor(at).astype(np.int32)
             # A node lies three before where it is counted from, and the first of a value's six two before that value.
             where = (cell + 1)[:, None] + np.arange(_POINTS, dtype=np.int32)
-            weights = _lagrange(at - cell + 2.0)
+            weights = _lagrange(at - cell)
             ends = np.arange(0, weights.size + 1, _POINTS, dtype=np.int32)
             onto = sparse.csr_matrix((weights.ravel(), where.ravel(), ends), (len(at), len(total)))
             total += onto.T @ vectors[rows]
         return total
 
 
-def _lagrange(at: FloatArray) -> FloatArray:
-    """Weights (n, 6) of nodes 0 to 5 for values `at` (n,) between them."""
-    away = at[:, None] - np.arange(_POINTS)
-    weights = np.ones((len(at), _POINTS))
-    for node in range(_POINTS):
-        for other in range(_POINTS):
-            if other != node:
-                weights[:, node] *= away[:, other] / (node - other)
-    return weights
+def _lagrange(beyond: FloatArray) -> FloatArray:
+    """Weights (n, 6) of six nodes for values so far `beyond` (n,) the third of them, from 0 to 1."""
+    return np.vander(beyond, _POINTS, increasing=True) @ _COEFFICIENTS
+
+
+def _coefficients() -> FloatArray:
+    """Of the powers of that distance, (6, 6): each weight is 1 at its own node and 0 at the others."""
+    nodes = np.arange(_POINTS) - 2.0
+    return np.asarray(np.linalg.inv(np.vander(nodes, _POINTS, increasing=True)))
+
+
+_COEFFICIENTS = _coefficients()

@@ -15,47 +15,54 @@ from rigctl.core.arrays import FloatArray
 
 
 class SummedScan:
-    """Functions of a column less what an orthonormal `space` (rows, t) has of them; see `unit_columns.Scan`."""
+    """Functions of a column less what an orthonormal `space` (rows, t) has of them; see `unit_columns.Scan`.
 
-    def __init__(self, functions: ColumnSums, space: FloatArray) -> None:
-        self._functions, self._space = functions, space
+    The space is made whenever it is needed: many scans of a long table would keep gigabytes.
+    """
+
+    def __init__(self, functions: ColumnSums, rows: int, space: Callable[[], FloatArray]) -> None:
+        self._functions, self._rows, self._space = functions, rows, space
         self._white: tuple[object, SummedColumns] | None = None
 
     @cached_property
     def rms(self) -> FloatArray:
         """Of each column, (choices, d)."""
-        weight = np.ones(len(self._space))
+        weight = np.ones(self._rows)
         whole = SummedColumns(self._functions, self._space, self._shadow, weight)
         return np.asarray(whole.size / np.sqrt(len(weight)))
 
     def of(self, place: int) -> FloatArray:
         """The columns of one choice, (rows, d)."""
-        columns = self._functions.of(place)
-        for _ in range(2 if self._space.shape[1] else 0):
-            columns = columns - self._space @ (self._space.T @ columns)
+        columns, space = self._functions.of(place), self._space()
+        for _ in range(2 if space.shape[1] else 0):
+            columns = columns - space @ (space.T @ columns)
         return columns
 
     def whitened(self, noise: object, whiten: Callable[[FloatArray], FloatArray]) -> SummedColumns:
         """The columns whitened by `whiten`, row by row, at unit length; kept while the same `noise` is asked for."""
         if self._white is None or self._white[0] is not noise:
-            weight = whiten(np.ones((len(self._space), 1)))[:, 0]
+            weight = whiten(np.ones((self._rows, 1)))[:, 0]
             self._white = noise, SummedColumns(self._functions, self._space, self._shadow, weight)
         return self._white[1]
 
     @cached_property
     def _shadow(self) -> FloatArray:
         """What the space has of each column, (t, choices, d)."""
-        return self._functions.along(self._space)
+        return self._functions.along(self._space())
 
 
 class SummedColumns:
     """Functions less their `shadow` (t, choices, d) on a `space` (rows, t), times `weight` (rows,), brought to unit
     length; `size` (choices, d) is what they had. See `unit_columns.UnitColumns`."""
 
-    def __init__(self, functions: ColumnSums, space: FloatArray, shadow: FloatArray, weight: FloatArray) -> None:
+    def __init__(
+        self, functions: ColumnSums, space_of: Callable[[], FloatArray], shadow: FloatArray, weight: FloatArray
+    ) -> None:
         self.choices, self.dimension = functions.choices, functions.dimension
-        self._functions, self._space, self._shadow, self._weight = functions, space, shadow, weight
-        square = weight**2
+        self._functions, self._space, self._shadow = functions, space_of, shadow
+        # Of readings that weigh alike one number is kept.
+        self._weight = weight if np.ptp(weight) > 0.0 else weight[:1]
+        square, space = weight**2, space_of()
         crossed = functions.along(square[:, None] * space)
         across = np.einsum("tki,tkj->kij", shadow, crossed)
         own = space.T @ (square[:, None] * space)
@@ -68,9 +75,11 @@ class SummedColumns:
 
     def along(self, vectors: FloatArray) -> FloatArray:
         """Products with vectors (rows, q), shape (q, choices, d)."""
-        weighted = self._weight[:, None] * vectors
-        beside = np.tensordot(weighted.T @ self._space, self._shadow, axes=1)
-        return np.asarray((self._functions.along(weighted) - beside) * self._scale)
+        alike = len(self._weight) == 1
+        weighted = vectors if alike else self._weight[:, None] * vectors
+        beside = np.tensordot(weighted.T @ self._space(), self._shadow, axes=1)
+        found = (self._functions.along(weighted) - beside) * self._scale
+        return np.asarray(found * self._weight[0] if alike else found)
 
     def along_draws(self, draws: NDArray[np.float32], name: object) -> NDArray[np.float32]:
         """Products with draws of noise (draws, rows), shape (draws, choices, d)."""
@@ -79,13 +88,14 @@ class SummedColumns:
 
     def columns(self, place: int) -> FloatArray:
         """Of one choice, exactly but for its size, (rows, d)."""
-        free = self._functions.of(place) - self._space @ self._shadow[:, place]
+        free = self._functions.of(place) - self._space() @ self._shadow[:, place]
         return np.asarray(self._weight[:, None] * free * self._scale[place])
 
     def sketched(self, sketch: Sketch) -> UnitColumns:
         """A sketch of them, kept for the last."""
         if self._sketch is None or self._sketch[0] is not sketch:
-            space = sketch.of(self._weight[:, None] * self._space)
-            columns = self._functions.sketched(sketch, self._weight) - np.tensordot(space, self._shadow, axes=1)
+            space = sketch.of(self._weight[:, None] * self._space())
+            weight = np.broadcast_to(self._weight, sketch.sign.shape)
+            columns = self._functions.sketched(sketch, weight) - np.tensordot(space, self._shadow, axes=1)
             self._sketch = sketch, UnitColumns(columns)
         return self._sketch[1]

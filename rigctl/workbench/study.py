@@ -13,8 +13,6 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import numpy as np
 
 from rigctl.analysis.least_squares import Parameter
-from rigctl.analysis.summed_columns import SummedScan
-from rigctl.analysis.unit_columns import Scan
 from rigctl.core.arrays import FloatArray, IntArray
 
 
@@ -163,19 +161,26 @@ class ExactlyLinear(Protocol):
         """Names of parameters in which predictions are linear by definition."""
 
 
+class Made(Protocol):
+    """Columns of each of some choices, made when they are asked for."""
+
+    def of(self, place: int) -> FloatArray:
+        """Those of one choice, (n, d)."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A term that might be added: how the data would change with its parameters, starting from none of it.
 
-    `columns` (n, d), or a scan of which this is one of the choices, at `place`. `typical` (d,) are plausible sizes.
-    `scanned` more of the term's parameters are fixed by the choice here, and fitted or placed once it is in a model.
+    `columns` (n, d), or those of several choices of which this is one, at `place`. `typical` (d,) are plausible
+    sizes. `scanned` more parameters of the term are fixed by the choice, and fitted or placed once it is in a model.
     `whole` where its columns by themselves mean nothing, only all of them: differences from one word.
     """
 
     term: Term
     names: tuple[str, ...]
     units: tuple[str, ...]
-    columns: FloatArray | Scan | SummedScan
+    columns: FloatArray | Made
     typical: FloatArray
     place: int = 0
     scanned: int = 0

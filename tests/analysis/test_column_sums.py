@@ -84,7 +84,7 @@ def test_a_summed_scan_is_the_scan(kind: str, spread: str) -> None:
     sums, columns = KINDS[kind](values)
     space = spaces(values)
     free = columns - np.einsum("nt,tki->nki", space, np.einsum("nt,nki->tki", space, columns))
-    plain, summed = Scan(free), SummedScan(sums, space)
+    plain, summed = Scan(free), SummedScan(sums, ROWS, lambda: space)
     np.testing.assert_allclose(summed.rms, plain.rms, rtol=1e-4, atol=1e-6)
     noise = object()
 

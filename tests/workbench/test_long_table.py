@@ -34,6 +34,11 @@ def readings(seed: int, rows: int = ROWS) -> tuple[FloatArray, dict[str, FloatAr
     return 1.0 + 0.3 * columns["x"] + noise + hidden, columns
 
 
+def count_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rigctl.experiments.table.spanned.LARGE", ROWS - 1)
+    monkeypatch.setattr("rigctl.experiments.table.spanned._FEW", ROWS // 5)
+
+
 def _span(basis: FloatArray) -> FloatArray:
     return np.asarray(basis @ basis.T)
 
@@ -43,7 +48,7 @@ def _span(basis: FloatArray) -> FloatArray:
 def test_scores_are_those_of_the_columns(seed: int, terms: tuple[Term, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     y, columns = readings(seed)
     plain = Attempt(table(y, **columns), terms)
-    monkeypatch.setattr("rigctl.experiments.table.candidates.LARGE", ROWS - 1)
+    count_as_long(monkeypatch)
     summed = Attempt(table(y, **columns), terms)
     of_plain = {each.candidate.term.effect: each for each in plain.scored}
     assert of_plain.keys() == {each.candidate.term.effect for each in summed.scored}
@@ -64,7 +69,7 @@ def test_scores_are_those_of_the_columns(seed: int, terms: tuple[Term, ...], mon
 def test_trials_on_a_sketch_are_as_many(monkeypatch: pytest.MonkeyPatch) -> None:
     y, columns = readings(1)
     plain = Attempt(table(y, **columns), ()).trials
-    monkeypatch.setattr("rigctl.experiments.table.candidates.LARGE", ROWS - 1)
+    count_as_long(monkeypatch)
     sketched = Attempt(table(y, **columns), ()).trials
     assert plain.within.keys() == sketched.within.keys()
     for family, count in plain.within.items():

@@ -10,6 +10,7 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.effects.catalogue import Effect
 from rigctl.experiments.table.candidates import (
+    Whitener,
     candidate_of,
     group_candidate,
     has_another_name,
@@ -20,11 +21,13 @@ from rigctl.experiments.table.candidates import (
 )
 from rigctl.experiments.table.catalogue import next_id, why_not
 from rigctl.experiments.table.model.form import Form
+from rigctl.experiments.table.model.forms import Turning
 from rigctl.experiments.table.model.model import TableModel
 from rigctl.experiments.table.model.pieces import PluginPiece
 from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group, Level
+from rigctl.experiments.table.spanned import Spanned
 from rigctl.experiments.table.study_data import TableData
 from rigctl.workbench.study import Candidate, NotTestable, Term
 from rigctl.workbench.verdict.offsets import in_units
@@ -72,8 +75,14 @@ class Asked:
         return self._model.jacobian(self._values)
 
     @cached_property
-    def _spanned(self) -> FloatArray:
-        return span_of(self._jacobian)
+    def _spanned(self) -> Spanned:
+        return Spanned(self._jacobian)
+
+    @cached_property
+    def _weighed(self) -> tuple[Whitener, FloatArray, FloatArray]:
+        """How readings weigh, a basis of what the model spans then, and what it leaves."""
+        weigh = partial(in_units, self._model.observations, np.arange(self._left.size))
+        return weigh, span_of(weigh(self._jacobian)), weigh(self._left)
 
     @cached_property
     def _left(self) -> FloatArray:
@@ -86,6 +95,7 @@ class Asked:
         return ""
 
     def _simpler(self, form: Form) -> str:
-        weigh = partial(in_units, self._model.observations, np.arange(self._left.size))
-        square = is_a_square(form, weigh(self._jacobian), weigh(self._left), weigh)
-        return "the square of the column alone shows the same" if square else ""
+        if not isinstance(form, Turning):
+            return ""
+        weigh, spanned, left = self._weighed
+        return "the square of the column alone shows the same" if is_a_square(form, spanned, left, weigh) else ""

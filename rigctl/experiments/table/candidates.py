@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
 
 import numpy as np
 
-from rigctl.analysis.column_sums import LARGE
 from rigctl.analysis.summed_columns import SummedScan
 from rigctl.analysis.unit_columns import Scan
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.table.model.form import Choice, Form, Spans
-from rigctl.experiments.table.model.forms import Turning
+from rigctl.experiments.table.model.forms import Drift, Interaction, Power, Turning
+from rigctl.experiments.table.model.functions import Function
 from rigctl.experiments.table.model.pieces import PluginPiece
 from rigctl.experiments.table.model.scan_sums import sums_of
 from rigctl.experiments.table.model.scanned import Scanned
 from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group, Level, Slope
+from rigctl.experiments.table.observe.readings import Column
+from rigctl.experiments.table.spanned import Spanned, some_of, span_of_functions
 from rigctl.workbench.study import Candidate, NotTestable, Term
 
 Whitener = Callable[[FloatArray], FloatArray]
@@ -25,27 +29,56 @@ Whitener = Callable[[FloatArray], FloatArray]
 
 # Of what the turning point explains: above, its second parameter buys next to nothing.
 _ALL_BUT_LITTLE = 0.95
-_SPANNED = 1e-7
-"""A function is spanned by the model when less than this share of its norm lies outside."""
 
 
-def candidate_of(form: Form, term: Term, response_unit: str, spanned: FloatArray, residual: FloatArray) -> Candidate:
-    """A form as a candidate beside a model that spans `spanned` (n, rank) and has the residuals `residual` (n,).
+def candidate_of(form: Form, term: Term, response_unit: str, spanned: Spanned, residual: FloatArray) -> Candidate:
+    """A form as a candidate beside a model that spans `spanned` and has the residuals `residual` (n,).
 
     A square of years from 1950 to 2020 is all but a multiple of the years: its derivative is given without the
     constant, the line and so on *where the model spans these*, which changes neither what the effect explains nor its
     estimate, and keeps its size honest.
     """
-    derivative = _without_trivial(form, form.parts(term.choice), spanned)
+    columns: FloatArray | MadeColumns
+    if spanned.few is None or not isinstance(form, Power | Turning | Function | Interaction | Drift):
+        columns = derivative = _without_trivial(form, form.parts(term.choice), spanned)
+    else:
+        # Columns of a long table are made when they are asked for; for a typical size some of the rows do.
+        columns, rows = MadeColumns(form, term.choice, spanned), some_of(spanned.rows)
+        few = _at(form, rows)
+        derivative, residual = _without_trivial(few, few.parts(term.choice), spanned.few), residual[rows]
     return Candidate(
         term,
         tuple(f"{term.effect}{name}" for name in form.names(term.choice)),
         form.units(response_unit, term.choice),
-        derivative,
+        columns,
         # The size that would make all of the residual: of a table's effects nobody knows another.
         _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
         whole=isinstance(form, Level | Slope),
     )
+
+
+@dataclass(frozen=True)
+class MadeColumns:
+    """The derivative of a form, made anew whenever it is asked for."""
+
+    form: Form
+    choice: Choice
+    spanned: Spanned
+
+    def of(self, place: int) -> FloatArray:
+        """The columns, (n, d)."""
+        del place
+        return _without_trivial(self.form, self.form.parts(self.choice), self.spanned)
+
+
+def _at(form: Form, rows: IntArray) -> Form:
+    """A form of columns of numbers at some of the rows."""
+    columns = {
+        each.name: replace(column, values=column.values[rows])
+        for each in fields(form)  # type: ignore[arg-type]
+        if isinstance(column := getattr(form, each.name), Column)
+    }
+    return replace(form, **columns)  # type: ignore[type-var]
 
 
 class Scans:
@@ -63,19 +96,24 @@ class Scans:
             self._choices[form.id] = [form.full_choice(float(value)) for value in form.grid(self._points)]
         return self._choices[form.id]
 
-    def scan(self, form: Scanned, spanned: FloatArray) -> Scan | SummedScan:
+    def scan(self, form: Scanned, spanned: Spanned) -> Scan | SummedScan:
         """A form with each of its choices, without the trivial functions that the model spans."""
         trivial = form.trivial()
-        held = tuple(_is_spanned(each[:, None], spanned) for each in trivial)
+        held = tuple(spanned.holds(each[:, None]) for each in trivial)
         if (form.id, held) not in self._made:
-            space = _span([each for each, is_held in zip(trivial, held, strict=True) if is_held], len(spanned))
-            made = _scan_of if len(spanned) <= LARGE else _summed_scan_of
-            self._made[form.id, held] = made(form, self.choices(form), space)
+            made = _scan_of if spanned.few is None else _summed_scan_of
+            self._made[form.id, held] = made(form, self.choices(form), partial(_held, form, held))
         return self._made[form.id, held]
 
 
-def _scan_of(form: Scanned, choices: Sequence[Choice], space: FloatArray) -> Scan:
-    stack = form.scan(choices)
+def _held(form: Form, held: Sequence[bool]) -> FloatArray:
+    """A basis of the trivial functions that are held, (n, t)."""
+    trivial = form.trivial()
+    return span_of_functions([each for each, is_held in zip(trivial, held, strict=True) if is_held], len(trivial[0]))
+
+
+def _scan_of(form: Scanned, choices: Sequence[Choice], space_of: Callable[[], FloatArray]) -> Scan:
+    stack, space = form.scan(choices), space_of()
     columns = stack.reshape(len(stack), -1)
     # Twice: once leaves the rounding of a column that lies almost entirely in the span.
     for _ in range(2 if space.shape[1] else 0):
@@ -83,12 +121,12 @@ def _scan_of(form: Scanned, choices: Sequence[Choice], space: FloatArray) -> Sca
     return Scan(columns.reshape(stack.shape))
 
 
-def _summed_scan_of(form: Scanned, choices: Sequence[Choice], space: FloatArray) -> SummedScan:
-    return SummedScan(sums_of(form, choices), space)
+def _summed_scan_of(form: Scanned, choices: Sequence[Choice], space_of: Callable[[], FloatArray]) -> SummedScan:
+    return SummedScan(sums_of(form, choices), len(form.column.values), space_of)
 
 
 def scan_candidates(
-    form: Scanned, effect: str, scans: Scans, response_unit: str, spanned: FloatArray, residual: FloatArray
+    form: Scanned, effect: str, scans: Scans, response_unit: str, spanned: Spanned, residual: FloatArray
 ) -> list[Candidate]:
     """A scanned form with each of its choices: what `candidate_of` does for one."""
     scan = scans.scan(form, spanned)
@@ -113,31 +151,32 @@ def group_candidate(group: Group, slopes: FloatArray, residual: FloatArray) -> C
     )
 
 
-def has_another_name(form: Form, spanned: FloatArray) -> str:
+def has_another_name(form: Form, spanned: Spanned) -> str:
     """Why a form is another one beside a model that spans `spanned`; "" when it is itself."""
     if not isinstance(form, Turning):
         return ""
     column = form.column.name
     slope, curvature = form.basis(_only_choice(form)).T
-    if _is_spanned((slope - slope.mean())[:, None], spanned):
+    if spanned.holds((slope - slope.mean())[:, None]):
         return f"the model has a slope in {column} already, beside which it is power2[{column}]"
     line = span_of(np.stack([np.ones(slope.size), slope], axis=1))
     bend = curvature - line @ (line.T @ curvature)
-    return f"the model has a curvature in {column} already" if _is_spanned(bend[:, None], spanned) else ""
+    return f"the model has a curvature in {column} already" if spanned.holds(bend[:, None]) else ""
 
 
-def is_a_square(form: Form, white_jacobian: FloatArray, white_residual: FloatArray, white: Whitener) -> bool:
-    """Whether a turning point is all but the square of the column, p C**2, which is said more simply."""
-    if not isinstance(form, Turning):
-        return False
-    spanned, column = span_of(white_jacobian), form.column.values
-    whole = _explained(white(form.basis(_only_choice(form))), spanned, white_residual)
+def is_a_square(turning: Turning, spanned: FloatArray, white_residual: FloatArray, white: Whitener) -> bool:
+    """Whether a turning point is all but the square of the column, p C**2, which is said more simply.
+
+    `spanned` (n, rank) is a basis of what a model's whitened derivatives span.
+    """
+    column = turning.column.values
+    whole = _explained(white(turning.basis(_only_choice(turning))), spanned, white_residual)
     return _explained(white(column[:, None] ** 2), spanned, white_residual) >= _ALL_BUT_LITTLE * whole
 
 
-def spans_of(spanned: FloatArray) -> Spans:
-    """What a model spans whose derivatives have this basis, (n, rank)."""
-    return lambda function: _is_spanned(function[:, None], spanned)
+def spans_of(spanned: Spanned) -> Spans:
+    """The same as a question about one function."""
+    return lambda function: spanned.holds(function[:, None])
 
 
 def plugin_candidate(piece: PluginPiece, signal: FloatArray) -> Candidate | NotTestable:
@@ -158,34 +197,25 @@ def _only_choice(turning: Turning) -> Choice:
     return turning.choices(lambda _: True)[0]
 
 
-def _without_trivial(form: Form, parts: list[FloatArray], spanned: FloatArray) -> FloatArray:
+def _without_trivial(form: Form, parts: list[FloatArray], spanned: Spanned) -> FloatArray:
     # Left out and not projected out: their difference from a large column would lose the digits.
-    remaining = [part for part in parts if not _is_spanned(part, spanned)] or parts[-1:]
-    derivative = np.sum(remaining, axis=0)
+    remaining = [part for part in parts if not spanned.holds(part)] or parts[-1:]
+    derivative = np.sum(remaining, axis=0) if len(remaining) > 1 else remaining[0]
     space = _trivial_space(form, spanned)
     for _ in range(2 if space.shape[1] else 0):
         derivative = derivative - space @ (space.T @ derivative)
     return np.asarray(derivative)
 
 
-def _trivial_space(form: Form, spanned: FloatArray) -> FloatArray:
+def _trivial_space(form: Form, spanned: Spanned) -> FloatArray:
     """A basis of the simple functions beside which a form is what remains, as far as the model spans them."""
-    return _span([each for each in form.trivial() if _is_spanned(each[:, None], spanned)], len(spanned))
-
-
-def _span(functions: Sequence[FloatArray], rows: int) -> FloatArray:
-    return span_of(np.stack(functions, axis=1)) if functions else np.zeros((rows, 0))
+    return span_of_functions([each for each in form.trivial() if spanned.holds(each[:, None])], spanned.rows)
 
 
 def _explained(functions: FloatArray, spanned: FloatArray, residual: FloatArray) -> float:
     """Square sum of the residual that functions explain beside the model."""
     span = span_of(functions - spanned @ (spanned.T @ functions))
     return float(np.sum((span.T @ residual) ** 2))
-
-
-def _is_spanned(functions: FloatArray, spanned: FloatArray) -> bool:
-    outside = functions - spanned @ (spanned.T @ functions)
-    return bool(np.linalg.norm(outside) <= _SPANNED * np.linalg.norm(functions))
 
 
 def _rms(values: FloatArray) -> FloatArray:

@@ -19,9 +19,10 @@ from rigctl.experiments.table.model.form import Form
 from rigctl.experiments.table.model.model import TableModel, as_result, fitted
 from rigctl.experiments.table.model.pieces import ColumnPiece, GroupPiece, Piece, PluginPiece
 from rigctl.experiments.table.model.scanned import Scanned
-from rigctl.experiments.table.model.start import POINTS_MAX, place, solve, span_of
+from rigctl.experiments.table.model.start import POINTS_MAX, place, solve
 from rigctl.experiments.table.model.words import Group
 from rigctl.experiments.table.proposals import options
+from rigctl.experiments.table.spanned import Spanned
 from rigctl.experiments.table.study_data import TableData
 from rigctl.workbench.study import (
     Candidate,
@@ -153,7 +154,7 @@ class TableStudy(StudyBase[TableData]):
         if not isinstance(effect, Scanned):
             slopes = self.data.baseline[1]
             held = np.concatenate([slopes, *(_basis(each, slopes) for each in before if _is_linear(each))], axis=1)
-            return ColumnPiece(Term(term.effect, effect.settled(term.choice, spans_of(span_of(held)))), effect, unit)
+            return ColumnPiece(Term(term.effect, effect.settled(term.choice, spans_of(Spanned(held)))), effect, unit)
         piece = ColumnPiece(term, effect, unit)
         return piece if effect.scanned in term.choice else self._placed(piece, before)
 

@@ -37,13 +37,11 @@ def _alike(attempt: Attempt, place: int) -> list[int]:
     # Bounds are cheap for all pairs; bases are compared where they leave it open.
     a, near = attempt.scored[place].score, np.flatnonzero(attempt.likeness_bounds[place] > SAME)
     others = [(int(i), attempt.scored[i].score) for i in near if i != place]
-    return [
-        i
-        for i, b in others
-        if a.dimension == b.dimension > 0
-        and abs(a.statistic - b.statistic) < DISTINCT_FALL
-        and contained(a.basis, b.basis) > SAME
+    others = [
+        (i, b) for i, b in others if a.dimension == b.dimension > 0 and abs(a.statistic - b.statistic) < DISTINCT_FALL
     ]
+    basis = a.basis if others else None
+    return [i for i, b in others if basis is not None and contained(basis, b.basis) > SAME]
 
 
 def inseparable_effects(attempt: Attempt) -> tuple[Inseparable, ...]:

@@ -43,6 +43,8 @@ _SCANNED = 3
 _PART = 1e-3
 # Degrees of freedom beyond which an estimated scale is as good as known.
 _WELL_KNOWN = 500.0
+# Of a cosine: six standard deviations of what a sketch of 4096 numbers says where it is 0.99.
+_OF_A_SKETCH = 0.002
 # Data of independent noise beyond which nothing hidden is projected out: what is just significant adds less than a
 # part in five hundred to their variance, and what is more is found, and the noise told anew.
 _SATURATED = 20_000
@@ -159,24 +161,39 @@ class Attempt(FittedModel):
     @cached_property
     def likeness_bounds(self) -> FloatArray:
         """How far each effect's span lies within each other's at most, as cosines, (effects, effects)."""
-        dimensions = np.array([max(each.score.dimension, 1) for each in self.scored])
-        bases = [each.score.basis if each.score.dimension else np.zeros((len(self.left), 1)) for each in self.scored]
+        bases = [self._basis(each) for each in self.scored]
         if not bases:
             return np.zeros((0, 0))
+        dimensions = np.array([each.shape[1] for each in bases])
         joined = np.hstack(bases)
         first = np.concatenate([[0], np.cumsum(dimensions)[:-1]])
         # The mean squared cosine is no less than the smallest, and needs no singular values.
         overlap = np.add.reduceat(np.add.reduceat((joined.T @ joined) ** 2, first, axis=0), first, axis=1)
-        return np.asarray(np.sqrt(overlap / dimensions[:, None]))
+        # What is alike to a part in a hundred a sketch tells to a few in ten thousand.
+        return np.asarray(np.sqrt(overlap / dimensions[:, None]) + (0.0 if self._sketched is None else _OF_A_SKETCH))
+
+    def _basis(self, scored: Scored) -> FloatArray:
+        """Of an effect, or its sketch; one column of zeros where all is absorbed."""
+        sketched, basis = self._sketched, np.zeros((0, 0))
+        if scored.score.dimension:
+            basis = scored.score.basis if sketched is None else sketched.basis(self._scoring.sketch(scored.candidate))
+        rows = len(self.left) if sketched is None else sketched.rows
+        return basis if basis.shape[1] else np.zeros((rows, 1))
 
     @cached_property
     def trials(self) -> Trials:
         """How many independent trials the catalogue amounts to, family by family."""
-        if not any(isinstance(each.columns, SummedScan) for each in self.candidates):
+        sketched = self._sketched
+        if sketched is None:
             return trials({name: self.family(name) for name in self._families}, len(self.left), self.seed)
-        sketched = SketchedTrials(self.projector)
         families = {name: self._sketched_family(sketched, effects) for name, effects in self._families.items()}
         return trials(families, sketched.rows, self.seed)
+
+    @cached_property
+    def _sketched(self) -> SketchedTrials | None:
+        """Of a long table; None of others."""
+        long = any(isinstance(each.columns, SummedScan) for each in self.candidates)
+        return SketchedTrials(self.projector) if long else None
 
     def family(self, name: str) -> Family:
         """What one family of effects tries."""
@@ -205,11 +222,11 @@ class Attempt(FittedModel):
         family = Family()
         for group in itertools.chain(*map(self._questions.of, effects)):
             scan = group[0].columns
-            unit = None if isinstance(scan, np.ndarray) else self._scoring.unit_columns(scan)[0]
+            unit = self._scoring.unit_columns(scan)[0] if isinstance(scan, SummedScan) else None
             if isinstance(unit, SummedColumns) and not self.noise.factors:
                 sketched.add_scan(family, unit)
             else:
-                sketched.add_columns(family, map(self.columns, group))
+                family.bases.extend(sketched.basis(self._scoring.sketch(each)) for each in group)
         return family
 
     @cached_property

@@ -57,7 +57,7 @@ class FittedModel:
         """W (data - model), shape (n,): unit variance where the model is right."""
         return self.result.residuals
 
-    @cached_property
+    @property
     def jacobian(self) -> FloatArray:
         """d (whitened model) / d parameters with the priors' rows below the data, shape (n + priors, m)."""
         priors = [
@@ -79,6 +79,8 @@ class FittedModel:
             for each, value in zip(self.model.parameters, self.result.values, strict=True)
             if each.prior is not None and not each.fixed
         ]
+        if not pulls:
+            return self.result.residuals
         return np.concatenate([self.result.residuals, np.array(pulls, dtype=np.float64)])
 
     @cached_property

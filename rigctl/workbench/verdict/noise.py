@@ -62,6 +62,8 @@ class Noise:
         factors = [
             (where, factor) for where, factor in self.factors if np.isin(where, rows, assume_unique=True).any()
         ]
+        if not factors:
+            return rows, columns / self.sigma[rows][:, None]
         everywhere = np.unique(np.concatenate([rows, *(where for where, _ in factors)]))
         white = np.zeros((len(everywhere), columns.shape[1]))
         white[np.searchsorted(everywhere, rows)] = columns / self.sigma[rows][:, None]

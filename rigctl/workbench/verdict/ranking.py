@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import optimize, special
 
+from rigctl.core.arrays import IntArray
 from rigctl.workbench.findings import Estimate, Rank
 from rigctl.workbench.study import Line, Term
 from rigctl.workbench.verdict.alike import equivalent_effects
@@ -67,13 +68,7 @@ def _rank_of_suggested(search: Search, first: Attempt, final: Attempt, term: Ter
 
 
 def _rank_of_other(search: Search, final: Attempt, scored: Scored, *, held_out: bool) -> Rank:
-    score = scored.score
-    columns = final.columns(scored.candidate)
-    given = final.model.observations
-    strength = np.zeros(len(given.series))
-    np.add.at(strength, given.series_of, np.sum(columns[: len(given.value)] ** 2, axis=1))
-    # The error over all series would hide an effect that touches two of thirty.
-    touched = np.flatnonzero(strength > 1e-3 * strength.max())
+    score, touched = scored.score, _touched(final, scored)
     ratio = float("nan")
     if held_out and score.dimension and final.held_out.possible:
         ratio = final.held_out.error(score.basis, touched) / final.held_out.error(series=touched)
@@ -93,6 +88,16 @@ def _rank_of_other(search: Search, final: Attempt, scored: Scored, *, held_out: 
         keep=float(score.keep.max()),
         detectable=detectable(final, scored, search.alpha),
     )
+
+
+def _touched(final: Attempt, scored: Scored) -> IntArray:
+    """The series that an effect changes: the error over all of them would hide one that touches two of thirty."""
+    given = final.model.observations
+    if len(given.series) == 1:
+        return np.zeros(1, dtype=np.intp)
+    columns, strength = final.columns(scored.candidate), np.zeros(len(given.series))
+    np.add.at(strength, given.series_of, np.sum(columns[: len(given.value)] ** 2, axis=1))
+    return np.flatnonzero(strength > 1e-3 * strength.max())
 
 
 def _rank_of_line(line: Line) -> Rank:

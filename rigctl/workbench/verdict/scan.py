@@ -8,7 +8,7 @@ size of the data is made for a choice.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,19 +37,32 @@ class OwnNoise:
     dof: float
 
 
+def asked_along(projector: Projector, own: OwnNoise | None) -> FloatArray:
+    """The vectors (n, q) whose products with columns tell scores: what is fitted, what is left, what tells noise."""
+    left = projector.left[: projector.data]
+    vectors = [projector.basis[: projector.data], left[:, None]]
+    if own is not None:
+        vectors += [own.frame, (left - own.frame @ (own.frame.T @ left))[:, None]]
+    return np.hstack(vectors)
+
+
 class ScanScores:
-    """The scores of an effect's choices, whose whitened columns are `unit` ones times `scale`."""
+    """The scores of an effect's choices, whose whitened columns are `unit` ones times `scale`.
+
+    `along` are the vectors that `asked_along` gives, for those who ask about many scans.
+    """
 
     def __init__(
-        self, projector: Projector, unit: UnitColumns | SummedColumns, scale: float, own: OwnNoise | None
+        self,
+        projector: Projector,
+        unit: UnitColumns | SummedColumns,
+        scale: float,
+        own: OwnNoise | None,
+        along: FloatArray | None = None,
     ) -> None:
         self._unit, self._projector = unit, projector
-        data = projector.data
-        self._fitted, left = projector.basis[:data], projector.left[:data]
-        vectors, rank = [self._fitted, left[:, None]], self._fitted.shape[1]
-        if own is not None:
-            vectors += [own.frame, (left - own.frame @ (own.frame.T @ left))[:, None]]
-        products = unit.along(np.hstack(vectors))
+        self._fitted, rank = projector.basis[: projector.data], projector.basis.shape[1]
+        products = unit.along(asked_along(projector, own) if along is None else along)
         self._shadow, to_left = products[:rank], products[rank]
         gram = unit.gram - np.einsum("mki,mkj->kij", self._shadow, self._shadow, optimize=True)
         # A difference of squares: rounding may leave it a little below zero.
@@ -85,7 +98,8 @@ class ScanScores:
             self._keep[place],
             np.where(determined, root @ self._along[place] / self._size[place], 0.0),
             np.where(determined, np.sqrt(np.sum(root**2, axis=1)) / self._size[place], np.inf),
-            partial(self._basis, place),
+            # Asked for once or more; of a few data it is no burden to keep.
+            cache(partial(self._basis, place)),
         )
 
     @cached_property

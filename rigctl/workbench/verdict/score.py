@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,7 @@ class Score:
     sigma: FloatArray
     of: Callable[[], FloatArray]
 
-    @cached_property
+    @property
     def basis(self) -> FloatArray:
         """Q, shape (n, d); d is 0 when all is absorbed."""
         return self.of()
@@ -81,7 +80,7 @@ class Projector:
         estimate, sigma = np.zeros(len(size)), np.full(len(size), np.inf)
         if not len(seen):
             return Score(0.0, 0, np.inf, 1.0, keep, estimate, sigma, lambda: np.zeros((len(columns), 0)))
-        left, s, right = svd(free[:, seen] / size[seen])
+        left, s, right = _decomposed(free[:, seen] / size[seen])
         determined = s > ABSORBED * s[0]
         basis = left[:, determined]
         along = basis.T @ self.left
@@ -99,6 +98,8 @@ class Projector:
 
     def dof_of_each(self, bases: FloatArray) -> FloatArray:
         """The same for many bases (n, k, d); of what varies between shared offsets, these are the degrees."""
+        if self.one_dof is not None:
+            return np.full(bases.shape[1], self.one_dof)
         share = np.sum(bases[: self.data] ** 2, axis=2)
         known = np.isfinite(self._dof)
         spread = np.zeros(share.shape[1])
@@ -111,6 +112,14 @@ class Projector:
             spread = np.maximum(spread, np.sum(inside**2, axis=(0, 2)) ** 2 / dof)
         none = spread > 0.0
         return np.where(none, total**2 / np.where(none, spread, 1.0), np.inf)
+
+
+def _decomposed(columns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The singular value decomposition; of one column it is its length."""
+    if columns.shape[1] > 1:
+        return svd(columns)
+    length = float(np.linalg.norm(columns))
+    return columns / length, np.array([length]), np.ones((1, 1))
 
 
 def p_of(statistic: FloatArray | float, dimension: IntArray | float, dof: FloatArray | float) -> FloatArray:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property, partial
 
 import numpy as np
 
+from rigctl.analysis.sketch import sketch_of
 from rigctl.analysis.summed_columns import SummedColumns, SummedScan
 from rigctl.analysis.unit_columns import Scan, UnitColumns
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.study import Candidate
 from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
-from rigctl.workbench.verdict.scan import OwnNoise, ScanScores
+from rigctl.workbench.verdict.scan import OwnNoise, ScanScores, asked_along
 from rigctl.workbench.verdict.score import Score, p_of
 
 # Of a ratio of sigmas that is the same for all data but for their last digit.
@@ -26,20 +28,46 @@ class Scoring:
     def __init__(self, fitted: FittedModel, estimator: NoiseEstimator) -> None:
         self._fitted, self._noise = fitted, fitted.noise
         self._frame = estimator.saturated
+        self._sketches: dict[int, FloatArray] = {}
 
     def of(self, candidate: Candidate) -> Score:
         """Of one candidate."""
-        score = self._fitted.projector.score(self._fitted.whitened_columns(candidate.derivative))
-        return score if self._frame is None else self._by_own_noise(score, self._frame)
+        columns = self._fitted.whitened_columns(candidate.derivative)
+        score = self._fitted.projector.score(columns)
+        if self._frame is not None:
+            score = self._by_own_noise(score, self._frame)
+        if isinstance(candidate.columns, np.ndarray | Scan):
+            return score
+        # Of columns that are made when they are asked for a sketch is kept, and the basis made again.
+        self._sketches[id(candidate)] = sketch_of(len(columns)).of(columns)
+        return replace(score, of=partial(self._basis, candidate))
+
+    def sketch(self, candidate: Candidate) -> FloatArray:
+        """A sketch of a candidate's whitened columns, (buckets, d)."""
+        if id(candidate) not in self._sketches:
+            columns = self._fitted.whitened_columns(candidate.derivative)
+            self._sketches[id(candidate)] = sketch_of(len(columns)).of(columns)
+        return self._sketches[id(candidate)]
+
+    def _basis(self, candidate: Candidate) -> FloatArray:
+        return self._fitted.projector.score(self._fitted.whitened_columns(candidate.derivative)).basis
 
     def of_scan(self, choices: Sequence[Candidate]) -> ScanScores:
         """Of all choices of a scan."""
         scan = choices[0].columns
-        own = None if self._frame is None else OwnNoise(self._frame, float(self._noise.dof[0]))
         # Sums over the rows cannot be whitened across them.
-        if isinstance(scan, np.ndarray) or (isinstance(scan, SummedScan) and self._noise.factors):
+        if not isinstance(scan, Scan | SummedScan) or (isinstance(scan, SummedScan) and self._noise.factors):
             scan = Scan(np.stack([each.derivative for each in choices], axis=1))
-        return ScanScores(self._fitted.projector, *self.unit_columns(scan), own)
+        unit, scale = self.unit_columns(scan)
+        return ScanScores(self._fitted.projector, unit, scale, self._own, self._along)
+
+    @cached_property
+    def _own(self) -> OwnNoise | None:
+        return None if self._frame is None else OwnNoise(self._frame, float(self._noise.dof[0]))
+
+    @cached_property
+    def _along(self) -> FloatArray:
+        return asked_along(self._fitted.projector, self._own)
 
     def unit_columns(self, scan: Scan | SummedScan) -> tuple[UnitColumns | SummedColumns, float]:
         """The whitened columns of a scan at unit length, and the factor by which they are longer than kept ones."""

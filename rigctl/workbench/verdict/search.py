@@ -39,6 +39,9 @@ REFITTED = 4
 LINEAR = 30.0**2
 """Statistics beyond may mislead about the order of candidates."""
 
+_NUMBERS_KEPT, _LEAST_KEPT = 5_000_000, 4
+"""Data of models that are kept, and the least number of models."""
+
 Progress = Callable[[str], None]
 
 
@@ -85,7 +88,10 @@ class Search:
         """The model with these terms, fitted and scored once."""
         keys = {term.effect: json.dumps(term.as_json(), sort_keys=True) for term in terms}
         key = _key(terms)
-        if key not in self._attempts:
+        if key in self._attempts:
+            # The last asked for is the last to go.
+            self._attempts[key] = self._attempts.pop(key)
+        else:
             # Another choice of the same effect is nowhere to start from.
             start = {
                 name: value for owner in ("", *keys.values()) for name, value in self._values.get(owner, {}).items()
@@ -94,7 +100,15 @@ class Search:
             self._attempts[key] = made
             for owner, (name, value) in zip(made.model.owners, made.values.items(), strict=True):
                 self._values.setdefault(keys.get(owner, ""), {})[name] = value
+            self._forget()
         return self._attempts[key]
+
+    def _forget(self) -> None:
+        """Models of long tables that were not asked for lately: a fit is made again in less than a second or two."""
+        first = next(iter(self._attempts.values()))
+        kept = max(_NUMBERS_KEPT // len(first.left), _LEAST_KEPT)
+        while len(self._attempts) > kept:
+            del self._attempts[next(iter(self._attempts))]
 
     def next_term(self) -> Term | None:
         """What the search would add to the terms it has: significant, and better on held-out data."""

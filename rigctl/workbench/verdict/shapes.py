@@ -41,9 +41,12 @@ def distinct(given: Observations, number: int, rows: IntArray, factors: Sequence
     shapes, columns, seconds = [], [], []
     shared = [plain(given, rows, Shape(0, 0, power, covariate))[:, 0] for power, covariate in factors]
     common = np.stack(shared, axis=1)
-    for harmonic in range(ANGLE_HARMONICS + 1) if given.angle is not None else (0,):
+    if given.angle is None:
+        shapes = [Shape(number, 0, power, covariate) for power, covariate in factors]
+        return rows, shapes, normalised(common), np.full(len(shapes), -1, dtype=np.intp)
+    for harmonic in range(ANGLE_HARMONICS + 1):
         first, second = common, np.zeros_like(common)
-        if harmonic and given.angle is not None:
+        if harmonic:
             angle = np.radians(harmonic * given.of_runs(given.angle)[rows])[:, None]
             first, second = common * np.cos(angle), common * np.sin(angle)
         columns.append(first)

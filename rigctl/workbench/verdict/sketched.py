@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from rigctl.analysis.sketch import sketch_of
@@ -28,9 +26,9 @@ class SketchedTrials:
         """Of all sketches."""
         return self._sketch.buckets
 
-    def add_columns(self, family: Family, columns: Iterable[FloatArray]) -> None:
-        """Single candidates, whitened columns (rows, d)."""
-        family.bases.extend(self._projector.score(self._sketch.of(each)).basis for each in columns)
+    def basis(self, sketch: FloatArray) -> FloatArray:
+        """Of what the fit leaves of a candidate, from the `sketch` (rows, d) of its whitened columns."""
+        return self._projector.score(sketch).basis
 
     def add_scan(self, family: Family, unit: SummedColumns) -> None:
         """A scan."""

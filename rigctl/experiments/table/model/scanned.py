@@ -180,7 +180,9 @@ class Step(_OfColumn):
 
     def untestable(self) -> str:
         """Why not, or ""."""
-        if not self._places().size:
+        values, beside = self.column.values, _ROWS_BESIDE_A_STEP
+        # Of sorted values the third must be smaller than the third from the end.
+        if values.size < 2 * beside or not np.ptp(np.partition(values, [beside - 1, -beside])[[beside - 1, -beside]]):
             return f"{self.column.name} has nowhere {_ROWS_BESIDE_A_STEP} readings on either side of a step"
         return ""
 
@@ -190,12 +192,14 @@ class Step(_OfColumn):
         below = np.searchsorted(np.sort(self.column.values), places)
         # Two steps correlate by exp(-d / 2), with d the distance of their log odds of lying below.
         logit = np.log(below / (self.column.values.size - below))
-        kept, last = [], -np.inf
         step = max(_STEP_LOGIT, (logit[-1] - logit[0]) / points_max if points_max > 1 else np.inf)
-        for place, level in zip(places, logit, strict=True):
-            if level - last >= step:
-                kept.append(place)
-                last = level
+        kept, place = [], 0
+        while place < len(places):
+            kept.append(places[place])
+            last, place = logit[place], max(int(np.searchsorted(logit, logit[place] + step)) - 1, place + 1)
+            # Rounded in another way, the sum may be one place short.
+            while place < len(places) and logit[place] - last < step:
+                place += 1
         return np.array(kept)
 
     def full_choice(self, value: float) -> dict[str, float]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from rigctl.analysis.column_sums import StepSums
 from rigctl.analysis.decomposition import svd
 from rigctl.analysis.least_squares import FitResult, Parameter
 from rigctl.core.arrays import FloatArray
@@ -22,6 +23,8 @@ POINTS_MAX = 1500
 _DRAWS, _TRIED = 400, 8
 _MODEST = 8
 _RANK = 1e-13
+FREE = 1e-9
+"""Of a step's square: with less left beside all else that is fitted it is no step of its own."""
 # Squares beyond overflow when they are summed.
 _HUGE = 1e100
 
@@ -110,18 +113,32 @@ def place(form: Scanned, held: FloatArray, residual: FloatArray, near: float | N
         return float(left @ left - np.sum(explained**2))
 
     grid = form.grid(POINTS_MAX)
-    start = near if near is not None else float(min(grid, key=misfit))
+    if isinstance(form, Step):
+        start = near if near is not None else _best_step(form, grid, space, left)
+    else:
+        start = near if near is not None else float(min(grid, key=misfit))
     low = float(grid[grid < start].max(initial=-np.inf))
     high = float(grid[grid > start].min(initial=np.inf))
     # The misfit of a step is constant between neighbouring values: all places are looked at.
     if isinstance(form, Step):
         places = form.places(low, high)
-        return float(min(places, key=misfit)) if places.size else start
+        return _best_step(form, places, space, left) if places.size else start
     low, high = (edge if np.isfinite(edge) else start * factor for edge, factor in ((low, 0.8), (high, 1.25)))
     best = minimize_scalar(
         misfit, bounds=(min(low, high), max(low, high)), method="bounded", options={"xatol": 1e-6 * abs(start)}
     )
     return float(best.x) if best.fun <= misfit(start) else start
+
+
+def _best_step(step: Step, places: FloatArray, space: FloatArray, left: FloatArray) -> float:
+    """Of rising places the one that explains most of what is `left` (n,) beside an orthonormal `space` (n, m)."""
+    sums = StepSums(step.column.values, places)
+    past = np.bincount(np.searchsorted(places, step.column.values, side="left"), minlength=len(places) + 1)
+    square = np.cumsum(past[::-1])[::-1][1:].astype(np.float64)
+    along = sums.along(np.column_stack([left, space]))[:, :, 0]
+    kept = square - np.sum(along[1:] ** 2, axis=0)
+    seen = kept > FREE * square
+    return float(places[int(np.argmax(np.where(seen, along[0] ** 2 / np.where(seen, kept, 1.0), -1.0)))])
 
 
 def _array(readings: Readings, values: Mapping[str, float]) -> FloatArray:

@@ -6,10 +6,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.model.scanned import Step
-from rigctl.experiments.table.model.start import span_of
-
-_FREE = 1e-9
-"""Of a step's square: with less left beside all else that is fitted it is no step of its own."""
+from rigctl.experiments.table.model.start import FREE, span_of
 
 
 def place_sigma(step: Step, at: float, weight: FloatArray, held: FloatArray, left: FloatArray, dof: int) -> float:
@@ -30,7 +27,7 @@ def place_sigma(step: Step, at: float, weight: FloatArray, held: FloatArray, lef
     kept = square[:, 0] - np.sum(beside**2, axis=1)
     places = step.places(-np.inf, np.inf)
     first = np.searchsorted(values[order], places)
-    usable = kept[first] > _FREE * square[first, 0]
+    usable = kept[first] > FREE * square[first, 0]
     places, first = places[usable], first[usable]
     if not places.size or dof <= 0:
         return float("nan")

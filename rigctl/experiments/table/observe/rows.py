@@ -25,12 +25,30 @@ def readings_of(
     rows = np.flatnonzero(np.isfinite([samples[name] for name in needed]).all(axis=0))
     if not rows.size:
         return rows
-    others: list[Sequence[object]] = [values[rows].tolist() for name, values in samples.items() if name != response]
-    others += [[text[row] for row in rows.tolist()] for text in texts.values()]
-    rows = np.delete(rows, pasted_rows(samples[response][rows], others)[0])
     columns = [name for name in samples if name not in (response, order)]
     first = [] if order is None else [order]
     # The last key sorts first.
     keys: list[FloatArray | TextArray] = [samples[name][rows] for name in (*first, *columns, response)]
     keys += [np.array(text, dtype=np.str_)[rows] for text in texts.values()]
-    return np.asarray(rows[np.lexsort(keys[::-1])], dtype=np.intp)
+    sorting = np.lexsort(keys[::-1])
+    if not _some_are_equal(keys, sorting):
+        return np.asarray(rows[sorting], dtype=np.intp)
+    others: list[Sequence[object]] = [values[rows].tolist() for name, values in samples.items() if name != response]
+    others += [[text[row] for row in rows.tolist()] for text in texts.values()]
+    copies = pasted_rows(samples[response][rows], others)[0]
+    return np.asarray(rows[sorting[~np.isin(sorting, copies)]], dtype=np.intp)
+
+
+def _some_are_equal(keys: Sequence[FloatArray | TextArray], sorting: IntArray) -> bool:
+    """Whether two rows are equal in all keys, in whose order they are sorted."""
+    equal = np.ones(len(sorting) - 1, dtype=np.bool_)
+    for key in keys:
+        values = key[sorting]
+        same = values[1:] == values[:-1]
+        if key.dtype.kind == "f":
+            # Two missing numbers are equal here.
+            same |= (values[1:] != values[1:]) & (values[:-1] != values[:-1])
+        equal &= same
+        if not equal.any():
+            return False
+    return True
