@@ -72,9 +72,11 @@ class KeyenceController:
             return Identity(self._dialect.model, "", "", answer)
 
     def channels(self) -> tuple[Channel, ...]:
-        """One displacement in mm per head, in the order of the settings."""
+        """One displacement in mm per head, in the order of the settings; averaging is part of its latency."""
+        settings = self.settings
+        averaged_s = 0.5e-6 * (settings.averaging - 1) * settings.sampling_us
         return tuple(
-            Channel(name, "mm", "displacement", self.settings.latency_s, self.settings.range_mm)
+            Channel(name, "mm", "displacement", settings.latency_s - averaged_s, settings.range_mm)
             for name in self.settings.heads
         )
 

@@ -100,8 +100,8 @@ class KeyenceSettings(BaseModel):
 
     `heads` names a channel (ending in `_mm`) for each output used. `storage_max` is the number of values the
     controller stores: per output for the LK-G3001, shared by the outputs for the LK-G5000; its own maximum
-    when left out. A value stored at a trigger edge is that of `latency_s` after the edge. The delay of the
-    moving average, (averaging - 1) / 2 sampling cycles, comes on top with the other sign.
+    when left out. A value stored at a trigger edge is that of `latency_s` after the edge; the moving average,
+    which puts it (averaging - 1) / 2 sampling cycles earlier, comes on top.
 
     Times are rig seconds: `link_timeout_s` for an answer, `mode_timeout_s` for the return to measuring (the
     LK-G5000 takes 0.6 s and 0.75 s per expansion unit), `readout_timeout_s` for one output's stored values

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from rigctl.analysis.clock_fit import ClockFit
 from rigctl.analysis.plane import ARCSEC, fit_plane
 from rigctl.effects.catalogue import chosen
 from rigctl.experiments.sensing_axis.model.fit import fit_recording
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
+from rigctl.experiments.sensing_axis.observe.observables import RunObservables
 from rigctl.experiments.sensing_axis.observe.reduction import observables
 from rigctl.experiments.sensing_axis.result.budget import AxisBudget, axis_budgets
 from rigctl.experiments.sensing_axis.result.result import AxisResult, SensingAxisResult
 
 TRUE_AXIS = np.array([1.0, 0.002, 0.008])
 CERTIFIED = {
+    "accel_v": {"latency_s": 1e-3},
     "laser_2_mm": {"tilt_deg": 0.05, "scale": 1e-4},
     "cube": {"orthogonality_arcsec": 1.0},
     "stage": {"yaw_rad_per_m": 5.6e-5, "recoil_rad_s2_per_m": 1e-7},
@@ -87,8 +91,6 @@ def test_a_heads_error_does_to_the_axis_what_the_budget_says(
         head = heads["laser_2_mm"]
         changed = model.with_heads({**heads, "laser_2_mm": head.model_copy(update={"tilt_deg": head.tilt_deg + u})})
     else:
-        from dataclasses import replace
-
         runs = []
         for run in model.runs:
             laser = run.lasers_m["laser_2_mm"]
@@ -128,3 +130,32 @@ def test_monte_carlo_agrees_and_the_parts_add_up(axis_budget: AxisBudget) -> Non
 def test_certificates_that_are_not_there_contribute_nothing(result: SensingAxisResult) -> None:
     names = {each.name for each in axis_budgets(result, {})["X"].budget.contributions}
     assert not any(name.startswith(("beam tilt", "scale", "guide", "bench")) for name in names)
+
+
+def test_a_latency_of_the_accelerometer_does_to_the_axis_what_the_budget_says(
+    result: SensingAxisResult, axis_budget: AxisBudget
+) -> None:
+    """The whole recording is fitted again with its samples taken later by the standard uncertainty."""
+    model = result.fit.model
+    runs = []
+    for run in model.runs:
+        turns = np.exp(2j * np.pi * run.frequency_hz * 1e-3 * np.arange(4))
+        runs.append(replace(run, accel_v=replace(run.accel_v, value=run.accel_v.value * turns)))
+    vectors = np.array([null.vector_coc for null in fit_recording(model.with_runs(runs)).nulls()])
+    moved = axis_budget.basis @ (fit_plane(vectors, TRUE_AXIS).normal - result.axes["X"].plane.normal)
+    stated = component(axis_budget, "latency of accel_v")
+    assert np.linalg.norm(moved - stated) < 0.05 * np.linalg.norm(stated) + 0.002 * ARCSEC
+
+
+def test_offsets_of_the_heads_clocks_are_in_the_budget(result: SensingAxisResult) -> None:
+    def on_its_own_clock(run: RunObservables) -> RunObservables:
+        clocked = {name: replace(each, clock=ClockFit(0.0, 2e-6, 0.0, 1e-9)) for name, each in run.lasers_m.items()}
+        return replace(run, lasers_m=clocked)
+
+    model = result.fit.model
+    fit = fit_recording(model.with_runs([on_its_own_clock(run) for run in model.runs]))
+    found = axis_budgets(replace(result, fit=fit), CERTIFIED)["X"]
+    row = next(each for each in found.budget.contributions if each.name == "clock of laser_2_mm")
+    assert (row.standard_uncertainty, row.unit, row.type) == (pytest.approx(2e-6), "s", "A")
+    # In-phase parts do not depend on it in first order.
+    assert np.abs(component(found, "clock of laser_2_mm")).max() < 1e-3 * ARCSEC

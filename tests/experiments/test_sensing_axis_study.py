@@ -444,3 +444,48 @@ def test_axes_are_summed_up_where_mountings_suffice() -> None:
     assert shown["std_hc_2sigma[X]"]["unit"] == "arcsec"
     # Two sigma of four angles that scatter by 4e-3 degrees.
     assert 5.0 < shown["std_hc_2sigma[X]"]["value"] < 80.0
+
+
+DELAY = '''
+import numpy as np
+from rigctl.effects import effect
+
+
+@effect("laser-delay", on="laser_m", parameters={"tau": "s"}, typical={"tau": 1e-3})
+def laser_delay(run, tau):
+    """The heads show what was a moment ago."""
+    return run.filtered(lambda s: np.exp(-s * tau)) - run.signal
+'''
+
+
+def on_own_clocks(edges: Recording) -> Recording:
+    """The same recording, its heads on clocks of their own."""
+    columns = {
+        run_id: {**samples, **{f"laser_{n}_mm.t_s": samples["t_s"] + 0.01 for n in (1, 2, 3)}}
+        for run_id, samples in edges.columns.items()
+    }
+    return replace(edges, columns=columns)
+
+
+def test_what_only_delays_heads_on_their_own_clocks_is_said_to_be_taken_up(tmp_path: Path) -> None:
+    path = tmp_path / "my_effects.py"
+    path.write_text(DELAY)
+    edges = recording()
+    found, refused = candidates_of(SensingAxisStudy(edges, [load(path)]))
+    assert "laser-delay" in found
+    assert "laser-delay" not in refused
+    found, refused = candidates_of(SensingAxisStudy(on_own_clocks(edges), [load(path)]))
+    assert "laser-delay" not in found
+    assert "whose offsets are fitted in every run" in refused["laser-delay"]
+    assert {"laser-cosine", "laser-nonlinearity", "time-skew"} <= set(found)
+
+
+def test_the_quadrature_of_a_head_on_its_own_clock_is_no_observation() -> None:
+    edges = recording()
+    there, gone = (
+        set(SensingAxisStudy(each).model(()).observations.series_of.tolist())
+        for each in (edges, on_own_clocks(edges))
+    )
+    series = SensingAxisStudy(edges).model(()).observations.series
+    assert {series[index].name for index in there - gone} == {f"laser_{n}_mm nu quadrature" for n in (1, 2, 3)}
+    assert gone < there

@@ -143,10 +143,13 @@ class _Noise:
     def amplitudes(self, head: str, place: Place, frequency_hz: float, duration_s: float) -> Amplitudes:
         """Zero, with the sigmas that a run of this length would have."""
         density, mean, dof = self._densities(head, place[:2], frequency_hz)
+        clocks = (run.lasers_m[head].clock for run in self._runs if head in run.lasers_m)
         sigma = np.sqrt(density / duration_s)
         # What the mean scatters by from run to run is slower than any run.
         sigma[0] = mean
-        return Amplitudes(np.zeros(HARMONICS + 1, dtype=np.complex128), sigma, dof)
+        # As recorded: of a head on a clock of its own nothing more will be known of the phase.
+        clock = next((each for each in clocks if each is not None), None)
+        return Amplitudes(np.zeros(HARMONICS + 1, dtype=np.complex128), sigma, dof, clock=clock)
 
     def _from_runs(
         self, head: str, place: tuple[str, str], frequency_hz: float

@@ -11,14 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from rigctl.analysis.least_squares import Parameter, Prior
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import ComplexArray, FloatArray
 from rigctl.core.errors import RigError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.sensing_axis.model.chain import Runs
+from rigctl.experiments.sensing_axis.model.chain import Runs, harmonics, referred
 from rigctl.experiments.sensing_axis.model.components import Stacked, observed
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
 from rigctl.experiments.sensing_axis.model.parameters import family_of
-from rigctl.experiments.sensing_axis.observe.observables import RunObservables
+from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, RunObservables
 from rigctl.workbench.study import Candidate, Observations, Term
 
 OF_A_MOUNTING = ("theta0", "dc", "delta_x", "delta_y", "delta_z")
@@ -149,6 +149,8 @@ def _candidate(
 
 
 _SAME = 1e-9
+_TAKEN_UP = 1e-2
+"""Of what an effect does to the fundamental's quadrature: a delay does less to its in-phase part."""
 
 
 def untestable(effect: Effect, model: RecordingModel) -> str | None:
@@ -165,7 +167,26 @@ def untestable(effect: Effect, model: RecordingModel) -> str | None:
         return "no displacement head was recorded"
     if effect.scope == "head" and not model.reach(effect):
         return "no head that was recorded looks across the motion"
-    return _flaw(effect, model)
+    return _flaw(effect, model) or _taken_up(effect, model)
+
+
+def _taken_up(effect: Effect, model: RecordingModel) -> str | None:
+    """Whether the offsets of the heads' own clocks, fitted in every run, take up all that an effect does."""
+    if effect.on != "laser_m":
+        return None
+    for head in model.reach(effect) or model.heads:
+        if any(reading.clock is None for run in model.runs if (reading := run.lasers_m.get(head))):
+            return None
+        added = np.abs(_parts_of(referred(harmonics(effect(model.at_head(head), **effect.typical), HARMONICS))))
+        if (added[..., 1:] > _TAKEN_UP * added[..., :1]).any():
+            return None
+    return "it only delays heads on clocks of their own, whose offsets are fitted in every run"
+
+
+def _parts_of(amplitudes: ComplexArray) -> FloatArray:
+    """The fundamental's quadrature, then all other parts but the mean."""
+    rest = amplitudes[..., 2:]
+    return np.concatenate([amplitudes[..., 1:2].imag, amplitudes[..., 1:2].real, rest.real, rest.imag], axis=-1)
 
 
 def _flaw(effect: Effect, model: RecordingModel) -> str | None:

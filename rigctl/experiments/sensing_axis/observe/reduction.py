@@ -84,8 +84,9 @@ def reduce_run(
 ) -> ReducedRun:
     """Fit the drive's harmonics, and lines of known frequency, to every channel of one run.
 
-    Times are taken as given; samples without a value are left out. `channels` says how well the times are known of
-    those that have a clock of their own. Raises `DataError`, naming the run, when the record cannot be fitted.
+    Samples without a value are left out. `channels` says how late each channel is, which is taken out of its phases,
+    and how well the times are known of those that have a clock of their own. Raises `DataError`, naming the run, when
+    the record cannot be fitted.
     """
     return reduce_with_residuals(run_id, conditions, samples, lines_hz, channels)[0]
 
@@ -121,6 +122,7 @@ def reduce_with_residuals(
             laser = _channel(basis, MM * column[seen], reference, len(lines_hz))
             if laser is not None:
                 reduced[name] = laser[0]
+    reduced = {name: _in_time(each, basis.frequency_hz, _late_s(name, channels)) for name, each in reduced.items()}
     for name in samples:
         if name.startswith(LASER_PREFIX) and (own_s := samples.get(time_column(name))) is not None:
             clock_u_s = channels[name].clock_u_s if channels and name in channels else None
@@ -267,6 +269,22 @@ def _channel(
     line_amplitudes = fit.line_amplitudes if len(basis.lines_hz) == lines else np.full(lines, np.nan + 0j)
     reduced = _reduced(basis, fit, column, fit.amplitudes_referred_to(reference), line_amplitudes)
     return reduced, Residuals(basis, fit.residuals)
+
+
+def _late_s(name: str, channels: Mapping[str, ChannelInfo] | None) -> float:
+    """How much later than the encoder's samples those of a channel were taken, as far as it is said."""
+
+    def latency_s(of: str) -> float:
+        channel = channels.get(of) if channels else None
+        return (channel.latency_s if channel else None) or 0.0
+
+    return latency_s(name) - latency_s(STAGE)
+
+
+def _in_time(channel: ReducedChannel, frequency_hz: float, late_s: float) -> ReducedChannel:
+    """A channel as if its samples had been taken `late_s` earlier."""
+    turns = np.exp(-2j * math.pi * frequency_hz * late_s * np.arange(len(channel.value)))
+    return channel if late_s == 0.0 else replace(channel, value=channel.value * turns)
 
 
 def _reduced(

@@ -19,7 +19,8 @@ from rigctl.analysis.plane import ARCSEC, fit_plane
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.sensing_axis.model.fit import RecordingFit, residuals_of
 from rigctl.experiments.sensing_axis.model.model import RecordingModel
-from rigctl.experiments.sensing_axis.observe.observables import Amplitudes
+from rigctl.experiments.sensing_axis.observe.observables import Amplitudes, RunObservables
+from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
 from rigctl.experiments.sensing_axis.result.result import AxisResult, SensingAxisResult
 
 Uncertainties = Mapping[str, Mapping[str, float]]
@@ -90,6 +91,7 @@ def _axis_budget(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainti
     inputs = [
         *_scatter(axis),
         *_heads(axis, fit, uncertainties),
+        *_timing(axis, fit, uncertainties),
         *_cube(axis, uncertainties),
         *_corrections(axis, fit),
         *_guide(axis, fit, uncertainties),
@@ -185,6 +187,50 @@ def _scaled(model: RecordingModel, head: str, by: float) -> RecordingModel:
         )
 
     return model.with_runs([replace(run, lasers_m=scaled(run.lasers_m)) for run in model.runs])
+
+
+def _timing(axis: AxisResult, fit: RecordingFit, uncertainties: Uncertainties) -> list[_Input]:
+    """Samples taken at another time than the encoder's: how well a latency is known, or the offset of a clock."""
+    inputs = []
+    for name in (ACCEL, *fit.model.heads):
+        contribution = _clock_of(name, fit.model) or _latency_of(name, uncertainties)
+        if contribution is not None:
+            inputs.append(_Input(contribution, _response(axis, fit, partial(_delayed, fit.model, name))))
+    return inputs
+
+
+def _clock_of(head: str, model: RecordingModel) -> Contribution | None:
+    """The offset that was fitted to the head's own clock in every run: what it is uncertain by, rms over the runs."""
+    clocks = [reading.clock for run in model.runs if (reading := run.lasers_m.get(head)) and reading.clock]
+    if not clocks:
+        return None
+    u = math.sqrt(float(np.mean([clock.offset_u_s**2 for clock in clocks])))
+    return Contribution(f"clock of {head}", 0.0, u, "s", type="A", source="fitted to the drive, run by run")
+
+
+def _latency_of(channel: str, uncertainties: Uncertainties) -> Contribution | None:
+    certified = uncertainties.get(channel, {})
+    if "latency_s" not in certified:
+        return None
+    return Contribution(f"latency of {channel}", 0.0, certified["latency_s"], "s", source=f"certificate of {channel}")
+
+
+def _delayed(model: RecordingModel, channel: str, by_s: float) -> RecordingModel:
+    """The same runs, the channel's samples taken later by so much."""
+
+    def delayed(reading: Amplitudes, frequency_hz: float) -> Amplitudes:
+        turns = np.exp(2j * math.pi * frequency_hz * by_s * np.arange(len(reading.value)))
+        return replace(reading, value=reading.value * turns)
+
+    def run_delayed(run: RunObservables) -> RunObservables:
+        if channel == ACCEL:
+            return replace(run, accel_v=delayed(run.accel_v, run.frequency_hz))
+        readings = {
+            name: delayed(each, run.frequency_hz) if name == channel else each for name, each in run.lasers_m.items()
+        }
+        return replace(run, lasers_m=readings)
+
+    return model.with_runs([run_delayed(run) for run in model.runs])
 
 
 def _cube(axis: AxisResult, uncertainties: Uncertainties) -> list[_Input]:
