@@ -129,11 +129,25 @@ def verdict_sentence(diagnosis: Findings) -> str:
     if diagnosis["verdict"] == "unknown":
         return f"{_beyond(diagnosis['unexplained'])}.{_not_enough(_placed(suggested, diagnosis))}"
     if diagnosis["verdict"] == "ambiguous":
-        needed, alternatives = _alternatives(diagnosis)
-        certain = f"{_missing(_placed(needed, diagnosis))}. " if needed else ""
-        what = "What is left is" if needed else "The data are"
-        return f"{certain}{what} explained, but by more than one effect equally: {'; '.join(alternatives)}."
+        return " ".join(_ambiguous(diagnosis))
     return f"{_missing(_placed(suggested, diagnosis))}."
+
+
+def _ambiguous(diagnosis: Findings) -> list[str]:
+    """What is certain, what one of several effects explains, and what correlated noise may stand for."""
+    orders = {each["effect"]: each["order"] for each in diagnosis.get("or_correlated_noise") or []}
+    needed, alternatives = _alternatives(diagnosis)
+    certain = [effect for effect in needed if effect not in orders]
+    said = [f"{_missing(_placed(certain, diagnosis))}."] if certain else []
+    if alternatives:
+        what = "What is left is" if certain else "The data are"
+        said.append(f"{what} explained, but by more than one effect equally: {'; '.join(alternatives)}.")
+    for effect, order in orders.items():
+        said.append(
+            f"{_placed([effect], diagnosis)[0]} describes the data, and so does noise that is correlated along "
+            f"{order}: these data do not tell which."
+        )
+    return said
 
 
 def _beyond(unexplained: Findings | None) -> str:

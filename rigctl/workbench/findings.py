@@ -262,6 +262,8 @@ class Diagnosis:
     noise: tuple[NoiseEntry, ...] = ()
     joint_fit: JointFit | None = None
     hidden_in_slow_noise: tuple[HiddenInNoise, ...] = ()
+    or_correlated_noise: tuple[tuple[str, str], ...] = ()
+    """Of what is suggested, an effect that noise correlated along a column describes as well, and that column."""
     next_measurement: Mapping[str, Any] | None = None
 
     def as_json(self) -> dict[str, Any]:
@@ -283,6 +285,7 @@ class Diagnosis:
             "noise": [each.as_json() for each in self.noise],
             "joint_fit": None if self.joint_fit is None else self.joint_fit.as_json(),
             "hidden_in_slow_noise": [each.as_json() for each in self.hidden_in_slow_noise],
+            "or_correlated_noise": [{"effect": effect, "order": order} for effect, order in self.or_correlated_noise],
             "next_measurement": dict(self.next_measurement or {}),
         }
 

@@ -254,6 +254,14 @@ class AsksOneByOne(Study, Protocol):
 
 
 @runtime_checkable
+class HasBreaks(Protocol):
+    """A study with effects that break the level, as noise that is correlated along an order seems to."""
+
+    def breaks_level(self, effect: str, order: str) -> bool:
+        """Whether an effect, by id, does so along `order`."""
+
+
+@runtime_checkable
 class HasFamilies(Protocol):
     """A study whose effects are much the same question in families, each of which has one portion of the level."""
 

@@ -31,15 +31,18 @@ WRONG_TODAY = {
         "measures": "fitted with its rivals the root predicts no better",
         "promise": "fitted with its rivals the root predicts no better",
     },
-    "beaver": {"named": "adequate, all taken for correlated noise", "value": "no effect, so one level"},
+    "beaver": {
+        "value": "fitted with its rival, a slope for each word, the mean is that of no time",
+        "measures": "fitted with its rival, a slope for each word, the level predicts no better",
+        "promise": "beside both rivals another noise is estimated, and another mean in it",
+    },
     "indometh": {"named": "inverse[time_h], no second exponential", "value": "k of one exponential beside it"},
-    "nile-ordered": {"named": "adequate, no word of the step", "value": "no step"},
     "orange": {
         "value": "mid_d beside a period",
         "noise": "another minimum of the logistic once the effects are in the model",
         "promise": "another minimum of the logistic once the effects are in the model",
     },
-    "seat-belts": {"named": "adequate, all taken for correlated noise", "value": "no step"},
+    "seat-belts": {"agree": "beside the step chi-square alone is beyond noise, in no direction that is significant"},
     "trees": {"value": "a step in the height beside the height"},
     "women": {"value": "the cube, beside which the square is not needed, but not the other way round"},
 }

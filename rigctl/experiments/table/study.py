@@ -71,6 +71,11 @@ class TableStudy(StudyBase[TableData]):
             return "plug-ins"
         return self.data.generic[base_of(effect, self.data.generic)].family
 
+    def breaks_level(self, effect: str, order: str) -> bool:
+        """A step along the order, and levels by words, which may follow one another along it."""
+        base = effect if effect in self.catalogue else base_of(effect, self.data.generic)
+        return base == f"step[{order}]" or base.startswith("level[")
+
     def model(self, terms: Sequence[Term]) -> TableModel:
         """The baseline with these terms; what a term's choice leaves open is scanned for."""
         pieces: list[Piece | GroupPiece] = []

@@ -16,6 +16,7 @@ from rigctl.core.errors import UNFIT
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.known_noise import KnownNoise
+from rigctl.workbench.verdict.rather_than_noise import breaks_level
 from rigctl.workbench.verdict.search import Search
 
 LEVEL = 0.01
@@ -100,7 +101,8 @@ def recalled(study: Study, document: Mapping[str, Any], seed: int = 0) -> Accoun
 
 
 def _known(richest: Attempt) -> KnownNoise:
-    return KnownNoise(richest.noise, richest.estimator, richest.model.observations)
+    breaks = any(breaks_level(richest, term.effect) for term in richest.terms)
+    return KnownNoise(richest.noise, richest.estimator, richest.model.observations, breaks)
 
 
 def _joint(study: Study, versions: Iterable[Sequence[Term]]) -> tuple[Term, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rigctl.workbench.verdict.account import LEVEL, Account
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
+from rigctl.workbench.verdict.rather_than_noise import breaks_level
 from rigctl.workbench.verdict.significance import (
     CATALOGUE_SHARE,
     LINES_SHARE,
@@ -24,10 +25,7 @@ def adequacy(attempt: Attempt, account: Account) -> float:
     """
     if attempt.result.dof <= 0:
         return float("nan")
-    tried = (attempt.corrected(p_of_scored(attempt, each), each.candidate.term.effect) for each in attempt.scored)
-    effects = min(tried, default=1.0)
-    if effects < CATALOGUE_SHARE * LEVEL and account.next_term(attempt) is None:
-        effects = 1.0
+    effects = _of_effects(attempt, account)
     lack = lack_of_fit(attempt)
     asked = (
         # Lines are looked for in the samples and not here: their share is free for chi-square as a whole, which says
@@ -38,3 +36,17 @@ def adequacy(attempt: Attempt, account: Account) -> float:
         p_of_shape(attempt) / SHAPES_SHARE,
     )
     return min(1.0, *asked)
+
+
+def _of_effects(attempt: Attempt, account: Account) -> float:
+    """The least corrected p-value of an effect that a search would add."""
+    tried = (attempt.corrected(p_of_scored(attempt, each), each.candidate.term.effect) for each in attempt.scored)
+    least, level = min(tried, default=1.0), CATALOGUE_SHARE * LEVEL
+    beside_break = account.known is not None and account.known.beside_break
+    if least >= level and not beside_break:
+        return least
+    added = account.next_term(attempt)
+    if added is not None and breaks_level(attempt, added.effect) and (scored := attempt.scored_effect(added.effect)):
+        # By the noise as it is beside the break: that it was estimated from these data has been asked already.
+        return min(least, attempt.corrected(scored.score.p_value, added.effect))
+    return 1.0 if added is None and least < level else least

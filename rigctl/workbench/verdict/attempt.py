@@ -314,8 +314,12 @@ class Attempt(FittedModel):
         Schwarz's ln n / 2 for each parameter, one that was scanned for among them: it is fitted on. And ln of the
         choices, for a scan finds more by chance.
         """
-        grid = sum(map(len, self._questions.of(scored.candidate.term.effect)))
-        parameters = scored.score.dimension + scored.candidate.scanned
+        return self.price_of(scored.candidate, scored.score.dimension)
+
+    def price_of(self, candidate: Candidate, dimension: int) -> float:
+        """The same of a candidate that adds so many dimensions."""
+        grid = sum(map(len, self._questions.of(candidate.term.effect)))
+        parameters = dimension + candidate.scanned
         return 0.5 * parameters * float(np.log(len(self.result.residuals))) + float(np.log(grid))
 
 

@@ -14,6 +14,7 @@ from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_betwee
 from rigctl.workbench.verdict.likelihood import maximum_likelihood
 from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.ranking import ranking
+from rigctl.workbench.verdict.rather_than_noise import is_noise_instead
 from rigctl.workbench.verdict.rivals import Rival, rivals_of
 from rigctl.workbench.verdict.score import likeness
 from rigctl.workbench.verdict.search import Progress, Search
@@ -49,8 +50,9 @@ def diagnose(
         unexplained = described(final.model.observations, search.unexplained, score)
     elif (lack := lack_of_fit(final)) is not None and lack.p_value < REPEATS_SHARE * alpha:
         unexplained = unexplained_between_settings(lack)
+    or_noise = _or_noise(search, alpha, seed)
     return Diagnosis(
-        verdict=_verdict(search, rivals, unexplained),
+        verdict=_verdict(search, [*rivals, *or_noise], unexplained),
         alpha=alpha,
         terms=search.given,
         suggested=suggested,
@@ -64,6 +66,7 @@ def diagnose(
         noise=noise_entries(first),
         joint_fit=_joint_fit(search, suggested) if suggested else None,
         hidden_in_slow_noise=hidden_in_slow_noise(final, alpha),
+        or_correlated_noise=or_noise,
     )
 
 
@@ -100,7 +103,15 @@ def _joint_fit(search: Search, suggested: Sequence[Term]) -> JointFit:
     )
 
 
-def _verdict(search: Search, rivals: Sequence[Rival], unexplained: Unexplained | None) -> Verdict:
+def _or_noise(search: Search, alpha: float, seed: int) -> tuple[tuple[str, str], ...]:
+    """What was found where correlated noise does as well: the effect, and the order along which."""
+    asked = (
+        (term.effect, is_noise_instead(search.study, search.terms, term, alpha, seed)) for term in search.suggested
+    )
+    return tuple((effect, order) for effect, order in asked if order is not None)
+
+
+def _verdict(search: Search, rivals: Sequence[object], unexplained: Unexplained | None) -> Verdict:
     if unexplained is not None:
         return "unknown"
     if not search.suggested:

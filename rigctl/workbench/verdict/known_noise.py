@@ -13,11 +13,13 @@ from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
 
 @dataclass(frozen=True)
 class KnownNoise:
-    """The `noise` of data as `observed`, and the `estimator` that told it."""
+    """The `noise` of data as `observed`, the `estimator` that told it, and whether it was told beside a break of the
+    level, for which correlated noise may stand."""
 
     noise: Noise
     estimator: NoiseEstimator
     observed: Observations
+    beside_break: bool = False
 
     def noise_of(self, given: Observations) -> Noise | None:
         """The noise of the same data in another model's reduction; None when there are not the same data.

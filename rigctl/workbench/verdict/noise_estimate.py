@@ -65,6 +65,13 @@ class NoiseEstimator:
         return self._pools[0].basis
 
     @property
+    def whole_pool(self) -> Pool | None:
+        """The pool that holds all data, where their correlation along an order is looked for in all of them."""
+        if len(self._pools) != 1 or len(self._pools[0].where) < len(self._dof) or not self._pools[0].is_small:
+            return None
+        return self._pools[0] if self.correlated else None
+
+    @property
     def dof(self) -> float:
         """Degrees of freedom of all scales together that come from the scatter."""
         return float(sum(pool.dof for pool in self._pools))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -53,7 +53,7 @@ class Pool:
         order: str | None,
     ) -> None:
         self.where = where
-        self._order = order
+        self.order = order
         self._group = given.group_of[where]
         self._at = _usable(given.of_runs(order)[where]) if order is not None else None
         fitted = in_units(given, where, required[where][:, above_rounding(required, where, given.sigma)])
@@ -63,12 +63,12 @@ class Pool:
         self._looked_at = _stretch(len(where), self.basis.shape[1])
         basis = orthonormal(self.basis[self._looked_at], 1e-9)
         self._free = len(self._looked_at) - basis.shape[1]
-        self._trials = [_Trials([WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
+        self._trials = [Whitenings([WHITE], np.zeros((1, len(self._looked_at))), None, basis)]
         for name in self._kernels:
             # One decomposition serves all strengths of a kernel: 1 + q K has the eigenvectors of K.
             strength, vectors = np.linalg.eigh(self._kernel(name, self._looked_at))
             tried = [Correlation(name, q) for q in RATIOS]
-            self._trials.append(_Trials(tried, np.outer(RATIOS, strength), vectors, basis))
+            self._trials.append(Whitenings(tried, np.outer(RATIOS, strength), vectors, basis))
         self._correlations = [each for trials in self._trials for each in trials.correlations]
         self._penalties = np.concatenate([trials.penalty for trials in self._trials])
 
@@ -98,6 +98,16 @@ class Pool:
         shares = weight / weight.sum()
         return scale, [(float(w), each) for w, each in zip(shares, self._correlations, strict=True) if w > 0.0]
 
+    @property
+    def is_small(self) -> bool:
+        """Whether the correlation is looked for in all data of the pool."""
+        return len(self._looked_at) == len(self.where)
+
+    @property
+    def tried(self) -> Sequence[Whitenings]:
+        """The correlations that are tried."""
+        return self._trials
+
     def white_scale(self, residuals: FloatArray) -> float:
         """The scale if the noise were white, `residuals` in units of the given sigma."""
         if self._free <= 0:
@@ -124,9 +134,9 @@ class Pool:
     def slow(self, correlations: list[tuple[float, Correlation]]) -> SlowNoise | None:
         """The law of the weighted mean of R; None for white noise."""
         strengths = tuple(_strengths(correlations))
-        if not strengths or self._order is None:
+        if not strengths or self.order is None:
             return None
-        return SlowNoise(self.where, self._order, strengths, self._time_scales)
+        return SlowNoise(self.where, self.order, strengths, self._time_scales)
 
     def likeliest(self, residuals: FloatArray, now: Correlation) -> tuple[float, Correlation]:
         """Scale and correlation of residuals, in units of the given sigma, at the least -2 log L of its kind."""
@@ -217,7 +227,7 @@ def _square_sum(values: FloatArray) -> float:
     return max(float(np.sum(np.square(values))), float(np.finfo(float).tiny))
 
 
-class _Trials:
+class Whitenings:
     """Correlations R = U (1 + strength) U' with one U, and what restricted likelihood needs of them.
 
     `strengths` (trials, n); `vectors` U, None for the unit matrix.
@@ -238,9 +248,22 @@ class _Trials:
         self._inverse = np.linalg.inv(grams)
         self.penalty = np.linalg.slogdet(grams)[1] - np.sum(np.log(self._precision), axis=1)
 
+    def turned(self, columns: FloatArray) -> FloatArray:
+        """U' columns, shape (n, ...)."""
+        return columns if self._vectors is None else np.tensordot(self._vectors, columns, axes=(0, 0))
+
+    def turned_back(self, columns: FloatArray) -> FloatArray:
+        """U columns, shape (n, k)."""
+        return columns if self._vectors is None else self._vectors @ columns
+
+    def strengths(self) -> Iterator[tuple[FloatArray, float]]:
+        """Of each trial what makes turned data white, (n,), and the logarithm of the determinant of R."""
+        for precision in self._precision:
+            yield np.sqrt(precision), -float(np.sum(np.log(precision)))
+
     def rss(self, residuals: FloatArray) -> FloatArray:
         """Weighted square sums of what the saturated design leaves, (trials,)."""
-        turned = residuals if self._vectors is None else self._vectors.T @ residuals
+        turned = self.turned(residuals)
         weighted = self._precision * turned
         along = (weighted @ self._basis)[:, None, :]
         taken = along @ self._inverse @ along.transpose(0, 2, 1)

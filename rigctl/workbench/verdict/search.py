@@ -21,6 +21,7 @@ from rigctl.workbench.verdict.fitted_model import held_out_ratio
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.known_noise import KnownNoise
 from rigctl.workbench.verdict.noise import Noise
+from rigctl.workbench.verdict.rather_than_noise import break_rather_than_noise
 from rigctl.workbench.verdict.score import p_of
 from rigctl.workbench.verdict.significance import (
     CATALOGUE_SHARE,
@@ -112,7 +113,7 @@ class Search:
 
     def next_term(self) -> Term | None:
         """What the search would add to the terms it has: significant, and better on held-out data."""
-        return self._choose(self.attempt(self.terms))
+        return self._next(self.attempt(self.terms))
 
     def judged_by(self, known: KnownNoise, richest: Attempt) -> None:
         """From now on every model is judged by one noise, that of the `richest`; what is not in it was not found."""
@@ -200,7 +201,7 @@ class Search:
         while len(self.suggested) < MOST_TERMS:
             attempt = self.attempt(self.terms)
             self._progress(f"effects added: {len(self.suggested)}, candidates: {len(attempt.candidates)}")
-            chosen = self._choose(attempt)
+            chosen = self._next(attempt)
             if chosen is None:
                 break
             terms, dropped = self._floated((*self.terms, chosen))
@@ -226,8 +227,21 @@ class Search:
         detour._climb()
         return detour
 
+    def _next(self, attempt: Attempt) -> Term | None:
+        """The term to add; None when nothing helps."""
+        if self._known is None:
+            # Noise that was estimated without a break of the level may hide it.
+            return self._choose(attempt) or (self._break_of_level(attempt) if attempt.noise.slow else None)
+        # Noise that was estimated beside a break is less than what the data have without: the break comes first.
+        return (self._break_of_level(attempt) if self._known.beside_break else None) or self._choose(attempt)
+
+    def _break_of_level(self, attempt: Attempt) -> Term | None:
+        """The break that correlated noise may stand for; None where there is none, or these data do not fit it."""
+        found = break_rather_than_noise(attempt)
+        return found if found is not None and self.attempt_if_fit((*attempt.terms, found)) is not None else None
+
     def _choose(self, attempt: Attempt) -> Term | None:
-        """The term to add; None when nothing in the catalogue is significant, or a plain shape explains it better."""
+        """The most significant term; None when nothing in the catalogue is, or a plain shape explains it better."""
         allowed = [each for each in attempt.scored if each.candidate.term.effect != self._barred]
         significant = [each for each in allowed if is_significant(attempt, each, self.alpha)]
         if not significant:
