@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup flight-model test checks lint types imports pytest foreign dialects samples false-alarms metamorphic reliability reliability-ci reliability-full clean
+.PHONY: setup flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic reliability reliability-ci reliability-full clean
 
 setup: $(READY)
 
@@ -61,6 +61,13 @@ metamorphic: setup
 # The linear stage's contract on every two readings of the Ensemble's manual at once: a minute.
 dialects: setup
 	RIGCTL_ALL_PAIRS=1 $(BIN)/pytest tests/drivers/test_linear_stage_contract.py
+
+# Other people's drivers against the simulators, in an environment of their own: tests/clients/README.md.
+CLIENTS := out/clients
+clients:
+	test -x $(CLIENTS)/bin/python || $(PYTHON) -m venv $(CLIENTS)
+	$(CLIENTS)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[clients]" pytest pytest-timeout hypothesis
+	RIGCTL_CLIENTS=1 $(CLIENTS)/bin/python -m pytest -p no:cacheprovider tests/clients
 
 # What the pages show beside what the program prints now; WRITE=--write renews the pages.
 samples: setup

@@ -1,6 +1,6 @@
 """The two ways to have an Ensemble oscillate and capture: our program in the controller, or the ASCII commands.
 
-Which of them a controller has is found out before anything moves, and asked again after every connection.
+Which of them a controller has is found out before anything moves, and asked again whenever the driver is opened.
 """
 
 from __future__ import annotations
@@ -84,11 +84,16 @@ class AsciiCommands:
         self._wire.insist(f"DATAACQ {self._settings.axis} OFF")
 
 
-def find_commands(name: str, settings: EnsembleSettings, wire: AsciiAxis, clock: Clock) -> Commands:
-    """What this controller has; `InstrumentError` for nothing. The axis has to be at rest, and stays there."""
+def find_commands(
+    name: str, settings: EnsembleSettings, wire: AsciiAxis, clock: Clock, *, integers: int, doubles: int
+) -> Commands:
+    """What this controller, with so many registers, has; `InstrumentError` for nothing.
+
+    The axis has to be at rest, and stays there.
+    """
     if settings.program:
         by_program = ProgramCommands(name, settings.program, settings, wire, clock)
-        if by_program.check():
+        if by_program.check(integers, doubles):
             return by_program
     axis = settings.axis
     if wire.link.tell(f"DATAACQ {axis} OFF").status != INVALID:

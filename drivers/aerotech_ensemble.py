@@ -188,7 +188,14 @@ class AerotechEnsemble:
 
     def _commands(self) -> Commands:
         if self._found is None:
-            self._found = find_commands(self.name, self._settings, self._wire, self._clock)
+            self._found = find_commands(
+                self.name,
+                self._settings,
+                self._wire,
+                self._clock,
+                integers=self._setup.integer_registers,
+                doubles=self._setup.double_registers,
+            )
         return self._found
 
     def _look_for_commands(self) -> None:

@@ -39,8 +39,19 @@ class ProgramCommands:
         self._clock = clock
         self._axis_number: int | None = None
 
-    def check(self) -> bool:
-        """True when the controller has the program; `InstrumentError` for another version of it. Moves nothing."""
+    def check(self, integers: int, doubles: int) -> bool:
+        """True when the controller has the program; moves nothing.
+
+        `integers` and `doubles` are how many registers it has. `InstrumentError` for too few of them, or for another
+        version of the program.
+        """
+        if integers <= PROGRAM_VERSION or doubles <= FREQUENCY:
+            raise InstrumentError(
+                f"{self._name}: the controller has {integers} integer and {doubles} double registers, "
+                f"{self._program} needs {PROGRAM_VERSION + 1} and {FREQUENCY + 1}; raise GlobalIntegers and "
+                "GlobalDoubles (its parameters 124 and 125), or set program to nothing",
+                instrument=self._name,
+            )
         task = self._settings.capture_task
         if self._prepared(TELL_VERSION, {}, {}).status != SUCCESS:
             return False

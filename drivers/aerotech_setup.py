@@ -12,7 +12,7 @@ from rigctl.core.errors import InstrumentError, WrongInstrument
 # Parameter numbers of Aerotech's C header (EnsembleParameterId.h).
 UNITS_NAME, COUNTS_PER_UNIT = 129, 2
 SOFTWARE_LIMIT_LOW, SOFTWARE_LIMIT_HIGH = 37, 38
-GLOBAL_INTEGERS = 124
+GLOBAL_INTEGERS, GLOBAL_DOUBLES = 124, 125
 
 
 class ControllerSetup:
@@ -21,7 +21,7 @@ class ControllerSetup:
     def __init__(self, name: str, settings: EnsembleSettings, link: AsciiLink, wire: AsciiAxis) -> None:
         self.axis_name = settings.axis
         self.counts_per_mm = 1.0
-        self.integer_registers = 0
+        self.integer_registers = self.double_registers = 0
         self._name = name
         self._settings = settings
         self._axis = settings.axis
@@ -37,6 +37,7 @@ class ControllerSetup:
             self.axis_name = self._wire.ask(f"GETPARM({self._axis}, {AXIS_NAME})").strip('"')
             units, self.counts_per_mm = self._unit()
             self.integer_registers = self._wire.ask_whole(f"GETPARM({self._axis}, {GLOBAL_INTEGERS})")
+            self.double_registers = self._wire.ask_whole(f"GETPARM({self._axis}, {GLOBAL_DOUBLES})")
         except InstrumentError as error:
             raise self._wrong(str(error)) from error
         if nonsense != INVALID or not re.match(r"\d+\.\d+", version):

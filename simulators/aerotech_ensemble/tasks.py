@@ -26,7 +26,7 @@ PROGRAM
 END PROGRAM
 """
 """The maker's sample program, as EPICS uses it: the axis' number is in IGLOBAL(33)."""
-LOOKS_S = 0.05
+LOOKS_S = 0.2
 """How often a task looks whether the motion it waits for has ended."""
 
 

@@ -147,6 +147,7 @@ GREETING = (
     ("GETPARM(X, 129)", "%mm\n"),
     ("GETPARM(X, 2)", "%10000.000\n"),
     ("GETPARM(X, 124)", "%60.000\n"),
+    ("GETPARM(X, 125)", "%512.000\n"),
     ("GETPARM(X, 37)", "%-25.000\n"),
     ("GETPARM(X, 38)", "%25.000\n"),
 )

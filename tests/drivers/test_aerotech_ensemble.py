@@ -735,7 +735,7 @@ def test_an_abort_is_sent_again_on_a_new_connection() -> None:
 
 
 def test_a_late_reply_is_not_taken_for_the_next_one() -> None:
-    bench = Bench(faults={"late": {"nth": [9], "delay_s": 2.5}}).opened()
+    bench = Bench(faults={"late": {"nth": [10], "delay_s": 2.5}}).opened()
     with pytest.raises(LinkTimeout, match="nothing came"):
         bench.stage.identify()
     assert bench.stage.position().value == 0.0

@@ -91,6 +91,14 @@ def test_another_version_of_the_program_is_refused() -> None:
         bench.stage.arm(5, 0.01)
 
 
+@pytest.mark.parametrize("few", [{"integer_registers": 6}, {"double_registers": 1}])
+def test_too_few_registers_are_told_before_any_is_used(few: dict[str, int]) -> None:
+    bench = Bench(simulated=few, capture_registers=1).homed()
+    with pytest.raises(InstrumentError, match=r"integer and .* double registers, rigctl\.bcx needs 7 and 2; raise"):
+        bench.stage.oscillate(0.0, 1.0, 0.5, 10.0)
+    assert not [line for line in bench.tap.lines if "GLOBAL(" in line and "=" in line]
+
+
 def test_a_task_that_is_not_enabled_is_named() -> None:
     # It acknowledges, and never begins.
     bench = Bench(simulated={"dialect": {"program_start_s": 1000.0}}).homed()

@@ -17,8 +17,9 @@ from rigctl.core.interfaces import RotationStage
 from rigctl.core.limits import RotationLimits
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.motion import MotionAxis
-from simulators.newport_esp301 import SimulatedEsp301
-from simulators.newport_xps import SimulatedXps
+from simulators.newport_esp301 import Esp301SimulatorSettings, SimulatedEsp301
+from simulators.newport_esp301.settings import Esp301Dialect
+from simulators.newport_xps import SimulatedXps, XpsSimulatorSettings
 
 SPEED_DEG_S, ACCELERATION_DEG_S2 = 10.0, 40.0
 WAIT_S = 10.0
@@ -90,18 +91,32 @@ def driver(kind: str, endpoint: Any, clock: SimulationClock, **settings: Any) ->
     def connect() -> InProcessTransport:
         return InProcessTransport("sim:stage", endpoint, clock)
 
-    if kind == "xps":
+    if kind.startswith("xps"):
         return NewportXps("stage", XpsSettings(**{**LIMITS, **settings}), connect, clock)
     return NewportEsp301("stage", Esp301Settings(**{**LIMITS, **settings}), connect, clock)
 
 
-def bench(kind: str, clock: SimulationClock) -> Bench:
+SIMULATORS: dict[str, Callable[[SimulationClock, MotionAxis], Any]] = {
+    "xps": lambda clock, axis: SimulatedXps(clock, {"Group1": {"Pos": axis}}),
+    # What the manuals leave open, read the other way.
+    "xps, other codes": lambda clock, axis: SimulatedXps(
+        clock, {"Group1": {"Pos": axis}}, XpsSimulatorSettings(outside_limits_code=-35, killed_motion_code=-26)
+    ),
+    "esp301": lambda clock, axis: SimulatedEsp301(clock, [axis]),
+    "esp301, keypad": lambda clock, axis: SimulatedEsp301(
+        clock, [axis], Esp301SimulatorSettings(dialect=Esp301Dialect(keypad_lock=True))
+    ),
+}
+
+
+def bench(reading: str, clock: SimulationClock) -> Bench:
+    kind = reading.partition(",")[0]
     axis = MotionAxis(2.0)
-    tap = Tap(SimulatedXps(clock, {"Group1": {"Pos": axis}}) if kind == "xps" else SimulatedEsp301(clock, [axis]))
+    tap = Tap(SIMULATORS[reading](clock, axis))
     return Bench(kind, driver(kind, tap, clock), axis, tap, clock)
 
 
-@pytest.fixture(params=["xps", "esp301"])
+@pytest.fixture(params=SIMULATORS)
 def kind(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
