@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic reliability reliability-ci reliability-full clean
+.PHONY: setup flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic reliability reliability-ci reliability-full clean laser-dialects
 
 setup: $(READY)
 
@@ -68,6 +68,10 @@ clients:
 	test -x $(CLIENTS)/bin/python || $(PYTHON) -m venv $(CLIENTS)
 	$(CLIENTS)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[clients]" pytest pytest-timeout hypothesis
 	RIGCTL_CLIENTS=1 $(CLIENTS)/bin/python -m pytest -p no:cacheprovider tests/clients
+
+# The flight model with an LK-G5000 and with the LK-G3001 in each reading of its manual, and the hidden effects: the same axes. Ten minutes.
+laser-dialects: setup
+	RIGCTL_ALL_PAIRS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest tests/campaigns/test_laser_dialects.py
 
 # What the pages show beside what the program prints now; WRITE=--write renews the pages.
 samples: setup

@@ -29,6 +29,13 @@ class Lkg5000(KeyenceController):
     def longest_record(self, period_s: float) -> int:
         """Most values per head of one storage; `LimitError` when the controller samples more slowly than that."""
         self._require_fast(period_s)
+        pulse_s = self.settings.timing_pulse_s
+        # Between two pulses the input has to be seen to be off, for as long as on.
+        if pulse_s is not None and 2.0 * pulse_s > period_s * (1 + 1e-9):
+            raise LimitError(
+                f"{self.name}: edges {period_s:g} s apart, but pulses of {pulse_s:g} s at its TIMING input "
+                "(`timing_pulse_s`); lower the rate, or shorten the stretcher's pulse"
+            )
         return self.settings.samples_max
 
     def arm(self, samples: int, period_s: float) -> None:
@@ -74,9 +81,15 @@ class Lkg5000(KeyenceController):
             self.stop()
         if progress.stored < armed.samples:
             why = "then no more came" if progress.running else "then the storage was stopped"
+            short = self.settings.timing_pulse_s is None and not progress.stored
+            mend = (
+                "a multimeter's pulse of 2 us is too short for the TIMING input: put a stretcher between, and its "
+                "pulse into `timing_pulse_s`"
+                if short
+                else "check the wire to the TIMING input and that the pacing instrument ran to its end"
+            )
             raise InstrumentError(
-                f"{self.name}: {progress.stored} of {armed.samples} trigger edges came, {why}; "
-                "check the wire to the TIMING input and that the pacing instrument ran to its end",
+                f"{self.name}: {progress.stored} of {armed.samples} trigger edges came, {why}; {mend}",
                 instrument=self.name,
             )
         columns: list[FloatArray] = []

@@ -109,6 +109,9 @@ class KeyenceSettings(BaseModel):
     recording is taken for ended, `poll_s` the time between two questions for the status. `start_u_s` is how well the
     rig time of an LK-G3001's first stored value has to be known (standard uncertainty; its storage runs on its own
     clock): a recording of which it is known less well is an error.
+
+    `timing_pulse_s` is how long the pulses at an LK-G5000's TIMING input are: what a pulse stretcher makes of a
+    multimeter's 2 us, or a slow source gives. None: straight from VM COMP, too short for most.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -126,6 +129,7 @@ class KeyenceSettings(BaseModel):
     edge_timeout_s: float = Field(default=5.0, gt=0.0)
     poll_s: float = Field(default=0.1, gt=0.0)
     start_u_s: float = Field(default=0.02, gt=0.0)
+    timing_pulse_s: float | None = Field(default=None, gt=0.0)
 
     @property
     def dialect(self) -> Generation:

@@ -97,10 +97,15 @@ class VoltageLine:
         return volts
 
 
-class TriggerLine:
-    """A wire with pulses on it: one instrument gives trains, any number listen."""
+VM_COMP_PULSE_S = 2e-6
+"""How long a pulse of a multimeter's VM COMP is."""
 
-    def __init__(self) -> None:
+
+class TriggerLine:
+    """A wire with pulses on it, `pulse_s` long: one instrument gives trains, any number listen."""
+
+    def __init__(self, pulse_s: float = VM_COMP_PULSE_S) -> None:
+        self.pulse_s = pulse_s
         self._trains: deque[Train] = deque(maxlen=8)
 
     @property
@@ -123,3 +128,20 @@ class TriggerLine:
         """All edges in (after_s, until_s]."""
         parts = [train.edges(after_s, until_s) for train in self._trains]
         return np.concatenate(parts) if parts else np.empty(0)
+
+
+class StretchedLine(TriggerLine):
+    """What a pulse stretcher makes of a line: the same edges, pulses of another length."""
+
+    def __init__(self, line: TriggerLine, pulse_s: float) -> None:
+        super().__init__(pulse_s)
+        self._line = line
+
+    @property
+    def train(self) -> Train | None:
+        """The latest train."""
+        return self._line.train
+
+    def edges(self, after_s: float, until_s: float) -> FloatArray:
+        """All edges in (after_s, until_s]."""
+        return self._line.edges(after_s, until_s)

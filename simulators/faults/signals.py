@@ -57,7 +57,7 @@ class LossyTrigger(TriggerLine):
     """A trigger line of which not every edge arrives."""
 
     def __init__(self, line: TriggerLine, missing: MissingEdges, seed: int, tap: Tap) -> None:
-        super().__init__()
+        super().__init__(line.pulse_s)
         self._line = line
         self._missing = missing
         self._seed = seed

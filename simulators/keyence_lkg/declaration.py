@@ -9,7 +9,7 @@ from simulators.keyence_lkg.controller import Controller
 from simulators.keyence_lkg.lkg3001 import Lkg3001Settings, SimulatedLkg3001
 from simulators.keyence_lkg.lkg5000 import Lkg5000Settings, SimulatedLkg5000
 from simulators.keyence_lkg.model import LkgSettings
-from simulators.wiring import Signal
+from simulators.wiring import Signal, StretchedLine, TriggerLine
 
 
 def _heads(spec: Spec, site: Site) -> list[Signal]:
@@ -20,6 +20,12 @@ def _heads(spec: Spec, site: Site) -> list[Signal]:
         site.signal(site.bench.displacement_mm(heads[output]) if heads.get(output) in known else nothing)
         for output in range(1, max(heads, default=1) + 1)
     ]
+
+
+def _timing(spec: Spec, site: Site) -> TriggerLine:
+    """The line at the TIMING input, behind the pulse stretcher that the rig file says is there."""
+    pulse_s = spec.settings.get("timing_pulse_s")
+    return site.trigger if pulse_s is None else StretchedLine(site.trigger, float(pulse_s))
 
 
 def _columns(spec: Spec) -> dict[str, str]:
@@ -34,7 +40,7 @@ def _declared(
 ) -> SimulatorDeclaration:
     return SimulatorDeclaration(
         settings,
-        lambda spec, site, settings: make(site.clock, _heads(spec, site), site.trigger, settings, site.tap),
+        lambda spec, site, settings: make(site.clock, _heads(spec, site), _timing(spec, site), settings, site.tap),
         faults,
         _columns,
     )

@@ -17,7 +17,8 @@ class LkgSettings(BaseModel):
     `decimals` of the value in mm; `storage_values` is the capacity; `refusal_names_setting` puts `OF` rather than
     `SW` into the refusal of `SW,OF`; `count_digits` of the counts in the storage status. The reply to R0 takes
     `mode_return_s`, and for `mode_settle_s` more, measuring is refused. Every reply takes `reply_delay_s`. The
-    controller's own clock is fast by `clock_ppm`.
+    controller's own clock is fast by `clock_ppm`. The TIMING input, for contacts and NPN outputs, does not see pulses
+    shorter than `timing_pulse_min_s`; 0 for one that sees all.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -33,6 +34,7 @@ class LkgSettings(BaseModel):
     mode_settle_s: float = 0.0
     reply_delay_s: float = 0.0
     clock_ppm: float = 0.0
+    timing_pulse_min_s: float = 2e-3
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,7 @@ class DataStorage:
         self._trigger = trigger
         self._outputs = outputs
         self._latency_s = settings.latency_s
+        self._shortest_pulse_s = settings.timing_pulse_min_s
         self._rate = 1.0 + 1e-6 * settings.clock_ppm
         self._plan = Plan(0, None, ())
         self._start_s = math.inf
@@ -134,7 +135,9 @@ class DataStorage:
 
     def _instants(self, until_s: float) -> FloatArray:
         if self._plan.cycle_s is None:
-            return self._trigger.edges(self._seen_s, until_s)
+            # A contact input: it does not see what is too short for it.
+            seen = self._trigger.pulse_s >= self._shortest_pulse_s
+            return self._trigger.edges(self._seen_s, until_s) if seen else np.empty(0)
         cycle_s = self._plan.cycle_s / self._rate
         # Rounding must not lose the cycle that ends right now.
         first, last = (math.floor((t - self._start_s) / cycle_s + 1e-6) for t in (self._seen_s, until_s))

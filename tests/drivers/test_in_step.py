@@ -99,7 +99,7 @@ class Stage:
 
     def __init__(self, spoilt: Spoilt | None, number: int) -> None:
         self.clock = VirtualClock()
-        self.line = TriggerLine()
+        self.line = TriggerLine(pulse_s=4e-3)
         self._fault = spoilt, number
 
     def wire(self, instrument: Any) -> tuple[Distant, Callable[[], InProcessTransport]]:

@@ -114,7 +114,7 @@ class Bench:
         **configured: object,
     ) -> None:
         self.clock = clock or VirtualClock()
-        self.line = TriggerLine()
+        self.line = TriggerLine(pulse_s=4e-3)
         self.tap = Tap(self._controller(generation, heads or (ramp, minus_two), simulated or {}))
         self.lasers = driver(self.tap, self.clock, settings(generation, **configured))
 
@@ -393,6 +393,23 @@ def test_missing_edges_are_an_error_that_says_how_many_came(edges: int) -> None:
         bench.record(100, 0.05, edges=edges)
     assert bench.clock.now_s() < 0.6 + 100 * 0.05 + 3.0 + 2 * 0.05 + 2.0
     assert bench.record(10, 0.05)[1].shape == (10, 2)
+
+
+def test_pulses_too_short_for_the_timing_input_are_told_with_the_mend() -> None:
+    bench = Bench("lkg5000", edge_timeout_s=1.0)
+    bench.line.pulse_s = 2e-6
+    with pytest.raises(InstrumentError, match=r"0 of 20 trigger edges came.*2 us is too short.*timing_pulse_s"):
+        bench.record(20, 0.05)
+    bench.line.pulse_s = 2e-3
+    assert bench.record(20, 0.05)[1].shape == (20, 2)
+
+
+def test_stretched_pulses_must_leave_a_pause() -> None:
+    bench = Bench("lkg5000", timing_pulse_s=4e-3)
+    assert bench.lasers.longest_record(8e-3) == 600_000
+    with pytest.raises(LimitError, match=r"pulses of 0.004 s at its TIMING input .*lower the rate"):
+        bench.lasers.arm(10, 7e-3)
+    assert not bench.tap.sent
 
 
 def test_a_pause_of_the_edges_shorter_than_the_patience_is_no_end() -> None:

@@ -361,7 +361,7 @@ class Lasers:
     def __init__(self, kind: str, **faults: object) -> None:
         make, self.display = LASERS[kind]
         self.clock = VirtualClock()
-        pace = TriggerLine()
+        pace = TriggerLine(pulse_s=4e-3)
         pace.begin(0.05, 0.1, 1000)
         plan = FaultPlan.model_validate(faults)
         wiring = Wiring(unheard(), plan, pace)

@@ -39,7 +39,7 @@ class Bench:
 
     def __init__(self, generation: str, *heads: Signal, **settings: Any) -> None:
         self.clock = VirtualClock()
-        self.line = TriggerLine()
+        self.line = TriggerLine(pulse_s=4e-3)
         signals = heads or (constant(0.0123), constant(-0.4567))
         self.controller: Simulated
         if generation == "lkg3001":
@@ -768,3 +768,14 @@ def test_forms_of_the_replies_are_a_matter_of_the_dialect() -> None:
     bench = set_up(ramp, setting="SW,CF,2,00002,3", dialect={"status_by_output": False})
     bench.clock.sleep_s(1.0)
     bench.converse(("AN", "AN,0,0000002,0000000"), ("AN,1", "ER,AN,21"))
+
+
+@pytest.mark.parametrize(("pulse_s", "shortest_s", "stored"), [(2e-6, 2e-3, 0), (2e-3, 2e-3, 26), (2e-6, 0.0, 26)])
+def test_the_timing_input_does_not_see_pulses_that_are_too_short(
+    pulse_s: float, shortest_s: float, stored: int
+) -> None:
+    bench = armed("lkg5000", ramp, timing_pulse_min_s=shortest_s)
+    bench.line.pulse_s = pulse_s
+    bench.line.begin(0.5, 0.02, 100)
+    bench.clock.sleep_s(1.0)
+    bench.converse(("AN", f"AN,1,{stored:07d},0000000"))

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simulators.stretches import stretches
-from simulators.wiring import LINE_HISTORY_S, Train, TriggerLine, VoltageLine
+from simulators.wiring import LINE_HISTORY_S, StretchedLine, Train, TriggerLine, VoltageLine
 
 
 @given(
@@ -71,3 +71,12 @@ def test_what_is_long_past_is_forgotten_and_the_rest_is_not() -> None:
     now_s = 3.0 * LINE_HISTORY_S - 60.0
     assert line.sample(np.array([now_s - LINE_HISTORY_S])) == pytest.approx([now_s - LINE_HISTORY_S])
     assert len(line._courses) < LINE_HISTORY_S / 60.0 + 3
+
+
+def test_a_stretcher_keeps_the_edges_and_makes_the_pulses_longer() -> None:
+    line = TriggerLine()
+    longer = StretchedLine(line, 4e-3)
+    line.begin(1.0, 0.5, 3)
+    assert longer.edges(0.0, 9.0).tolist() == line.edges(0.0, 9.0).tolist() == [1.0, 1.5, 2.0]
+    assert longer.train is line.train
+    assert (line.pulse_s, longer.pulse_s) == (2e-6, 4e-3)
