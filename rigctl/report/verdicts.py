@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -122,10 +123,11 @@ def verdict_sentence(diagnosis: Findings) -> str:
     """Which physical effect is missing, in a sentence or two."""
     suggested = diagnosis["suggested"]
     if diagnosis["verdict"] == "adequate":
-        return (
+        adequate = (
             f"The model is adequate: nothing more is significant at {share(diagnosis['alpha'])}, "
             "over all trials together."
         )
+        return " ".join([adequate, *_or_noise(diagnosis)])
     if diagnosis["verdict"] == "unknown":
         return f"{_beyond(diagnosis['unexplained'])}.{_not_enough(_placed(suggested, diagnosis))}"
     if diagnosis["verdict"] == "ambiguous":
@@ -135,19 +137,23 @@ def verdict_sentence(diagnosis: Findings) -> str:
 
 def _ambiguous(diagnosis: Findings) -> list[str]:
     """What is certain, what one of several effects explains, and what correlated noise may stand for."""
-    orders = {each["effect"]: each["order"] for each in diagnosis.get("or_correlated_noise") or []}
+    either = {each["effect"] for each in diagnosis.get("or_correlated_noise") or []}
     needed, alternatives = _alternatives(diagnosis)
-    certain = [effect for effect in needed if effect not in orders]
+    certain = [effect for effect in needed if effect not in either]
     said = [f"{_missing(_placed(certain, diagnosis))}."] if certain else []
     if alternatives:
         what = "What is left is" if certain else "The data are"
         said.append(f"{what} explained, but by more than one effect equally: {'; '.join(alternatives)}.")
-    for effect, order in orders.items():
-        said.append(
-            f"{_placed([effect], diagnosis)[0]} describes the data, and so does noise that is correlated along "
-            f"{order}: these data do not tell which."
-        )
-    return said
+    return [*said, *_or_noise(diagnosis)]
+
+
+def _or_noise(diagnosis: Findings) -> list[str]:
+    """What correlated noise may stand for, in the model or suggested."""
+    return [
+        f"{_placed([each['effect']], diagnosis)[0]} describes the data, and so does noise that is correlated along "
+        f"{each['order']}: these data do not tell which."
+        for each in diagnosis.get("or_correlated_noise") or []
+    ]
 
 
 def _beyond(unexplained: Findings | None) -> str:
@@ -209,7 +215,7 @@ def advice(diagnosis: Findings, store: str) -> str:
     if diagnosis["verdict"] == "ambiguous":
         return f"rigctl next {store}"
     if diagnosis["suggested"]:
-        return f"rigctl model add {store} {' '.join(diagnosis['suggested'])}"
+        return f"rigctl model add {store} {shlex.join(diagnosis['suggested'])}"
     if diagnosis["verdict"] == "unknown":
         return f"rigctl compare {store}, then an effect of your own: rigctl model add {store} ID --plugin FILE"
     return f"rigctl result {store}"

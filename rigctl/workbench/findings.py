@@ -263,7 +263,7 @@ class Diagnosis:
     joint_fit: JointFit | None = None
     hidden_in_slow_noise: tuple[HiddenInNoise, ...] = ()
     or_correlated_noise: tuple[tuple[str, str], ...] = ()
-    """Of what is suggested, an effect that noise correlated along a column describes as well, and that column."""
+    """An effect, given or suggested, that noise correlated along a column describes as well, and that column."""
     next_measurement: Mapping[str, Any] | None = None
 
     def as_json(self) -> dict[str, Any]:

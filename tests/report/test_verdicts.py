@@ -101,6 +101,9 @@ def test_each_verdict_is_a_sentence_and_a_command() -> None:
     both = diagnosis("effect", rank("a"), rank("b"), suggested=("a", "b"))
     assert verdict_sentence(both) == "2 effects are missing: a, b."
     assert advice(both, "x") == "rigctl model add x a b"
+    # A shell would look for files named like it, and split it at its spaces.
+    words = diagnosis("effect", rank("slope[a by b]"), suggested=("slope[a by b]",))
+    assert advice(words, "x") == "rigctl model add x 'slope[a by b]'"
     either = diagnosis("ambiguous", rank("a", same=("c", "b")), rank("b"), suggested=("a", "b"))
     assert verdict_sentence(either) == "The data are explained, but by more than one effect equally: a or c or b."
     assert advice(either, "x") == "rigctl next x"

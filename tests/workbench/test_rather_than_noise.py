@@ -78,6 +78,9 @@ def test_a_step_that_correlated_noise_may_stand_for_is_named_and_so_is_the_noise
     assert [term.effect for term in found.suggested] == ["step[day]"]
     assert found.or_correlated_noise == (("step[day]", "day"),)
     assert compared(account.attempt(study, ()), account, 1).p_value < 0.01
+    with_it = diagnose(study, found.suggested, account=account)
+    assert (with_it.verdict, with_it.or_correlated_noise) == ("adequate", found.or_correlated_noise)
+    assert verdict_sentence(with_it.as_json()).endswith("along day: these data do not tell which.")
     said = verdict_sentence(found.as_json())
     assert said.startswith("step[day] (at 2")
     assert said.endswith("and so does noise that is correlated along day: these data do not tell which.")

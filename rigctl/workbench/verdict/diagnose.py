@@ -14,7 +14,7 @@ from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_betwee
 from rigctl.workbench.verdict.likelihood import maximum_likelihood
 from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.ranking import ranking
-from rigctl.workbench.verdict.rather_than_noise import is_noise_instead
+from rigctl.workbench.verdict.rather_than_noise import breaks_level, is_noise_instead
 from rigctl.workbench.verdict.rivals import Rival, rivals_of
 from rigctl.workbench.verdict.score import likeness
 from rigctl.workbench.verdict.search import Progress, Search
@@ -50,9 +50,9 @@ def diagnose(
         unexplained = described(final.model.observations, search.unexplained, score)
     elif (lack := lack_of_fit(final)) is not None and lack.p_value < REPEATS_SHARE * alpha:
         unexplained = unexplained_between_settings(lack)
-    or_noise = _or_noise(search, alpha, seed)
+    or_noise, given = _or_noise(search, alpha, seed), {term.effect for term in search.given}
     return Diagnosis(
-        verdict=_verdict(search, [*rivals, *or_noise], unexplained),
+        verdict=_verdict(search, bool(rivals) or any(effect not in given for effect, _ in or_noise), unexplained),
         alpha=alpha,
         terms=search.given,
         suggested=suggested,
@@ -104,19 +104,19 @@ def _joint_fit(search: Search, suggested: Sequence[Term]) -> JointFit:
 
 
 def _or_noise(search: Search, alpha: float, seed: int) -> tuple[tuple[str, str], ...]:
-    """What was found where correlated noise does as well: the effect, and the order along which."""
-    asked = (
-        (term.effect, is_noise_instead(search.study, search.terms, term, alpha, seed)) for term in search.suggested
-    )
+    """What was given or found where correlated noise does as well: the effect, and the order along which."""
+    study, terms = search.study, search.terms
+    breaks = [term for term in terms if breaks_level(search.attempt(terms), term.effect)]
+    asked = ((term.effect, is_noise_instead(study, terms, term, alpha, seed)) for term in breaks)
     return tuple((effect, order) for effect, order in asked if order is not None)
 
 
-def _verdict(search: Search, rivals: Sequence[object], unexplained: Unexplained | None) -> Verdict:
+def _verdict(search: Search, ambiguous: bool, unexplained: Unexplained | None) -> Verdict:
     if unexplained is not None:
         return "unknown"
     if not search.suggested:
         return "adequate"
-    return "ambiguous" if rivals else "effect"
+    return "ambiguous" if ambiguous else "effect"
 
 
 def _by_significance(search: Search, rivals: Sequence[Rival]) -> tuple[Term, ...]:
