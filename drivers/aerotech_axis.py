@@ -49,6 +49,8 @@ FAULTS = {
     30: "internal",
 }
 
+TASK_RUNNING = 3
+"""TASKSTATE."""
 AXIS_NAME = 140
 """The parameter's number in Aerotech's C header (EnsembleParameterId.h)."""
 AXES_MAX = 10
@@ -57,10 +59,14 @@ SAFETY_FAULTS = 1 << 2 | 1 << 3 | 1 << 4 | 1 << 5 | 1 << 11
 
 
 class AsciiAxis:
-    """Questions and commands to one axis; failures are raised as errors that say what to do."""
+    """Questions and commands to one axis; failures are raised as errors that say what to do.
 
-    def __init__(self, name: str, axis: str, plane: int, link: AsciiLink) -> None:
+    `task` is the controller's task that oscillates it, if one does.
+    """
+
+    def __init__(self, name: str, axis: str, plane: int, link: AsciiLink, task: int | None) -> None:
         self.link = link
+        self._task = task
         self._name = name
         self._axis = axis
         self._plane = plane
@@ -89,11 +95,19 @@ class AsciiAxis:
         return self.ask_whole(f"AXISSTATUS({self._axis})")
 
     def moving(self, status: int) -> bool:
-        """True when this AXISSTATUS, or the coordinated-motion plane, says that the axis moves."""
+        """True when this AXISSTATUS, the coordinated-motion plane, or the task that oscillates says so."""
+        return self.shown_moving(status) or self.task_runs()
+
+    def shown_moving(self, status: int) -> bool:
+        """True when this AXISSTATUS or the coordinated-motion plane says that the axis moves."""
         if status & AxisStatus.MOVE_ACTIVE:
             return True
         # Both have to be asked: coordinated motions show in the plane's status only (EPICS motorAerotech).
         return bool(self.ask_whole(f"PLANESTATUS({self._plane})") & 1)
+
+    def task_runs(self) -> bool:
+        """True while a program runs in the task that oscillates: whether AXISSTATUS shows it no source says."""
+        return self._task is not None and self.ask_whole(f"TASKSTATE({self._task})") == TASK_RUNNING
 
     def position_mm(self) -> float:
         """The encoder in program coordinates, those of moves."""

@@ -45,7 +45,8 @@ class AerotechEnsemble:
         self._settings = settings
         self._clock = clock
         self._link = AsciiLink(name, connect, settings.link_timeout_s)
-        self._wire = AsciiAxis(name, settings.axis, settings.plane, self._link)
+        task = settings.program_task if settings.program else None
+        self._wire = AsciiAxis(name, settings.axis, settings.plane, self._link, task)
         self._setup = ControllerSetup(name, settings, self._link, self._wire)
         self._motion = AxisMotion(name, settings, self._wire, clock)
         self._capture = PositionCapture(name, settings, self._wire, clock)

@@ -132,19 +132,26 @@ class AxisMotion:
                     raise self._wire.ended(command, f"it stopped at {reached_mm:g} mm")
             self.wait(deadline_s, command)
 
-    def await_oscillation(self, command: str, stops: int, end_s: float) -> None:
-        """Return once the axis oscillates, or at `end_s`, when an oscillation may be over unseen."""
+    def await_oscillation(self, command: str, stops: int, start_mm: float, end_s: float) -> None:
+        """Return once the axis oscillates from `start_mm`, or at `end_s`, when an oscillation may be over unseen."""
         deadline_s = self._clock.now_s() + self._settings.motion_timeout_s
         idle_polls = 0
-        while not self._wire.moving(status := self._wire.status()):
+        while not self._oscillates(status := self._wire.status(), start_mm):
             self.raise_if_stopped(stops, "oscillation")
-            if not status & AxisStatus.ENABLED or idle_polls > 1:
+            idle_polls += not self._wire.task_runs()
+            if not status & AxisStatus.ENABLED or idle_polls > 2:
+                # It may all the same: a controller that does not show it.
+                self.abort()
                 raise self._wire.ended(command, "the axis does not move")
             # An oscillation may be over before it was ever seen to move, when it is shorter than a poll.
             if self._clock.now_s() >= end_s:
                 return
-            idle_polls += 1
             self.wait(deadline_s, command)
+
+    def _oscillates(self, status: int, start_mm: float) -> bool:
+        if self._wire.shown_moving(status):
+            return True
+        return abs(self._wire.position_mm() - start_mm) > self._settings.position_tolerance_mm
 
     def await_standstill(self) -> None:
         """Return when the axis does not move."""

@@ -52,10 +52,11 @@ class Sine:
 
     def start(self, commands: Commands, distance_mm: float, frequency_hz: float, cycles: int, stops: int) -> None:
         """From where the stage stands; returns once it oscillates."""
+        start_mm = self._wire.position_mm()
         line = commands.oscillation(distance_mm, frequency_hz, cycles)
         self._motion.start(line, stops)
         commands.begun(lambda: self._motion.raise_if_stopped(stops, "oscillation"))
-        self._motion.await_oscillation(line, stops, self._clock.now_s() + cycles / frequency_hz)
+        self._motion.await_oscillation(line, stops, start_mm, self._clock.now_s() + cycles / frequency_hz)
 
     def learn(self, commands: Commands, stops: int) -> tuple[Learned, ...]:
         """One cycle of the trial distance; what it showed."""
@@ -74,8 +75,15 @@ class Sine:
                 instrument=self._name,
             )
         commands.begun(lambda: self._motion.raise_if_stopped(stops, "trial oscillation"))
+        shows = self._wire.moving(self._wire.status())
         travelled_mm = [position_mm - start_mm for position_mm in self._positions_mm(period_s)]
         self._motion.await_standstill()
+        if not shows:
+            raise InstrumentError(
+                f"{self._name}: AXISSTATUS does not show that OSCILLATE moves the axis, so that nobody could wait "
+                "for its end; load the program (docs/hardware.md#aerotech-ensemble)",
+                instrument=self._name,
+            )
         found = {DISTANCE_KEY: self._reading(min(travelled_mm), max(travelled_mm)), ANSWERS_KEY: "at once"}
         self._distance, self._answers = found[DISTANCE_KEY], found[ANSWERS_KEY]
         measured = f"{min(travelled_mm):.3f} to {max(travelled_mm):.3f} mm for a distance of {TRIAL_DISTANCE_MM:g} mm"

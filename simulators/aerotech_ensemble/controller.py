@@ -229,6 +229,9 @@ class AxisController:
             status |= AxisStatus.ENABLED | AxisStatus.SERVO_CONTROL
         if self.homed:
             status |= AxisStatus.HOMED
+        hidden = self._activity is Activity.OSCILLATE and not self._settings.dialect.oscillate_shows
+        if hidden:
+            return status
         if self._activity is Activity.NONE:
             settled = self.enabled and now_s >= self._end_s + self._settings.settle_s
             return status | AxisStatus.IN_POSITION if settled else status

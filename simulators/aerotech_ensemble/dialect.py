@@ -33,6 +33,8 @@ class EnsembleDialect(BaseModel):
     """What OSCILLATE takes its distance for."""
     oscillate_waits: Literal["always", "as moves do", "never"] = "always"
     """Is OSCILLATE over when the motion is, whatever the wait mode?"""
+    oscillate_shows: bool = False
+    """Has AXISSTATUS its bit "move active" while the axis oscillates?"""
     oscillate_over_ascii: bool = False
     """Is OSCILLATE understood by the ASCII interface, or in programs alone?"""
     oscillate_frequencies: Literal["required", "optional", "unknown"] = "required"
@@ -58,6 +60,7 @@ GENTLE = EnsembleDialect(
     home_async="program",
     oscillate_distance="peak-to-peak",
     oscillate_waits="as moves do",
+    oscillate_shows=True,
     oscillate_over_ascii=True,
     oscillate_frequencies="optional",
     capture_over_ascii=True,

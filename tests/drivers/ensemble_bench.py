@@ -17,7 +17,12 @@ from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
 
 Send = Callable[[bytes], None]
-BY_ASCII = {"oscillate_over_ascii": True, "capture_over_ascii": True, "oscillate_waits": "as moves do"}
+BY_ASCII = {
+    "oscillate_over_ascii": True,
+    "capture_over_ascii": True,
+    "oscillate_waits": "as moves do",
+    "oscillate_shows": True,
+}
 """A controller that understands OSCILLATE and DATAACQ as ASCII commands, and answers them at once."""
 ASCII: dict[str, Any] = {
     "simulated": {"dialect": BY_ASCII, "rigctl_program": False},

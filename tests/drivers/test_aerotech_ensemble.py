@@ -259,14 +259,18 @@ def test_the_constructor_touches_nothing_and_a_stop_needs_no_open() -> None:
     bench.stage.close()
     assert bench.tap.connections == 0
     bench.stage.stop()
-    assert bench.tap.lines == ["ABORT X", "PROGRAM STOP 1", "AXISSTATUS(X)", "PLANESTATUS(0)"]
+    assert bench.tap.lines == ["ABORT X", "PROGRAM STOP 1", "AXISSTATUS(X)", "PLANESTATUS(0)", "TASKSTATE(1)"]
     with pytest.raises(LinkLost, match="open it first"):
         bench.stage.position()
 
 
 def test_an_abort_that_a_disabled_axis_refuses_is_a_stop_when_it_does_not_move() -> None:
     stopping, conversation = talking(
-        ("ABORT X", "#\n"), ("PROGRAM STOP 1", "!\n"), ("AXISSTATUS(X)", "%0\n"), ("PLANESTATUS(0)", "%0\n")
+        ("ABORT X", "#\n"),
+        ("PROGRAM STOP 1", "!\n"),
+        ("AXISSTATUS(X)", "%0\n"),
+        ("PLANESTATUS(0)", "%0\n"),
+        ("TASKSTATE(1)", "%1\n"),
     )
     stopping.stop()
     assert not conversation.expected

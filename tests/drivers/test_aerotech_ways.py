@@ -200,6 +200,13 @@ def test_an_oscillate_that_is_answered_at_its_end_is_not_used_over_ascii() -> No
         bench.stage.oscillate(0.0, 2.0, 0.5, 10.0)
 
 
+def test_an_oscillate_that_no_status_shows_is_not_used_over_ascii() -> None:
+    simulated = {"dialect": BY_ASCII | {"oscillate_shows": False}, "rigctl_program": False}
+    bench = Bench(**ASCII | {"simulated": simulated}).homed()
+    with pytest.raises(InstrumentError, match=r"AXISSTATUS does not show.*load the program"):
+        bench.stage.learn_by_moving()
+
+
 def test_a_motion_that_is_neither_is_told_with_what_was_measured() -> None:
     # A second harmonic half as large as the fundamental: no reading of the distance gives this travel.
     bench = Bench(oscillate_distance="unknown", simulated={"harmonics": (0.5,)}).homed()

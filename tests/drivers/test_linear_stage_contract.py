@@ -51,7 +51,7 @@ def attached_ensemble() -> Backend:
 
 HARDEST = EnsembleDialect()
 SWITCHES = tuple(EnsembleDialect.model_fields)
-NOT_OVER_ASCII = {"oscillate_over_ascii", "oscillate_waits", "capture_over_ascii"}
+NOT_OVER_ASCII = {"oscillate_over_ascii", "oscillate_waits", "oscillate_shows", "capture_over_ascii"}
 """Readings with which the ASCII commands are refused: tests/drivers/test_aerotech_ways.py."""
 
 

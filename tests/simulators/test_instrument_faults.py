@@ -40,6 +40,7 @@ homing_needed = false
 home_async = "keyword"
 oscillate_distance = "peak-to-peak"
 oscillate_waits = "as moves do"
+oscillate_shows = true
 oscillate_over_ascii = true
 oscillate_frequencies = "optional"
 capture_over_ascii = true
