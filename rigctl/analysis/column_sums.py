@@ -166,7 +166,10 @@ class SmoothSums(ColumnSums):
 
 def _lagrange(beyond: FloatArray) -> FloatArray:
     """Weights (n, 6) of six nodes for values so far `beyond` (n,) the third of them, from 0 to 1."""
-    return np.vander(beyond, _POINTS, increasing=True) @ _COEFFICIENTS
+    powers = np.ones((_POINTS, len(beyond)))
+    for power in range(1, _POINTS):
+        np.multiply(powers[power - 1], beyond, out=powers[power])
+    return np.asarray(powers.T @ _COEFFICIENTS)
 
 
 def _coefficients() -> FloatArray:

@@ -1,4 +1,4 @@
-"""A sketch of long columns: few numbers whose products are those of the columns, but for a per cent or two.
+"""A sketch of long columns: few numbers whose products are those of the columns, but for two or three per cent.
 
 Every row goes to one of so many buckets, with a sign of its own (Charikar, Chen and Farach-Colton, ICALP 2002, 693):
 the mean of a product of two sketched columns is the product of the columns, its standard deviation at most
@@ -13,7 +13,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
 
-BUCKETS = 4096
+BUCKETS = 2048
 
 
 @lru_cache(maxsize=2)

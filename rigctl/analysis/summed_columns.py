@@ -61,7 +61,7 @@ class SummedColumns:
         self.choices, self.dimension = functions.choices, functions.dimension
         self._functions, self._space, self._shadow = functions, space_of, shadow
         # Of readings that weigh alike one number is kept.
-        self._weight = weight if np.ptp(weight) > 0.0 else weight[:1]
+        self._weight = weight if np.ptp(weight) > 0.0 else weight[:1].copy()
         square, space = weight**2, space_of()
         crossed = functions.along(square[:, None] * space)
         across = np.einsum("tki,tkj->kij", shadow, crossed)

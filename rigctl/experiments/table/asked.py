@@ -19,7 +19,7 @@ from rigctl.experiments.table.candidates import (
     scan_candidates,
     spans_of,
 )
-from rigctl.experiments.table.catalogue import next_id, why_not
+from rigctl.experiments.table.catalogue import next_id
 from rigctl.experiments.table.model.form import Form
 from rigctl.experiments.table.model.forms import Turning
 from rigctl.experiments.table.model.model import TableModel
@@ -47,7 +47,7 @@ class Asked:
         effect = self._data.generic[base]
         if base in self._taken and not isinstance(effect, Scanned):
             return []
-        if reason := why_not(effect, self._data.readings):
+        if reason := self._data.why_not(base):
             return NotTestable(base, reason)
         if isinstance(effect, Group):
             return [group_candidate(effect, self._jacobian, self._left)]

@@ -25,17 +25,13 @@ class Spanned:
 
     def __init__(self, jacobian: FloatArray) -> None:
         self.basis = span_of(jacobian)
-        self._jacobian = jacobian
+        self.few: Spanned | None = Spanned(jacobian[some_of(self.rows)]) if self.rows > LARGE else None
+        """The same of some rows of a long table, `some_of`."""
 
     @property
     def rows(self) -> int:
         """Of the readings."""
         return len(self.basis)
-
-    @cached_property
-    def few(self) -> Spanned | None:
-        """The same of some rows of a long table, `some_of`; None of others."""
-        return Spanned(self._jacobian[some_of(self.rows)]) if self.rows > LARGE else None
 
     def holds(self, functions: FloatArray) -> bool:
         """Whether functions (n, k) lie in the span."""

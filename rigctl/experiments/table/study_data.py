@@ -12,7 +12,7 @@ from rigctl.campaign.recording import RunSource
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.batches import Ratios, correlation, ratios_of, shared_offsets
 from rigctl.experiments.table.candidates import Scans
-from rigctl.experiments.table.catalogue import generic
+from rigctl.experiments.table.catalogue import generic, why_not
 from rigctl.experiments.table.model.form import TableEffect
 from rigctl.experiments.table.model.start import POINTS_MAX, baseline_start
 from rigctl.experiments.table.observe.readings import Readings, declares_noise, read
@@ -53,6 +53,16 @@ class TableData:
     def generic(self) -> dict[str, TableEffect]:
         """The catalogue made from the columns."""
         return generic(self.readings, self.baseline[1])
+
+    def why_not(self, effect: str) -> str:
+        """Why the readings cannot be asked about an effect of the catalogue, by its id; "" when they can."""
+        if effect not in self._reasons:
+            self._reasons[effect] = why_not(self.generic[effect], self.readings)
+        return self._reasons[effect]
+
+    @cached_property
+    def _reasons(self) -> dict[str, str]:
+        return {}
 
     @cached_property
     def scans(self) -> Scans:

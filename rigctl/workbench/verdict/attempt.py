@@ -43,8 +43,8 @@ _SCANNED = 3
 _PART = 1e-3
 # Degrees of freedom beyond which an estimated scale is as good as known.
 _WELL_KNOWN = 500.0
-# Of a cosine: six standard deviations of what a sketch of 4096 numbers says where it is 0.99.
-_OF_A_SKETCH = 0.002
+# Of a cosine: six standard deviations of what a sketch of 2048 numbers says where it is 0.99.
+_OF_A_SKETCH = 0.003
 # Data of independent noise beyond which nothing hidden is projected out: what is just significant adds less than a
 # part in five hundred to their variance, and what is more is found, and the noise told anew.
 _SATURATED = 20_000
@@ -123,7 +123,9 @@ class Attempt(FittedModel):
 
         What stands out is looked for between the values of the scan too.
         """
-        return [scored for effect in self._questions.groups if (scored := self.scored_effect(effect)) is not None]
+        found = [self.scored_effect(effect) for effect in self._questions.groups]
+        self._scoring.done()
+        return [scored for scored in found if scored is not None]
 
     def scored_effect(self, effect: str) -> Scored | None:
         """The candidate of one effect, scored when it is asked for; None where it is none."""

@@ -16,7 +16,6 @@ from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.covariates import distinct
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
-from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.noise_entries import noise_entries
 
 WORST = 10
@@ -108,7 +107,8 @@ def _trends(attempt: Attempt) -> tuple[Trend, ...]:
 
 
 def _steps(values: FloatArray, bins: int) -> FloatArray | None:
-    """Indicators of a covariate's values, or of so many bins of equal count, less their mean; None when constant."""
+    """Indicators of a covariate's values but one, or of so many bins of equal count, less their mean; None when
+    constant."""
     if not len(values) or not np.isfinite(values).all() or np.ptp(values) <= 0.0:
         return None
     edges = np.unique(values)
@@ -120,7 +120,8 @@ def _steps(values: FloatArray, bins: int) -> FloatArray | None:
     indicator = indicator[:, indicator.sum(axis=0) >= 1]
     if indicator.shape[1] < 2 or len(values) < _FEW + indicator.shape[1]:
         return None
-    return orthonormal(indicator - indicator.mean(axis=0), 1e-6)
+    # Of all together nothing is left: one of them says nothing more.
+    return np.asarray(indicator - indicator.mean(axis=0))[:, 1:]
 
 
 def _rms(values: FloatArray) -> float:

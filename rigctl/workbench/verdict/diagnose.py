@@ -136,7 +136,7 @@ def _simplest_of_classes(search: Search, term: Term, alternatives: Sequence[Term
     without = search.attempt_if_fit([each for each in search.terms if each != term])
     if without is None:
         return [term]
-    scores = {each.candidate.term.effect: each for each in without.scored}
+    scores = {each.effect: scored for each in alternatives if (scored := without.scored_effect(each.effect))}
     order = list(search.study.effects())
 
     def simplicity(each: Term) -> tuple[int, int]:

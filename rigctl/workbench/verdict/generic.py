@@ -24,7 +24,7 @@ SHAPE_DRAWS = 1000
 # Numbers drawn at most: 16 MB in single precision.
 _MANY = 1 << 22
 # Beyond, the columns of all shapes would take gigabytes: a few of them are made at a time, and not kept.
-_FEW_DATA, _TOGETHER = 20_000, 8
+_FEW_DATA, _TOGETHER = 20_000, 4
 _NONE = np.zeros((0, 0))
 _NO_SMALLER = 1e-12
 """P-values below are no longer compared: evidence is."""

@@ -42,6 +42,10 @@ class Scoring:
         self._sketches[id(candidate)] = sketch_of(len(columns)).of(columns)
         return replace(score, of=partial(self._basis, candidate))
 
+    def done(self) -> None:
+        """All scans have been scored: what they were scored with is as long as some columns."""
+        self.__dict__.pop("_along", None)
+
     def sketch(self, candidate: Candidate) -> FloatArray:
         """A sketch of a candidate's whitened columns, (buckets, d)."""
         if id(candidate) not in self._sketches:
@@ -62,6 +66,12 @@ class Scoring:
         return ScanScores(self._fitted.projector, unit, scale, self._own, self._along)
 
     @cached_property
+    def _in_frame(self) -> FloatArray:
+        """What of the residuals goes along the frame."""
+        assert self._frame is not None
+        return np.asarray(self._frame.T @ self._fitted.left[: len(self._frame)])
+
+    @cached_property
     def _own(self) -> OwnNoise | None:
         return None if self._frame is None else OwnNoise(self._frame, float(self._noise.dof[0]))
 
@@ -80,11 +90,11 @@ class Scoring:
 
     def _by_own_noise(self, score: Score, frame: FloatArray) -> Score:
         """With the scale of the noise as it is once the candidate is in: what it explains inflates it before."""
-        data = len(frame)
+        basis, left = score.basis[: len(frame)], self._fitted.left[: len(frame)]
         # What of the candidate was not projected out when the noise was estimated: it is in the noise's square sum.
-        outside = score.basis[:data] - frame @ (frame.T @ score.basis[:data])
-        explained = float(np.sum((outside.T @ self._fitted.left[:data]) ** 2))
-        taken = float(np.sum(outside**2))
+        inside = frame.T @ basis
+        explained = float(np.sum((basis.T @ left - inside.T @ self._in_frame) ** 2))
+        taken = max(float(np.sum(basis**2) - np.sum(inside**2)), 0.0)
         dof = float(self._noise.dof[0])
         if dof - taken < 1.0 or not score.dimension:
             return score

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import json
 from collections.abc import Callable, Sequence
@@ -40,7 +41,7 @@ REFITTED = 4
 LINEAR = 30.0**2
 """Statistics beyond may mislead about the order of candidates."""
 
-_NUMBERS_KEPT, _LEAST_KEPT = 5_000_000, 4
+_NUMBERS_KEPT, _LEAST_KEPT = 3_000_000, 3
 """Data of models that are kept, and the least number of models."""
 
 Progress = Callable[[str], None]
@@ -108,8 +109,12 @@ class Search:
         """Models of long tables that were not asked for lately: a fit is made again in less than a second or two."""
         first = next(iter(self._attempts.values()))
         kept = max(_NUMBERS_KEPT // len(first.left), _LEAST_KEPT)
+        if len(self._attempts) <= kept:
+            return
         while len(self._attempts) > kept:
             del self._attempts[next(iter(self._attempts))]
+        # A model and its scores refer to each other, and columns are no objects that a collector counts.
+        gc.collect()
 
     def next_term(self) -> Term | None:
         """What the search would add to the terms it has: significant, and better on held-out data."""

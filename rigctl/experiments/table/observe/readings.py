@@ -45,12 +45,12 @@ class Column:
         """From its smallest to its largest value."""
         return float(self.distinct[-1] - self.distinct[0])
 
-    @property
+    @cached_property
     def mean(self) -> float:
         """Its mean."""
         return float(self.values.mean())
 
-    @property
+    @cached_property
     def spacing(self) -> float:
         """Median distance of neighbours among its different values."""
         return float(np.median(np.diff(self.distinct)))
