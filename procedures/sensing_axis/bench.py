@@ -11,6 +11,7 @@ import numpy as np
 
 from procedures.paced_record import record
 from procedures.sensing_axis.run_checks import CapturingStage, Recorders, require_standing, require_steady
+from rigctl.analysis.clock_fit import sign_is_known
 from rigctl.campaign.recording import RunRecord
 from rigctl.campaign.session.recovery import Apparatus, require_homed
 from rigctl.campaign.session.session import Session
@@ -146,12 +147,23 @@ class Bench:
                 f"{point.dwell_s:g} s at {point.sample_rate_hz:g} Hz is more than the recorders' memories hold; "
                 f"at this rate at most {longest_s:.0f} s"
             )
+        if lasers:
+            self._check_clocks(point.frequency_hz)
         margin_mm = self.package.spot_margin_mm(point.theta_deg, point.amplitude_mm)
         if lasers and self.heads and margin_mm < 0:
             raise LimitError(
                 f"at {point.theta_deg:g} deg with {point.amplitude_mm:g} mm a laser's spot leaves the "
                 f"{self.package.cube_side_mm:g} mm cube by {-margin_mm:.2f} mm: less angle or amplitude"
             )
+
+    def _check_clocks(self, frequency_hz: float) -> None:
+        for laser in self.lasers:
+            for channel in laser.channels():
+                if not sign_is_known(frequency_hz, channel.clock_u_s):
+                    raise LimitError(
+                        f"{laser.name}: its times are known to {channel.clock_u_s:g} s (start_u_s), which at "
+                        f"{frequency_hz:g} Hz may be half a period; drive more slowly, or make start_u_s smaller"
+                    )
 
     def spots_stay(self, point: SetPoint) -> bool:
         """True when every spot stays on its face of the cube."""

@@ -19,9 +19,13 @@ import numpy as np
 from rigctl.analysis.frequency import frequency_gradient
 from rigctl.analysis.sine_fit import HarmonicBasis, HarmonicFit
 from rigctl.core.arrays import ComplexArray, FloatArray
+from rigctl.core.errors import DataError
 
 RATE_U = 1e-4
 """Standard uncertainty of a quartz clock's rate: they are made to within some 100 ppm."""
+
+SURELY = 3.0
+"""Standard uncertainties within which an offset is."""
 
 _STEPS = 4
 
@@ -46,6 +50,11 @@ class AlignedFit:
     clock: ClockFit
 
 
+def sign_is_known(frequency_hz: float, clock_u_s: float | None) -> bool:
+    """False where times are known so badly that half a period more cannot be told from the other sign."""
+    return clock_u_s is None or SURELY * clock_u_s <= 0.25 / frequency_hz
+
+
 def fit_on_own_clock(
     t_s: FloatArray,
     values: FloatArray,
@@ -58,8 +67,12 @@ def fit_on_own_clock(
 
     `reference` is the displacement's amplitude in the rig's time. `clock_u_s` is the standard uncertainty of `t_s`
     on the rig's time axis; where it is not known the offset is the smallest one. Raises `DataError` when the record
-    cannot be fitted.
+    cannot be fitted, or its times are not known to a quarter of a period.
     """
+    if not sign_is_known(frequency_hz, clock_u_s):
+        raise DataError(
+            f"times known to {clock_u_s:g} s only tell no sign at {frequency_hz:g} Hz; drive it more slowly"
+        )
     basis, fit, rate, rate_u = _rate_of(t_s, values, frequency_hz, harmonics)
     w = 2.0 * math.pi * frequency_hz
     # From t' about its own zero to t' about the middle of its record.

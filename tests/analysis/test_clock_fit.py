@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rigctl.analysis.clock_fit import RATE_U, AlignedFit, fit_on_own_clock
+from rigctl.analysis.clock_fit import RATE_U, AlignedFit, fit_on_own_clock, sign_is_known
 from rigctl.core.errors import DataError
 
 HZ, REFERENCE = 0.6, -5.0j
@@ -82,3 +82,12 @@ def test_a_record_too_short_is_told() -> None:
     own_s = 0.01 * np.arange(100)
     with pytest.raises(DataError, match="shorter than one period"):
         fit_on_own_clock(own_s, np.sin(own_s), HZ, REFERENCE, 3)
+
+
+def test_times_known_too_badly_to_tell_the_sign_are_refused() -> None:
+    # A quarter of the period is 0.417 s.
+    assert sign_is_known(HZ, None)
+    assert sign_is_known(HZ, 0.138)
+    assert not sign_is_known(HZ, 0.14)
+    with pytest.raises(DataError, match=r"tell no sign at 0.6 Hz; drive it more slowly"):
+        fitted(clock_u_s=0.14)

@@ -13,6 +13,7 @@ from procedures.sensing_axis.bench import SetPoint
 from procedures.sensing_axis.wiring import channels
 from rigctl.campaign.recording import OWN_CLOCK, time_column
 from rigctl.core.arrays import FloatArray
+from rigctl.core.errors import LimitError
 from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
 
 HEADS = ("laser_1_mm", "laser_2_mm", "laser_3_mm")
@@ -80,3 +81,11 @@ def test_a_head_that_sees_little_is_as_uncertain_as_it_is(twin: Any) -> None:
         pulls.append((one.offset_s - other.offset_s) / math.hypot(one.offset_u_s, other.offset_u_s))
     # Chi-square of six at 1e-5.
     assert np.sum(np.square(pulls)) < 33.1
+
+
+def test_a_drive_too_fast_for_what_is_known_of_the_times_is_refused_before_anything_moves(twin: Any) -> None:
+    slow, fast = (SetPoint("X", "pendulum", 1, 0.4, frequency_hz, 0.5, 10.0, 100.0) for frequency_hz in (4.0, 4.5))
+    twin.bench.check(slow, lasers=True)
+    twin.bench.check(fast, lasers=False)
+    with pytest.raises(LimitError, match=r"lasers_a: its times are known to 0.02 s .start_u_s., which at 4.5 Hz"):
+        twin.bench.check(fast, lasers=True)
