@@ -174,7 +174,8 @@ class Candidate:
 
     `columns` (n, d), or those of several choices of which this is one, at `place`. `typical` (d,) are plausible
     sizes. `scanned` more parameters of the term are fixed by the choice, and fitted or placed once it is in a model.
-    `whole` where its columns by themselves mean nothing, only all of them: differences from one word.
+    `whole` gives what is spanned, (n, k), where columns by themselves mean nothing: of differences from one word, a
+    column for every word, which with the model's spans the same.
     """
 
     term: Term
@@ -184,7 +185,7 @@ class Candidate:
     typical: FloatArray
     place: int = 0
     scanned: int = 0
-    whole: bool = False
+    whole: Callable[[], FloatArray] | None = None
 
     @property
     def derivative(self) -> FloatArray:

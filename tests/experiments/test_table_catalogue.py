@@ -26,6 +26,7 @@ X = RNG.uniform(0.5, 10.0, ROWS)
 Z = RNG.uniform(-1.0, 1.0, ROWS)
 NOISE = RNG.standard_normal(ROWS)
 HEAD = np.where(RNG.random(ROWS) < 0.5, "A", "B")
+WAITS = RNG.uniform(0.0, 1.0, ROWS)
 
 
 def study(columns: Mapping[str, Any], baseline: str, **spec: Any) -> TableStudy:
@@ -303,3 +304,42 @@ def test_a_square_far_from_zero_is_fitted() -> None:
     year = np.linspace(1950.0, 2020.0, ROWS)
     bent = study({"y": 1e-3 * (year - 1980.0) ** 2 + 0.1 * NOISE, "year": year}, "b0 + b1 * year")
     assert "power2[year]" in named(diagnose(bent, ()))
+
+
+def ordered(zero: float, baseline: str) -> TableStudy:
+    """Readings along a clock that was set to `zero` at the first of them, which words go with."""
+    after = np.cumsum(1.0 + np.round(3.0 * WAITS, 3))
+    y = 2.0 * ("b0" in baseline) + 0.5 * X + 2e-5 * after * X + 0.05 * NOISE
+    columns = {"y": y, "x": X, "t_s": zero + after, "head": HEAD.tolist()}
+    return study(columns, baseline, order="t_s")
+
+
+@pytest.mark.parametrize("baseline", ["b0 + b1 * x", "b1 * x"])
+def test_what_is_found_does_not_depend_on_where_a_clock_was_set_to_zero(baseline: str) -> None:
+    here, later = (diagnose(ordered(zero, baseline), ()) for zero in (0.0, 5000.0))
+    assert here.verdict == later.verdict
+    assert named(here) == named(later)
+    ones, others = ({rank.term.effect: rank.p_value for rank in found.ranking} for found in (here, later))
+    assert ones.keys() == others.keys() >= {"drift", "power3[t_s]", "interaction[x,t_s]", "slope[t_s by head]"}
+    for effect, p_value in ones.items():
+        assert others[effect] == pytest.approx(p_value, rel=1e-6), effect
+    for kind in ("log", "sqrt", "inverse"):
+        assert here.not_testable[f"{kind}[t_s]"].startswith("t_s tells when, and its zero means nothing")
+        assert f"{kind}[x]" in ones
+
+
+def test_powers_of_a_clock_begin_with_the_first_reading_where_that_makes_a_difference() -> None:
+    table = ordered(5000.0, "b0 + b1 * x")
+    first = float(table.data.readings.columns["t_s"].distinct[0])
+    for terms, origin in ((["power2[t_s]"], first), (["drift", "power2[t_s]"], None)):
+        model = table.model([Term(effect) for effect in terms])
+        assert dict(model.terms[-1].choice).get("origin") == origin
+    # What is asked for by name is fitted: who asks knows what the zero is.
+    assert table.model([Term("log[t_s]")]).terms
+
+
+def test_time_stamps_have_no_zero_either() -> None:
+    stamps = [f"2024-05-{1 + number % 28:02d}T{number // 28:02d}:00:00Z" for number in range(ROWS)]
+    table = study({"y": X + NOISE, "x": X, "when": stamps}, "b0 + b1 * x")
+    _, refused = table.candidates(table.model([]), np.array([0.0, 1.0]))
+    assert {"log[when]", "sqrt[when]", "inverse[when]"} <= {each.effect for each in refused}

@@ -18,7 +18,7 @@ import re
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -41,9 +41,6 @@ DRAWN_SAME = 1e-4
 """Of p-values corrected for trials: the trials are counted on draws of noise in single precision."""
 
 SCANNED = ("periodic", "exponential", "step")
-SHAPES = ("level", "step", "periodic", "exponential", "turning", "drift")
-"""Of a column these do not ask where its zero is."""
-
 Json = dict[str, Any]
 
 
@@ -227,24 +224,22 @@ def _renumbered(said: Said, own: str, next_one: str) -> Said:
     )
 
 
-def of_shapes(said: Said) -> Said:
-    """What asks no zero of the time: sizes and p-values of the others do depend on it."""
+def from_zero(said: Said, zero: float) -> Said:
+    """Without what must depend on the `zero` that the clock t counts from: amplitudes and phases there, constants.
 
-    def asks_none(name: str) -> bool:
-        return "t" not in re.findall(r"\w+", name) or name.startswith(("step", "level"))
-
-    return Said(
-        said.verdict,
-        said.suggested,
-        said.adequacy,
-        {name: each for name, each in said.p_values.items() if asks_none(name) or name.startswith(SHAPES)},
-        {},
-        {
-            name: each
-            for name, each in said.sizes.items()
-            if name.startswith(tuple(said.suggested)) and asks_none(name)
-        },
-    )
+    Constants do where something goes with the time: they are values at its zero.
+    """
+    sizes = dict(said.sizes)
+    for name in said.sizes:
+        effect, _, parameter = name.partition("].")
+        if re.match(r"step\[t\b", name) and parameter == "at":
+            sizes[name] = (sizes[name][0] - zero, sizes[name][1])
+            continue
+        phase = re.match(r"(periodic|exponential)\[t\b", effect) and parameter not in ("period", "rate")
+        constant = "[" not in name and any(re.search(r"\bt\b|drift", each) for each in said.suggested)
+        if phase or constant:
+            del sizes[name]
+    return replace(said, sizes=sizes)
 
 
 def tried(seed: int, *, apart: bool = False) -> Json:
@@ -264,7 +259,9 @@ def tried(seed: int, *, apart: bool = False) -> Json:
         differed["stored"] = differences(said, stored(table))
         differed["numbered"] = numbered_two(table)
     if table.order:
-        differed["clock"] = differences(of_shapes(said), of_shapes(said_of(clock_shifted(table, random))))
+        shifted = clock_shifted(table, random)
+        zero = float(shifted.numbers["t"][0] - table.numbers["t"][0])
+        differed["clock"] = differences(from_zero(said, 0.0), from_zero(said_of(shifted), zero))
     return {
         "seed": seed,
         "hidden": table.hidden,

@@ -53,7 +53,12 @@ class Asked:
             return [group_candidate(effect, self._jacobian, self._left)]
         assert isinstance(effect, Form)
         # In this order: a form that is another one by name is not asked about further.
-        reason = has_another_name(effect, self._spanned) or self._shared(effect) or self._simpler(effect)
+        reason = (
+            effect.unasked()
+            or has_another_name(effect, self._spanned)
+            or self._shared(effect)
+            or self._simpler(effect)
+        )
         if reason:
             return NotTestable(base, reason)
         unit = self._data.readings.response.unit
@@ -98,4 +103,5 @@ class Asked:
         if not isinstance(form, Turning):
             return ""
         weigh, spanned, left = self._weighed
-        return "the square of the column alone shows the same" if is_a_square(form, spanned, left, weigh) else ""
+        square = is_a_square(form, spans_of(self._spanned), spanned, left, weigh)
+        return "the square of the column alone shows the same" if square else ""

@@ -104,7 +104,9 @@ def _within(readings: Readings, effects: Mapping[str, TableEffect], levels: Mapp
         # A number for each word: which of them the others are counted from has no part in it.
         (effect.basis(effect.choices(lambda _: False)[0]), isinstance(effect, Level | Slope))
         for effect in effects.values()
-        if isinstance(effect, Form) and not isinstance(effect, Scanned) and not why_not(effect, readings)
+        if isinstance(effect, Form)
+        and not isinstance(effect, Scanned)
+        and not (why_not(effect, readings) or effect.unasked())
     ]
     hidden = Hidden.of(asked, n)
     means = [np.bincount(cells, column) / count for column in hidden.columns.T]

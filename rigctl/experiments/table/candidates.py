@@ -53,8 +53,12 @@ def candidate_of(form: Form, term: Term, response_unit: str, spanned: Spanned, r
         columns,
         # The size that would make all of the residual: of a table's effects nobody knows another.
         _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
-        whole=isinstance(form, Level | Slope),
+        whole=_whole_of(form, term.choice, spanned) if isinstance(form, Level | Slope) else None,
     )
+
+
+def _whole_of(form: Level | Slope, choice: Choice, spanned: Spanned) -> Callable[[], FloatArray]:
+    return lambda: _without_trivial(form, form.parts(form.of_each_word(choice)), spanned)
 
 
 @dataclass(frozen=True)
@@ -147,7 +151,7 @@ def group_candidate(group: Group, slopes: FloatArray, residual: FloatArray) -> C
         group.units(""),
         derivative,
         _rms(residual) / np.maximum(_rms(derivative), np.finfo(np.float64).tiny),
-        whole=True,
+        whole=partial(group.of_each_word, slopes),
     )
 
 
@@ -164,14 +168,17 @@ def has_another_name(form: Form, spanned: Spanned) -> str:
     return f"the model has a curvature in {column} already" if spanned.holds(bend[:, None]) else ""
 
 
-def is_a_square(turning: Turning, spanned: FloatArray, white_residual: FloatArray, white: Whitener) -> bool:
-    """Whether a turning point is all but the square of the column, p C**2, which is said more simply.
+def is_a_square(
+    turning: Turning, spans: Spans, spanned: FloatArray, white_residual: FloatArray, white: Whitener
+) -> bool:
+    """Whether a turning point is all but the square of the column, `power2[C]`, which is said more simply.
 
-    `spanned` (n, rank) is a basis of what a model's whitened derivatives span.
+    `spans` asks a model; `spanned` (n, rank) is a basis of what its whitened derivatives span.
     """
-    column = turning.column.values
+    square = Power(turning.column, 2)
     whole = _explained(white(turning.basis(_only_choice(turning))), spanned, white_residual)
-    return _explained(white(column[:, None] ** 2), spanned, white_residual) >= _ALL_BUT_LITTLE * whole
+    alone = _explained(white(square.basis(square.choices(spans)[0])), spanned, white_residual)
+    return alone >= _ALL_BUT_LITTLE * whole
 
 
 def spans_of(spanned: Spanned) -> Spans:

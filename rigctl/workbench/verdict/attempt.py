@@ -333,7 +333,11 @@ def _estimator(fitted: FittedModel, asked: Callable[[], Sequence[Candidate]], ge
     def few() -> Hidden:
         candidates = asked()
         counts = Counter(candidate.term.effect for candidate in candidates)
-        named = [(each.derivative, each.whole) for each in candidates if counts[each.term.effect] <= _SCANNED]
+        named = [
+            (each.whole() if each.whole else each.derivative, each.whole is not None)
+            for each in candidates
+            if counts[each.term.effect] <= _SCANNED
+        ]
         return Hidden.of(named, len(given.value))
 
     def possible(where: IntArray) -> list[Hidden]:

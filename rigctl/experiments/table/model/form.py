@@ -46,6 +46,10 @@ class TableEffect(ABC):
         """Why these readings cannot be asked; "" when they can."""
         return ""
 
+    def unasked(self) -> str:
+        """Why readings that could be are not asked about it unless it is named; "" when they are."""
+        return ""
+
     def names(self, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Of the linear parameters, without the effect's id: "" for one that is named like the effect, ".cos"."""
         del choice

@@ -21,7 +21,10 @@ _POWERS = {
 
 @dataclass(frozen=True)
 class Power(Form):
-    """p C**k; for k = 1 `linear[C]`."""
+    """p C**k; for k = 1 `linear[C]`.
+
+    A clock has no zero of its own; its powers are counted from the first reading, where that makes a difference.
+    """
 
     column: Column
     exponent: int
@@ -56,16 +59,20 @@ class Power(Form):
         del choice
         return (ratio(response, power(self.column.unit, self.exponent)),)
 
+    def choices(self, spans: Spans) -> list[Choice]:
+        """As in the column; of a clock since the first reading, unless the model has all lower powers."""
+        if not self.column.clock or all(map(spans, self.trivial())):
+            return [PLAIN]
+        return [{"origin": float(self.column.distinct[0])}]
+
     def basis(self, choice: Choice) -> FloatArray:
-        """C**k as in the column."""
-        del choice
-        return np.asarray(self.column.values**self.exponent)[:, None]
+        """(C - origin)**k, the origin zero where the choice has none."""
+        return np.asarray((self.column.values - choice.get("origin", 0.0)) ** self.exponent)[:, None]
 
     def parts(self, choice: Choice) -> list[FloatArray]:
         """By powers of the distance from the column's mean, so that nothing cancels."""
-        del choice
-        centre = self.column.mean
-        away = (self.column.values - centre)[:, None]
+        centre = self.column.mean - choice.get("origin", 0.0)
+        away = (self.column.values - self.column.mean)[:, None]
         k = self.exponent
         return [math.comb(k, j) * centre ** (k - j) * away**j for j in range(k + 1)]
 
@@ -169,8 +176,12 @@ class Drift(Form):
         """Response over the column's."""
         return self._line.units(response, choice)
 
+    def choices(self, spans: Spans) -> list[Choice]:
+        """As in the column, or since the first reading."""
+        return self._line.choices(spans)
+
     def basis(self, choice: Choice) -> FloatArray:
-        """C as in the column."""
+        """C as in the column, or since the first reading."""
         return self._line.basis(choice)
 
     def parts(self, choice: Choice) -> list[FloatArray]:
@@ -221,9 +232,14 @@ class Interaction(Form):
         return (ratio(response, f"({both})" if both else ""),)
 
     def choices(self, spans: Spans) -> list[Choice]:
-        """As in the columns; from their means, where neither column alone may show anything."""
-        del spans
-        return [{}, {"origin_1": self.one.mean, "origin_2": self.other.mean}]
+        """As in the columns, clocks since the first reading; from their means, where neither column alone may show
+        anything.
+        """
+        clocks = {name: each for name, each in (("origin_1", self.one), ("origin_2", self.other)) if each.clock}
+        if all(map(spans, self.trivial())):
+            clocks = {}
+        plain = {name: float(column.distinct[0]) for name, column in clocks.items()}
+        return [plain, {"origin_1": self.one.mean, "origin_2": self.other.mean}]
 
     def basis(self, choice: Choice) -> FloatArray:
         """Shape (n, 1)."""

@@ -68,6 +68,12 @@ class Function(Form):
             return f"{self.column.name} is {kind.reason} in {undefined} readings"
         return too_few(self.column, 2) if self.column.distinct.size < 2 else ""
 
+    def unasked(self) -> str:
+        """That a clock's zero means nothing, or ""."""
+        name = self.column.name
+        reason = f"{name} tells when, and its zero means nothing; where it does, add a copy of {name} by another name"
+        return reason if self.column.clock else ""
+
     def units(self, response: str, choice: Choice = PLAIN) -> tuple[str, ...]:
         """Response over the function's."""
         del choice

@@ -58,6 +58,10 @@ class Level(Form):
         del choice
         return self.choices(spans)[0]
 
+    def of_each_word(self, choice: Choice) -> Choice:
+        """The choice in which every word has a number of its own."""
+        return {**choice, _EACH: 1.0}
+
     def basis(self, choice: Choice) -> FloatArray:
         """1 where a reading is of the level, shape (n, levels - 1) or (n, levels)."""
         return _of_words(self.category, choice)
@@ -71,8 +75,8 @@ class Level(Form):
 class Slope(Form):
     """A slope of C for each word of W but the first, which it is counted from: `slope[C by W]`.
 
-    Where the model has no slope of C that the first could be, it has one of its own. It turns about C = 0 or about
-    the mean of C, whichever shows more where the model has no levels of W.
+    Where the model has no slope of C that the first could be, it has one of its own. Where the model has no levels of
+    W it turns about C = 0 (of a clock: the first reading) or about the mean of C, whichever shows more.
     """
 
     column: Column
@@ -122,8 +126,14 @@ class Slope(Form):
     def settled(self, choice: Choice, spans: Spans) -> Choice:
         """By what the model has now: terms come and go beside it."""
         origin = {name: value for name, value in choice.items() if name != _EACH}
+        if self.column.clock and not origin and not all(map(spans, self.trivial())):
+            origin = {"origin": float(self.column.distinct[0])}
         whole = self.column.values - origin.get("origin", 0.0)
         return origin if spans(whole) else {**origin, _EACH: 1.0}
+
+    def of_each_word(self, choice: Choice) -> Choice:
+        """The choice in which every word has a number of its own."""
+        return {**choice, _EACH: 1.0}
 
     def basis(self, choice: Choice) -> FloatArray:
         """C where a reading is of the word, shape (n, words - 1) or (n, words)."""
@@ -176,6 +186,10 @@ class Group(TableEffect):
         """The baseline's are not known: ""."""
         del response
         return ("",) * len(self.names(choice))
+
+    def of_each_word(self, slopes: FloatArray) -> FloatArray:
+        """The same for every word, shape (n, words)."""
+        return slopes[:, [self.place]] * _of_words(self.category, {_EACH: 1.0})
 
     def derivative(self, slopes: FloatArray) -> FloatArray:
         """Where the baseline has the derivatives `slopes` (n, m), shape (n, words - 1)."""

@@ -29,11 +29,15 @@ STRETCHES_MAX = 6
 
 @dataclass(frozen=True)
 class Column:
-    """A column of numbers, shape (n,); NaN where a value is missing."""
+    """A column of numbers, shape (n,); NaN where a value is missing.
+
+    Where a `clock` was set to zero means nothing: it is the column that orders the readings, or one of time stamps.
+    """
 
     name: str
     values: FloatArray
     unit: str
+    clock: bool = False
 
     @cached_property
     def distinct(self) -> FloatArray:
@@ -184,7 +188,12 @@ def read(source: RunSource) -> Readings:
     if rows.size == 0:
         raise DataError("readings.csv: no row has a response and all that the baseline needs; fill in the gaps")
     columns = {
-        name: Column(name, values[rows].astype(np.float64), "s" if name in stamps else _unit(header, name))
+        name: Column(
+            name,
+            values[rows].astype(np.float64),
+            "s" if name in stamps else _unit(header, name),
+            clock=name in stamps or name == spec.order,
+        )
         for name, values in samples.items()
     }
     response = columns.pop(spec.response)
