@@ -61,7 +61,9 @@ def _rewired(work: Path, instruments: list[dict[str, Any]], wires: RecordedWires
             continue
         if instrument["transport"] == "serial":
             device = str(instrument["device"])
-            text = re.sub(rf"{device}\b", wires.serial(str(instrument["name"]), device), text)
+            text = re.sub(
+                rf"{device}\b", wires.serial(str(instrument["name"]), device, int(instrument["baud"])), text
+            )
         else:
             port = int(instrument["port"])
             text = re.sub(rf"\b{port}\b", str(wires.tcp(str(instrument["name"]), port)), text)

@@ -6,6 +6,7 @@ import os
 import pty
 import selectors
 import socket
+import termios
 import threading
 import time
 import tty
@@ -62,12 +63,15 @@ class RecordedWires:
         self._selector.register(listener, selectors.EVENT_READ, partial(self._accept, instrument, port, listener))
         return int(listener.getsockname()[1])
 
-    def serial(self, instrument: str, device: str) -> str:
-        """A pseudo-terminal that leads to the one at `device`."""
+    def serial(self, instrument: str, device: str, baud: int) -> str:
+        """A pseudo-terminal that leads to the one at `device`, which is served at `baud`."""
         served = os.open(device, os.O_RDWR | os.O_NOCTTY)
         ours, theirs = pty.openpty()
         for descriptor in (served, theirs):
             tty.setraw(descriptor)
+        modes = termios.tcgetattr(served)
+        modes[4] = modes[5] = getattr(termios, f"B{baud}")
+        termios.tcsetattr(served, termios.TCSANOW, modes)
         self._descriptors |= {served, ours, theirs}
         self._watch(ours, partial(self._pass_on, instrument, ours, partial(os.write, served)))
         self._watch(served, partial(self._pass_on, "", served, partial(os.write, ours)))
