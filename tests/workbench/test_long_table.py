@@ -12,6 +12,7 @@ from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
+from rigctl.workbench.verdict.significance import p_of_scored
 
 ROWS = 500
 
@@ -111,3 +112,22 @@ def test_permutations_of_long_columns_are_those_of_short_ones(monkeypatch: pytes
     monkeypatch.setattr("rigctl.workbench.verdict.permuted.LARGE", 299)
     monkeypatch.setattr("rigctl.workbench.verdict.permuted._AT_ONCE", 300 * 64)
     assert Permuted(left, 0).p_of_share(frame, frame[:, :1]) == kept
+
+
+def test_every_piece_of_permutations_is_asked_about_scans(monkeypatch: pytest.MonkeyPatch) -> None:
+    y, columns = readings(3)
+    y += 0.2 * np.cos(columns["z"] / 0.3) + 0.15 * np.random.default_rng(6).standard_t(2.5, ROWS)
+    whole = _p_of_period(table(y, **columns))
+    monkeypatch.setattr("rigctl.workbench.verdict.permuted.LARGE", ROWS - 1)
+    monkeypatch.setattr("rigctl.workbench.verdict.permuted._AT_ONCE", ROWS * 300)
+    # The same orders, in seven pieces; single precision of products tells the rest.
+    assert _p_of_period(table(y, **columns)) == pytest.approx(whole, rel=1e-2)
+
+
+def _p_of_period(study: TableStudy) -> float:
+    attempt = Attempt(study, ())
+    scored = attempt.scored_effect("periodic[z]")
+    assert scored is not None
+    p_value = p_of_scored(attempt, scored)
+    assert p_value > scored.score.p_value
+    return p_value

@@ -67,9 +67,12 @@ def _permuted_p_of_scored(attempt: Attempt, scored: Scored) -> float:
         return 0.0
     name = family_of(attempt.study, scored.candidate.term.effect)
     family = attempt.family(name)
-    found = permuted.probability(
-        name, lambda draws: smallest_of(family, draws, permuted), score.statistic, score.dimension
-    )
+
+    def smallest(draws: NDArray[np.float32]) -> FloatArray:
+        # Under a new name each time: permutations of long columns come in pieces.
+        return smallest_of(family, draws, object())
+
+    found = permuted.probability(name, smallest, score.statistic, score.dimension)
     return single(found, attempt.trials.within[name])
 
 
