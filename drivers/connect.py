@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 from urllib.parse import parse_qsl
 
 from drivers.buffered import WALL_FLOOR_S
@@ -41,18 +41,29 @@ class SerialConnect:
         """One connection."""
         return SerialTransport(self.device, self.clock, self.line, address=self.address, floor_s=self.floor_s)
 
+    def ways(self, settings: Sequence[SerialSettings]) -> list[tuple[str, Connect]]:
+        """These settings, but for what the address says."""
+        ways: dict[SerialSettings, tuple[str, Connect]] = {}
+        for line in settings:
+            # What the address says wins over what the instrument may be set to.
+            fixed = {option: getattr(self.line, option) for option in self.said}
+            tried = replace(line, **fixed)
+            ways[tried] = (f"{tried.baud} baud", replace(self, line=tried))
+        return list(ways.values())
+
+
+@runtime_checkable
+class HasWays(Protocol):
+    """What opens connections to a serial line, or stands for it: a log of one, for example."""
+
+    def ways(self, settings: Sequence[SerialSettings]) -> list[tuple[str, Connect]]:
+        """The connections to try, with words for them."""
+        ...
+
 
 def serial_ways(connect: Connect, lines: Sequence[SerialSettings]) -> list[tuple[str, Connect]]:
     """The connections to try, with words for them: of a serial line these settings, but for what its address says."""
-    if not isinstance(connect, SerialConnect):
-        return [("", connect)]
-    ways: dict[SerialSettings, tuple[str, Connect]] = {}
-    for line in lines:
-        # What the address says wins over what the instrument may be set to.
-        fixed = {option: getattr(connect.line, option) for option in connect.said}
-        tried = replace(line, **fixed)
-        ways[tried] = (f"{tried.baud} baud", replace(connect, line=tried))
-    return list(ways.values())
+    return connect.ways(lines) if isinstance(connect, HasWays) else [("", connect)]
 
 
 def connector(

@@ -145,6 +145,8 @@ def lost(address: str, why: str) -> LinkLost:
 def timed_out(address: str, wanted: str, timeout_s: float, received: bytes) -> LinkTimeout:
     """The one wording of a time-out: what was awaited, how long, what came instead."""
     came = f"only {received[:60]!r} came" if received else "nothing came"
-    return LinkTimeout(
+    error = LinkTimeout(
         f"{address}: waited {timeout_s:g} s for {wanted}, {came}; check power, cable, address and settings"
     )
+    error.received = received
+    return error

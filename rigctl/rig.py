@@ -26,6 +26,7 @@ from rigctl.core.interfaces import Identity, Instrument, Stage
 from rigctl.core.making_safe import bring_to_rest, let_go, require_rest
 from rigctl.files.rig_file import InstrumentTable, RigFile, read_rig
 from rigctl.files.toml_files import explain, validated
+from rigctl.wire_logs import WireLogs
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.declaration import SimulatorDeclaration, Spec
 from simulators.rig import LockedInstrument, SimulatedRig, TableError
@@ -56,6 +57,7 @@ class Rig:
         self._reachable = reachable
         drivers = drivers_of(file)
         self.simulation, self.clock = _simulate(file, seed, start_s) if reachable else (None, RealClock())
+        self.wire_logs = WireLogs(file, self.clock)
         self.instruments: dict[str, Instrument] = {
             name: driver.build(name, driver.settings, self._connect(name, driver.declaration), self.clock)
             for name, driver in drivers.items()
@@ -73,8 +75,10 @@ class Rig:
         return cls(read_rig(Path(path)), seed=seed)
 
     def __enter__(self) -> Rig:
+        # Before anything is connected, by a stop for example.
+        self.wire_logs.prepare("in charge")
         try:
-            self.open()
+            self._open_all()
             # Asked before the stop: afterwards nobody can tell.
             self.found_moving = self.moving()
             self.stop()
@@ -103,6 +107,10 @@ class Rig:
 
         A `stop` in another thread ends it: no further instrument is connected to.
         """
+        self.wire_logs.prepare("asked")
+        self._open_all()
+
+    def _open_all(self) -> None:
         stops = self._stops
         failures: list[RigError] = []
         for instrument in self.instruments.values():
@@ -164,12 +172,14 @@ class Rig:
             return self._ground_segment(name, table)
         if not table.simulated:
             try:
-                return connector(table.address, self.clock)
+                return self.wire_logs.logged(name, connector(table.address, self.clock))
             except ConfigError as error:
                 raise ConfigError(f"{self.file.path}: instruments.{name}.address: {error}") from None
         simulation = self._simulated(name)
         endpoint = LockedInstrument(simulation.instruments[name], simulation.clock)
-        return lambda: InProcessTransport(f"{name} (simulated)", endpoint, simulation.clock)
+        return self.wire_logs.logged(
+            name, lambda: InProcessTransport(f"{name} (simulated)", endpoint, simulation.clock)
+        )
 
     def _nowhere(self) -> NoReturn:
         raise LinkLost(f"{self.file.path}: this rig is only asked for its limits")

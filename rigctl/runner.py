@@ -36,12 +36,16 @@ VERSIONED = ("rigctl", "numpy", "scipy", "pydantic")
 
 @dataclass(frozen=True)
 class Options:
-    """How a campaign is run, beyond its files; `plugins` are files with effects of one's own."""
+    """How a campaign is run, beyond its files; `plugins` are files with effects of one's own.
+
+    `wire_log` is the directory to log the instruments' wires to, in place of the rig file's.
+    """
 
     unattended: bool = False
     seed: int | None = None
     display: Display | None = None
     plugins: tuple[Path, ...] = ()
+    wire_log: Path | None = None
 
 
 def start(campaign: CampaignFile, rig_file: RigFile, store_path: Path, options: Options) -> None:
@@ -49,7 +53,7 @@ def start(campaign: CampaignFile, rig_file: RigFile, store_path: Path, options: 
     plugins = [load(path) for path in options.plugins]
     plan = _plan(campaign, None, plugins)
     # Made and planned for before the store exists: a plan that the rig refuses leaves nothing behind.
-    rig = Rig(rig_file, seed=options.seed)
+    rig = Rig(rig_file.with_wire_log(options.wire_log), seed=options.seed)
     work = _work(plan, rig, campaign)
     if store_path.exists():
         raise DataError(f"{store_path} exists already; `rigctl resume` it, or choose another --store")
@@ -86,7 +90,7 @@ def extend(store_path: Path, campaign: CampaignFile, options: Options) -> None:
         plugins = _loaded_for(store, options.plugins, {})
         part = next_part(store, campaign.path, campaign.text, mounted, _brought(campaign, plugins))
         plan = _plan(campaign, part, plugins)
-        with _reopened(store, plan, campaign, part) as (rig, work, control, began_s):
+        with _reopened(store, plan, campaign, part, options) as (rig, work, control, began_s):
             # Only with the rig in our hands: a further campaign that could not begin must not be kept as begun.
             begin_part(store, part, began_s)
             _carry_out(store, rig, work, control, options, part)
@@ -101,20 +105,20 @@ def resume(store_path: Path, options: Options) -> None:
         campaign = parse_campaign(part.toml, store_path)
         # Also the plug-ins the campaign was begun with: without them its model is another.
         plan = _plan(campaign, part, _loaded_for(store, options.plugins, part.plugins))
-        with _reopened(store, plan, campaign, part) as (rig, work, control, _):
+        with _reopened(store, plan, campaign, part, options) as (rig, work, control, _):
             store.add_event("resumed", {"after": store.status().get("state", "")}, rig_time.latest_s(store))
             _carry_out(store, rig, work, control, options, part)
 
 
 @contextmanager
 def _reopened(
-    store: Store, plan: Plan, campaign: CampaignFile, part: Part
+    store: Store, plan: Plan, campaign: CampaignFile, part: Part, options: Options
 ) -> Iterator[tuple[Rig, Work, Control, float]]:
     """The rig a store was made with, and the rig time before it was connected, which takes time.
 
     A plan it cannot carry out is refused before anything is connected.
     """
-    file = rig_file_of(store, with_world=True)
+    file = rig_file_of(store, with_world=True).with_wire_log(options.wire_log)
     start_s = rig_time.start_s(store, part.number, virtual=file.rig.clock == "virtual")
     rig = Rig(file, seed=store.header.seed, start_s=start_s)
     work = _work(plan, rig, campaign)
@@ -184,6 +188,8 @@ def _carry_out(store: Store, rig: Rig, work: Work, control: Control, options: Op
     session = Session(store, rig.clock, _operator(store, rig, control, options), control, progress, part.number)
     # First of all on stable storage: a process that is killed from here on is seen as interrupted.
     progress.state("running")
+    if logs := rig.wire_logs.files:
+        session.event("wire-logs", files={name: str(path.absolute()) for name, path in logs.items()})
     if rig.found_moving:
         session.event("found-moving", instruments=list(rig.found_moving), done="stopped before anything else")
     try:

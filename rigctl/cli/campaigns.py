@@ -11,7 +11,7 @@ from rigctl import results, runner
 from rigctl.campaign.session import requests
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
-from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell
+from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, WireLog, print_json, say, tell
 from rigctl.cli.steering import ask
 from rigctl.core.errors import ConfigError, DataError, ProcedureError, RigError
 from rigctl.files.campaign_file import read_campaign
@@ -30,6 +30,7 @@ def run(
     yes: Annotated[bool, typer.Option("--yes", help="The simulated operator answers.")] = False,
     dry: Annotated[bool, typer.Option("--dry-run", help="Check and tell what would be done.")] = False,
     plugin: Plugins = None,
+    wire_log: WireLog = None,
     as_json: Json = False,
 ) -> None:
     """Run a campaign from start to result."""
@@ -51,7 +52,7 @@ def run(
                 say(f"{key}: {', '.join(map(str, value)) if isinstance(value, list) else value}")
         return
     with ProgressBar() as bar:
-        options = runner.Options(unattended=yes, seed=seed, display=bar, plugins=plugins)
+        options = runner.Options(unattended=yes, seed=seed, display=bar, plugins=plugins, wire_log=wire_log)
         if extended:
             runner.extend(path, campaign_file, options)
         else:
@@ -64,6 +65,7 @@ def resume(
     store: StoreFile,
     yes: Annotated[bool, typer.Option("--yes", help="The simulated operator answers.")] = False,
     plugin: Plugins = None,
+    wire_log: WireLog = None,
     as_json: Json = False,
 ) -> None:
     """Go on with a paused or an interrupted campaign."""
@@ -79,7 +81,7 @@ def resume(
         unattended = yes or bool(opened.header.extra.get("unattended"))
     plugins = tuple(plugin or ())
     with ProgressBar() as bar:
-        runner.resume(store, runner.Options(unattended=unattended, display=bar, plugins=plugins))
+        runner.resume(store, runner.Options(unattended=unattended, display=bar, plugins=plugins, wire_log=wire_log))
     _show_outcome(store, plugins, as_json=as_json)
 
 

@@ -26,6 +26,7 @@ MODULES = {
     "exchange": ("import", "export"),
     "simulate": ("simulate",),
     "instruments": ("check", "stop", "home", "move"),
+    "wire": ("wire", "replay"),
     "console": ("console",),
 }
 """Commands by the module of this package whose Typer application `app` has them, in the order of the help."""
@@ -81,7 +82,7 @@ def _of_the_work(statement: ast.stmt) -> bool:
     """Whether it imports what commands work with: all of this program but what declares arguments and options."""
     return (
         isinstance(statement, ast.ImportFrom)
-        and str(statement.module).split(".")[0] == "rigctl"
+        and str(statement.module).split(".")[0] in ("rigctl", "drivers")
         and (statement.module != io.__name__)
     )
 

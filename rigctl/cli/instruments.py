@@ -12,7 +12,7 @@ import typer
 
 from rigctl.campaign.session.holders import Used, told_to_leave
 from rigctl.charge import in_charge
-from rigctl.cli.io import Json, RigToml, number, print_json, print_outcome, say, tell
+from rigctl.cli.io import Json, RigToml, WireLog, number, print_json, print_outcome, say, tell
 from rigctl.core.errors import ConfigError
 from rigctl.core.making_safe import bring_to_rest, let_go
 from rigctl.files.rig_file import read_rig
@@ -22,9 +22,9 @@ app = typer.Typer()
 
 
 @app.command()
-def check(rig: RigToml, as_json: Json = False) -> None:
+def check(rig: RigToml, wire_log: WireLog = None, as_json: Json = False) -> None:
     """Connect to every instrument and ask who it is; moves nothing."""
-    opened = Rig(read_rig(rig))
+    opened = Rig(read_rig(rig).with_wire_log(wire_log))
     opened.open()
     try:
         identities = {name: asdict(identity) for name, identity in opened.identities().items()}
@@ -32,7 +32,8 @@ def check(rig: RigToml, as_json: Json = False) -> None:
     finally:
         opened.close()
     if as_json:
-        print_json({"instruments": identities, "moving": list(moving)})
+        logs = {name: str(path) for name, path in opened.wire_logs.files.items()}
+        print_json({"instruments": identities, "moving": list(moving), "wire_logs": logs})
     else:
         for name, identity in identities.items():
             moves = ", MOVES now" if name in moving else ""
@@ -65,10 +66,11 @@ def stop(rig: RigToml, as_json: Json = False) -> None:
 def home(
     rig: RigToml,
     name: Annotated[str | None, typer.Argument(metavar="NAME")] = None,
+    wire_log: WireLog = None,
     as_json: Json = False,
 ) -> None:
     """Home a stage, or all of them."""
-    with _stages(rig) as stages:
+    with _stages(rig, wire_log) as stages:
         chosen = [_stage(stages, name, rig)] if name else list(stages.values())
         for stage in chosen:
             stage.home()
@@ -84,10 +86,11 @@ def move(
     value: Annotated[
         float, typer.Argument(metavar="VALUE", parser=number, help="deg for a rotation stage, mm for a linear one")
     ],
+    wire_log: WireLog = None,
     as_json: Json = False,
 ) -> None:
     """Move a stage to a position (homing it first if needed)."""
-    with _stages(rig) as stages:
+    with _stages(rig, wire_log) as stages:
         stage = _stage(stages, name, rig)
         # Does only what is still to be done; a stage that is homed does not move here.
         stage.home()
@@ -98,9 +101,9 @@ def move(
 
 
 @contextmanager
-def _stages(path: Path) -> Iterator[dict[str, Any]]:
+def _stages(path: Path, wire_log: Path | None) -> Iterator[dict[str, Any]]:
     """The stages of a rig, in our hands; what ends the command stops them."""
-    rig = Rig(read_rig(path))
+    rig = Rig(read_rig(path).with_wire_log(wire_log))
     with in_charge(rig):
         if rig.found_moving:
             tell(f"{', '.join(rig.found_moving)}: moved already, was stopped first")

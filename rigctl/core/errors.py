@@ -56,7 +56,9 @@ class LinkError(RigError):
 
 
 class LinkTimeout(LinkError):
-    """Nothing, or not all, came back in time."""
+    """Nothing, or not all, came back in time; `received` came, and stays for the next read."""
+
+    received = b""
 
 
 class LinkLost(LinkError):

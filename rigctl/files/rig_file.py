@@ -30,6 +30,7 @@ class RigTable(Table):
     name: str
     clock: Literal["virtual", "real"] = "virtual"
     clock_speed: Annotated[float, Field(gt=0)] = 1.0
+    wire_log: str = ""
 
 
 class OperatorTable(Table):
@@ -100,6 +101,12 @@ class RigFile(Table):
         # Of the text, not of its values: the text is what is kept beside the store.
         text = only_tables(self.text, "world")
         return hashlib.sha256(text.encode()).hexdigest() if text else None
+
+    def with_wire_log(self, directory: Path | None) -> RigFile:
+        """The same rig with its wires logged to `directory`; as it is for None."""
+        if directory is None:
+            return self
+        return self.model_copy(update={"rig": self.rig.model_copy(update={"wire_log": str(directory)})})
 
     @property
     def heads(self) -> dict[str, HeadSettings]:
