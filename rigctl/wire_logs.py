@@ -52,7 +52,7 @@ class WireLogs:
         self._loggers[name] = WireLogger(self._directory, header, self._clock, secrets_of(table.settings))
         return LoggedConnect(connect, self._loggers[name])
 
-    def prepare(self, opening: Literal["asked", "in charge"]) -> None:
+    def prepare(self, opening: Literal["asked", "in charge", ""]) -> None:
         """Make the directory; `ConfigError` where it cannot be written, or two instruments would share a file."""
         if not self._loggers:
             return

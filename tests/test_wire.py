@@ -258,11 +258,29 @@ def test_what_cannot_be_is_told_in_a_line_before_anything_is_connected(desk: Any
     desk.rigctl("wire", "rig.toml").refused(2, "rig.toml: line 1", "name a file that rigctl wrote as a wire log")
 
 
+def test_a_stop_needs_no_log(desk: Any) -> None:
+    (desk.directory / "file").write_text("")
+    desk.rig(("[rig]\n", '[rig]\nwire_log = "file"\n'))
+    stopped = desk.rigctl("stop", "rig.toml", "--json")
+    assert stopped.json["not_confirmed"] == []
+    assert all("the wire log ends here" in line for line in stopped.err.splitlines())
+
+
 def test_a_log_of_another_instrument_is_refused(desk: Any) -> None:
     told = desk.rigctl("check", "rig.toml", "--wire-log", "logs", "--json").json["wire_logs"]
     replay = functools.partial(desk.rigctl, "replay", told["rotation"], "--rig", "rig.toml", "--instrument")
     replay("stage").refused(2, "instruments.stage.driver is aerotech-ensemble", "of a newport-xps")
     replay("nobody").refused(2, "no instrument 'nobody'", "rotation, stage")
+
+
+def test_a_replay_ends_where_the_ring_has_written_over(measured: Measured, tmp_path: Path) -> None:
+    file = measured.logs["thermometer"].read_bytes().splitlines(keepends=True)
+    log = tmp_path / "gap.wire"
+    log.write_bytes(b"".join([*file[:30], *file[40:]]))
+    with pytest.raises(
+        DataError, match=r"after record 29: .*expected nothing more, 10 lines with \d+ bytes are missing"
+    ):
+        repeat(measured, "thermometer", log)
 
 
 def log_of(*records: tuple[str, bytes], first: int = 1) -> WireLog:

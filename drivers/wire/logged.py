@@ -45,7 +45,7 @@ class WireLogger:
         self._file: RingFile | None = None
         self._failed = False
         self._number = self._total = self._connections = 0
-        self._held: dict[int, bytes] = {}
+        self._held: dict[int, list[tuple[str, bytes]]] = {}
 
     def connection(self) -> int:
         """The number of one more connection."""
@@ -66,7 +66,7 @@ class WireLogger:
         if self._masking.aware:
             # An instrument may repeat a secret, which a read may cut in two: kept until the next question.
             with self._lock:
-                self._held[connection] = self._held.get(connection, b"") + data
+                self._held.setdefault(connection, []).append((kind, data))
         else:
             self._write(connection, kind, data, data)
 
@@ -74,19 +74,24 @@ class WireLogger:
         """Anything but bytes, in words."""
         with self._lock:
             self._release(connection)
-            self._write(connection, kind, text.encode(), self._masking.text(text).encode())
+            self._write(connection, kind, text.encode(), self._masking.quoted(text.encode()))
 
     def failed(self, connection: int, kind: str, error: LinkError) -> None:
         """An exchange that failed, and what had come by then."""
         with self._lock:
             self._release(connection)
             if isinstance(error, LinkTimeout) and error.received:
-                self._write(connection, lines.PENDING, error.received, self._masking.plain(error.received))
+                self._write(connection, lines.PENDING, error.received, self._masking.quoted(error.received))
             self.happened(connection, kind, f"{type(error).__name__} {one_line(str(error))}")
 
     def _release(self, connection: int) -> None:
-        if data := self._held.pop(connection, b""):
-            self._write(connection, lines.READ, data, self._masking.plain(data))
+        if not (held := self._held.pop(connection, None)):
+            return
+        whole = b"".join(data for _, data in held)
+        masked = self._masking.quoted(whole)
+        # Where nothing is masked the pieces stay as they were read.
+        for kind, data in [(held[0][0], whole)] if masked != whole else held:
+            self._write(connection, kind, data, masked if masked != whole else data)
 
     def _write(self, connection: int, kind: str, data: bytes, masked: bytes) -> None:
         at_s = self._clock.now_s()

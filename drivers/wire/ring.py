@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import weakref
 from pathlib import Path
 
 
@@ -18,6 +19,8 @@ class RingFile:
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._head, self._ring = head_bytes, ring_bytes
         self._position = 0
+        self.close = weakref.finalize(self, os.close, self._file)
+        """No more lines; done by itself when nobody has it any more."""
 
     def append(self, line: bytes) -> None:
         """The next line; `OSError` when the system does not take it."""
@@ -28,10 +31,6 @@ class RingFile:
         if len(line) > room:
             # Its beginning first: a line is whole when its end is there.
             os.pwrite(self._file, line[room:], self._head)
-
-    def close(self) -> None:
-        """No more lines."""
-        os.close(self._file)
 
     def _place(self, position: int) -> int:
         return position if position < self._head else self._head + (position - self._head) % self._ring

@@ -92,7 +92,9 @@ def open_bench(path: Path, post: Callable[[Message], object]) -> LiveBench:
     # Held before anything is made of it: two consoles cannot both get this far.
     held.enter_context(rig_of_ones_own(file))
     try:
-        return LiveBench(Rig(file), held, post)
+        rig = Rig(file)
+        rig.wire_logs.prepare("")
+        return LiveBench(rig, held, post)
     except BaseException:
         held.close()
         raise

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from drivers.wire.reading import read_wire_log
+from rigctl.core.errors import DataError, LinkLost, RigError
 from rigctl.files.rig_file import read_rig
 from rigctl.replay import follow, replayed
 
@@ -30,3 +32,19 @@ def test_a_move_of_an_xps_to_its_end() -> None:
         assert stage.angle().value == pytest.approx(5.0, abs=1e-3)
         stage.stop()
     assert each.replay.replayed == len(read_wire_log(log).records)
+
+
+@pytest.mark.parametrize("end", [None, LinkLost("what was made of it")])
+def test_what_was_done_differently_is_told_whatever_is_made_of_it(end: RigError | None) -> None:
+    (log,) = [log for log in LOGS if log.stem == "xps-move"]
+
+    def work() -> None:
+        with replayed(log, read_rig(log.with_suffix(".toml"))) as each:
+            each.instrument.open()
+            with suppress(RigError):
+                each.instrument.move_to(7.0)
+            if end is not None:
+                raise end
+
+    with pytest.raises(DataError, match=r"record 5 .*expected b'GroupStatusGet.*; b'PositionerUser.* was sent"):
+        work()

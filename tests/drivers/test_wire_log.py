@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from drivers.connect import connector, serial_ways
 from drivers.transport_serial import SerialSettings
-from drivers.wire.lines import BYTES, OPENED, READ, SENT, UNASKED, Header, Record, line_of
+from drivers.wire.lines import BYTES, CLOSED, OPENED, READ, SENT, UNASKED, Header, Record, line_of
 from drivers.wire.logged import LoggedConnect, LoggedTransport, WireLogger
 from drivers.wire.reading import WireLog, read_wire_log
 from drivers.wire.ring import RingFile
@@ -211,6 +211,31 @@ def test_secrets_of_the_rig_file_are_masked_wherever_they_stand(tmp_path: Path) 
     assert (
         address_without_secret("http://me:swordfish@lab/x?token=abc&baud=1") == "http://me:***@lab/x?token=***&baud=1"
     )
+
+
+def test_a_code_of_digits_is_not_taken_out_of_a_reading(tmp_path: Path) -> None:
+    made = logger(tmp_path)
+    made.sent(1, b"CAL:SEC:CODE 1234\n")
+    made.came(1, b"+5.1234E+00\n")
+    made.came(1, b"CODE 1234?\n", UNASKED)
+    made.sent(1, b"READ?\n")
+    made.came(1, b"+5.1234E+00\n")
+    made.came(1, b"0\n", UNASKED)
+    made.happened(1, CLOSED, "")
+    assert said(log_of(made).records)[1:-1] == [
+        (READ, b"+5.1234E+00\nCODE ***?\n"),
+        (SENT, b"READ?\n"),
+        (READ, b"+5.1234E+00\n"),
+        (UNASKED, b"0\n"),
+    ]
+
+
+def test_a_repeated_password_that_was_cut_off_is_masked(tmp_path: Path) -> None:
+    made, late = logger(tmp_path), LinkTimeout("test: waited 2 s, only b'-106,Login(Admin,hunt' came")
+    late.received = b"-106,Login(Admin,hunt"
+    made.sent(1, b"Login(Admin,hunter2)")
+    made.failed(1, "!", late)
+    assert b"hunt" not in made.path.read_bytes()  # type: ignore[union-attr]
 
 
 def test_what_had_come_before_a_time_out_is_logged(tmp_path: Path) -> None:
