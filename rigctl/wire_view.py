@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from drivers.wire import lines
@@ -33,7 +34,7 @@ def text_lines(log: WireLog, *, full: bool = False) -> Iterator[str]:
     yield f"{header.instrument}: {header.driver} at {header.address}, {header.started}, rigctl {header.rigctl}"
     if log.masked:
         yield f"masked when it was written: secrets in {len(log.masked)} lines, shown as ***"
-    items = list(_items(log))
+    items = list(_joined(_items(log)))
     place = 0
     while place < len(items):
         length, times = (1, 1) if full else repeats(items, place)
@@ -73,6 +74,24 @@ def _items(log: WireLog) -> Iterator[Item]:
         if record.number in gaps:
             yield gaps[record.number]
         yield record
+
+
+def _joined(items: Iterable[Item]) -> Iterator[Item]:
+    """What was read in pieces, an answer's first byte and its rest for example, as one."""
+    before: Item | None = None
+    for item in items:
+        if isinstance(item, Record) and isinstance(before, Record) and _goes_on(before, item):
+            before = replace(before, data=before.data + item.data, masked=before.masked or item.masked)
+            continue
+        if before is not None:
+            yield before
+        before = item
+    if before is not None:
+        yield before
+
+
+def _goes_on(before: Record, item: Record) -> bool:
+    return item.kind == before.kind == lines.READ and item.connection == before.connection
 
 
 def _same(item: Item) -> object:

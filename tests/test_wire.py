@@ -14,6 +14,7 @@ import pytest
 
 from drivers.wire.lines import READ, SENT, Header, Record
 from drivers.wire.reading import WireLog, read_wire_log
+from procedures.sensing_axis.bench import Bench
 from rigctl import runner
 from rigctl.campaign.store.store import Store
 from rigctl.core.errors import DataError, LinkError, RigError
@@ -246,6 +247,21 @@ def test_moves_are_logged_as_well_and_the_rig_file_can_say_so(desk: Any) -> None
     assert len(list((desk.directory / "logs").iterdir())) == len(read_rig(desk.directory / "rig.toml").instruments)
 
 
+def test_a_campaign_that_is_resumed_is_logged_too(desk: Any) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    desk.patch.setattr(Bench, "run", interrupted)
+    assert desk.run("--wire-log", "first").status == 130
+    assert desk.rigctl("resume", desk.store, "--wire-log", "second").status == 130
+    for directory in ("first", "second"):
+        (log,) = (desk.directory / directory).glob("stage-*.wire")
+        assert any(b"ABORT" in record.data for record in read_wire_log(log).records)
+    with Store.open(desk.store, readonly=True) as store:
+        named = [Path(event.data["files"]["stage"]).parent.name for event in store.events("wire-logs")]
+    assert named == ["first", "second"]
+
+
 def test_what_cannot_be_is_told_in_a_line_before_anything_is_connected(desk: Any, wire: Any) -> None:
     (desk.directory / "file").write_text("")
     desk.rigctl("check", "rig.toml", "--wire-log", "file/logs").refused(
@@ -301,6 +317,11 @@ def test_repeated_polls_are_folded() -> None:
     ]
     assert len(list(text_lines(log_of(*poll), full=True))) == 101
     assert repeats(list(log_of(*poll[:4]).records), 0) == (1, 1)
+
+
+def test_an_answer_read_in_pieces_is_one_line() -> None:
+    _, *lines = text_lines(log_of((SENT, b"AXISSTATUS(X)"), (READ, b"%"), (READ, b"7\n"), (SENT, b"a"), (READ, b"%")))
+    assert [line[18:] for line in lines] == ["> AXISSTATUS(X)", "< %7\\n", "> a", "< %"]
 
 
 def test_what_is_missing_and_what_was_masked_is_said() -> None:
