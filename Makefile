@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic reliability reliability-ci reliability-full clean laser-dialects
+.PHONY: setup flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles reliability reliability-ci reliability-full clean laser-dialects
 
 setup: $(READY)
 
@@ -57,6 +57,10 @@ false-alarms: setup
 # Random tables written in other ways (order, words, names, units): the same must be found. Hours; can be interrupted as above. TABLES=40 for fewer.
 metamorphic: setup
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.foreign.metamorphic --tables $(TABLES) --out out/metamorphic.jsonl
+
+# Twenty recordings of each second world with runs, run_ids, mountings and columns written in other ways: a quarter of an hour.
+metamorphic-bundles: setup
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.foreign.metamorphic_bundles --bundles 20 --out out/metamorphic-bundles.jsonl
 
 # The linear stage's contract on every two readings of the Ensemble's manual at once: a minute.
 dialects: setup

@@ -279,7 +279,10 @@ def test_blocks_are_mountings_or_else_stretches_of_time() -> None:
     three = [("X", "pendulum", 1), ("X", "flag", 1), ("Y", "flag", 1)]
     assert list(SensingAxisStudy(recording(three)).model([]).observations.block_of) == [0] * 6 + [1] * 6 + [2] * 6
     backwards = recording(start_s=lambda i: -60.0 * i)
-    assert list(SensingAxisStudy(backwards).model([]).observations.block_of) == [4, 3, 2, 1, 0, 0]
+    # Runs are in the order of time, whatever their order in the file.
+    forwards = SensingAxisStudy(backwards).model([]).observations
+    assert list(forwards.run_ids) == [record.run_id for record in reversed(backwards.runs())]
+    assert list(forwards.block_of) == [0, 0, 1, 2, 3, 4]
     single = recording(angles=[0.1], frequencies=[0.6])
     assert list(SensingAxisStudy(single).model([]).observations.block_of) == [0]
 

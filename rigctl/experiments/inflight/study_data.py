@@ -62,6 +62,11 @@ class RecordedRuns:
         return replace(self, reduced=Reduction(tuple(runs), left_out), pulses_s=pulses_s)
 
 
+def _contents(run: ReducedRun) -> list[float]:
+    amplitudes = run.whole.amplitudes.table
+    return [run.conditions.get("start_s", np.nan), *amplitudes.real.ravel(), *amplitudes.imag.ravel()]
+
+
 @dataclass(frozen=True, eq=False)
 class FlightData:
     """`recorded` runs, and after them imagined ones: a recorded run as it would be with other settings.
@@ -77,7 +82,7 @@ class FlightData:
     @classmethod
     def of(cls, source: RunSource) -> FlightData:
         """All valid runs; `DataError` when none can be used."""
-        reduced = reduction(source)
+        reduced = reduction(source).sorted_by(_contents)
         if not reduced.runs:
             why = next(iter(reduced.left_out.values()), "there is no valid run")
             raise DataError(f"no run of this recording can be used: {why}")

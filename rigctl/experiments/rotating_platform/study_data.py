@@ -23,7 +23,7 @@ from rigctl.experiments.rotating_platform.observe.patterns import Pattern, named
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, Chains, chains
 from rigctl.experiments.rotating_platform.observe.reducer import Reducer
 from rigctl.experiments.rotating_platform.observe.run_noise import RunNoise
-from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun, reduction, scan
+from rigctl.experiments.rotating_platform.observe.store_reduction import PlatformRun, contents_of, reduction, scan
 from rigctl.workbench.study import Proposal
 
 PATTERNS = ("b", "c")
@@ -187,7 +187,7 @@ class RecordedRuns:
 
 
 def _reduced(source: RunSource, lines_hz: tuple[float, ...]) -> ReducedRuns:
-    reduced = reduction(source, lines_hz)
+    reduced = reduction(source, lines_hz).sorted_by(contents_of)
     channels, refused = channel_runs(reduced.runs)
     left_out = {**reduced.left_out, **refused}
     if not channels:

@@ -177,8 +177,8 @@ class RecordedRuns:
         self.package, self.heads, self.g_m_s2 = recorded_calibration(source.header)
         self.rig_is_known = source.header.rig_toml is not None
         self._source = source
-        self.reduction = cache(partial(reduction, source))
-        """The runs as observables with lines at these frequencies fitted, and what was left out."""
+        self.reduction = cache(lambda lines_hz: reduction(source, lines_hz).sorted_by(_contents))
+        """The runs in order of time, with lines at these frequencies fitted, and what was left out."""
         self.line_scan = cache(partial(line_scan, source))
         """The spectrum of what the fitted harmonics and these lines leave of the samples."""
 
@@ -193,6 +193,11 @@ class RecordedRuns:
         channel = self._source.header.channels.get(ACCEL)
         full_scale_v = channel.full_scale if channel else None
         return Limits(self.package, self.heads, full_scale_v, known=self.rig_is_known)
+
+
+def _contents(run: RunObservables) -> list[float]:
+    accel = run.accel_v.value
+    return [run.start_s, run.theta_rad, run.frequency_hz, *accel.real, *accel.imag]
 
 
 @dataclass(frozen=True)

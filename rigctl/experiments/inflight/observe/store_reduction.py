@@ -22,7 +22,9 @@ RECIPE = Recipe("inflight-calibration", 8)
 
 
 def reduction(source: RunSource, progress: Progress | None = None) -> Reduction[ReducedRun]:
-    """All valid runs; what a store keeps is used, what is new is kept unless it is open for reading only.
+    """All valid runs.
+
+    What a store keeps is used, what is new is kept unless it is open for reading only.
 
     `DataError` when the recording does not say how long an orbit takes.
     """
@@ -32,7 +34,8 @@ def reduction(source: RunSource, progress: Progress | None = None) -> Reduction[
         samples = source.samples(record.run_id)
         return packed(reduce_run(record.run_id, record.conditions, samples, orbit_period_s))
 
-    return Reduction.of(each_reduced(Kept(source, RECIPE), source.runs(valid_only=True), make, unpacked, progress))
+    runs = each_reduced(Kept(source, RECIPE), source.runs(valid_only=True), make, unpacked, progress)
+    return Reduction.of(runs)
 
 
 def reduced_without(source: RunSource, run: ReducedRun, pulses_s: FloatArray) -> ReducedRun:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -38,15 +37,15 @@ class Spectra:
 
 
 def spectra(kept: Kept, runs: Mapping[str, tuple[Cells, Iterable[Columns]]], chains: Chains) -> Spectra:
-    """The scan of these runs, kept as long as the runs are the same."""
+    """The scan of these runs, in order of time; kept as long as the runs are the same."""
     names = [f"{run_id} {channel}" for run_id in runs for channel in CHANNELS]
     before = kept.get(_SCAN, _unpacked)
     if before is not None and list(before.peaks) == names:
         return before
     scan, peaks = LineScan(), {}
-    for run_id, (cells, chunks) in runs.items():
-        # By the name: a run stays in its half whichever others there are.
-        half = zlib.crc32(run_id.encode()) & 1
+    for number_of_run, (run_id, (cells, chunks)) in enumerate(runs.items()):
+        # By the place in time and not by the name, which means nothing.
+        half = number_of_run & 1
         for channel, parts in _scanned(chunks, chains, cells).items():
             for number, part in enumerate(parts):
                 scan.add(f"{run_id} {channel} {number}", (channel, half), part)

@@ -24,6 +24,9 @@ from rigctl.experiments.rotating_platform.observe.recorded import COMMANDS, Chai
 VERSION = 12
 """Of what is kept: counted up whenever cutter.py would give other numbers."""
 
+_SCAN_VERSION = 13
+"""The same of scans, whenever line_spectra.py would."""
+
 
 @dataclass(frozen=True)
 class PlatformRun:
@@ -73,6 +76,11 @@ def reduction(
     return found
 
 
+def contents_of(run: PlatformRun) -> list[float]:
+    """By which runs are put in order: when they began, then what was read first."""
+    return [run.conditions.get("start_s", math.nan), *run.cells.sums[:1].ravel()]
+
+
 def chunks_of(source: RunSource, run_id: str) -> Iterable[Columns]:
     """A run's samples in pieces, where the source gives them so."""
     return source.sample_chunks(run_id) if isinstance(source, InChunks) else [source.samples(run_id)]
@@ -115,8 +123,9 @@ def samples_of(source: RunSource, run: PlatformRun, lines_hz: Sequence[float]) -
 
 def scan(source: RunSource, runs: Sequence[PlatformRun], lines_hz: Sequence[float]) -> Spectra:
     """The scan for further lines in what the fits of all periods leave."""
-    samples = {run.run_id: (run.cells, samples_of(source, run, lines_hz)) for run in runs}
-    kept = Kept(source, Recipe("scan rotating-platform", VERSION, tuple(map(float, lines_hz))))
+    in_order = Reduction(tuple(runs), {}).sorted_by(contents_of).runs
+    samples = {run.run_id: (run.cells, samples_of(source, run, lines_hz)) for run in in_order}
+    kept = Kept(source, Recipe("scan rotating-platform", _SCAN_VERSION, tuple(map(float, lines_hz))))
     return spectra(kept, samples, chains(source.header))
 
 

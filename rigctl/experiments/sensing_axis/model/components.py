@@ -155,6 +155,8 @@ def _blocks(runs: Sequence[RunObservables]) -> IntArray:
 
 
 def _covariates(runs: Sequence[RunObservables]) -> dict[str, FloatArray]:
+    # Counted anew in the order of runs, which is that of time: any other numbers mean the same.
+    mountings = list(dict.fromkeys(run.mounting for run in runs))
     columns = {
         "theta_deg": [float(np.degrees(run.theta_rad)) for run in runs],
         "frequency_hz": [run.frequency_hz for run in runs],
@@ -163,7 +165,7 @@ def _covariates(runs: Sequence[RunObservables]) -> dict[str, FloatArray]:
         "start_s": [run.start_s for run in runs],
         # Zero: nobody wrote from which side.
         "approach": [run.approach if run.approach else np.nan for run in runs],
-        "mounting": [float(run.mounting) for run in runs],
+        "mounting": [1.0 + mountings.index(run.mounting) for run in runs],
     }
     if np.ptp(columns["amplitude_mm"]) < _SET_APART * np.max(columns["amplitude_mm"]):
         del columns["amplitude_mm"]  # the stage's own error is no condition

@@ -71,8 +71,9 @@ def overhead(runs: Sequence[RunObservables]) -> float:
 
 
 def last_of(runs: Sequence[RunObservables]) -> RunObservables:
-    """The run made last; that of the last row where times are not known."""
-    return max(runs, key=lambda run: run.start_s) if all(np.isfinite(run.start_s) for run in runs) else runs[-1]
+    """The run made last; where times are not known one of the last mounting, since these are counted."""
+    timed = all(np.isfinite(run.start_s) for run in runs)
+    return max(runs, key=lambda run: run.start_s if timed else run.mounting)
 
 
 @dataclass(frozen=True)

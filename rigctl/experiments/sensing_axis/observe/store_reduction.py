@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -12,7 +12,8 @@ from rigctl.analysis.clock_fit import ClockFit
 from rigctl.analysis.kept import Kept, LeftOut, Packed, Progress, Recipe, Reduction, each_reduced
 from rigctl.analysis.line_scan import LineScan, ScannedRun, scanned
 from rigctl.analysis.noise import Spectrum
-from rigctl.campaign.recording import RunRecord, RunSource
+from rigctl.campaign.recording import Header, RunRecord, RunSource
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, RunObservables
 from rigctl.experiments.sensing_axis.observe.recorded import recorded_faces
@@ -28,7 +29,12 @@ from rigctl.experiments.sensing_axis.observe.reduction import (
 VERSION = 4
 """Of what is kept: counted up whenever reduction.py would give other numbers."""
 
+_SCAN_VERSION = 5
+"""The same of scans, whenever line_scan.py would, or runs were in other halves."""
+
 _SCAN = "accel_v"
+
+Samples = Mapping[str, FloatArray]
 
 
 def reduction(
@@ -41,6 +47,8 @@ def reduction(
     faces = {face_column(head): face for head, face in recorded_faces(source.header).items()}
     # What a run says of its faces goes before what the header says of all.
     records = [replace(r, conditions={**faces, **r.conditions}) for r in source.runs(valid_only=True)]
+    # The pool's sums are rounded, and an effect that is all but absorbed tells in which order they were taken.
+    records.sort(key=_start_s)
     scan = _GrowingScan(Kept(source, scan_recipe(lines_hz)))
 
     def make(record: RunRecord) -> Packed:
@@ -51,9 +59,9 @@ def reduction(
             )
         except DataError:
             # Remembered all the same: else its samples would be read again at every question.
-            scan.add(record, lambda: None)
+            scan.add(record, samples, lambda: None)
             raise
-        scan.add(record, lambda: scanned(residuals.basis, residuals.values, run.channels[ACCEL].noise))
+        scan.add(record, samples, lambda: scanned(residuals.basis, residuals.values, run.channels[ACCEL].noise))
         return packed(run)
 
     noise = PooledNoise()
@@ -81,9 +89,10 @@ def line_scan(source: RunSource, lines_hz: Sequence[float] = ()) -> LineScan:
     missing = [run_id for run_id in records if run_id in valid and run_id not in scan.runs]
     gone = [run_id for run_id in scan.runs if run_id not in valid]
     for run_id in (*gone, *missing):
-        part = _scanned(source, records[run_id], lines_hz)
+        samples = source.samples(run_id)
+        part = _scanned(source.header, records[run_id], samples, lines_hz)
         if run_id in valid:
-            scan.add(run_id, _group(records[run_id]), part)
+            scan.add(run_id, _group(records[run_id], samples), part)
         else:
             scan.remove(run_id, part)
     if gone or missing:
@@ -98,7 +107,7 @@ def recipe(lines_hz: Sequence[float]) -> Recipe:
 
 def scan_recipe(lines_hz: Sequence[float]) -> Recipe:
     """By which the scan for further lines is made."""
-    return replace(recipe(lines_hz), name="scan sensing-axis")
+    return replace(recipe(lines_hz), name="scan sensing-axis", version=_SCAN_VERSION)
 
 
 class _GrowingScan:
@@ -108,12 +117,12 @@ class _GrowingScan:
         self._kept = kept
         self._scan: LineScan | None = None
 
-    def add(self, record: RunRecord, part: Callable[[], ScannedRun | None]) -> None:
+    def add(self, record: RunRecord, samples: Samples, part: Callable[[], ScannedRun | None]) -> None:
         """Add a run that has just been reduced, where the scan can be kept."""
         if self._kept.writable:
             self._scan = self._scan or _opened(self._kept)
             if record.run_id not in self._scan.runs:
-                self._scan.add(record.run_id, _group(record), part())
+                self._scan.add(record.run_id, _group(record, samples), part())
 
     def keep(self) -> None:
         """Keep it with what was added."""
@@ -125,10 +134,9 @@ def _opened(kept: Kept) -> LineScan:
     return kept.get(_SCAN, LineScan.unpacked) or LineScan()
 
 
-def _scanned(source: RunSource, record: RunRecord, lines_hz: Sequence[float]) -> ScannedRun | None:
-    samples = source.samples(record.run_id)
+def _scanned(header: Header, record: RunRecord, samples: Samples, lines_hz: Sequence[float]) -> ScannedRun | None:
     try:
-        run, left = reduce_with_residuals(record.run_id, record.conditions, samples, lines_hz, source.header.channels)
+        run, left = reduce_with_residuals(record.run_id, record.conditions, samples, lines_hz, header.channels)
     except DataError:
         return None
     return scanned(left.basis, left.values, run.channels[ACCEL].noise)
@@ -141,11 +149,17 @@ def _observed(noise: PooledNoise, run: ReducedRun | LeftOut) -> RunObservables |
         return LeftOut(run.run_id, str(error))
 
 
-def _group(record: RunRecord) -> tuple[str, int]:
+def _start_s(record: RunRecord) -> float:
+    start_s = float(record.conditions.get("start_s", np.inf))
+    return start_s if np.isfinite(start_s) else np.inf
+
+
+def _group(record: RunRecord, samples: Samples) -> tuple[str, int]:
     """Whose noise a run shares, and in which half of them it is held out."""
     given = record.conditions
-    # By the name: a run stays in its half whichever others there are.
-    return f"{given['axis']} {given['configuration']}", zlib.crc32(record.run_id.encode()) & 1
+    # By what was read, not by the name, which means nothing: a run stays in its half whichever others there are.
+    half = zlib.crc32(np.ascontiguousarray(samples[ACCEL]).tobytes()) & 1
+    return f"{given['axis']} {given['configuration']}", half
 
 
 def packed(run: ReducedRun) -> Packed:
