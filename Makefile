@@ -43,8 +43,9 @@ imports: setup
 	$(BIN)/lint-imports
 
 # By files: what the tests of a file share, a measured campaign for example, is made once and not by each worker.
+# Three workers on two cores: tests of the console and of served instruments wait as often as they work.
 pytest: setup
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 3 --dist loadfile
 
 # Recordings from elsewhere, the slow ones too: tests/foreign/README.md.
 foreign: setup

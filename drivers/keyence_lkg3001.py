@@ -252,9 +252,11 @@ class Lkg3001(KeyenceController):
         """True when a storage set up just now counts values of all outputs used."""
         self._ask_when_ready("AQ", self._dialect)
         self._line.ask("AS")
-        deadline_s = self._clock.now_s() + self.settings.link_timeout_s
+        deadline_s, filled = self._clock.now_s() + self.settings.link_timeout_s, False
         try:
             while True:
+                # An output may have been asked before it stored anything: what is asked from now on tells for good.
+                last = filled or self._clock.now_s() > deadline_s
                 try:
                     stored = [self._status(output).stored for output in sorted(self._outputs)]
                 except InstrumentError as error:
@@ -263,9 +265,9 @@ class Lkg3001(KeyenceController):
                     return False
                 if all(stored):
                     return True
-                # One output ahead of the other by more than the time of a few questions: the other is not stored.
-                if max(stored) >= _TRIED or self._clock.now_s() > deadline_s:
+                if last:
                     return False
+                filled = max(stored) >= _TRIED
                 self._clock.sleep_s(self.settings.poll_s)
         finally:
             self.stop()

@@ -104,7 +104,7 @@ def test_diagnose_names_the_effect_and_adds_nothing(bench: Any) -> None:
     assert bench.rigctl("model", "show", bench.store, "--json").json["effects"] == []
     told = bench.rigctl("diagnose", bench.store, "--alpha", "0.05").out
     assert "power2[load_n]" in told.split("Candidates")[0]
-    assert f"rigctl model add {bench.store} power2[load_n]" in told.replace("\n", "")
+    assert f"rigctl model add {bench.store} 'power2[load_n]'" in told.replace("\n", "")
     assert max(map(len, told.split("Candidates")[1].splitlines())) <= 80
 
 

@@ -134,6 +134,21 @@ def test_an_output_without_values_is_told_when_it_is_opened() -> None:
         bench.lasers.open()
 
 
+def test_an_output_that_was_asked_before_it_stored_is_asked_again() -> None:
+    """Questions may take longer than the trial: the first output had no value yet when the other's were all there."""
+    bench, asked = Bench(), list[bytes]()
+
+    def first_too_early(data: bytes) -> bytes:
+        if data.startswith(b"AN,"):
+            bench.clock.sleep_s(0.75)
+            asked.append(data)
+        return re.sub(rb"AN,1,(\d),\d+", rb"AN,1,\1,0000000", data) if len(asked) == 1 else data
+
+    bench.changed = first_too_early
+    bench.lasers.open()
+    assert len(asked) > 2
+
+
 def test_an_error_that_says_nothing_of_the_form_ends_the_search() -> None:
     bench = Bench()
     bench.changed = lambda data: b"ER,CF,88\r" if data.startswith((b"SW,CF", b"ER,CF")) else data
