@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from procedures.pace import Pace
+from procedures.pace import Pace, wall_s
 from rigctl.campaign.recording import time_column
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.run_writer import RunWriter
@@ -19,6 +19,12 @@ from rigctl.core.interfaces import FreeRecorder, PacedRecorder, PacingRecorder
 
 SURELY = 3.0
 """Standard uncertainties within which a time is."""
+
+START_WITHIN_S = 0.2
+"""How long the start of a record that other clocks are aligned with may take to be answered [s of the wall clock].
+
+It began somewhere in between. An eighth of a period at 0.6 Hz: beyond a quarter a small amplitude has the other sign.
+"""
 
 
 def record(
@@ -44,6 +50,12 @@ def record(
     for recorder in free:
         recorder.begin()
     start_s = readout.start(samples, period_s)
+    if free and (took_s := wall_s(session.clock, session.clock.now_s() - start_s)) > START_WITHIN_S:
+        raise InstrumentError(
+            f"{readout.name}: its start took {took_s:.2g} s to be answered, {START_WITHIN_S:g} s tell how "
+            f"{free[0].name}'s clock is aligned with it; use a faster line, or a less busy computer",
+            instrument=readout.name,
+        )
     pace = Pace.of_record(session.clock, start_s, readout.first_sample_after_s, period_s, samples)
     name = readout.channels()[0].name
     parts: list[FloatArray] = []

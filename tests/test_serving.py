@@ -26,7 +26,7 @@ from rigctl.files.rig_file import parse_rig, read_rig
 from rigctl.serving import Served
 
 SERVED = (
-    ("clock_speed = 1.0", "clock_speed = 150.0"),
+    ("clock_speed = 1.0", "clock_speed = 40.0"),
     ("seed = 2022", "seed = 2022\nremount_s = 10.0\nlevel_s = 5.0"),
 )
 SHORT = (('["pendulum", "flag"]', '["pendulum"]'), ("noise_check_s = 20.0", "noise_check_s = 0.0"))

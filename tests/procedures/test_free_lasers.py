@@ -12,6 +12,7 @@ import pytest
 from procedures.sensing_axis.bench import SetPoint
 from procedures.sensing_axis.wiring import channels
 from rigctl.campaign.recording import OWN_CLOCK, time_column
+from rigctl.campaign.store.entries import RUN_REPEATED
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import LimitError
 from rigctl.experiments.sensing_axis.observe.reduction import observables, reduce_run
@@ -81,6 +82,25 @@ def test_a_head_that_sees_little_is_as_uncertain_as_it_is(twin: Any) -> None:
         pulls.append((one.offset_s - other.offset_s) / math.hypot(one.offset_u_s, other.offset_u_s))
     # Chi-square of six at 1e-5.
     assert np.sum(np.square(pulls)) < 33.1
+
+
+def test_a_start_that_was_answered_too_late_to_align_the_heads_is_measured_again(
+    twin: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It began somewhere between trigger and answer: half a period later, a small amplitude has the other sign."""
+    start, late_s = twin.bench.readout.start, [0.3]
+
+    def answered_late(samples: int, period_s: float) -> float:
+        started_s: float = start(samples, period_s)
+        twin.session.clock.sleep_s(late_s.pop() if late_s else 0.0)
+        return started_s
+
+    monkeypatch.setattr(twin.bench.readout, "start", answered_late)
+    point = SetPoint("X", "pendulum", 1, 0.4, 0.6, 4.0, 20.0, 100.0)
+    record = twin.bench.run(twin.session, "run", point, before=lambda: None)
+    assert record.valid
+    (repeated,) = twin.store.events(RUN_REPEATED)
+    assert "0.3 s to be answered" in str(repeated.data)
 
 
 def test_a_drive_too_fast_for_what_is_known_of_the_times_is_refused_before_anything_moves(twin: Any) -> None:
