@@ -263,19 +263,6 @@ class HasBreaks(Protocol):
 
 
 @runtime_checkable
-class HasFamilies(Protocol):
-    """A study whose effects are much the same question in families, each of which has one portion of the level."""
-
-    def family(self, effect: str) -> str:
-        """The family of an effect, by id."""
-
-
-def family_of(study: Study, effect: str) -> str:
-    """The family of an effect; of a study without families all effects are one."""
-    return study.family(effect) if isinstance(study, HasFamilies) else ""
-
-
-@runtime_checkable
 class DeclaresInseparable(Protocol):
     """A study that knows beforehand which effects no data of its kind can tell from the baseline."""
 

@@ -14,12 +14,13 @@ from scipy import optimize
 from rigctl.analysis.summed_columns import SummedColumns, SummedScan
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import DataError
-from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, Study, Term, family_of
+from rigctl.workbench.families import family_of
+from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, Study, Term
 from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.known_noise import KnownNoise
-from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
+from rigctl.workbench.verdict.noise_estimate import NoiseEstimator, with_estimated_noise
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
 from rigctl.workbench.verdict.questions import Questions
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding
@@ -28,9 +29,6 @@ from rigctl.workbench.verdict.score import Score, corrected
 from rigctl.workbench.verdict.scoring import Scoring
 from rigctl.workbench.verdict.sketched import SketchedTrials
 from rigctl.workbench.verdict.trials import Family, Trials, trials
-
-ROUNDS = 2
-"""Fit, noise from what is left, fit again with that noise."""
 
 REFINED_FROM = 0.05
 """Corrected p-values below are worth a look between the values of a scan."""
@@ -88,7 +86,7 @@ class Attempt(FittedModel):
             self.estimator, last = known.estimator, first
         else:
             self.estimator = _estimator(first, lambda: self.candidates, self.generic)
-            last = _with_estimated_noise(first, self.estimator)
+            last = with_estimated_noise(first, self.estimator)
         super().__init__(model, last.noise, last.held, last.result)
 
     @property
@@ -348,12 +346,3 @@ def _estimator(fitted: FittedModel, asked: Callable[[], Sequence[Candidate]], ge
         return [named.keep(named.columns[where], large), Hidden(shapes, np.arange(shapes.shape[1]))]
 
     return NoiseEstimator(given, fitted.model.jacobian(fitted.result.values), possible)
-
-
-def _with_estimated_noise(fitted: FittedModel, estimator: NoiseEstimator) -> FittedModel:
-    """Fitted again with the noise of what is left, where that is not known beforehand."""
-    if not estimator.from_scatter and not np.isfinite(estimator.estimate(fitted.unexplained()).dof).any():
-        return fitted
-    for _ in range(ROUNDS if estimator.from_scatter else 1):
-        fitted = fitted.with_noise(estimator.estimate(fitted.unexplained()))
-    return fitted

@@ -14,11 +14,15 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
+from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.kernels import SlowNoise
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.noise_pool import WHITE, Pool
 from rigctl.workbench.verdict.offsets import in_units, with_offsets
 from rigctl.workbench.verdict.saturated import Hidden
+
+ROUNDS = 2
+"""Fit, noise from what is left, fit again with that noise."""
 
 
 class NoiseEstimator:
@@ -124,3 +128,12 @@ class NoiseEstimator:
             correlations.append(likelier)
             factors += pool.factors([(1.0, likelier)])
         return Noise(sigma, now.dof, tuple(factors), tuple(correlations))
+
+
+def with_estimated_noise(fitted: FittedModel, estimator: NoiseEstimator) -> FittedModel:
+    """Fitted again with the noise of what is left, where that is not known beforehand."""
+    if not estimator.from_scatter and not np.isfinite(estimator.estimate(fitted.unexplained()).dof).any():
+        return fitted
+    for _ in range(ROUNDS if estimator.from_scatter else 1):
+        fitted = fitted.with_noise(estimator.estimate(fitted.unexplained()))
+    return fitted

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.core.arrays import FloatArray
-from rigctl.workbench.study import family_of
+from rigctl.workbench.families import family_of
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.generic import Best
 from rigctl.workbench.verdict.score import corrected, single

@@ -86,7 +86,6 @@ def advance(
     c = constant
     dt, in1, in2, gain, wi, lag = c[_DT], c[_IN1], c[_IN2], c[_K], c[_WI], c[_DT] / c[_TAU]
     kp, kd = c[_KP], c[_KD]
-    # All three poles of the observer in one place: (s + w)^3.
     h1, h2, h3 = 3.0 * c[_WO], 3.0 * c[_WO] ** 2, c[_WO] ** 3
     n_yz, n_read, n_gyro, n_star, n_thrust, n_torque = c[_NYZ], c[_NR], c[_NG], c[_NS], c[_NF], c[_NT]
     k3_1, k3_2, kxy_1, kxy_2 = c[_CUBIC], c[_CUBIC + 1], c[_CROSS], c[_CROSS + 1]

@@ -1,0 +1,20 @@
+"""Effects that are much the same question are a family, with one portion of the level (decision 052)."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from rigctl.workbench.study import Study
+
+
+@runtime_checkable
+class HasFamilies(Protocol):
+    """A study whose effects are much the same question in families, each of which has one portion of the level."""
+
+    def family(self, effect: str) -> str:
+        """The family of an effect, by id."""
+
+
+def family_of(study: Study, effect: str) -> str:
+    """The family of an effect; of a study without families all effects are one."""
+    return study.family(effect) if isinstance(study, HasFamilies) else ""
