@@ -41,19 +41,14 @@ def break_rather_than_noise(attempt: Attempt) -> Term | None:
     are not one pool of at most `LARGEST_POOL` with an order.
     """
     pool = attempt.estimator.whole_pool
+    if pool is None:
+        return None
     breaks = [each for each in attempt.candidates if breaks_level(attempt, each.term.effect)]
-    if pool is None or not breaks:
+    if not breaks:
         return None
-    question = _Question(attempt, pool, breaks)
-    gained = question.gains(attempt.unexplained()[:, None])[:, 0]
-    best = int(np.argmax(gained))
-    if not gained[best] > 0.0:
-        return None
-    rng, as_good, drawn = np.random.default_rng([attempt.seed, 7]), 0, 0
-    while drawn < BATCHES * BATCH and as_good < _ENOUGH:
-        as_good += int(np.sum(question.gains(question.drawn(rng)).max(axis=0) >= gained[best]))
-        drawn += BATCH
-    return question.candidates[best].term if (1 + as_good) / (1 + drawn) < BY_CHANCE else None
+    question = Question(attempt, pool, breaks)
+    term, gained = question.best()
+    return term if gained > 0.0 and question.by_chance(gained, attempt.seed) < BY_CHANCE else None
 
 
 def is_noise_instead(study: Study, terms: Sequence[Term], term: Term, alpha: float, seed: int) -> str | None:
@@ -85,15 +80,14 @@ class _Alike:
     price: FloatArray
 
 
-class _Question:
+class Question:
     """Candidates beside one fit, each with the noise that is likeliest beside it."""
 
     def __init__(self, attempt: Attempt, pool: Pool, candidates: Sequence[Candidate]) -> None:
         given = attempt.model.observations
         self.whitenings = pool.tried
         self._fitted = in_units(given, pool.where, attempt.model.jacobian(attempt.result.values))
-        self._unit = given.sigma[pool.where]
-        self._left = attempt.unexplained() / self._unit
+        self._left = in_units(given, pool.where, attempt.unexplained())
         self.candidates: list[Candidate] = []
         self._alike: list[_Alike] = []
         by_width: dict[int, list[Candidate]] = {}
@@ -106,15 +100,31 @@ class _Question:
             self._alike.append(_Alike(flat.reshape(columns.shape), prices))
             self.candidates += alike
 
+    def best(self) -> tuple[Term, float]:
+        """What gains most, and how much."""
+        gained = self.gains(self._left[:, None])[:, 0]
+        place = int(np.argmax(gained))
+        return self.candidates[place].term, float(gained[place])
+
+    def by_chance(self, gained: float, seed: int) -> float:
+        """How often the best of the candidates gains as much where correlated noise is all there is."""
+        rng, as_good, drawn = np.random.default_rng([seed, 7]), 0, 0
+        while drawn < BATCHES * BATCH and as_good < _ENOUGH:
+            as_good += int(np.sum(self.gains(self._drawn(rng)).max(axis=0) >= gained))
+            drawn += BATCH
+        return (1 + as_good) / (1 + drawn)
+
     def gains(self, residuals: FloatArray) -> FloatArray:
-        """How much less -2 log L is with each candidate than without, less its price; (candidates, draws)."""
-        scaled = residuals / self._unit[:, None]
-        alone = np.full(scaled.shape[1], np.inf)
-        beside = np.full((len(self.candidates), scaled.shape[1]), np.inf)
+        """How much less -2 log L is with each candidate than without, less its price; (candidates, draws).
+
+        `residuals` (n, draws) in units of the given sigma.
+        """
+        alone = np.full(residuals.shape[1], np.inf)
+        beside = np.full((len(self.candidates), residuals.shape[1]), np.inf)
         for whitenings in self.whitenings:
             for scale, determinant in whitenings.strengths():
                 fitted = np.linalg.qr(whitenings.turned(self._fitted) * scale[:, None])[0]
-                left = whitenings.turned(scaled) * scale[:, None]
+                left = whitenings.turned(residuals) * scale[:, None]
                 left -= fitted @ (fitted.T @ left)
                 rss = np.sum(left**2, axis=0)
                 alone = np.minimum(alone, len(left) * np.log(rss) + determinant)
@@ -127,10 +137,10 @@ class _Question:
                     first = now.stop
         return np.asarray(alone - beside - np.concatenate([each.price for each in self._alike])[:, None])
 
-    def drawn(self, rng: np.random.Generator) -> FloatArray:
-        """Draws of correlated noise like that of the data, (n, BATCH)."""
+    def _drawn(self, rng: np.random.Generator) -> FloatArray:
+        """Draws of correlated noise like that of the data, (n, BATCH), but for its size, on which no gain depends."""
         whitenings, scale = self._noise_alone
-        return whitenings.turned_back(rng.standard_normal((len(scale), BATCH)) / scale[:, None]) * self._unit[:, None]
+        return whitenings.turned_back(rng.standard_normal((len(scale), BATCH)) / scale[:, None])
 
     @cached_property
     def _noise_alone(self) -> tuple[Whitenings, FloatArray]:

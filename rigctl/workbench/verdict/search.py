@@ -243,7 +243,9 @@ class Search:
     def _break_of_level(self, attempt: Attempt) -> Term | None:
         """The break that correlated noise may stand for; None where there is none, or these data do not fit it."""
         found = break_rather_than_noise(attempt)
-        return found if found is not None and self.attempt_if_fit((*attempt.terms, found)) is not None else None
+        if found is None or found.effect == self._barred:
+            return None
+        return found if self.attempt_if_fit((*attempt.terms, found)) is not None else None
 
     def _choose(self, attempt: Attempt) -> Term | None:
         """The most significant term; None when nothing in the catalogue is, or a plain shape explains it better."""
