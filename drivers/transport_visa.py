@@ -78,6 +78,9 @@ class VisaTransport(BufferedTransport):
                 self._socket = _socket_of(self._resource)
                 if self._socket is not None:
                     _check_connected(self._socket)
+                    # Or a command without an answer holds the next one back until the instrument acknowledges the
+                    # packet, which takes it up to 40 ms.
+                    self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         except LinkLost:
             self.close()
             raise

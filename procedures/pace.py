@@ -22,15 +22,6 @@ TIMING_S = 0.2
 """What the link, the polling and a busy host take at most [s of the wall clock]."""
 
 
-def wall_s(clock: Clock, rig_s: float) -> float:
-    """A duration by the clock on the wall; a clock that stands for no other, in a test, is taken for it."""
-    return rig_s / _speed(clock)
-
-
-def _speed(clock: Clock) -> float:
-    return clock.speed if math.isfinite(clock.speed) else 1.0
-
-
 @dataclass(frozen=True)
 class Pace:
     """When the samples of one record are due [rig s]; they may come `tolerance_s` earlier or later."""
@@ -43,8 +34,10 @@ class Pace:
     @classmethod
     def of_record(cls, clock: Clock, started_s: float, delay_s: float, period_s: float, samples: int) -> Pace:
         """Of a record begun at `started_s`, answered just now, whose first sample comes `delay_s` later."""
+        # `TIMING_S` is of the wall clock, everything else here of the rig's; one that stands for no other is of both.
+        speed = clock.speed if math.isfinite(clock.speed) else 1.0
         # Somewhere between the command and its answer the record began.
-        tolerance_s = TIMING_S * _speed(clock) + max(clock.now_s() - started_s, 0.0)
+        tolerance_s = TIMING_S * speed + max(clock.now_s() - started_s, 0.0)
         return cls(started_s + delay_s, period_s, samples, tolerance_s)
 
     def require(self, meter: str, received: int, asked_s: float, answered_s: float) -> None:

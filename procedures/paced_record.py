@@ -5,11 +5,12 @@ What records on a clock of its own runs beside it, from a little before to a lit
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from procedures.pace import Pace, wall_s
+from procedures.pace import Pace
 from rigctl.campaign.recording import time_column
 from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.run_writer import RunWriter
@@ -19,12 +20,6 @@ from rigctl.core.interfaces import FreeRecorder, PacedRecorder, PacingRecorder
 
 SURELY = 3.0
 """Standard uncertainties within which a time is."""
-
-START_WITHIN_S = 0.2
-"""How long the start of a record that other clocks are aligned with may take to be answered [s of the wall clock].
-
-It began somewhere in between. An eighth of a period at 0.6 Hz: beyond a quarter a small amplitude has the other sign.
-"""
 
 
 def record(
@@ -50,12 +45,7 @@ def record(
     for recorder in free:
         recorder.begin()
     start_s = readout.start(samples, period_s)
-    if free and (took_s := wall_s(session.clock, session.clock.now_s() - start_s)) > START_WITHIN_S:
-        raise InstrumentError(
-            f"{readout.name}: its start took {took_s:.2g} s to be answered, {START_WITHIN_S:g} s tell how "
-            f"{free[0].name}'s clock is aligned with it; use a faster line, or a less busy computer",
-            instrument=readout.name,
-        )
+    _require_prompt(readout, session.clock.now_s() - start_s, free)
     pace = Pace.of_record(session.clock, start_s, readout.first_sample_after_s, period_s, samples)
     name = readout.channels()[0].name
     parts: list[FloatArray] = []
@@ -79,6 +69,23 @@ def record(
         followed |= {channel.name: values[:, i] for i, channel in enumerate(follower.channels())}
     writer.stream(followed)
     return start_s, {name: np.concatenate(parts), **followed}
+
+
+def _require_prompt(readout: PacingRecorder, took_s: float, free: Sequence[FreeRecorder]) -> None:
+    """The readout's record began within these seconds: beside what the others' clocks are known to, that is nothing.
+
+    Uniform within, it adds a third of itself in quadrature.
+    """
+    for recorder in free:
+        known_s = min(
+            (each.clock_u_s for each in recorder.channels() if each.clock_u_s is not None), default=math.inf
+        )
+        if took_s > known_s:
+            raise InstrumentError(
+                f"{readout.name}: its start took {took_s:.2g} s to be answered, {recorder.name}'s times are to be "
+                f"known to {known_s:g} s; use a faster line or a less busy computer, or raise start_u_s",
+                instrument=readout.name,
+            )
 
 
 def _own_clock_columns(recorder: FreeRecorder, first_s: float, lasting_s: float) -> dict[str, FloatArray]:

@@ -27,6 +27,9 @@ from rigctl.serving import Served
 
 SERVED = (
     ("clock_speed = 1.0", "clock_speed = 40.0"),
+    # A millisecond on the way is 40 of these.
+    ("heads = { laser_1_mm = 1", "start_u_s = 0.1\nheads = { laser_1_mm = 1"),
+    ("heads = { laser_3_mm = 1", "start_u_s = 0.1\nheads = { laser_3_mm = 1"),
     ("seed = 2022", "seed = 2022\nremount_s = 10.0\nlevel_s = 5.0"),
 )
 SHORT = (('["pendulum", "flag"]', '["pendulum"]'), ("noise_check_s = 20.0", "noise_check_s = 0.0"))

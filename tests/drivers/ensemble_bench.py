@@ -15,8 +15,8 @@ from simulators.clock import SimulationClock, VirtualClock
 from simulators.faults import FaultPlan, FaultyInstrument
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
+from tests.drivers.expected import Expected, Send
 
-Send = Callable[[bytes], None]
 BY_ASCII = {
     "oscillate_over_ascii": True,
     "capture_over_ascii": True,
@@ -33,24 +33,9 @@ PATIENCE_S = 20.0
 """Wall-clock time after which a test gives up waiting for an event."""
 
 
-class Conversation:
-    """An instrument that expects these lines in this order and gives these replies."""
-
-    def __init__(self, *exchanges: tuple[str, str]) -> None:
-        self.expected = list(exchanges)
-        self._send: Send = lambda _: None
-
-    def connect(self, send: Send) -> Conversation:
-        self._send = send
-        return self
-
-    def receive(self, data: bytes) -> None:
-        line, reply = self.expected.pop(0)
-        assert data == line.encode() + b"\n"
-        self._send(reply.encode("latin-1"))
-
-    def close(self) -> None:
-        pass
+def expected(*exchanges: tuple[str, str]) -> Expected:
+    """A controller that expects these lines in this order and gives these replies."""
+    return Expected(*((line.encode() + b"\n", reply.encode("latin-1")) for line, reply in exchanges))
 
 
 class Tap:
@@ -137,9 +122,9 @@ def stage(endpoint: Endpoint, clock: SimulationClock, **configured: Any) -> Aero
     )
 
 
-def talking(*exchanges: tuple[str, str], **configured: Any) -> tuple[AerotechEnsemble, Conversation]:
+def talking(*exchanges: tuple[str, str], **configured: Any) -> tuple[AerotechEnsemble, Expected]:
     """A stage just opened whose controller goes on with these exchanges."""
-    conversation = Conversation(*GREETING, *exchanges)
+    conversation = expected(*GREETING, *exchanges)
     opened = stage(conversation, VirtualClock(), **configured)
     opened.open()
     return opened, conversation

@@ -45,7 +45,7 @@ from tests.drivers.ensemble_bench import (
     PATIENCE_S,
     UNIT,
     Bench,
-    Conversation,
+    expected,
     in_thread,
     stage,
     talking,
@@ -93,7 +93,7 @@ def test_homing_and_a_move_are_the_manuals_exchange(eos: str) -> None:
     )
     moving.home()
     moving.move_to(5.0)
-    assert not conversation.expected
+    assert not conversation.left
 
 
 def test_a_line_feed_that_comes_late_belongs_to_the_reply_before() -> None:
@@ -127,7 +127,7 @@ def test_a_capture_is_the_manuals_exchange() -> None:
     )
     recording.arm(3, 0.01)
     np.testing.assert_array_equal(recording.collect(), [[-1.2501], [2.5], [3.75]])
-    assert not conversation.expected
+    assert not conversation.left
 
 
 def test_a_fault_reply_is_raised_with_the_faults_of_the_axis() -> None:
@@ -196,7 +196,7 @@ def test_whatever_answers_only_typed_errors_come_out(noise: bytes) -> None:
 )
 def test_another_instrument_is_not_opened(greeting: tuple[str, str], text: str) -> None:
     exchanges = [greeting if greeting[0] == usual[0] else usual for usual in GREETING]
-    wrong = stage(Conversation(*exchanges), VirtualClock())
+    wrong = stage(expected(*exchanges), VirtualClock())
     with pytest.raises(WrongInstrument, match=text):
         wrong.open()
     with pytest.raises(LinkLost, match="open it first"):
@@ -208,7 +208,7 @@ def test_a_scale_of_zero_counts_is_not_opened() -> None:
         ("GETPARM(X, 2)", "%0.000\n") if line == "GETPARM(X, 2)" else (line, reply) for line, reply in GREETING
     ]
     with pytest.raises(WrongInstrument, match="CountsPerUnit is 0"):
-        stage(Conversation(*exchanges), VirtualClock()).open()
+        stage(expected(*exchanges), VirtualClock()).open()
 
 
 def test_a_unit_that_another_client_has_changed_is_noticed_before_a_motion_and_after_a_record() -> None:
@@ -250,7 +250,7 @@ def test_wider_limits_of_the_controller_and_none_at_all_are_no_hindrance() -> No
         (line, "%0.000\n") if line in ("GETPARM(X, 37)", "GETPARM(X, 38)") else (line, reply)
         for line, reply in GREETING
     ]
-    stage(Conversation(*none_set), VirtualClock()).open()
+    stage(expected(*none_set), VirtualClock()).open()
 
 
 def test_the_constructor_touches_nothing_and_a_stop_needs_no_open() -> None:
@@ -273,7 +273,7 @@ def test_an_abort_that_a_disabled_axis_refuses_is_a_stop_when_it_does_not_move()
         ("TASKSTATE(1)", "%1\n"),
     )
     stopping.stop()
-    assert not conversation.expected
+    assert not conversation.left
 
 
 def test_it_says_who_it_is_and_is_what_it_says() -> None:
@@ -330,7 +330,7 @@ def test_a_set_point_beyond_a_limit_is_refused_before_a_byte(
 
 @given(st.floats(-25.0, 25.0), st.floats(0.001, 60.0), st.floats(0.05, 20.0))
 def test_the_largest_amplitude_named_is_allowed_and_no_more(centre_mm: float, amplitude_mm: float, hz: float) -> None:
-    checked = stage(Conversation(), VirtualClock())
+    checked = stage(expected(), VirtualClock())
     w = 2 * math.pi * hz
     within = abs(centre_mm) + amplitude_mm <= 25 and amplitude_mm * w <= 100 and amplitude_mm * w * w <= 1000
     error = LinkLost if within else LimitError  # LinkLost: it went on to the wire, which is not open

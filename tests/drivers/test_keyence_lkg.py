@@ -31,31 +31,11 @@ from rigctl.core.interfaces import DisplacementMeter
 from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.keyence_lkg import Lkg3001Settings, Lkg5000Settings, SimulatedLkg3001, SimulatedLkg5000
 from simulators.wiring import Signal, TriggerLine
+from tests.drivers.expected import Expected, Send
 
-Send = Callable[[bytes], None]
 HEADS = {"laser_1_mm": 1, "laser_2_mm": 2}
 GENERATIONS = ("lkg3001", "lkg5000")
 both_generations = pytest.mark.parametrize("generation", GENERATIONS)
-
-
-class Conversation:
-    """An instrument that expects these commands in this order and gives these replies."""
-
-    def __init__(self, *exchanges: tuple[bytes, bytes]) -> None:
-        self.expected = list(exchanges)
-        self._send: Send = lambda _: None
-
-    def connect(self, send: Send) -> Conversation:
-        self._send = send
-        return self
-
-    def receive(self, data: bytes) -> None:
-        command, reply = self.expected.pop(0)
-        assert data == command
-        self._send(reply)
-
-    def close(self) -> None:
-        pass
 
 
 class Tap:
@@ -97,8 +77,8 @@ def driver(endpoint: Endpoint, clock: SimulationClock, configured: KeyenceSettin
     )
 
 
-def talking(configured: KeyenceSettings, *exchanges: tuple[bytes, bytes]) -> tuple[Any, Conversation]:
-    conversation = Conversation(*exchanges)
+def talking(configured: KeyenceSettings, *exchanges: tuple[bytes, bytes]) -> tuple[Any, Expected]:
+    conversation = Expected(*exchanges)
     return driver(conversation, VirtualClock(), configured), conversation
 
 
@@ -174,7 +154,7 @@ def test_the_first_generation_is_read_by_the_manuals_bytes() -> None:
     lasers.open()
     assert [reading.value for reading in lasers.displacements()] == [0.0123, -0.4567]
     assert all(math.isnan(reading.value) for reading in lasers.displacements())
-    assert not conversation.expected
+    assert not conversation.left
 
 
 def test_one_head_of_two_is_asked_alone() -> None:
@@ -211,7 +191,7 @@ def test_the_second_generation_is_recorded_by_the_manuals_bytes() -> None:
     lasers.open()
     lasers.arm(3, 0.01)
     np.testing.assert_array_equal(lasers.collect(), [[0.0012], [math.nan], [0.0013]])
-    assert not conversation.expected
+    assert not conversation.left
 
 
 def test_several_heads_of_the_second_generation_are_asked_at_once() -> None:

@@ -3,6 +3,7 @@
 import gc
 import os
 import re
+import socket
 import termios
 import threading
 import time
@@ -204,6 +205,14 @@ def test_a_time_out_is_rig_time_but_never_below_the_floor() -> None:
             with pytest.raises(LinkTimeout, match=f"waited {timeout_s:g} s"):
                 wire.read_until(b"\n", timeout_s)
             assert wall_s <= time.monotonic() - begin < wall_s + 0.15
+
+
+def test_a_command_is_not_held_back_until_the_one_before_is_acknowledged() -> None:
+    with bench("tcp") as b, closing(b.connect()) as wire:
+        assert isinstance(wire, VisaTransport)
+        stream = wire._socket
+        assert stream is not None
+        assert stream.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 @pytest.mark.parametrize("kind", STREAMS)

@@ -88,7 +88,7 @@ def test_a_start_that_was_answered_too_late_to_align_the_heads_is_measured_again
     twin: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It began somewhere between trigger and answer: half a period later, a small amplitude has the other sign."""
-    start, late_s = twin.bench.readout.start, [0.3]
+    start, late_s = twin.bench.readout.start, [0.03]
 
     def answered_late(samples: int, period_s: float) -> float:
         started_s: float = start(samples, period_s)
@@ -100,7 +100,7 @@ def test_a_start_that_was_answered_too_late_to_align_the_heads_is_measured_again
     record = twin.bench.run(twin.session, "run", point, before=lambda: None)
     assert record.valid
     (repeated,) = twin.store.events(RUN_REPEATED)
-    assert "0.3 s to be answered" in str(repeated.data)
+    assert "0.03 s to be answered" in str(repeated.data)
 
 
 def test_a_drive_too_fast_for_what_is_known_of_the_times_is_refused_before_anything_moves(twin: Any) -> None:
