@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 from scipy import optimize
 
 from rigctl.analysis.summed_columns import SummedColumns, SummedScan
-from rigctl.core.arrays import FloatArray, IntArray
+from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.workbench.families import family_of
 from rigctl.workbench.study import Candidate, NotTestable, ScansBetween, Study, Term
@@ -20,11 +19,11 @@ from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.known_noise import KnownNoise
-from rigctl.workbench.verdict.noise_estimate import NoiseEstimator, with_estimated_noise
+from rigctl.workbench.verdict.noise_estimate import estimator_of, with_estimated_noise
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
 from rigctl.workbench.verdict.questions import Questions
-from rigctl.workbench.verdict.saturated import Hidden, above_rounding
-from rigctl.workbench.verdict.scan import TOGETHER, ScanScores
+from rigctl.workbench.verdict.rotated import FEW, Rotated
+from rigctl.workbench.verdict.scan import TOGETHER, OwnNoise, ScanScores
 from rigctl.workbench.verdict.score import Score, corrected
 from rigctl.workbench.verdict.scoring import Scoring
 from rigctl.workbench.verdict.sketched import SketchedTrials
@@ -35,17 +34,12 @@ REFINED_FROM = 0.05
 
 # Of a logarithm: the full fit goes on from there.
 _SCAN_TOLERANCE = 1e-4
-# An effect with more choices is a scan: all of them together would span everything.
-_SCANNED = 3
 # Of a candidate's square sum: with less of it in data of unsure noise its p-value stays.
 _PART = 1e-3
 # Degrees of freedom beyond which an estimated scale is as good as known.
 _WELL_KNOWN = 500.0
 # Of a cosine: six standard deviations of what a sketch of 2048 numbers says where it is 0.99.
 _OF_A_SKETCH = 0.003
-# Data of independent noise beyond which nothing hidden is projected out: what is just significant adds less than a
-# part in five hundred to their variance, and what is more is found, and the noise told anew.
-_SATURATED = 20_000
 
 
 @dataclass(frozen=True)
@@ -85,7 +79,7 @@ class Attempt(FittedModel):
         if known is not None and noise is not None:
             self.estimator, last = known.estimator, first
         else:
-            self.estimator = _estimator(first, lambda: self.candidates, self.generic)
+            self.estimator = estimator_of(first, lambda: self.candidates, self.generic)
             last = with_estimated_noise(first, self.estimator)
         super().__init__(model, last.noise, last.held, last.result)
 
@@ -236,6 +230,19 @@ class Attempt(FittedModel):
         exchangeable = frame is not None and len(self.left) == len(self.result.residuals)
         return Permuted(self.left, self.seed) if exchangeable and is_heavy_tailed(self.left) else None
 
+    @cached_property
+    def rotated(self) -> Rotated | None:
+        """What is left in other directions, where few degrees of freedom of independent noise tell its size."""
+        frame, dof = self.estimator.saturated, self.estimator.dof
+        if frame is None or dof > FEW or len(self.left) != len(self.result.residuals):
+            return None
+        families = {name: self.family(name) for name in self.trials.within}
+        return Rotated(self.projector, OwnNoise(frame, dof), families, self.seed)
+
+    def least_p_of(self, effect: str) -> float:
+        """The smallest p-value of the choices of an effect that is scored, none looked for between them."""
+        return self._best_choice(effect).score.p_value
+
     def _refined(self, scored: Scored) -> Scored:
         """The choice with the largest statistic between its neighbours in the scan, one name after another."""
         study, term = self.study, scored.candidate.term
@@ -321,28 +328,3 @@ class Attempt(FittedModel):
         grid = sum(map(len, self._questions.of(candidate.term.effect)))
         parameters = dimension + candidate.scanned
         return 0.5 * parameters * float(np.log(len(self.result.residuals))) + float(np.log(grid))
-
-
-def _estimator(fitted: FittedModel, asked: Callable[[], Sequence[Candidate]], generic: Generic) -> NoiseEstimator:
-    """What is hidden may be in the catalogue, or of any plain shape; scans are too many to project out."""
-    given = fitted.model.observations
-
-    @cache
-    def few() -> Hidden:
-        candidates = asked()
-        counts = Counter(candidate.term.effect for candidate in candidates)
-        named = [
-            (each.whole() if each.whole else each.derivative, each.whole is not None)
-            for each in candidates
-            if counts[each.term.effect] <= _SCANNED
-        ]
-        return Hidden.of(named, len(given.value))
-
-    def possible(where: IntArray) -> list[Hidden]:
-        if len(where) > _SATURATED and all(pool.order is None for pool in given.pools):
-            return []
-        named, shapes = few(), generic.main_columns(where)
-        large = above_rounding(named.columns, where, given.sigma)
-        return [named.keep(named.columns[where], large), Hidden(shapes, np.arange(shapes.shape[1]))]
-
-    return NoiseEstimator(given, fitted.model.jacobian(fitted.result.values), possible)

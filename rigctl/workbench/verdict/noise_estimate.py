@@ -8,21 +8,30 @@ inflates the noise nor poses as red noise.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.workbench.study import Observations
+from rigctl.workbench.study import Candidate, Observations
 from rigctl.workbench.verdict.fitted_model import FittedModel
+from rigctl.workbench.verdict.generic import Generic
 from rigctl.workbench.verdict.kernels import SlowNoise
 from rigctl.workbench.verdict.noise import Noise
 from rigctl.workbench.verdict.noise_pool import WHITE, Pool
 from rigctl.workbench.verdict.offsets import in_units, with_offsets
-from rigctl.workbench.verdict.saturated import Hidden
+from rigctl.workbench.verdict.saturated import Hidden, above_rounding
 
 ROUNDS = 2
 """Fit, noise from what is left, fit again with that noise."""
+
+# An effect with more choices is a scan: all of them together would span everything.
+_SCANNED = 3
+# Data of independent noise beyond which nothing hidden is projected out: what is just significant adds less than a
+# part in five hundred to their variance, and what is more is found, and the noise told anew.
+_SATURATED = 20_000
 
 
 class NoiseEstimator:
@@ -128,6 +137,31 @@ class NoiseEstimator:
             correlations.append(likelier)
             factors += pool.factors([(1.0, likelier)])
         return Noise(sigma, now.dof, tuple(factors), tuple(correlations))
+
+
+def estimator_of(fitted: FittedModel, asked: Callable[[], Sequence[Candidate]], generic: Generic) -> NoiseEstimator:
+    """What is hidden may be in the catalogue, or of any plain shape; scans are too many to project out."""
+    given = fitted.model.observations
+
+    @cache
+    def few() -> Hidden:
+        candidates = asked()
+        counts = Counter(candidate.term.effect for candidate in candidates)
+        named = [
+            (each.whole() if each.whole else each.derivative, each.whole is not None)
+            for each in candidates
+            if counts[each.term.effect] <= _SCANNED
+        ]
+        return Hidden.of(named, len(given.value))
+
+    def possible(where: IntArray) -> list[Hidden]:
+        if len(where) > _SATURATED and all(pool.order is None for pool in given.pools):
+            return []
+        named, shapes = few(), generic.main_columns(where)
+        large = above_rounding(named.columns, where, given.sigma)
+        return [named.keep(named.columns[where], large), Hidden(shapes, np.arange(shapes.shape[1]))]
+
+    return NoiseEstimator(given, fitted.model.jacobian(fitted.result.values), possible)
 
 
 def with_estimated_noise(fitted: FittedModel, estimator: NoiseEstimator) -> FittedModel:

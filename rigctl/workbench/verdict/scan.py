@@ -129,10 +129,12 @@ class ScanScores:
 
     def _dof_of_each(self) -> FloatArray:
         one = self._projector.one_dof
-        dof = np.full(len(self._along), one) if one is not None else self._projector.dof_of_each(self._bases())
+        dof = np.full(len(self._along), one) if one is not None else self._projector.dof_of_each(self.bases)
         return np.where(self.dimension > 0, dof, np.inf)
 
-    def _bases(self) -> FloatArray:
+    @property
+    def bases(self) -> FloatArray:
+        """Orthonormal columns of every choice, zero where a dimension is absorbed, (n, choices, d)."""
         stack = np.stack([self._unit.columns(place) for place in range(self._unit.choices)], axis=1)
         stack = stack - np.einsum("nm,mki->nki", self._fitted, self._shadow, optimize=True)
         return np.asarray(np.einsum("nki,kij->nkj", stack, self._root, optimize=True))

@@ -27,7 +27,7 @@ def p_of_scored(attempt: Attempt, scored: Scored) -> float:
     p_value, score, effect = scored.score.p_value, scored.score, scored.candidate.term.effect
     if attempt.corrected(p_value, effect) >= CONFIRM_FROM:
         return p_value
-    p_value = max(p_value, _permuted_p_of_scored(attempt, scored))
+    p_value = max(p_value, _permuted_p_of_scored(attempt, scored), _rotated_p_of_scored(attempt, scored))
     if not attempt.to_be_drawn(score.basis):
         return p_value
     law = attempt.bootstrap.law(effect)
@@ -74,6 +74,16 @@ def _permuted_p_of_scored(attempt: Attempt, scored: Scored) -> float:
 
     found = permuted.probability(name, smallest, score.statistic, score.dimension)
     return single(found, attempt.trials.within[name])
+
+
+def _rotated_p_of_scored(attempt: Attempt, scored: Scored) -> float:
+    """The least p-value of a candidate where few degrees of freedom are left, from rotations; 0 where not."""
+    rotated, effect = attempt.rotated, scored.candidate.term.effect
+    if rotated is None or not scored.score.dimension:
+        return 0.0
+    # Between the choices of a scan the rotations are not looked at either: like is compared with like.
+    found = rotated.corrected(family_of(attempt.study, effect), attempt.least_p_of(effect))
+    return single(found, attempt.trials_of(effect))
 
 
 def _permuted_p_of_shape(attempt: Attempt, shape: Best) -> float:
