@@ -237,7 +237,8 @@ class _Round:
         if last.unexplained is not None:
             remaining.append(f"none of the known effects explains: {last.unexplained.description}")
         elif last.verdict == "ambiguous":
-            remaining.append(f"equally good: {', '.join(term.effect for term in last.suggested)}")
+            alike = [(rank.term.effect, *rank.equivalent_to) for rank in last.ranking if rank.term in last.suggested]
+            remaining += [f"equally good: {' or '.join(each)}" for each in alike if len(each) > 1]
         unseen = sorted({each.effect for each in self._sensitivity.parameters if each.share < 1.0})
         if unseen:
             remaining.append(f"not excluded as far as a full scan would: {', '.join(unseen)}")

@@ -190,17 +190,8 @@ def _missing(suggested: Sequence[str]) -> str:
 def _alternatives(diagnosis: Findings) -> tuple[list[str], list[str]]:
     """The suggested effects that nothing else would do for, and the choices where something would."""
     same = {rank["effect"]: rank["equivalent_to"] for rank in diagnosis["ranking"]}
-    needed, choices, listed = [], [], set()
-    for effect in diagnosis["suggested"]:
-        others = [name for name in same.get(effect, []) if name != effect]
-        if effect in listed:
-            continue
-        # Each of a group names the others: told once.
-        listed |= {effect, *others}
-        if others:
-            choices.append(" or ".join([str(effect), *others]))
-        else:
-            needed.append(str(effect))
+    needed = [effect for effect in diagnosis["suggested"] if not same.get(effect)]
+    choices = [" or ".join([effect, *same[effect]]) for effect in diagnosis["suggested"] if same.get(effect)]
     return needed, choices
 
 

@@ -104,10 +104,10 @@ def test_each_verdict_is_a_sentence_and_a_command() -> None:
     # A shell would look for files named like it, and split it at its spaces.
     words = diagnosis("effect", rank("slope[a by b]"), suggested=("slope[a by b]",))
     assert advice(words, "x") == "rigctl model add x 'slope[a by b]'"
-    either = diagnosis("ambiguous", rank("a", same=("c", "b")), rank("b"), suggested=("a", "b"))
+    either = diagnosis("ambiguous", rank("a", same=("c", "b")), rank("b"), suggested=("a",))
     assert verdict_sentence(either) == "The data are explained, but by more than one effect equally: a or c or b."
     assert advice(either, "x") == "rigctl next x"
-    partly = diagnosis("ambiguous", rank("d"), rank("a", same=("b",)), suggested=("d", "a", "b"))
+    partly = diagnosis("ambiguous", rank("d"), rank("a", same=("b",)), suggested=("d", "a"))
     assert verdict_sentence(partly).startswith("An effect is missing: d. What is left is explained, but by more")
     assert verdict_sentence(partly).endswith("equally: a or b.")
     left = {"channel": "accel_v", "component": "DC", "description": "a step with humidity.", "p_value": 1e-6}

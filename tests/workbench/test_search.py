@@ -21,6 +21,7 @@ from rigctl.workbench.verdict.significance import (
     corrected_for,
     p_of_scored,
 )
+from rigctl.workbench.verdict.simplest import NEAR_TIE
 
 
 def searched(study: Any, terms: tuple[Term, ...] = (), alpha: float = 0.01, seed: int = 0) -> Search:
@@ -236,6 +237,23 @@ def test_rivals_are_those_of_the_same_class_and_what_contains_the_simpler_is_wid
     scores = {each.candidate.term.effect: each.score for each in lag.attempt(()).scored}
     assert likeness(scores["lag"].basis, scores["resonance"].basis) > 0.99
     assert contained(scores["lag"].basis, scores["resonance"].basis) > 0.99
+
+
+def test_of_effects_that_do_nearly_as_well_the_first_is_named_until_the_data_tell(made_up: Any) -> None:
+    """The second acts, and correlates 0.98 with the first: evidence within 1 is no reason to prefer it."""
+    first = free_column(made_up, made_up.catalogue()["square"])
+    beside = np.random.default_rng(4).standard_normal((144, 1)) * (np.arange(144) < 96)[:, None]
+    second = first + 0.2 * free_column(made_up, beside)
+    effects, decided = {"first": first[:, None], "second": second[:, None]}, []
+    for seed in range(12):
+        search = searched(made_up.study(seed, foreign=12.0 * second, effects=effects, order=None))
+        noise = search.attempt(search.terms).noise
+        by_first, by_second = (search.attempt([Term(name)]).chi2_with(noise) for name in effects)
+        if names(search) != set(effects):  # chance may ask for both
+            decided.append(by_first - by_second > 2.0 * NEAR_TIE)
+            assert names(search) == {"second" if decided[-1] else "first"}, seed
+    assert {True, False} == set(decided)
+    assert len(decided) >= 10
 
 
 def with_lines(study: Any, *lines: Line) -> Any:

@@ -8,15 +8,14 @@ from rigctl.workbench.findings import Diagnosis, JointFit, Step, Unexplained, Ve
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.account import Account, account_of
-from rigctl.workbench.verdict.alike import SAME, inseparable_effects
+from rigctl.workbench.verdict.alike import inseparable_effects
 from rigctl.workbench.verdict.description import described
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_between_settings
 from rigctl.workbench.verdict.likelihood import maximum_likelihood
 from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.ranking import ranking
 from rigctl.workbench.verdict.rather_than_noise import breaks_level, is_noise_instead
-from rigctl.workbench.verdict.rivals import Rival, rivals_of
-from rigctl.workbench.verdict.score import likeness
+from rigctl.workbench.verdict.rivals import rivals_of
 from rigctl.workbench.verdict.search import Progress, Search
 from rigctl.workbench.verdict.significance import REPEATS_SHARE
 from rigctl.workbench.verdict.slow_noise import hidden_in_slow_noise
@@ -40,9 +39,9 @@ def diagnose(
     search = _searched(study, terms, alpha, seed, progress or (lambda _: None), account)
     alike = [rival for term in search.suggested for rival in rivals_of(search, term)]
     # What contains the found effect can always do as well: it may be the truth, but makes nothing ambiguous.
-    rivals = [each for each in alike if not each.wider]
+    rivals = any(not each.wider for each in alike)
     first, final = search.attempt(search.given), search.attempt(search.terms)
-    suggested = _suggested(search, rivals)
+    suggested = _by_significance(search)
     unexplained = None
     if search.unexplained is not None:
         # Scored again: its size is that beside all that was found.
@@ -52,7 +51,7 @@ def diagnose(
         unexplained = unexplained_between_settings(lack)
     or_noise, given = _or_noise(search, alpha, seed), {term.effect for term in search.given}
     return Diagnosis(
-        verdict=_verdict(search, bool(rivals) or any(effect not in given for effect, _ in or_noise), unexplained),
+        verdict=_verdict(search, rivals or any(effect not in given for effect, _ in or_noise), unexplained),
         alpha=alpha,
         terms=search.given,
         suggested=suggested,
@@ -80,15 +79,6 @@ def _searched(
     search = Search(study, terms, alpha, seed, progress, account.known)
     search.run()
     return search
-
-
-def _suggested(search: Search, rivals: Sequence[Rival]) -> tuple[Term, ...]:
-    """What was found, with rivals of other classes where all of it can be fitted together."""
-    together = _by_significance(search, rivals)
-    each_once = len({term.effect for term in together}) == len(together)
-    if each_once and search.attempt_if_fit((*search.given, *together)) is not None:
-        return together
-    return _by_significance(search, ())
 
 
 def _joint_fit(search: Search, suggested: Sequence[Term]) -> JointFit:
@@ -119,42 +109,9 @@ def _verdict(search: Search, ambiguous: bool, unexplained: Unexplained | None) -
     return "ambiguous" if ambiguous else "effect"
 
 
-def _by_significance(search: Search, rivals: Sequence[Rival]) -> tuple[Term, ...]:
-    """What was found, the most significant first, each followed by rivals of other classes."""
-    suggested: list[Term] = []
-    p_values = {term.effect: _p_of(search, term) for term in search.suggested}
-    for term in sorted(search.suggested, key=lambda term: p_values[term.effect]):
-        alternatives = [term, *(rival.term for rival in rivals if rival.instead_of == term.effect)]
-        for simplest in _simplest_of_classes(search, term, alternatives):
-            if simplest not in suggested:
-                suggested.append(simplest)
-    return tuple(suggested)
-
-
-def _simplest_of_classes(search: Search, term: Term, alternatives: Sequence[Term]) -> list[Term]:
-    """One of each class of alternatives: fewest parameters, then the catalogue's order."""
-    without = search.attempt_if_fit([each for each in search.terms if each != term])
-    if without is None:
-        return [term]
-    scores = {each.effect: scored for each in alternatives if (scored := without.scored_effect(each.effect))}
-    order = list(search.study.effects())
-
-    def simplicity(each: Term) -> tuple[int, int]:
-        place = order.index(each.effect) if each.effect in order else len(order)
-        return len(scores[each.effect].candidate.names), place
-
-    classes: list[list[Term]] = []
-    for each in alternatives:
-        if each.effect not in scores:
-            return [term]
-        basis = scores[each.effect].score.basis
-        for members in classes:
-            if likeness(scores[members[0].effect].score.basis, basis) > SAME:
-                members.append(each)
-                break
-        else:
-            classes.append([each])
-    return [min(members, key=simplicity) for members in classes]
+def _by_significance(search: Search) -> tuple[Term, ...]:
+    """What was found, the most significant first."""
+    return tuple(sorted(search.suggested, key=lambda term: _p_of(search, term)))
 
 
 def _p_of(search: Search, term: Term) -> float:

@@ -11,10 +11,7 @@ from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.score import Projector, contained
 from rigctl.workbench.verdict.search import Search
-from rigctl.workbench.verdict.significance import is_adequate
-
-RIVAL_LEVEL = 0.5
-"""Share of the level at which a rival is rejected as a substitute: one question, not many."""
+from rigctl.workbench.verdict.simplest import substituted
 
 _CONTAINED = 0.99
 _LEAST_STATISTIC = 0.25
@@ -44,24 +41,13 @@ def rivals_of(search: Search, term: Term) -> list[Rival]:
             continue
         if each.score.statistic < _LEAST_STATISTIC * suggested.score.statistic:
             continue
-        if (instead := _substituted(search, others, each, suggested)) is not None:
+        instead = substituted(search.attempt_if_fit, others, each.candidate.term, suggested, search.alpha)
+        if instead is not None:
             # In the model, what was scanned for is a parameter too.
             size = sum(owner == term.effect for owner in search.attempt(search.terms).model.owners)
             wider = _contains(instead, effect, suggested, max(size, len(suggested.candidate.names)))
             rivals.append(Rival(term.effect, each.candidate.term, wider))
     return rivals
-
-
-def _substituted(search: Search, others: tuple[Term, ...], rival: Scored, suggested: Scored) -> Attempt | None:
-    """The model with the rival instead; None when the suggested effect, or anything else, is needed beside it."""
-    instead = search.attempt_if_fit((*others, rival.candidate.term))
-    if instead is None:
-        return None
-    beside = instead.scored_effect(suggested.candidate.term.effect)
-    # Beside a substitute that does all it does, nothing of the suggested effect is left to be significant.
-    if beside is not None and beside.score.dimension and beside.score.p_value < RIVAL_LEVEL * search.alpha:
-        return None
-    return instead if is_adequate(instead, search.alpha) else None
 
 
 def _contains(attempt: Attempt, effect: str, simpler: Scored, parameters: int) -> bool:

@@ -31,6 +31,7 @@ from rigctl.workbench.verdict.significance import (
     is_significant,
     significant_shape,
 )
+from rigctl.workbench.verdict.simplest import simplest
 from rigctl.workbench.verdict.unrecorded import imitations
 
 # Well beyond the three hidden effects that the search is tried on: it has to end somewhere.
@@ -152,6 +153,11 @@ class Search:
                 Move((*self.terms, *both), both[1].effect, ()),
             ]
             self.terms, self.unexplained = (*self.terms, *both), None
+        self._take_detour()
+        self._prefer_simplest()
+
+    def _take_detour(self) -> None:
+        """Another end where this one does not fit, or costs more than a search without one of its effects."""
         final = self.attempt(self.terms)
         if self.unexplained is None and not final.chi2_p_value() < self.alpha:
             return
@@ -162,6 +168,17 @@ class Search:
                 self.terms, self.moves = detour.terms, detour.moves
                 self.lines, self.unexplained = detour.lines, None
                 return
+
+    def _prefer_simplest(self) -> None:
+        """Of effects that do as well as one that was found the simplest."""
+        lines = {line.term.effect for line in self.lines}
+        for term in self.suggested:
+            if term.effect in lines:
+                continue
+            simpler = simplest(self.attempt_if_fit, self.terms, term, self.alpha)
+            if simpler != term:
+                self.terms = tuple(simpler if each == term else each for each in self.terms)
+                self.moves.append(Move(self.terms, simpler.effect, (term.effect,)))
 
     def _pair(self, shape: Best) -> tuple[Term, Term] | None:
         """Two effects that together explain what one plain shape does, and all else, where neither does alone.

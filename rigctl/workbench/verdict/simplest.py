@@ -1,0 +1,68 @@
+"""Of effects that describe the data equally well the simplest is named: the others are its alternatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from rigctl.workbench.study import Term
+from rigctl.workbench.verdict.attempt import Attempt, Scored
+from rigctl.workbench.verdict.significance import is_adequate
+
+NEAR_TIE = 1.0
+"""Difference of log evidence that is no reason to prefer the larger: a Bayes factor below e is "not worth more than a
+bare mention" (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773)."""
+
+RIVAL_LEVEL = 0.5
+"""Share of the level at which a rival is rejected as a substitute: one question, not many."""
+
+Fit = Callable[[Sequence[Term]], Attempt | None]
+"""A model with these terms; None where these data do not determine it."""
+
+
+def substituted(fit: Fit, others: tuple[Term, ...], rival: Term, found: Scored, alpha: float) -> Attempt | None:
+    """The model with a rival instead of what was found; None when that, or anything else, is needed beside it."""
+    instead = fit((*others, rival))
+    if instead is None:
+        return None
+    beside = instead.scored_effect(found.candidate.term.effect)
+    # Beside a substitute that does all it does, nothing of the effect that was found is left to be significant.
+    if beside is not None and beside.score.dimension and beside.score.p_value < RIVAL_LEVEL * alpha:
+        return None
+    return instead if is_adequate(instead, alpha) else None
+
+
+def simplest(fit: Fit, terms: Sequence[Term], term: Term, alpha: float) -> Term:
+    """The simplest effect that does instead of a `term` of the model with hardly less evidence; else the term itself.
+
+    Simpler is what has fewer parameters, one that was scanned for among them, then what comes first in the catalogue.
+    """
+    others = tuple(each for each in terms if each != term)
+    without, best = fit(others), fit(terms)
+    found = None if without is None else without.scored_effect(term.effect)
+    if without is None or best is None or found is None:
+        return term
+    catalogue = list(without.study.effects())
+    least = without.evidence(found) - NEAR_TIE
+    simpler = [each for each in without.scored if each.score.dimension and without.evidence(each) >= least]
+    for each in sorted(simpler, key=lambda one: _simplicity(one, catalogue)):
+        if _simplicity(each, catalogue) >= _simplicity(found, catalogue):
+            break
+        instead = substituted(fit, others, each.candidate.term, found, alpha)
+        # Scores are of first order: what counts is the fit, by one noise and less the price.
+        if (
+            instead is not None
+            and _cost(without, instead, best, each) <= _cost(without, best, best, found) + NEAR_TIE
+        ):
+            return each.candidate.term
+    return term
+
+
+def _cost(without: Attempt, fitted: Attempt, best: Attempt, scored: Scored) -> float:
+    """Minus the log evidence of a fitted model, by the noise of the best."""
+    return 0.5 * fitted.chi2_with(best.noise) + without.price(scored)
+
+
+def _simplicity(scored: Scored, catalogue: Sequence[str]) -> tuple[int, int]:
+    kind = scored.candidate.term.effect.partition("#")[0]
+    place = catalogue.index(kind) if kind in catalogue else len(catalogue)
+    return scored.score.dimension + scored.candidate.scanned, place
