@@ -50,6 +50,8 @@ SIZES = (5.0, 12.0)
 PERIODS_D = (3.0, 40.0)
 SUBSAMPLES, KEPT_SHARE = 100, 0.7
 BOOTSTRAPS = 200
+PARSIMONY = 0.01
+"""What a node of a program costs, in squares of the noise: gplearn's "auto" leaves programs of one node here."""
 
 Names = frozenset[str]
 
@@ -185,11 +187,11 @@ def symbolic(table: Table) -> Answer:
         generations=20,
         function_set=("add", "sub", "mul"),
         metric="mse",
-        parsimony_coefficient="auto",
+        parsimony_coefficient=PARSIMONY,
         const_range=(-10.0, 10.0),
         random_state=0,
     )
-    program = iter(regressor.fit(design, table.y)._program.program)
+    program = iter(regressor.fit(design, table.y - np.mean(table.y))._program.program)
     monomials = multiplied_out(program)
     terms = dictionary(table.columns)
     named = {}
