@@ -25,7 +25,7 @@ def needed_noncentrality(level: float, dof: float = np.inf) -> float:
     """Noncentrality at which one parameter is significant at `level` with power 0.95; `dof` is that of the noise."""
     if not np.isfinite(dof):
         return float((special.ndtri(POWER) - special.ndtri(level / 2.0)) ** 2)
-    threshold = special.fdtri(1, dof, 1.0 - level)
+    threshold = float(special.fdtri(1, dof, 1.0 - level))
 
     def lacking(size: float) -> float:
         return 1.0 - float(special.ncfdtr(1, dof, size, threshold)) - POWER
