@@ -225,4 +225,5 @@ DRIVER = DriverDeclaration(
     contract=1,
     roles=dict.fromkeys(("linear", "spare"), Use(EnsembleSettings, AerotechEnsemble)),
     simulator="simulators.aerotech_ensemble.declaration:SIMULATOR",
+    port=8000,
 )

@@ -207,4 +207,5 @@ DRIVER = DriverDeclaration(
     contract=1,
     roles=dict.fromkeys(("source", "spare"), Use(SourceSettings, Keysight33500B)),
     simulator="simulators.keysight_33500b.declaration:SIMULATOR",
+    port=5025,
 )

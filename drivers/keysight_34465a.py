@@ -346,4 +346,5 @@ DRIVER = DriverDeclaration(
         "spare": _PACED,
     },
     simulator="simulators.keysight_34465a.declaration:SIMULATOR",
+    port=5025,
 )

@@ -315,4 +315,5 @@ DRIVER = DriverDeclaration(
     contract=1,
     roles=dict.fromkeys(("rotation", "spare"), Use(XpsSettings, NewportXps)),
     simulator="simulators.newport_xps.declaration:SIMULATOR",
+    port=5001,
 )

@@ -23,6 +23,7 @@ from rigctl.campaign.session.session import Session
 from rigctl.campaign.store.parts import PLUGINS, Part, Plugins, begin_part, next_part, parts_of
 from rigctl.campaign.store.store import Store
 from rigctl.charge import in_charge
+from rigctl.check.required import clearance_of, informed
 from rigctl.core.errors import Aborted, ConfigError, DataError, LimitError, RigError
 from rigctl.effects.catalogue import chosen
 from rigctl.effects.plugins import Plugin, load
@@ -38,7 +39,8 @@ VERSIONED = ("rigctl", "numpy", "scipy", "pydantic")
 class Options:
     """How a campaign is run, beyond its files; `plugins` are files with effects of one's own.
 
-    `wire_log` is the directory to log the instruments' wires to, in place of the rig file's.
+    `wire_log` is the directory to log the instruments' wires to, in place of the rig file's; `unchecked` starts also
+    with real instruments of which there is no record of a check.
     """
 
     unattended: bool = False
@@ -46,25 +48,30 @@ class Options:
     display: Display | None = None
     plugins: tuple[Path, ...] = ()
     wire_log: Path | None = None
+    unchecked: bool = False
 
 
 def start(campaign: CampaignFile, rig_file: RigFile, store_path: Path, options: Options) -> None:
     """Run a campaign into a new store; everything is checked before anything is connected, let alone moves."""
     plugins = [load(path) for path in options.plugins]
     plan = _plan(campaign, None, plugins)
+    clearance = clearance_of(rig_file, unchecked=options.unchecked)
     # Made and planned for before the store exists: a plan that the rig refuses leaves nothing behind.
-    rig = Rig(rig_file.with_wire_log(options.wire_log), seed=options.seed)
+    rig = Rig(clearance.informed().with_wire_log(options.wire_log), seed=options.seed)
     work = _work(plan, rig, campaign)
     if store_path.exists():
         raise DataError(f"{store_path} exists already; `rigctl resume` it, or choose another --store")
+    clearance.require()
     with in_charge(rig, campaign.on_terminal_lost, work.rest) as control:
         # Who answers is asked before there is a store: a rig that does not answer leaves none.
         identities = rig.identities()
+        clearance.require_same(identities)
         with _store_to_oneself(store_path):
             # Before the store: one without its world could never be resumed.
             _write_truth(rig_file, store_path)
             brought = _brought(campaign, plugins)
-            header = header_of(campaign, rig, options, {**plan.kept(), **({PLUGINS: brought} if brought else {})})
+            kept = {**plan.kept(), **({PLUGINS: brought} if brought else {}), **clearance.kept()}
+            header = header_of(campaign, rig, options, kept)
             with Store.create(store_path, header) as store:
                 for name, identity in identities.items():
                     store.set_identity(name, identity)
@@ -118,7 +125,7 @@ def _reopened(
 
     A plan it cannot carry out is refused before anything is connected.
     """
-    file = rig_file_of(store, with_world=True).with_wire_log(options.wire_log)
+    file = informed(rig_file_of(store, with_world=True), store.header.extra).with_wire_log(options.wire_log)
     start_s = rig_time.start_s(store, part.number, virtual=file.rig.clock == "virtual")
     rig = Rig(file, seed=store.header.seed, start_s=start_s)
     work = _work(plan, rig, campaign)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
+from rigctl.campaign.session.served import announced
 from rigctl.core.declarations import USUAL_BAUD
 from rigctl.core.errors import ConfigError
 from rigctl.files.rig_file import RigFile, parse_rig
@@ -41,13 +42,14 @@ class Served:
             undo.callback(self._server.close)
             self._addresses: dict[str, Address] = {name: self._serve(name) for name in self.simulation.instruments}
             self._operator = self._server.add_operator(self._operate, _port(file.operator.address))
-            undo.pop_all()
+            undo.enter_context(announced(map(_url, self._addresses.values())))
+            self._undo = undo.pop_all()
 
     def __enter__(self) -> Served:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.close()
+        self._undo.close()
 
     @property
     def addresses(self) -> list[dict[str, Any]]:

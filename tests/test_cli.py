@@ -258,8 +258,11 @@ def test_stop_tells_of_each_instrument_whether_it_is_known_to_be_at_rest(desk: A
 
 def test_an_absent_instrument_is_named_with_its_address(desk: Any, wire: Any, dead_port: int) -> None:
     desk.rig(('"virtual"', '"real"'), (FIRST_ADDRESS, f'address = "tcp://127.0.0.1:{dead_port}"'))
-    desk.run().refused(1, f"tcp://127.0.0.1:{dead_port}", "check power and cable")
-    desk.rigctl("check", "rig.toml").refused(1, f"tcp://127.0.0.1:{dead_port}")
+    desk.run("--unchecked").refused(1, f"tcp://127.0.0.1:{dead_port}", "check power and cable")
+    checked = desk.rigctl("check", "rig.toml")
+    assert checked.status == 1
+    assert f"tcp://127.0.0.1:{dead_port}" in checked.err
+    assert len(checked.err.splitlines()) == 1
     assert wire.motions == []
     assert desk.left == set()
 
@@ -352,12 +355,12 @@ def test_one_campaign_per_instrument_even_under_another_rig_file(desk: Any, wire
         f'[rig]\nname = "other"\n[instruments.it]\ndriver = "newport-xps"\naddress = "{address}"\nrole = "spare"\n'
     )
     with locks.instruments_held(read_rig(other), "taken"):
-        desk.run().refused(1, "rig.toml", "another campaign holds these instruments", address)
+        desk.run("--unchecked").refused(1, "rig.toml", "another campaign holds these instruments", address)
         desk.rigctl("move", "rig.toml", "rotation", 1).refused(1, "another campaign holds", address)
         assert wire.sent == []
         stopped = desk.rigctl("stop", "rig.toml")
         assert "another campaign" not in stopped.err, "whoever holds the rig, anybody may stop it"
-    desk.run().refused(1, address, "no connection")
+    desk.run("--unchecked").refused(1, address, "no connection")
 
 
 # The rig by hand
@@ -412,7 +415,7 @@ def test_a_bug_of_ours_is_one_line_unless_asked_for_in_full(desk: Any, monkeypat
     def bug(_: Path) -> None:
         raise ZeroDivisionError("seven by zero")
 
-    monkeypatch.setattr("rigctl.cli.instruments.read_rig", bug)
+    monkeypatch.setattr("rigctl.cli.check.read_rig", bug)
     found = desk.rigctl("check", "rig.toml")
     assert found.status == 1
     assert found.err.splitlines() == [

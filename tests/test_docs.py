@@ -368,7 +368,7 @@ def test_keys_of_a_run_its_status_and_a_quick_check_are_as_documented(desk: Path
 def test_keys_of_instrument_commands_are_as_documented(desk: Path) -> None:
     rig = str(desk / "campaigns" / "one-axis.rig.toml")
     checked = _run("check", rig)
-    assert _json_keys_said("check") == {*checked, *checked["instruments"]["stage"]}
+    assert _json_keys_said("check") == {*checked, *checked["instruments"]["stage"], *checked["findings"][0]}
     assert _json_keys_said("home") == set(_run("home", rig, "stage"))
     assert _json_keys_said("move") == set(_run("move", rig, "stage", "-1.5"))
     assert _json_keys_said("stop") == set(_run("stop", rig))

@@ -29,6 +29,9 @@ def run(
     seed: Annotated[int | None, typer.Option(help="Seed of a simulated world.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="The simulated operator answers.")] = False,
     dry: Annotated[bool, typer.Option("--dry-run", help="Check and tell what would be done.")] = False,
+    unchecked: Annotated[
+        bool, typer.Option("--unchecked", help="Move real instruments that `rigctl check` has not passed.")
+    ] = False,
     plugin: Plugins = None,
     wire_log: WireLog = None,
     as_json: Json = False,
@@ -52,7 +55,9 @@ def run(
                 say(f"{key}: {', '.join(map(str, value)) if isinstance(value, list) else value}")
         return
     with ProgressBar() as bar:
-        options = runner.Options(unattended=yes, seed=seed, display=bar, plugins=plugins, wire_log=wire_log)
+        options = runner.Options(
+            unattended=yes, seed=seed, display=bar, plugins=plugins, wire_log=wire_log, unchecked=unchecked
+        )
         if extended:
             runner.extend(path, campaign_file, options)
         else:

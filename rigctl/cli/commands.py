@@ -25,7 +25,8 @@ MODULES = {
     "effects": ("effects",),
     "exchange": ("import", "export"),
     "simulate": ("simulate",),
-    "instruments": ("check", "stop", "home", "move"),
+    "check": ("check",),
+    "instruments": ("stop", "home", "move"),
     "wire": ("wire", "replay"),
     "console": ("console",),
 }

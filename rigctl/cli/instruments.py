@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,25 +18,6 @@ from rigctl.files.rig_file import read_rig
 from rigctl.rig import Rig
 
 app = typer.Typer()
-
-
-@app.command()
-def check(rig: RigToml, wire_log: WireLog = None, as_json: Json = False) -> None:
-    """Connect to every instrument and ask who it is; moves nothing."""
-    opened = Rig(read_rig(rig).with_wire_log(wire_log))
-    opened.open()
-    try:
-        identities = {name: asdict(identity) for name, identity in opened.identities().items()}
-        moving = opened.moving()
-    finally:
-        opened.close()
-    if as_json:
-        logs = {name: str(path) for name, path in opened.wire_logs.files.items()}
-        print_json({"instruments": identities, "moving": list(moving), "wire_logs": logs})
-    else:
-        for name, identity in identities.items():
-            moves = ", MOVES now" if name in moving else ""
-            say(f"{name}: {identity['model']}, serial {identity['serial'] or '?'}, {identity['text']}{moves}")
 
 
 @app.command()

@@ -34,8 +34,9 @@ class DriverDeclaration:
 
     `roles` says what it may be used as. `simulator` is the text `package.module:OBJECT` of a
     `simulators.declaration.SimulatorDeclaration`; "" when there is none. `implied` are settings that follow from the
-    kind. `serial_baud` is the rate of an instrument whose own line is a serial one; None for one in a network. An
-    instrument that is not `wired` talks with its simulator, or whatever stands for it, as an object of Python.
+    kind. `serial_baud` is the rate of an instrument whose own line is a serial one; None for one in a network, whose
+    usual TCP `port` may be known. An instrument that is not `wired` talks with its simulator, or whatever stands for
+    it, as an object of Python.
     """
 
     kind: str
@@ -44,4 +45,5 @@ class DriverDeclaration:
     simulator: str = ""
     implied: Mapping[str, Any] = field(default_factory=dict)
     serial_baud: int | None = None
+    port: int | None = None
     wired: bool = True

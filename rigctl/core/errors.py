@@ -17,6 +17,7 @@
     ├── LimitError             refused before a byte was sent
     ├── ProcedureError         the measurement cannot go on: says why
     │   └── NotRecovered       an instrument was not brought back, or a run failed too often
+    ├── NotChecked             a rig of real instruments that `rigctl check` has not seen like this
     ├── PluginError            a file of effects does what none may: ends the program, never returns
     └── Aborted                the operator asked for it
 
@@ -120,6 +121,10 @@ class ProcedureError(RigError):
 
 class NotRecovered(ProcedureError):
     """After a fault an instrument was not brought back, or a run failed too often."""
+
+
+class NotChecked(RigError):
+    """Instruments that are no simulators, and no record of a check that they are as the rig file says."""
 
 
 class PluginError(RigError):

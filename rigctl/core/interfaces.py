@@ -9,10 +9,12 @@ number of times; a blocked motion then raises `rigctl.core.errors.MotionStopped`
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from rigctl.core.arrays import FloatArray
+from rigctl.core.findings import Finding
 from rigctl.core.limits import LinearLimits, RotationLimits
 
 
@@ -147,6 +149,17 @@ class LearnsByMoving(Protocol):
 
     def learn_by_moving(self) -> tuple[Learned, ...]:
         """Find them out by a small motion that somebody watches; the docstring of the driver says how far it goes."""
+
+
+@runtime_checkable
+class Examinable(Protocol):
+    """An instrument that can be asked for everything a campaign needs of it."""
+
+    def examine(self) -> Iterator[Finding]:
+        """Connect, and look at one thing after the other; goes on after what differs. Moves nothing.
+
+        Whoever calls it closes the instrument. `LinkError` when nothing answers, `WrongInstrument` when another does.
+        """
 
 
 @dataclass(frozen=True)

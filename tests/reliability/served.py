@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rigctl.campaign.session.served import announced
+from rigctl.files.rig_file import read_rig
 from tests.reliability.commands import Process, until
 from tests.reliability.wires import RecordedWires
 
@@ -39,7 +41,10 @@ def served(work: Path, rig_text: str, *options: str) -> Iterator[Served]:
             raise RuntimeError(f"rigctl simulate: {server.ended(0.0).err}")
         with RecordedWires() as wires:
             instruments = json.loads(server.out.read_text())["instruments"]
-            yield Served(_rewired(work, instruments, wires), wires, _motion(instruments))
+            rig = _rewired(work, instruments, wires)
+            # What stands before a simulator is one too, and needs no check of `rigctl check`.
+            with announced(table.address for table in read_rig(rig).instruments.values()):
+                yield Served(rig, wires, _motion(instruments))
     finally:
         server.signal(signal.SIGTERM)
         server.ended(START_S)

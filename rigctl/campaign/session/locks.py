@@ -126,10 +126,11 @@ def instrument_lock(claim: Claim) -> Path:
     """The lock file of a claim, the same for every user of this machine; `RigError` when no place is for all."""
     # A claim may hold slashes or be longer than a file's name; 64 bits do not collide by chance.
     digest = hashlib.sha256(claim.name.encode()).hexdigest()[:16]
-    return _directory() / f"rigctl-{digest}.lock"
+    return lock_directory() / f"rigctl-{digest}.lock"
 
 
-def _directory() -> Path:
+def lock_directory() -> Path:
+    """Where locks that every user can take are; `RigError` when there is no such place."""
     for directory in DIRECTORIES:
         if directory.is_dir() and directory.stat().st_mode & stat.S_IWOTH:
             return directory

@@ -1,0 +1,97 @@
+"""What can be asked of instruments before anything moves: who is there, and is it set as the rig file says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from drivers.wire.secrets import address_without_secret
+from rigctl.check.elsewhere import found_elsewhere
+from rigctl.core.errors import LinkError, RigError, WrongInstrument
+from rigctl.core.findings import Finding, Step, differs, ok, unknown
+from rigctl.core.interfaces import Examinable, Identity, Instrument, Stage
+from rigctl.rig import Rig
+
+Tell = Callable[[str, Finding], None]
+"""Takes a finding with the name of its instrument, "" for the rig."""
+
+
+class Asking:
+    """Asks one instrument after the other; what differs or fails with one keeps nobody from the next."""
+
+    def __init__(self, rig: Rig, tell: Tell) -> None:
+        self.identities: dict[str, Identity] = {}
+        self.moving: list[str] = []
+        self.mended: dict[str, dict[str, Any]] = {}
+        """Keys of the rig file as they would have to be."""
+        self.unusable: set[str] = set()
+        """Instruments that nothing can be done with until somebody has mended what differs."""
+        self._rig = rig
+        self._tell = tell
+
+    def ask_all(self) -> None:
+        """Ask every instrument of the rig."""
+        for name, instrument in self._rig.instruments.items():
+            self._ask(name, instrument)
+
+    def _ask(self, name: str, instrument: Instrument) -> None:
+        try:
+            self._examine(name, instrument)
+        except LinkError as error:
+            if name in self.identities:
+                self._fails(name, "capability", "link", error)
+            else:
+                self._look_elsewhere(name, error)
+        except WrongInstrument as error:
+            self._fails(name, "identity", "model", error)
+        except RigError as error:
+            self._fails(name, "capability", "questions", error)
+        finally:
+            instrument.close()
+
+    def _look_elsewhere(self, name: str, error: LinkError) -> None:
+        elsewhere = found_elsewhere(self._rig, name)
+        if elsewhere is None:
+            self._fails(name, "found", "address", error)
+            return
+        said = self._rig.file.instruments[name].address
+        mend = f'write address = "{elsewhere.address}", or set the instrument to what {said} says'
+        found = f"nothing understandable comes at {said}, but it answers at {elsewhere.words}"
+        self._note(name, differs("found", "address", found, mend, {"address": elsewhere.address}))
+        self._ask(name, elsewhere.instrument)
+
+    def _examine(self, name: str, instrument: Instrument) -> None:
+        if isinstance(instrument, Examinable):
+            for finding in instrument.examine():
+                # Before the first line: by then it is connected, and can be asked who it is.
+                self._meet(name, instrument)
+                self._note(name, finding)
+        else:
+            instrument.open()
+            self._meet(name, instrument)
+            self._note(name, unknown("capability", "questions", "its driver asks no more", "see the driver's page"))
+        if isinstance(instrument, Stage) and instrument.is_moving():
+            self.moving.append(name)
+            self._note(name, differs("motion", "now", "it MOVES", f"look who moves it, or `rigctl stop` it: {name}"))
+
+    def _meet(self, name: str, instrument: Instrument) -> None:
+        if name not in self.identities:
+            identity = instrument.identify()
+            self.identities[name] = identity
+            self._note(name, ok("found", "address", self.mended.get(name, {}).get("address") or self._address(name)))
+            serial = f", serial {identity.serial}" if identity.serial else ""
+            self._note(name, ok("identity", "who answers", f"{identity.model}{serial}, {identity.text}"))
+
+    def _address(self, name: str) -> str:
+        return address_without_secret(self._rig.file.instruments[name].address)
+
+    def _fails(self, name: str, step: Step, item: str, error: RigError) -> None:
+        self.unusable.add(name)
+        # A message is what and where, then the mend.
+        what, _, mend = str(error).rpartition("; ")
+        self._note(name, differs(step, item, what or mend, mend))
+
+    def _note(self, name: str, finding: Finding) -> None:
+        if finding.rig_file:
+            self.mended.setdefault(name, {}).update(finding.rig_file)
+        self._tell(name, finding)
