@@ -70,9 +70,9 @@ def off_centre(run: PlatformRuns, r_cos: FloatArray, r_sin: FloatArray) -> Float
     scans={"delay": DELAYS_S},
 )
 def clock_skew(run: PlatformRuns, r_cos: FloatArray, r_sin: FloatArray, delay: float) -> FloatArray:
-    """The motion is later than its mask: what is left of -(r_cos w^2 + r_sin dw/dt) is taken for rest."""
-    speed_squared, turning = run.late(delay)
-    return -(r_cos * speed_squared + r_sin * turning)
+    """The motion is later than its mask: what is left of -(r_cos w^2 + r_sin dw/dt), and of tilts, counts as rest."""
+    left = run.late(delay)
+    return left.tilts - (r_cos * left.speed_squared + r_sin * left.turning)
 
 
 @effect(
@@ -85,9 +85,9 @@ def clock_skew(run: PlatformRuns, r_cos: FloatArray, r_sin: FloatArray, delay: f
     scans={"cutoff": CUTOFFS_HZ},
 )
 def filter_ringing(run: PlatformRuns, r_cos: FloatArray, r_sin: FloatArray, cutoff: float) -> FloatArray:
-    """The anti-alias filter rings after a turn: -(r_cos w^2 + r_sin dw/dt) behind an elliptic filter."""
-    speed_squared, turning = run.ringing(cutoff)
-    return -(r_cos * speed_squared + r_sin * turning)
+    """The anti-alias filter rings after a turn: -(r_cos w^2 + r_sin dw/dt), and tilts, behind an elliptic filter."""
+    left = run.ringing(cutoff)
+    return left.tilts - (r_cos * left.speed_squared + r_sin * left.turning)
 
 
 @effect(

@@ -181,6 +181,18 @@ def test_a_mask_that_is_too_short_is_said() -> None:
     assert np.abs(short.state[:, 4]).max() > 1e-2
 
 
+def test_the_noise_of_an_encoder_is_no_motion() -> None:
+    nature = PlatformSettings(kind="rotating-platform", seed=3)
+    found = sampled(nature, [SampledRun("c", 60.0, 4), SampledRun("c", 60.0, 4, mask_short_s=0.5)])
+    for run, off_stop in (("r01", 0), ("r02", 4 * 4 * 5)):
+        given = {name: np.asarray(values, dtype=np.float64) for name, values in found.samples(run).items()}
+        given["theta_deg"] += np.rad2deg(np.random.default_rng(5).normal(0.0, 5e-6, given["theta_deg"].size))
+        seen = cut(given, chains(found.header))
+        # The first sample after a turn has hardly moved: a millionth of a turn may be less than the noise.
+        assert off_stop - 4 * 4 <= seen.off_stop <= off_stop
+        assert np.any(seen.state[:, 3:]) == (off_stop > 0)
+
+
 def test_a_record_without_a_whole_period_is_refused(recorded: tuple[Columns, Chains]) -> None:
     samples, believed = recorded
     with pytest.raises(DataError, match="599 samples hold no whole period of 60 s"):

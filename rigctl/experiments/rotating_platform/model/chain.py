@@ -9,13 +9,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import ConfigError
-from rigctl.experiments.rotating_platform.model.motion import Motion, motion_of
+from rigctl.experiments.rotating_platform.model.motion import Motion, filter_delay_s, motion_of
 from rigctl.experiments.rotating_platform.observe.cells import BESIDE_S, Cells
 
 REFERENCE_C = 22.0
@@ -36,6 +36,15 @@ class Afterwards:
         self.decay = in_all(_decay)
         self.late = in_all(lambda each, delay_s: _about_turns(each, delay_s=delay_s))
         self.ringing = in_all(lambda each, cutoff_hz: _about_turns(each, cutoff_hz=cutoff_hz))
+
+
+class AfterMotion(NamedTuple):
+    """What a motion leaves after its mask, shape (cells,) each: square of the angular rate [rad2/s2], angular
+    acceleration [rad/s2], and what the tilts read more than at rest [m/s2]."""
+
+    speed_squared: FloatArray
+    turning: FloatArray
+    tilts: FloatArray
 
 
 @dataclass
@@ -94,16 +103,33 @@ class PlatformRuns:
             return np.asarray(np.exp(-self.since / time_s))
         return self.afterwards.decay(time_s)
 
-    def late(self, delay_s: float) -> tuple[FloatArray, FloatArray]:
-        """`speed_squared` and `turning` with the motion `delay_s` later than the samples say."""
-        return self._motion(None if self.afterwards is None else self.afterwards.late(delay_s))
+    def late(self, delay_s: float) -> AfterMotion:
+        """What a motion that is `delay_s` later than the samples say leaves after its mask."""
+        return self._after_motion(None if self.afterwards is None else self.afterwards.late(delay_s))
 
-    def ringing(self, cutoff_hz: float) -> tuple[FloatArray, FloatArray]:
-        """What an elliptic filter with its pass band up to `cutoff_hz` makes of `speed_squared` and `turning`."""
-        return self._motion(None if self.afterwards is None else self.afterwards.ringing(cutoff_hz))
+    def ringing(self, cutoff_hz: float) -> AfterMotion:
+        """What an elliptic filter with its pass band up to `cutoff_hz` leaves of a motion."""
+        left = self._after_motion(None if self.afterwards is None else self.afterwards.ringing(cutoff_hz))
+        # A tilt that varies comes late at rest too.
+        before_z, before_y = (-filter_delay_s(cutoff_hz) * self._rate(tilt) for tilt in (self.a_z, self.a_y))
+        return left._replace(tilts=left.tilts + self._seen(before_z, before_y, self.cos, self.sin))
 
-    def _motion(self, both: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        return (self.speed_squared, self.turning) if both is None else (both[0], both[1])
+    def _after_motion(self, rows: FloatArray | None) -> AfterMotion:
+        if rows is None:
+            return AfterMotion(self.speed_squared, self.turning, 0.0 * self.turning)
+        # Rows are told from the stop at the end of the turn, where the sine is nil.
+        off_cos, off_sin = np.sign(self.cos) * rows[2:]
+        return AfterMotion(rows[0], rows[1], self._seen(self.a_z, self.a_y, off_cos, off_sin))
+
+    def _seen(self, z: FloatArray, y: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArray:
+        """What this sensor reads of accelerations of the laboratory."""
+        return np.asarray(z * cos - y * sin if self.channel == "z" else y * cos + z * sin)
+
+    def _rate(self, values: FloatArray) -> FloatArray:
+        """Derivatives by time within each run [1/s]."""
+        ends = np.cumsum([each.period.size for each in self.cells])[:-1]
+        pairs = zip(np.split(values, ends), np.split(self.within, ends), strict=True)
+        return np.concatenate([np.gradient(v, t) if np.ptp(v) > 0.0 else np.zeros_like(v) for v, t in pairs])
 
     def at(self, **changes: Any) -> PlatformRuns:
         """The same runs at another point of the chain."""
@@ -129,7 +155,7 @@ def off_stop(cells: Cells) -> FloatArray:
     """
     seen = cells.state[:, 3:5].T
     known = np.isin(cells.kind, list(_courses(cells))) & (cells.since_s < BESIDE_S)
-    return np.where(seen.any(axis=0) & known, _about_turns(cells), seen)
+    return np.where(seen.any(axis=0) & known, _about_turns(cells)[:2], seen)
 
 
 def _decay(cells: Cells, time_s: float) -> FloatArray:
@@ -149,13 +175,13 @@ def _ends_s(cells: Cells) -> FloatArray:
     ends_s = np.zeros(len(cells.followed))
     for number, course in _courses(cells).items():
         motion = _motion(course.tobytes(), cells.turn_before, cells.sample_rate_hz)
-        ends_s[number] = motion.last_s if motion.is_cycloid else 0.0
+        ends_s[number] = motion.last_s if motion.of_a_law else 0.0
     return np.asarray(ends_s[cells.kind])
 
 
 def _about_turns(cells: Cells, delay_s: float = 0.0, cutoff_hz: float | None = None) -> FloatArray:
-    """Means over the cells of the forces of the motion after each turn, late or behind a filter; shape (2, cells)."""
-    means = np.zeros((2, cells.since.size))
+    """Means over the cells of what the motion leaves after each turn, late or behind a filter; shape (4, cells)."""
+    means = np.zeros((4, cells.since.size))
     for number, course in _courses(cells).items():
         sums = _sums_after(course.tobytes(), cells.turn_before, cells.sample_rate_hz, delay_s, cutoff_hz)
         last = sums.shape[1] - 1
@@ -184,10 +210,10 @@ def _motion(turn: bytes, before: int, rate_hz: float) -> Motion:
 
 @lru_cache(maxsize=1024)
 def _sums_after(turn: bytes, before: int, rate_hz: float, delay_s: float, cutoff_hz: float | None) -> FloatArray:
-    """Running sums over the samples after the mask's end, shape (2, samples + 1)."""
+    """Running sums over the samples after the mask's end, shape (4, samples + 1)."""
     motion = _motion(turn, before, rate_hz)
     lasts_s = BESIDE_S + delay_s if cutoff_hz is None else min(_RINGS_S, 60.0 / cutoff_hz)
     times_s: FloatArray = np.asarray((np.arange(math.ceil(lasts_s * rate_hz)) + 0.5) / rate_hz)
-    values = motion.forces(times_s - delay_s) if cutoff_hz is None else motion.filtered(cutoff_hz, times_s)
+    values = motion.late(delay_s, times_s) if cutoff_hz is None else motion.filtered(cutoff_hz, times_s)
     # Running sums: the mean over any cell is one difference.
-    return np.concatenate([np.zeros((2, 1)), np.cumsum(values, axis=1)], axis=1)
+    return np.concatenate([np.zeros((len(values), 1)), np.cumsum(values, axis=1)], axis=1)

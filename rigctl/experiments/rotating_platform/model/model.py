@@ -168,7 +168,8 @@ def slopes_at_zero(
     """
     wider = PlatformModel(model.recorded, [*model.placed, one], [*model.terms, one.term])
     start = np.concatenate([values, [p.start if p.scanned else 0.0 for p in one.parameters]])
-    before = model.added_here(values)
+    # Late or filtered, the tilts themselves are read otherwise, however near the axis the sensor is.
+    before = wider.added(start) if one.effect.scans else model.added_here(values)
     amplitudes = [p for p in one.parameters if not p.scanned]
     columns = np.zeros((before.size, len(amplitudes)))
     for together in _moved_together(amplitudes):

@@ -16,6 +16,10 @@ OFF_STOP_DEG = 0.02
 
 # A ten-thousandth of a degree, the last digit of a recorded angle.
 _STILL_RAD = 2e-6
+# Of an encoder's noise: once in a billion samples it is farther off.
+_OF_NOISE = 6.0
+# Of a normal variable the median of |x| is that of sigma.
+_MEDIAN = 0.6745
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,9 @@ class Turns:
         # In the middle of a dwell the platform rests, even if the mask is too short.
         middle_rad = theta_rad[(bounds[:-1] + bounds[1:]) // 2]
         # The difference of two angles could not tell: an encoder's last digit changes at rest too.
-        still = rests & (np.abs(theta_rad - np.repeat(middle_rad, np.diff(bounds))) < _STILL_RAD)
+        still = np.zeros(rests.size, dtype=np.bool_)
+        for begin, end in zip(start.tolist(), stop.tolist(), strict=True):
+            still[begin:end] = _still(theta_rad[begin:end])
         turn_at = np.where(stop < rests.size, stop, FAR)
         direction = self._directions(start, stop, theta_rad)
         self._add_turns(start, stop, theta_rad)
@@ -135,6 +141,15 @@ class Turns:
             kind = (1 if course[-1] >= 0.0 else -1, end % self._samples)
             total, count = self._courses.get(kind, (np.zeros(course.size), 0))
             self._courses[kind] = total + course, count + 1
+
+
+def _still(theta_rad: FloatArray) -> BoolArray:
+    """Which samples of a dwell lie where its middle does, as nearly as the encoder tells."""
+    quarter = theta_rad.size // 4
+    middle_rad = theta_rad[quarter : theta_rad.size - quarter]
+    level_rad = float(np.median(middle_rad))
+    noise_rad = float(np.median(np.abs(middle_rad - level_rad))) / _MEDIAN
+    return np.asarray(np.abs(theta_rad - level_rad) < max(_STILL_RAD, _OF_NOISE * noise_rad))
 
 
 def _off_stops(theta_rad: FloatArray) -> BoolArray:
