@@ -26,12 +26,6 @@ STOPS_TODAY: dict[str, str] = {}
 
 WRONG_TODAY = {
     "indometh": {"named": "inverse[time_h], no second exponential", "value": "k of one exponential beside it"},
-    "orange": {
-        "value": "mid_d beside a period",
-        "noise": "another minimum of the logistic once the effects are in the model",
-        "promise": "another minimum of the logistic once the effects are in the model",
-    },
-    "seat-belts": {"agree": "beside the step chi-square alone is beyond noise, in no direction that is significant"},
     "women": {
         "value": "the cube: beside the square it is needed at p = 0.0023 (so it is in R), the square not beside it"
     },

@@ -12,6 +12,7 @@ from rigctl.cli.io import print_json
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.findings import Diagnosis
 from rigctl.workbench.study import Candidate, NotTestable, Term
+from rigctl.workbench.verdict.compare import compare
 from rigctl.workbench.verdict.diagnose import diagnose
 
 SINGLE = ("roll", "pitch", "lag", "resonance", "square", "hysteresis", "tilt")
@@ -110,6 +111,20 @@ def test_a_known_effect_beside_an_unknown_one_is_suggested_and_the_rest_is_unkno
     assert suggested(found) == ["roll"]
     assert found.unexplained is not None
     assert found.unexplained.component == "nu quadrature"
+
+
+def test_scatter_beyond_the_noise_is_unknown_though_no_shape_describes_it(made_up: Any) -> None:
+    """A component scatters by 1.7 of what its noise was said to be: compare and diagnose say the same of it."""
+    told = 0
+    for seed in range(4):
+        scatter = np.concatenate([np.random.default_rng([seed, 9]).normal(0.0, 1.4, 48), np.zeros(96)])
+        study = made_up.study(seed, foreign=scatter, order=None)
+        found, compared = diagnose(study, ()), compare(study, ())
+        assert (found.verdict == "adequate") == (compared.p_value >= 0.01)
+        if found.unexplained is not None and "as no single effect" in found.unexplained.description:
+            told += 1
+            assert (found.unexplained.component, found.verdict) == ("nu in-phase", "unknown")
+    assert told
 
 
 @pytest.mark.parametrize("true", ["warm-bias", "late-bias"])

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.workbench.study import NoisePool, Observations, Series
+from rigctl.workbench.study import NoisePool, Observations, Series, SharedOffset
 from rigctl.workbench.verdict.noise import Correlation, Noise, orthonormal
 from rigctl.workbench.verdict.noise_estimate import NoiseEstimator
+from rigctl.workbench.verdict.offsets import without_offsets
 from rigctl.workbench.verdict.saturated import Hidden, above_rounding, saturated
 
 MINUTE = 60.0
@@ -264,3 +265,22 @@ def test_an_orthonormal_basis_has_the_rank_of_its_columns_whatever_their_units()
     residual = columns - basis @ (basis.T @ columns)
     assert (np.linalg.norm(residual, axis=0) < 1e-9 * np.linalg.norm(columns, axis=0)).all()
     assert orthonormal(np.zeros((5, 2)), 1e-9).shape == (5, 0)
+
+
+def test_what_is_left_of_batches_is_less_their_offsets_as_best_predicted() -> None:
+    """By the textbook: u = G Z' V^-1 r, of two crossed kinds of batches and of uncertainties that differ."""
+    rng = np.random.default_rng(3)
+    one, other = np.arange(24) // 6, np.arange(24) % 4
+    sigma, residuals = rng.uniform(0.5, 2.0, 24), rng.standard_normal(24)
+    together = 0.36 * np.equal.outer(one, one) + 0.25 * np.equal.outer(other, other)
+    correlation = together + 0.39 * np.eye(24)
+    batches = replace(
+        readings(24),
+        sigma=sigma,
+        factors=((np.arange(24), np.linalg.cholesky(correlation)),),
+        offsets=(SharedOffset("one", one, 0.6), SharedOffset("other", other, 0.5)),
+    )
+    covariance = np.outer(sigma, sigma)
+    offsets = (covariance * together) @ np.linalg.solve(covariance * correlation, residuals)
+    assert without_offsets(batches, residuals) == pytest.approx(residuals - offsets, abs=1e-12)
+    assert without_offsets(readings(24), residuals) is residuals

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rigctl.workbench.findings import LackOfFit
 from rigctl.workbench.verdict.account import LEVEL, Account
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
@@ -28,14 +29,21 @@ def adequacy(attempt: Attempt, account: Account) -> float:
     effects = _of_effects(attempt, account)
     lack = lack_of_fit(attempt)
     asked = (
-        # Lines are looked for in the samples and not here: their share is free for chi-square as a whole, which says
-        # little where the scatter told the noise, and for repeats, which then say more.
-        attempt.chi2_p_value() / (LINES_SHARE if lack is None else LINES_SHARE - REPEATS_SHARE),
+        p_as_a_whole(attempt, lack),
         1.0 if lack is None else lack.p_value / REPEATS_SHARE,
         effects / CATALOGUE_SHARE,
         p_of_shape(attempt) / SHAPES_SHARE,
     )
     return min(1.0, *asked)
+
+
+def p_as_a_whole(attempt: Attempt, lack: LackOfFit | None) -> float:
+    """Of chi-square at its share of the level.
+
+    Lines are looked for in the samples, and their share is free for chi-square as a whole, which says little where
+    the scatter told the noise, and for repeats, which then say more.
+    """
+    return attempt.chi2_p_value() / (LINES_SHARE if lack is None else LINES_SHARE - REPEATS_SHARE)
 
 
 def _of_effects(attempt: Attempt, account: Account) -> float:

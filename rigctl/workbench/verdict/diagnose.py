@@ -8,9 +8,10 @@ from rigctl.workbench.findings import Diagnosis, JointFit, Step, Unexplained, Ve
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
 from rigctl.workbench.verdict.account import Account, account_of
+from rigctl.workbench.verdict.adequacy import p_as_a_whole
 from rigctl.workbench.verdict.alike import inseparable_effects
 from rigctl.workbench.verdict.description import described
-from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_between_settings
+from rigctl.workbench.verdict.lack_of_fit import lack_of_fit, unexplained_as_a_whole, unexplained_between_settings
 from rigctl.workbench.verdict.likelihood import maximum_likelihood
 from rigctl.workbench.verdict.noise_entries import noise_entries
 from rigctl.workbench.verdict.ranking import ranking
@@ -49,6 +50,8 @@ def diagnose(
         unexplained = described(final.model.observations, search.unexplained, score)
     elif (lack := lack_of_fit(final)) is not None and lack.p_value < REPEATS_SHARE * alpha:
         unexplained = unexplained_between_settings(lack)
+    elif (p_value := p_as_a_whole(final, lack)) < alpha:
+        unexplained = unexplained_as_a_whole(final, p_value)
     or_noise, given = _or_noise(search, alpha, seed), {term.effect for term in search.given}
     return Diagnosis(
         verdict=_verdict(search, rivals or any(effect not in given for effect, _ in or_noise), unexplained),

@@ -14,6 +14,7 @@ from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.likelihood import Optimum, maximum_likelihood
 from rigctl.workbench.verdict.noise_entries import noise_entries
+from rigctl.workbench.verdict.offsets import without_offsets
 
 
 @one_thread
@@ -58,7 +59,9 @@ def fitted(
 
 
 def _rms_by_channel(attempt: Attempt) -> dict[str, Rms]:
-    given, left = attempt.model.observations, attempt.unexplained()
+    given = attempt.model.observations
+    # No version takes out what batches share: it would hide what one does.
+    left = without_offsets(given, attempt.unexplained())
     channel_of = np.array([series.channel for series in given.series])[given.series_of]
     units = {series.channel: series.unit for series in given.series}
     return {

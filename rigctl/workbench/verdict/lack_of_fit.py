@@ -104,6 +104,20 @@ def unexplained_between_settings(lack: LackOfFit) -> Unexplained:
     )
 
 
+def unexplained_as_a_whole(attempt: Attempt, p_value: float) -> Unexplained:
+    """What is said where chi-square is beyond noise, and no effect or plain shape by itself."""
+    given, left = attempt.model.observations, attempt.whitened()
+    means = np.bincount(given.series_of, left**2) / np.maximum(np.bincount(given.series_of), 1)
+    series = given.series[int(np.argmax(means))]
+    return Unexplained(
+        series.channel,
+        series.component,
+        f"chi2/dof = {attempt.result.chi2_per_dof:.3g} is beyond the noise, {series.name.strip()} most of all, "
+        "as no single effect or shape tells",
+        p_value,
+    )
+
+
 def _settings(given: Observations) -> IntArray:
     """The setting of each run by number: runs share one where they agree in every condition that is recorded."""
     if not given.covariates:

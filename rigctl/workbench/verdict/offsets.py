@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Observations
@@ -19,6 +19,18 @@ def in_units(given: Observations, where: IntArray, columns: FloatArray) -> Float
         for members, factor in given.factors:
             scaled[members] = solve_triangular(factor, scaled[members], lower=True, check_finite=False)
     return scaled
+
+
+def without_offsets(given: Observations, residuals: FloatArray) -> FloatArray:
+    """Residuals (n,) less the offsets that data share, as best predicted from them (Henderson's equations)."""
+    if not given.offsets:
+        return residuals
+    single = 1.0 - sum(each.share**2 for each in given.offsets)
+    left = residuals / given.sigma
+    for members, factor in given.factors:
+        # With V the correlation of all: what is a datum's own is (single I) V^-1 of the residuals.
+        left[members] = single * cho_solve((factor, True), left[members], check_finite=False)
+    return np.asarray(left * given.sigma)
 
 
 def with_offsets(given: Observations, noise: Noise) -> Noise:
