@@ -82,6 +82,9 @@ class Keysight34465A:
 class _Voltmeter(Keysight34465A):
     """DC volts on a fixed range with a short aperture."""
 
+    _middle = -0.5
+    """From the edge to the middle of the aperture, in apertures: confirm that the edge a meter gives ends it."""
+
     def __init__(self, name: str, settings: VoltmeterSettings, connect: Connect, clock: Clock) -> None:
         super().__init__(name, connect, clock, settings.link_timeout_s)
         self.settings = settings
@@ -99,7 +102,8 @@ class _Voltmeter(Keysight34465A):
     def channels(self) -> tuple[Channel, ...]:
         """One column of volts."""
         s = self.settings
-        return (Channel(s.channel, "V", "voltage", s.latency_s, s.range_v),)
+        late_s = self._middle * s.aperture_s if s.latency_s is None else s.latency_s
+        return (Channel(s.channel, "V", "voltage", late_s, s.range_v),)
 
     def stop(self) -> None:
         """End the record; readings taken so far can still be fetched."""
@@ -135,10 +139,6 @@ class _Voltmeter(Keysight34465A):
             "TRIG:DEL 0",
         )
 
-    def _samples_maximum(self) -> int:
-        """Most samples that can be asked for, if fetched in time."""
-        return SAMPLES_MAXIMUM
-
     def longest_record(self, period_s: float) -> int:
         """Most samples of one record; `LimitError` for a period below the aperture or beyond the timer's longest."""
         s = self.settings
@@ -147,7 +147,7 @@ class _Voltmeter(Keysight34465A):
                 f"{self.name}: a sample every {period_s:g} s asked for; possible are {s.aperture_s:g} s "
                 f"(aperture_s) to {PERIOD_MAXIMUM_S:g} s"
             )
-        return self._samples_maximum()
+        return SAMPLES_MAXIMUM
 
     def _check_limits(self, samples: int, period_s: float) -> None:
         longest = self.longest_record(period_s)
@@ -256,10 +256,11 @@ class PacedVoltmeter(_Voltmeter):
 
     _grace_s = 0.0
     """How long after the last edge its reading may take."""
+    _middle = 0.5
 
-    def _samples_maximum(self) -> int:
+    def longest_record(self, period_s: float) -> int:
         """They are fetched after the last edge: all have to fit in memory."""
-        return min(self.settings.memory_readings, SAMPLES_MAXIMUM)
+        return min(self.settings.memory_readings, super().longest_record(period_s))
 
     def arm(self, samples: int, period_s: float) -> None:
         """Clear and wait for `samples` edges, `period_s` apart; `LimitError` if the memory cannot hold them."""
@@ -277,7 +278,7 @@ class PacedVoltmeter(_Voltmeter):
         self._configure("ABOR", "*CLS", *self._measurement())
         self._check_interval(period_s)
         # Integration, latency, and one period, at most 0.5 s, for the last edge itself.
-        self._grace_s = 2 * self.settings.aperture_s + abs(self.settings.latency_s) + min(period_s, 0.5)
+        self._grace_s = 2 * self.settings.aperture_s + abs(self.settings.latency_s or 0.0) + min(period_s, 0.5)
         self._initiate(
             samples,
             *self._memory.format,

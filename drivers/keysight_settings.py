@@ -18,14 +18,18 @@ def _known_range(range_v: float) -> float:
 
 
 class VoltmeterSettings(BaseModel):
-    """What an operator may set for a voltmeter, master or slave."""
+    """What an operator may set for a voltmeter, master or slave.
+
+    `latency_s` is from the trigger edge to the instant that a reading stands for. Left out it is the middle of the
+    aperture, which is believed to end with the edge that a pacing meter gives, and begins with the edge it is given.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     channel: str = Field(default="accel_v", min_length=1)
     range_v: Annotated[float, AfterValidator(_known_range)] = 10.0
     aperture_s: float = Field(default=1e-3, ge=20e-6, le=1.67)
-    latency_s: float = 0.0
+    latency_s: float | None = None
     memory_readings: int = Field(default=50_000, ge=1)
     transfer: Literal["real64", "ascii"] = "real64"
     link_timeout_s: float = Field(default=2.0, gt=0.0)

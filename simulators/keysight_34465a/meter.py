@@ -27,6 +27,13 @@ LISTENERS_LIMIT = 1_000_000
 """A train on the VM COMP output is announced up to this many edges."""
 
 
+SHORT_S = 1e-3
+"""An aperture whose mean is the value in its middle: of a sine of 10 Hz less by 2e-4."""
+
+NODES = 5
+"""Of Gauss and Legendre, for the mean over a longer one."""
+
+
 class Meter:
     """Takes readings of two signals; all times are rig time."""
 
@@ -49,8 +56,6 @@ class Meter:
         self._tap = tap
         self._signals = {"VOLT": volts, "TEMP": celsius}
         self._trigger_out, self._trigger_in = trigger_out, trigger_in
-        # A reading stands for `latency_s` after its edge and cannot be there before.
-        self._lag_s = max(settings.latency_s, 0.0)
         self._readings: Readings | None = None
         self._triggers_awaited = 0.0
         self._random = np.random.default_rng(settings.seed)
@@ -103,7 +108,8 @@ class Meter:
                 setup.trigger_delay_s or 0.0,
                 # One reading per trigger has no sample timer to wait for.
                 setup.period_s if setup.sample_count > 1 else setup.interval_s,
-                self._lag_s,
+                # A reading cannot be there before the instant it stands for, or before its integration is over.
+                setup.integration_s if self._settings.latency_s is None else max(self._settings.latency_s, 0.0),
             )
 
     def trigger(self) -> None:
@@ -176,7 +182,7 @@ class Meter:
             self._readings = None
 
     def _take(self, times_s: FloatArray) -> None:
-        readings = self._measure(times_s + self._settings.latency_s)
+        readings = self._measure(times_s)
         valid = np.where(np.abs(readings) >= OVERLOAD, np.nan, readings)
         # The tap hears what was measured, before scaling makes other numbers of it.
         self._tap.note(self.configuration.function, times_s, valid)
@@ -206,17 +212,29 @@ class Meter:
         first_s = self._clock.now_s() + (setup.trigger_delay_s or 0.0) + setup.integration_s
         # A clock that goes fast makes periods short.
         period_s = setup.period_s / (1.0 + 1e-6 * self._settings.clock_ppm)
-        readings = TimedReadings(first_s, period_s, count, self._lag_s)
+        readings = TimedReadings(first_s, period_s, count, max(self._settings.latency_s or 0.0, 0.0))
         self._readings = readings
         if self._trigger_out is not None:
             self._trigger_out.begin(first_s, period_s, min(readings.count, LISTENERS_LIMIT))
 
-    def _measure(self, times_s: FloatArray) -> FloatArray:
-        values = np.asarray(self._signals[self.configuration.function](times_s), dtype=np.float64)
-        noise = self._random.standard_normal(len(times_s))
+    def _measure(self, edges_s: FloatArray) -> FloatArray:
+        values = self._read(self._signals[self.configuration.function], edges_s)
+        noise = self._random.standard_normal(len(edges_s))
         if self.configuration.function == "TEMP":
             return self._as_temperature(values + self._settings.noise_c_rms * noise)
         return self._as_voltage(values + self._settings.noise_v_rms * noise)
+
+    def _read(self, signal: Signal, edges_s: FloatArray) -> FloatArray:
+        """The mean of a signal over the aperture of each edge, or its value `latency_s` after it."""
+        if self._settings.latency_s is not None:
+            return np.asarray(signal(edges_s + self._settings.latency_s), dtype=np.float64)
+        lasts_s = self.configuration.integration_s
+        middle_s = edges_s + (0.5 if isinstance(self._readings, PacedReadings) else -0.5) * lasts_s
+        if lasts_s <= SHORT_S:
+            return np.asarray(signal(middle_s), dtype=np.float64)
+        places, weights = np.polynomial.legendre.leggauss(NODES)
+        values = np.asarray(signal(np.add.outer(middle_s, 0.5 * lasts_s * places).ravel()), dtype=np.float64)
+        return np.asarray(values.reshape(-1, NODES) @ (0.5 * weights))
 
     def _as_voltage(self, volts: FloatArray) -> FloatArray:
         setup = self.configuration

@@ -20,8 +20,9 @@ class MeterSettings(BaseModel):
     memory_readings: int | None = Field(default=None, ge=1)
     """None: 50 000, or 2 000 000 with option MEM."""
     line_frequency_hz: Literal[50, 60] = 50
-    latency_s: float = 0.0
-    """From the trigger edge to the instant the reading stands for."""
+    latency_s: float | None = None
+    """From the trigger edge to the instant a reading stands for; None: a reading is the mean over its aperture, which
+    ends with the edge that the meter gives and begins with one that it is given."""
     noise_v_rms: float = Field(default=0.0, ge=0.0)
     noise_c_rms: float = Field(default=0.0, ge=0.0)
     resolution_v: float | None = Field(default=None, gt=0.0)

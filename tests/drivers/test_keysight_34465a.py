@@ -43,7 +43,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         line = TriggerLine()
-        options = MeterSettings(**{"resolution_v": 1e-9, **self.simulator})
+        options = MeterSettings(**{"resolution_v": 1e-9, "latency_s": 0.0, **self.simulator})
         self.master = Simulated34465A(self.clock, self.volts, self.celsius, line, None, options)
         self.slave = Simulated34465A(self.clock, self.volts, self.celsius, None, line, options)
         settings = VoltmeterSettings(**self.settings)
@@ -223,6 +223,18 @@ def test_both_meters_read_at_the_same_edges() -> None:
     assert np.array_equal(bench.paced.collect(), master)
     channel = bench.paced.channels()[0]
     assert (channel.name, channel.unit, channel.latency_s) == ("flag_v", "V", 2e-3)
+
+
+@pytest.mark.parametrize("aperture_s", [1e-3, 5e-3])
+def test_a_reading_stands_for_the_middle_of_its_aperture(aperture_s: float) -> None:
+    bench = Bench(simulator={"latency_s": None}, settings={"aperture_s": aperture_s})
+    bench.paced.arm(300, 0.02)
+    started_s = bench.pacing.start(300, 0.02)
+    edges_s = started_s + bench.pacing.first_sample_after_s + 0.02 * np.arange(300)
+    for meter, rows in ((bench.pacing, bench.record(300, 0.02, 0.5)), (bench.paced, bench.paced.collect())):
+        late_s = meter.channels()[0].latency_s
+        assert abs(late_s) == 0.5 * aperture_s
+        assert rows[:, 0] == pytest.approx(sine(edges_s + late_s), rel=1e-4, abs=1e-6)
 
 
 def test_a_record_longer_than_the_memory_streams() -> None:

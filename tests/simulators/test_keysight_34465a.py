@@ -45,7 +45,7 @@ class Bench:
             celsius,
             self.pace,
             trigger_in,
-            MeterSettings(**{"resolution_v": 1e-9, **options}),
+            MeterSettings(**{"resolution_v": 1e-9, "latency_s": 0.0, **options}),
         )
         self.received = bytearray()
         self.session = self.meter.connect(self.received.extend)
@@ -152,6 +152,38 @@ def test_the_signal_is_asked_once_per_edge_and_in_order(waits_s: list[float], la
     bench.ask_bytes("DATA:POIN?")
     assert bench.pace.train is not None
     assert np.array_equal(np.concatenate(bench.asked), bench.pace.train.edges(-1, 9) + latency_s)
+
+
+@pytest.mark.parametrize("aperture_s", [1e-3, 0.02, 0.2])
+def test_a_reading_is_the_mean_over_the_aperture_that_its_edge_ends_or_begins(aperture_s: float) -> None:
+    hz = 2.0
+    pacing = Bench(lambda t: np.sin(2.0 * np.pi * hz * t), latency_s=None)
+    following = Bench(
+        lambda t: np.sin(2.0 * np.pi * hz * t), latency_s=None, trigger_in=pacing.pace, clock=pacing.clock
+    )
+    for bench in (pacing, following):
+        bench.send(f"SENS:VOLT:DC:ZERO:AUTO OFF;:SENS:VOLT:DC:RANG 1;APER {aperture_s}")
+    following.send("TRIG:SOUR EXT", "TRIG:DEL 0", "TRIG:COUN 20", "INIT")
+    pacing.send("SAMP:SOUR TIM", "SAMP:TIM 0.25", "SAMP:COUN 20", "TRIG:SOUR BUS", "TRIG:DEL 0", "INIT", "*TRG")
+    pacing.clock.sleep_s(0.25 * 20)
+    assert pacing.pace.train is not None
+    edges_s = pacing.pace.train.edges(-1.0, 9.0)
+    for bench, middle_s in ((pacing, edges_s - 0.5 * aperture_s), (following, edges_s + 0.5 * aperture_s)):
+        read = np.array(bench.numbers("FETC?", wait_s=1.0))
+        # The mean of a sine over a window is that of its middle, by sin(x) / x; of a short one to some 1e-5.
+        mean = np.sinc(hz * aperture_s) * np.sin(2.0 * np.pi * hz * middle_s)
+        assert read == pytest.approx(mean, abs=1e-5 if aperture_s == 1e-3 else 1e-8)
+
+
+def test_a_meter_that_follows_has_its_reading_when_the_aperture_is_over() -> None:
+    line = TriggerLine()
+    bench = Bench(latency_s=None, trigger_in=line)
+    bench.send("SENS:VOLT:DC:ZERO:AUTO OFF", "SENS:VOLT:DC:APER 0.2", "TRIG:SOUR EXT", "TRIG:DEL 0", "INIT")
+    line.begin(1.0, 1.0, 1)
+    bench.clock.sleep_s(1.19)
+    assert bench.ask("DATA:POIN?") == "+0"
+    bench.clock.sleep_s(0.0101)
+    assert bench.ask("DATA:POIN?") == "+1"
 
 
 def test_a_reading_is_not_there_before_its_instant() -> None:
