@@ -11,14 +11,14 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import DataError
 from rigctl.effects.catalogue import Effect
-from rigctl.experiments.rotating_platform.model.model import PlatformModel, slopes_at_zero
+from rigctl.experiments.rotating_platform.model.model import PlatformModel, slopes_at_zero, slopes_elsewhere
 from rigctl.experiments.rotating_platform.model.recorded_runs import Recorded
 from rigctl.experiments.rotating_platform.observe.line_spectra import found_lines
 from rigctl.experiments.rotating_platform.observe.observables import TURN_CYCLES
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
 from rigctl.experiments.rotating_platform.observe.store_reduction import refined_line
 from rigctl.experiments.rotating_platform.study_data import PlatformData, RecordedRuns, options
-from rigctl.workbench.placed import Placed, placed
+from rigctl.workbench.placed import EffectParameter, Placed, placed
 from rigctl.workbench.study import Candidate, Line, Model, Proposal, Term
 from rigctl.workbench.study_base import (
     CatalogueStudy,
@@ -91,7 +91,20 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
 
     def candidates_for(self, effects: Sequence[Effect], model: Model, values: FloatArray) -> list[list[Candidate]]:
         """One candidate per effect; of a scanned one, one per value of its scan."""
-        return [[self.candidate(model, values, term) for term in _choices(effect)] for effect in effects]
+        return [
+            [
+                *(self.candidate(model, values, term) for term in _choices(effect)),
+                *self._elsewhere(model, values, effect),
+            ]
+            for effect in effects
+        ]
+
+    def _elsewhere(self, model: Model, values: FloatArray, effect: Effect) -> list[Candidate]:
+        """An effect as it is seen from another minimum of the fit with it."""
+        here, term = own_model(model, PlatformModel), Term(effect.id)
+        one = placed(effect, term, CHANNELS, here.placed)
+        slopes = None if effect.scans else slopes_elsewhere(here, values, one, here.observations.sigma)
+        return [] if slopes is None else [_as_candidate(term, *slopes)]
 
     def reason_for_no_change(self, effect: Effect) -> str:
         """Why an effect without any influence on the data cannot be tested."""
@@ -108,14 +121,7 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
         """An effect that `model` lacks with any values of its choice."""
         here = own_model(model, PlatformModel)
         one = placed(self.catalogue[term.effect], term, CHANNELS, here.placed)
-        amplitudes, columns = slopes_at_zero(here, values, one, here.observations.sigma)
-        return Candidate(
-            term=one.term,
-            names=tuple(each.name for each in amplitudes),
-            units=tuple(each.unit for each in amplitudes),
-            columns=columns,
-            typical=np.array([each.typical for each in amplitudes]),
-        )
+        return _as_candidate(one.term, *slopes_at_zero(here, values, one, here.observations.sigma))
 
     def lines(self, model: Model) -> Sequence[Line]:
         """Steady lines in what is left of the samples."""
@@ -142,6 +148,16 @@ class PlatformStudy(CatalogueStudy[PlatformData]):
     def extended(self, proposals: Sequence[Proposal]) -> PlatformStudy:
         """This recording and runs that could be made next."""
         return self.with_data(PlatformData(self.data.recorded, proposals))
+
+
+def _as_candidate(term: Term, amplitudes: Sequence[EffectParameter], columns: FloatArray) -> Candidate:
+    return Candidate(
+        term=term,
+        names=tuple(each.name for each in amplitudes),
+        units=tuple(each.unit for each in amplitudes),
+        columns=columns,
+        typical=np.array([each.typical for each in amplitudes]),
+    )
 
 
 def _between(scan: Sequence[float], value: float) -> tuple[float, float]:

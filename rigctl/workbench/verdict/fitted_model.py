@@ -12,6 +12,7 @@ from rigctl.analysis.least_squares import FitResult, Parameter, least_squares
 from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.core.errors import UNFIT, ProcedureError
 from rigctl.workbench.findings import Estimate
+from rigctl.workbench.other_minima import HasOtherMinima
 from rigctl.workbench.study import Model
 from rigctl.workbench.verdict.absorbed import absorbed_parameters
 from rigctl.workbench.verdict.held_out import HeldOut
@@ -19,6 +20,14 @@ from rigctl.workbench.verdict.noise import Noise, orthonormal
 from rigctl.workbench.verdict.score import UNDETERMINED, Projector, p_of
 
 MAX_ITERATIONS = 80
+
+_ELSEWHERE = 3.0
+"""Sigmas beyond which another place is another minimum."""
+
+_TOLD_APART = 9.0
+"""Difference of chi-square, three sigma, by which the data themselves choose between two minima."""
+
+_SAME_CHI2 = 1e-6
 
 
 class FittedModel:
@@ -196,11 +205,32 @@ def _fit(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, f
         amplitudes_free = [replace(each, fixed=each.fixed or each.name in scanned) for each in parameters]
         sizes = np.nan_to_num(whitened_least_squares(model, noise, amplitudes_free).values)
         parameters = [replace(each, start=float(size)) for each, size in zip(parameters, sizes, strict=True)]
-    result = whitened_least_squares(model, noise, parameters)
+    result = _of_the_best_minimum(model, noise, parameters, whitened_least_squares(model, noise, parameters))
     if result.verdict == "ill-conditioned":
         raise ProcedureError(f"the fit is singular: {result.reason}")
     if not np.isfinite(result.values).all():
         raise ProcedureError(f"the runs do not determine the model: {result.reason}")
+    return result
+
+
+def _of_the_best_minimum(model: Model, noise: Noise, parameters: Sequence[Parameter], result: FitResult) -> FitResult:
+    """The result of a fit, or of one that ends in another minimum where the data do not speak for this one."""
+    if not isinstance(model, HasOtherMinima) or not np.isfinite(result.values).all():
+        return result
+    for number in range(len(model.elsewhere(result.values))):
+        other = model.elsewhere(result.values)[number]
+        sigma = float(np.sqrt(result.covariance[other.of, other.of]))
+        # A parameter that is held, and one that is there already.
+        if not abs(other.values[other.of] - result.values[other.of]) > _ELSEWHERE * sigma > 0.0:
+            continue
+        there = [
+            each if each.fixed else replace(each, start=other.values.get(place, float(result.values[place])))
+            for place, each in enumerate(parameters)
+        ]
+        found = whitened_least_squares(model, noise, there)
+        less = found.chi2 < result.chi2 + (_TOLD_APART if other.likelier else -_SAME_CHI2)
+        if found.verdict != "ill-conditioned" and np.isfinite(found.values).all() and less:
+            result = found
     return result
 
 

@@ -128,6 +128,15 @@ def test_what_the_baseline_imitates_is_asked_where_the_baseline_is() -> None:
     assert abs(moved) < 3e-6
 
 
+def test_a_strong_square_is_found_at_its_own_minimum_and_not_at_its_mirror_image() -> None:
+    """With no square and a bias that differs from run to run as the tilts do, readings are almost the same."""
+    found = diagnose(study({"quadratic": {"K2": 40.0}}), ())
+    assert [term.effect for term in found.suggested] == ["quadratic"]
+    size = found.ranking[0].parameters["K2[z]"]
+    assert size.value == pytest.approx(40.0, abs=4.0 * size.sigma)
+    assert size.sigma < 10.0
+
+
 def test_a_bias_that_creeps_with_every_turn_and_snaps_back_after_seven_is_told_by_their_count() -> None:
     turned = 0
 

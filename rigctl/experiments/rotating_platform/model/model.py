@@ -14,9 +14,11 @@ import numpy as np
 
 from rigctl.analysis.least_squares import Parameter
 from rigctl.core.arrays import FloatArray
+from rigctl.experiments.rotating_platform.model.alike_biases import READING, AlikeBiases, alike_biases, is_curve
 from rigctl.experiments.rotating_platform.model.chain import PlatformRuns, turned
 from rigctl.experiments.rotating_platform.model.recorded_runs import OF_A_RUN, SHARED, Recorded
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
+from rigctl.workbench.other_minima import OtherMinimum
 from rigctl.workbench.placed import (
     EffectParameter,
     Placed,
@@ -102,6 +104,29 @@ class PlatformModel:
         # What effects add only: the baseline is a thousand times the noise and is reduced exactly, sample by sample.
         return np.asarray(reading - before)
 
+    def elsewhere(self, values: FloatArray) -> list[OtherMinimum]:
+        """Of a chain's curves: with biases that are alike in all runs."""
+        found, first = [], self._baseline_size
+        for each in self.placed:
+            for number, parameter in enumerate(each.parameters):
+                place = first + number
+                if (alike := self.alike_biases(values, each, parameter.channel, float(values[place]))) is not None:
+                    levels = self.recorded.places("bias", parameter.channel)
+                    changed = {place: alike.size, **dict(zip(levels, alike.levels.tolist(), strict=True))}
+                    found.append(OtherMinimum(changed, place, alike.likelier))
+            first += len(each.parameters)
+        return found
+
+    def alike_biases(self, values: FloatArray, one: Placed, channel: str, size: float) -> AlikeBiases | None:
+        """Of an effect with this size in a channel, whether in the model or not; None for what is no curve."""
+        # What is proposed was not measured: it has no bias yet.
+        if one.effect.on != READING or not channel or self.recorded.imagined:
+            return None
+        run = at_rest(self.recorded, channel, values)
+        if not is_curve(one, run):
+            return None
+        return alike_biases(one, run, values[self.recorded.places("bias", channel)], size)
+
     def jacobian(self, values: FloatArray) -> FloatArray:
         """d predict / d values, shape (n, m)."""
         values = np.asarray(values, dtype=np.float64)
@@ -182,6 +207,31 @@ def slopes_at_zero(
             if np.any(np.abs(change) > _NEGLIGIBLE_SIGMAS * sigma):
                 columns[:, number] = change / amplitudes[number].typical
     return amplitudes, columns
+
+
+def slopes_elsewhere(
+    model: PlatformModel, values: FloatArray, one: Placed, sigma: FloatArray
+) -> tuple[list[EffectParameter], FloatArray] | None:
+    """What an effect does for each unit of the amplitudes with which biases are alike, on the way there, (n, d).
+
+    None where it has no other minimum, or that lies too near to do anything.
+    """
+    amplitudes, there, sizes = list(one.parameters), values.copy(), []
+    for each in amplitudes:
+        alike = model.alike_biases(values, one, each.channel, 0.0)
+        sizes.append(0.0 if alike is None else alike.size)
+        if alike is not None:
+            there[model.recorded.places("bias", each.channel)] = alike.levels
+    if not any(sizes):
+        return None
+    wider = PlatformModel(model.recorded, [*model.placed, one], [*model.terms, one.term])
+    changed = wider.added(np.concatenate([there, sizes])) - model.added_here(values)
+    columns = np.zeros((changed.size, len(amplitudes)))
+    for number, (each, size) in enumerate(zip(amplitudes, sizes, strict=True)):
+        change = model.recorded.of_channel(each.channel, changed)
+        if size and np.any(np.abs(change) > _NEGLIGIBLE_SIGMAS * sigma):
+            columns[:, number] = change / size
+    return (amplitudes, columns) if columns.any() else None
 
 
 def _moved_together(parameters: Sequence[EffectParameter]) -> list[list[int]]:

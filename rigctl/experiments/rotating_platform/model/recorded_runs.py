@@ -139,8 +139,12 @@ class Recorded:
 
     def of_run(self, values: FloatArray, kind: str, channel: str) -> FloatArray:
         """Level or rate of a channel's bias at every cell."""
+        return np.asarray(values[self.places(kind, channel)][self._run_of(channel)])
+
+    def places(self, kind: str, channel: str) -> range:
+        """Where among the baseline's parameters level or rate of a channel's bias stand, run by run."""
         first = len(SHARED) + OF_A_RUN.index(f"{kind}_{channel}") * len(self.run_ids)
-        return np.asarray(values[first : first + len(self.run_ids)][self._run_of(channel)])
+        return range(first, first + len(self.run_ids))
 
     def _run_of(self, channel: str) -> FloatArray:
         return np.concatenate(
