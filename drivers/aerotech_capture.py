@@ -11,7 +11,10 @@ from drivers.aerotech_commands import Commands
 from drivers.aerotech_settings import EnsembleSettings
 from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
-from rigctl.core.errors import InstrumentError, LimitError
+from rigctl.core.errors import EdgesMissing, InstrumentError, LimitError
+
+COUNTED_MAX = 16
+"""Of a record that is short by some positions of more than these, nobody waits for how many came."""
 
 NOT_WRITTEN = -(1 << 31)
 """Marks a register: the lowest number it holds, farther out than any stage of this precision goes."""
@@ -79,7 +82,7 @@ class PositionCapture:
             count = min(self._one_read(), samples - len(counts))
             read = self._read(self._commands, count)
             if read is None:
-                raise self._too_few(len(counts), count, samples)
+                raise self._too_few(self._commands, len(counts), count, samples)
             counts += read
         return np.array(counts, dtype=np.float64)
 
@@ -99,10 +102,19 @@ class PositionCapture:
         counts = self._wire.ask_whole_numbers([f"IGLOBAL({register})" for register in range(first, last + 1)])
         return None if counts[-1] == NOT_WRITTEN else counts
 
-    def _too_few(self, already: int, count: int, samples: int) -> InstrumentError:
-        return InstrumentError(
-            f"{self._name}: fewer positions captured than the {samples} armed for "
-            f"(points {already + 1} to {already + count} are not all there); "
+    def _too_few(self, commands: Commands, already: int, count: int, samples: int) -> EdgesMissing:
+        came = self._counted(commands, samples)
+        short = f"{came} came" if came is not None else f"points {already + 1} to {already + count} are not all there"
+        return EdgesMissing(
+            f"{self._name}: fewer positions captured than the {samples} armed for ({short}); "
             "check the trigger line and capture_trigger, and collect after the last edge",
             instrument=self._name,
+            came=came,
+            armed=samples,
         )
+
+    def _counted(self, commands: Commands, samples: int) -> int | None:
+        """How many positions there are, where that is soon found out by asking for fewer and fewer."""
+        if samples > COUNTED_MAX or self._settings.capture_read != "restarts":
+            return None
+        return next((count for count in range(samples - 1, 0, -1) if self._read(commands, count) is not None), 0)

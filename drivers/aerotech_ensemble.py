@@ -16,7 +16,9 @@ golaborate). Where these are silent the driver decides:
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -24,6 +26,7 @@ from drivers.aerotech_ascii import AsciiLink
 from drivers.aerotech_axis import SAFETY_FAULTS, AsciiAxis, AxisStatus, fault_text
 from drivers.aerotech_capture import PositionCapture
 from drivers.aerotech_commands import Commands, find_commands
+from drivers.aerotech_examined import examined
 from drivers.aerotech_motion import AxisMotion
 from drivers.aerotech_settings import EnsembleSettings
 from drivers.aerotech_setup import ControllerSetup
@@ -33,6 +36,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.core.errors import InstrumentError
+from rigctl.core.findings import Finding, unknown
 from rigctl.core.interfaces import Channel, Identity, Learned, Reading
 
 
@@ -66,6 +70,23 @@ class AerotechEnsemble:
             raise
         self._capture.provide(self._setup.integer_registers)
         self._found = None
+
+    def examine(self) -> Iterator[Finding]:
+        """Connect and look at axis, unit, limits, faults, registers and programs; moves nothing.
+
+        Where it has no program of ours the axis is disabled for a moment, to ask about OSCILLATE without any risk.
+        """
+        self._link.open()
+        self._setup.meet()
+        self._capture.provide(self._setup.integer_registers)
+        self._found = None
+        version = self._link.version().value
+        yield from examined(
+            version, self._settings, self._setup, self._wire, self._commands, self._capture.longest_record
+        )
+        with contextlib.suppress(InstrumentError):
+            for key in self.unknown_until_moved():
+                yield unknown("motion", key, "only motion tells", "`rigctl check --move`, by a millimetre")
 
     def close(self) -> None:
         """Disconnect; may be called twice. A motion goes on."""

@@ -30,12 +30,21 @@ class ControllerSetup:
 
     def check(self) -> None:
         """`WrongInstrument`, or `LimitError` when the controller's limits are narrower than the rig file's."""
+        units = self.meet()
+        if units.lower() != "mm":
+            raise self._wrong(f"axis {self._axis} counts in {units!r}: set UnitsName and CountsPerUnit to mm")
+        if self.counts_per_mm <= 0.0:
+            raise self._wrong(f"its CountsPerUnit is {self.counts_per_mm:g}")
+        self._compare_limits()
+
+    def meet(self) -> str:
+        """`WrongInstrument` unless it is an Ensemble with this axis; the name of the unit that the axis counts in."""
         try:
             # No Ensemble knows this word and says `!`; what answers otherwise is something else.
             nonsense = self._link.tell("NONE").status
             version = self._wire.succeed("VERSION", self._link.version())
             self.axis_name = self._wire.ask(f"GETPARM({self._axis}, {AXIS_NAME})").strip('"')
-            units, self.counts_per_mm = self._unit()
+            units, self.counts_per_mm = self.unit()
             self.integer_registers = self._wire.ask_whole(f"GETPARM({self._axis}, {GLOBAL_INTEGERS})")
             self.double_registers = self._wire.ask_whole(f"GETPARM({self._axis}, {GLOBAL_DOUBLES})")
         except InstrumentError as error:
@@ -45,15 +54,11 @@ class ControllerSetup:
         # An axis addressed by its index has whatever name it was given.
         if not self._axis.startswith("@") and self.axis_name.upper() != self._axis.upper():
             raise self._wrong(f"its axis is called {self.axis_name!r}, not {self._axis!r}: set `axis`")
-        if units.lower() != "mm":
-            raise self._wrong(f"axis {self._axis} counts in {units!r}: set UnitsName and CountsPerUnit to mm")
-        if self.counts_per_mm <= 0.0:
-            raise self._wrong(f"its CountsPerUnit is {self.counts_per_mm:g}")
-        self._compare_limits()
+        return units
 
     def require_unit(self) -> None:
         """`InstrumentError` when another client has changed the unit since; two questions."""
-        name, counts = self._unit()
+        name, counts = self.unit()
         if name.lower() != "mm" or counts != self.counts_per_mm:
             raise InstrumentError(
                 f"{self._name}: axis {self._axis} counts in {name!r} of {counts:g} counts now, not in mm of "
@@ -81,7 +86,7 @@ class ControllerSetup:
                 self._name, low_mm, high_mm, "SoftwareLimitLow and SoftwareLimitHigh (its parameters 37 and 38)"
             )
 
-    def _unit(self) -> tuple[str, float]:
+    def unit(self) -> tuple[str, float]:
         """What the axis counts in, and how many counts it has to the unit."""
         name = self._wire.ask(f"GETPARM({self._axis}, {UNITS_NAME})").strip('"')
         return name, self._wire.ask_number(f"GETPARM({self._axis}, {COUNTS_PER_UNIT})")

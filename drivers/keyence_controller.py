@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
+from drivers.keyence_examined import heads_and_line
 from drivers.keyence_line import KeyenceLine, main_command
 from drivers.keyence_settings import AVERAGES, Generation, KeyenceSettings
 from drivers.keyence_values import parse_values
@@ -19,6 +20,7 @@ from drivers.transport import Connect
 from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.errors import BadReply, InstrumentError, LimitError, LinkTimeout, WrongInstrument
+from rigctl.core.findings import Finding
 from rigctl.core.interfaces import Channel, Identity, Reading
 
 
@@ -58,6 +60,16 @@ class KeyenceController:
     def close(self) -> None:
         """Disconnect; the controller goes on measuring. May be called twice."""
         self._line.close()
+
+    def examine(self) -> Iterator[Finding]:
+        """Connect and look at its heads, its line and its storage; an LK-G3001 stores a few values for it."""
+        self.open()
+        yield from heads_and_line(self.settings, self.displacements, guarded=self._line.guarded)
+        yield from self._examine()
+
+    def _examine(self) -> Iterator[Finding]:
+        """What only this generation is asked."""
+        raise NotImplementedError
 
     def identify(self) -> Identity:
         """The generation, known by the commands it understands; no serial number nor firmware can be asked.

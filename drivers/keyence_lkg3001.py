@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drivers.keyence_controller import KeyenceController, Progress
+from drivers.keyence_examined import own_clock
 from drivers.keyence_storage import CYCLES, FORMS, MANUAL, Status, StorageForm, status_of, values_of
 from rigctl.core.arrays import FloatArray
 from rigctl.core.errors import InstrumentError, LimitError, WrongInstrument
+from rigctl.core.findings import Finding
 from rigctl.core.interfaces import Channel, OwnClockRecord
 
 LEAD_S = 5.0
@@ -57,6 +60,12 @@ class Lkg3001(KeyenceController):
             except BaseException:
                 self.close()
                 raise
+
+    def _examine(self) -> Iterator[Finding]:
+        period_s = 0.01
+        longest_s = self.longest_record(period_s) * period_s
+        storage = self._known_form().command(self._outputs, self.settings.samples_max, 0)
+        yield from own_clock(storage, self.settings.samples_max, longest_s, self.settings.start_u_s)
 
     def channels(self) -> tuple[Channel, ...]:
         """As of every controller, on a clock of its own."""

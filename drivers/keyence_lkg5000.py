@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.keyence_controller import KeyenceController, Progress
+from drivers.keyence_examined import timing_input
 from drivers.numbers import whole
 from rigctl.core.arrays import FloatArray
-from rigctl.core.errors import InstrumentError, LimitError
+from rigctl.core.errors import EdgesMissing, InstrumentError, LimitError
+from rigctl.core.findings import Finding
 
 BY_TIMING_INPUT = 10
 """The storage cycle (SW,CF) that takes one value per edge of the TIMING input."""
@@ -25,6 +28,9 @@ class Lkg5000(KeyenceController):
     """A controller that records on the rig's trigger edges: a `rigctl.core.interfaces.PacedRecorder` besides."""
 
     _armed: _Armed | None = None
+
+    def _examine(self) -> Iterator[Finding]:
+        yield from timing_input(self.settings)
 
     def longest_record(self, period_s: float) -> int:
         """Most values per head of one storage; `LimitError` when the controller samples more slowly than that."""
@@ -88,9 +94,11 @@ class Lkg5000(KeyenceController):
                 if short
                 else "check the wire to the TIMING input and that the pacing instrument ran to its end"
             )
-            raise InstrumentError(
+            raise EdgesMissing(
                 f"{self.name}: {progress.stored} of {armed.samples} trigger edges came, {why}; {mend}",
                 instrument=self.name,
+                came=progress.stored,
+                armed=armed.samples,
             )
         columns: list[FloatArray] = []
         for output in self.settings.heads.values():
@@ -98,6 +106,10 @@ class Lkg5000(KeyenceController):
                 self._progress()
             columns.append(self._stored(output, armed.samples))
         return np.column_stack(columns)
+
+    def edges_seen(self) -> int:
+        """How many values of every output are stored."""
+        return self._progress().stored
 
     def _await_edges(self, armed: _Armed) -> Progress:
         # Two periods on top: slow edges are no missing ones.

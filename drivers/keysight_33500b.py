@@ -7,16 +7,18 @@ are asked back.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from drivers.keysight_33500b_examined import examined
 from drivers.scpi import ScpiLink
 from drivers.transport import Connect
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.core.errors import InstrumentError, LimitError
+from rigctl.core.findings import Finding
 from rigctl.core.interfaces import Channel, Identity
 from rigctl.core.voltage_sources import Started, Waveform
 
@@ -68,6 +70,11 @@ class Keysight33500B:
         self._link.open(MAKERS, MODELS)
         # Errors of other clients stand in the queue and would be taken for ours.
         self._link.configure("*CLS")
+
+    def examine(self) -> Iterator[Finding]:
+        """Connect and look at its errors, which are emptied, and its outputs, which stay as they are."""
+        identity = self._link.open(MAKERS, MODELS)
+        yield from examined(identity.firmware, self.settings.outputs, self._link, self._link.errors())
 
     def close(self) -> None:
         """Disconnect; may be called twice."""

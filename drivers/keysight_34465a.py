@@ -7,76 +7,28 @@ the front panel calls digitising. VM COMP on the rear gives one pulse per readin
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
-from drivers.keysight_memory import OVERLOAD, ReadingMemory
-from drivers.keysight_settings import PROBES, ThermometerSettings, VoltmeterSettings
-from drivers.scpi import ScpiLink
+from drivers.keysight_34465a_examined import as_voltmeter, reads
+from drivers.keysight_memory import ReadingMemory
+from drivers.keysight_meter import SCALING_QUESTION, Keysight34465A
+from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
+from drivers.keysight_thermometer import MeterThermometer
 from drivers.transport import Connect
 from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
-from rigctl.core.errors import InstrumentError, LimitError, RigError
+from rigctl.core.errors import EdgesMissing, InstrumentError, LimitError, RigError
+from rigctl.core.findings import Finding
 from rigctl.core.interfaces import Channel, Identity, Reading
 
-MAKERS, MODELS = ("Keysight",), ("34465A",)
 SAMPLES_MAXIMUM = 1_000_000
 PERIOD_MAXIMUM_S = 3600.0
 TIMER_STEP_S = 1e-6
-SCALING_QUESTION = "CALC:SCAL:STAT?"
 TIMING_VIOLATION, MEMORY_OVERFLOW = 1 << 2, 1 << 14
 """Bits of the questionable register."""
-TEMPERATURE_READING_S = 2.0
-"""Longer than one reading at 10 power-line cycles with autozero and offset compensation."""
-
-
-class Keysight34465A:
-    """What the three uses of the meter share: the connection, who it is, and how it is stopped."""
-
-    def __init__(self, name: str, connect: Connect, clock: Clock, link_timeout_s: float) -> None:
-        self.name = name
-        self._clock = clock
-        self._link = ScpiLink(name, connect, link_timeout_s)
-
-    def open(self) -> None:
-        """Connect, make sure it is a 34465A, end what it is doing and clear its errors."""
-        self._link.open(MAKERS, MODELS)
-        self._link.configure("ABOR", "*CLS")
-
-    def close(self) -> None:
-        """Disconnect; may be called twice."""
-        self._link.close()
-
-    def identify(self) -> Identity:
-        """Ask the meter who it is."""
-        return self._link.identify(MAKERS, MODELS)
-
-    def confirm_in_step(self) -> None:
-        """`OutOfStep` when replies may have been taken for others."""
-        self._link.confirm_in_step()
-
-    def stop(self) -> None:
-        """End the acquisition and return when the meter says that it is idle; readings taken so far stay in it."""
-        with self._link.urgently():
-            self._link.send("ABOR")
-            # Answered only when nothing is pending, so the reply is the confirmation.
-            if self._link.query_whole("*OPC?") != 1:
-                raise InstrumentError(f"{self.name}: not idle after ABOR; look at its panel", instrument=self.name)
-
-    def _configure(self, *commands: str) -> None:
-        """Set up a measurement, without the scaling that another client may have switched on: CONF leaves it on.
-
-        The error queue is asked last: its reply can be taken for no reading, as that of the scaling could.
-        """
-        self._link.send(*commands)
-        if self._link.query_whole(SCALING_QUESTION):
-            self._link.send("CALC:SCAL:STAT OFF")
-        self._link.check(f"after {'; '.join(commands)}")
-
-    def _read_one(self, unit: str, extra_s: float) -> Reading:
-        value = self._link.query_number("READ?", extra_s)
-        return Reading(math.nan if abs(value) >= OVERLOAD else value, unit, self._clock.now_s())
 
 
 class _Voltmeter(Keysight34465A):
@@ -98,6 +50,14 @@ class _Voltmeter(Keysight34465A):
         """Connect, make sure it is a 34465A, end what it is doing and clear its errors."""
         super().open()
         self._recording, self._remaining = False, 0
+
+    def _examine(self, identity: Identity) -> Iterator[Finding]:
+        yield from as_voltmeter(identity, self.settings, self._link, self._fastest_s)
+        yield reads(self.settings.channel, self.voltage)
+
+    def _fastest_s(self) -> float:
+        self._configure("ABOR", *self._measurement(), "SAMP:SOUR TIM")
+        return self._link.query_number("SAMP:TIM? MIN")
 
     def channels(self) -> tuple[Channel, ...]:
         """One column of volts."""
@@ -300,10 +260,20 @@ class PacedVoltmeter(_Voltmeter):
             raise InstrumentError(f"{self.name}: nothing to collect, it was not armed", instrument=self.name)
         came = self._wait_for(samples)
         if came < samples:
-            self._fail(f"{came} of {samples} trigger edges came; check the cable from VM COMP to Ext Trig")
+            self.stop()
+            raise EdgesMissing(
+                f"{self.name}: {came} of {samples} trigger edges came; check the cable from VM COMP to Ext Trig",
+                instrument=self.name,
+                came=came,
+                armed=samples,
+            )
         rows = self._drain()
         self._finish()
         return rows
+
+    def edges_seen(self) -> int:
+        """How many readings there are."""
+        return self._link.query_whole("DATA:POIN?")
 
     def _wait_for(self, samples: int) -> int:
         """How many readings are there, once all are or the last one can no longer be on its way."""
@@ -315,24 +285,6 @@ class PacedVoltmeter(_Voltmeter):
             if came >= samples or late:
                 return came
             self._clock.sleep_s(self._grace_s / 10)
-
-
-class MeterThermometer(Keysight34465A):
-    """Reads a platinum probe or a thermistor."""
-
-    def __init__(self, name: str, settings: ThermometerSettings, connect: Connect, clock: Clock) -> None:
-        super().__init__(name, connect, clock, settings.link_timeout_s)
-        self.settings = settings
-
-    def temperature(self) -> Reading:
-        """One reading, triggered at once [degC]; NaN when the probe is open."""
-        s = self.settings
-        reference: tuple[str, ...] = ()
-        if s.probe in ("frtd", "rtd"):
-            # Only platinum has a resistance at 0 degC to be told.
-            reference = (f"SENS:TEMP:TRAN:{s.probe.upper()}:RES {s.reference_ohm:g}",)
-        self._configure(f"CONF:TEMP {PROBES[s.probe]}", *reference, "UNIT:TEMP C", "FORM:DATA ASC")
-        return self._read_one("degC", TEMPERATURE_READING_S)
 
 
 _PACED = Use(VoltmeterSettings, PacedVoltmeter)

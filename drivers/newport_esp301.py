@@ -19,6 +19,7 @@ from collections.abc import Iterator
 
 from pydantic import Field
 
+from drivers.newport_esp301_examined import examined
 from drivers.newport_esp301_line import ERRORS_QUEUED_MAX, EspLine, QueuedError
 from drivers.numbers import plain
 from drivers.rotation_settings import RotationSettings
@@ -26,6 +27,7 @@ from drivers.transport import Connect
 from rigctl.core.clock import Clock
 from rigctl.core.declarations import DriverDeclaration, Use
 from rigctl.core.errors import InstrumentError, LinkError, MotionStopped, RigError, SafetyStop
+from rigctl.core.findings import Finding
 from rigctl.core.interfaces import Identity, Reading
 
 UNIT_DEGREE = 7
@@ -74,6 +76,14 @@ class NewportEsp301:
         except BaseException:
             self._line.close()
             raise
+
+    def examine(self) -> Iterator[Finding]:
+        """Connect and look at unit, stage, errors and limits; moves nothing. Its queue of errors is emptied."""
+        self._line.open()
+        queued = tuple(itertools.takewhile(lambda error: error.code, self._queued()))
+        self._find_keypad()
+        version = self.identify().firmware
+        yield from examined(version, self._axis, self.limits, self._line, queued, keypad=self._keypad)
 
     def close(self) -> None:
         """Disconnect; may be called twice. A motion goes on."""
@@ -135,8 +145,7 @@ class NewportEsp301:
 
     def safety_stop(self) -> str:
         """The emergency stop and the limits among the controller's errors, which are taken off its queue."""
-        queued = (self._line.next_error() for _ in range(ERRORS_QUEUED_MAX))
-        errors = itertools.takewhile(lambda error: error.code, queued)
+        errors = itertools.takewhile(lambda error: error.code, self._queued())
         return ", ".join(error.text for error in errors if _is_safety(error))
 
     def is_moving(self) -> bool:
@@ -169,6 +178,10 @@ class NewportEsp301:
         return Reading(statistics.median(angles_deg), "deg", 0.5 * (asked_s + self._clock.now_s()))
 
     # what these are made of
+
+    def _queued(self) -> Iterator[QueuedError]:
+        """The errors in the controller's queue, which are taken off it, and what it says when there are no more."""
+        return (self._line.next_error() for _ in range(ERRORS_QUEUED_MAX))
 
     def _prepare(self) -> None:
         """Check the travel limits, set speed and ramps."""

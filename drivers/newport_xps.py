@@ -22,6 +22,7 @@ from collections.abc import Iterator
 
 from pydantic import Field
 
+from drivers.newport_xps_examined import examined
 from drivers.newport_xps_group import (
     ABORTED,
     AT_REST,
@@ -51,6 +52,7 @@ from rigctl.core.errors import (
     RigError,
     WrongInstrument,
 )
+from rigctl.core.findings import Finding
 from rigctl.core.interfaces import Identity, Reading
 
 REST_POLL_S = 0.02
@@ -105,6 +107,11 @@ class NewportXps:
         except BaseException:
             self.close()
             raise
+
+    def examine(self) -> Iterator[Finding]:
+        """Connect and look at names, state, errors and limits; moves nothing."""
+        self.open()
+        yield from examined(self.identify().text, self._group, self._positioner, self.limits, self._wire)
 
     def close(self) -> None:
         """Disconnect; may be called twice. A motion goes on."""

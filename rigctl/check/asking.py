@@ -41,6 +41,8 @@ class Asking:
             if name in self.identities:
                 self._fails(name, "capability", "link", error)
             else:
+                # Before others try: a line has room for one.
+                instrument.close()
                 self._look_elsewhere(name, error)
         except WrongInstrument as error:
             self._fails(name, "identity", "model", error)
@@ -72,7 +74,10 @@ class Asking:
             self._note(name, unknown("capability", "questions", "its driver asks no more", "see the driver's page"))
         if isinstance(instrument, Stage) and instrument.is_moving():
             self.moving.append(name)
-            self._note(name, differs("motion", "now", "it MOVES", f"look who moves it, or `rigctl stop` it: {name}"))
+            self._note(
+                name,
+                differs("capability", "motion now", "it MOVES", "look who moves it, or `rigctl stop`"),
+            )
 
     def _meet(self, name: str, instrument: Instrument) -> None:
         if name not in self.identities:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -76,12 +76,15 @@ class CheckRecord(_Kept):
         """What is not as it has to be."""
         return [line for line in self.lines if line.outcome == "differs"]
 
-    def going_on(self, earlier: CheckRecord | None) -> CheckRecord:
-        """With what an earlier check of the same instruments found in steps that this one left out."""
+    def going_on(self, earlier: CheckRecord | None, done: Collection[Step]) -> CheckRecord:
+        """With what an earlier check of the same instruments found in steps that were not `done` now."""
         if earlier is None or earlier.identities != self.identities:
             return self
-        done = {line.step for line in self.lines if line.outcome != "unknown"}
-        kept = [line for line in earlier.lines if line.step in ASKED_FOR and line.step not in done]
+        kept = [
+            line
+            for line in earlier.lines
+            if line.step in ASKED_FOR and line.step not in done and line.outcome != "unknown"
+        ]
         replaced = {line.step for line in kept}
         lines = [line for line in self.lines if line.step not in replaced]
         return self.model_copy(update={"lines": [*lines, *kept], "learned": {**earlier.learned, **self.learned}})

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import asdict
+from typing import Annotated
 
 import typer
 
-from rigctl.check.guide import Checked
+from rigctl.check.guide import Checked, Wanted
 from rigctl.check.guide import check as guide
 from rigctl.check.record import Line
-from rigctl.cli.io import Json, RigToml, WireLog, print_json, say
+from rigctl.cli.io import Json, RigToml, WireLog, print_json, say, tell
 from rigctl.core.errors import RigError
 from rigctl.files.rig_file import read_rig
 
@@ -21,15 +22,23 @@ MENDS = {"ok": "", "differs": "mend", "unknown": "look up"}
 
 
 @app.command()
-def check(rig: RigToml, wire_log: WireLog = None, as_json: Json = False) -> None:
-    """Go through every instrument: ok, differs, or unknown; moves nothing."""
+def check(
+    rig: RigToml,
+    trigger: Annotated[bool, typer.Option("--trigger", help="Count ten trigger edges at every recorder.")] = False,
+    interlocks: Annotated[bool, typer.Option("--interlocks", help="See the emergency stop pressed by hand.")] = False,
+    move: Annotated[bool, typer.Option("--move", help="MOVES: homes, then a millimetre and a degree.")] = False,
+    wire_log: WireLog = None,
+    as_json: Json = False,
+) -> None:
+    """Go through every instrument: ok, differs, or unknown; moves nothing but with --move."""
     told = _Told()
-    checked = guide(read_rig(rig).with_wire_log(wire_log), told.silently if as_json else told)
-    differing = [line for line in told.lines if line.outcome == "differs"]
+    file = read_rig(rig).with_wire_log(wire_log)
+    checked = guide(file, Wanted(trigger, interlocks, move), told.silently if as_json else told, tell)
+    differing = checked.record.differing
     if as_json:
         print_json(_document(checked))
     else:
-        say(_summary(told.lines))
+        say(_summary(checked.record.lines))
         say(f"record: {checked.path}")
     if differing:
         raise RigError(f"{rig}: {'; '.join(map(_in_one_line, differing))}")

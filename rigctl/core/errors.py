@@ -11,6 +11,7 @@
     ├── InstrumentError        the instrument answered with an error: carries its code and text
     │   ├── WrongInstrument    it answers as another model
     │   ├── BadReply           it answers what its manual does not allow
+    │   ├── EdgesMissing       fewer trigger edges came than were armed for: says how many, where that is known
     │   ├── ImplausibleSample  a reading that cannot be true: names channel and sample
     │   ├── SafetyStop         an emergency stop or a limit switch: goes on when a person says so
     │   └── MotionStopped      a motion ended before its target because somebody stopped it
@@ -92,6 +93,15 @@ class WrongInstrument(InstrumentError):
 
 class BadReply(InstrumentError):
     """A reply the manual does not allow."""
+
+
+class EdgesMissing(InstrumentError):
+    """Fewer trigger edges came than were armed for; `came` is None where the instrument does not tell how many."""
+
+    def __init__(self, message: str, *, instrument: str, came: int | None, armed: int) -> None:
+        super().__init__(message, instrument=instrument)
+        self.came = came
+        self.armed = armed
 
 
 class ImplausibleSample(InstrumentError):

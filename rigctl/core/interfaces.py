@@ -201,8 +201,16 @@ class PacedRecorder(Recorder, Protocol):
     def collect(self) -> FloatArray:
         """The recorded rows, shape (samples, channels), after the last edge; NaN where there was no value.
 
-        Raises `InstrumentError` when fewer edges than armed for have been recorded.
+        Raises `EdgesMissing` when fewer edges than armed for have been recorded.
         """
+
+
+@runtime_checkable
+class CountsEdges(Protocol):
+    """A paced recorder that tells at any time how many edges it has seen."""
+
+    def edges_seen(self) -> int:
+        """How many of those it is armed for have come; a question and no more."""
 
 
 @runtime_checkable

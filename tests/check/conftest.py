@@ -14,6 +14,7 @@ from rigctl.files.rig_file import parse_rig
 from rigctl.serving import Served
 
 FASTER = ("clock_speed = 1.0", "clock_speed = 20.0")
+"""A change to most shipped rigs."""
 
 Serve = Callable[..., Path]
 """Serves a shipped rig with changes, and writes the rig file of a client."""
@@ -26,7 +27,7 @@ def real_rig(desk: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Serve]:
     with ExitStack() as stack:
 
         def serve(*changes: tuple[str, str], of: str = "isa-rig.toml") -> Path:
-            file = desk.rig(FASTER, *changes, of=of, name="served.toml")
+            file = desk.rig(*changes, of=of, name="served.toml")
             served = stack.enter_context(Served(parse_rig(file.read_text(), file)))
             serving = threading.Thread(target=served._server.serve)
             serving.start()

@@ -18,6 +18,7 @@ from rigctl.core.errors import DataError, NotChecked
 from rigctl.core.findings import differs, ok
 from rigctl.core.interfaces import Identity
 from rigctl.files.rig_file import RigFile, parse_rig, read_rig
+from tests.check.conftest import FASTER
 
 AT_A_PORT = ('address = "sim:"                  # tcp://192.168.0.254:5001', 'address = "tcp://192.0.2.7:5001"')
 
@@ -53,7 +54,7 @@ def test_a_run_asks_for_a_check_and_keeps_its_record(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Operator, "remount", interrupted)
-    rig = real_rig()
+    rig = real_rig(FASTER)
     desk.run("--rig", rig).refused(1, "rotation, stage, lasers_a", "not checked", "rigctl check", "--unchecked")
     assert not desk.store.exists()
 
@@ -120,11 +121,12 @@ def test_what_motion_told_is_kept_by_a_later_check_that_moves_nothing(file: RigF
     moved = record.Line.of("stage", ok("motion", "oscillate_distance", "0 to 1 mm"), "2026-01-01T00:00:00+00:00")
     earlier = kept_for(file, moved, learned={"stage": {"oscillate_distance": "amplitude"}})
     later = kept_for(file, record.Line.of("rotation", ok("found", "address", "there")))
-    going_on = later.going_on(earlier)
+    going_on = later.going_on(earlier, set())
     assert going_on.lines[-1] == moved
     assert going_on.learned == earlier.learned
+    assert later.going_on(earlier, {"motion"}).lines == later.lines, "it was moved again"
     swapped = later.model_copy(update={"identities": {}})
-    assert swapped.going_on(earlier) == swapped, "of another instrument nothing is known"
+    assert swapped.going_on(earlier, set()) == swapped, "of another instrument nothing is known"
     forget(file)
 
 

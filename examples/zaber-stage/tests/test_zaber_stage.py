@@ -163,4 +163,7 @@ def test_rigctl_check_finds_it_by_its_entry_point(tmp_path: Path) -> None:
         check=False,
     )
     assert (found.returncode, found.stderr) == (0, "")
-    assert "mover: Zaber 50081, serial 12345, Zaber device 50081, firmware 7.38\n" in found.stdout
+    assert (
+        "mover:\n  ok       found, address: sim:\n  ok       identity, who answers: Zaber 50081, serial 12345, "
+        in found.stdout
+    )
