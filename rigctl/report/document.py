@@ -27,6 +27,7 @@ from rigctl.report.verdicts import (
     line_sentence,
     model_name,
     repeats_sentence,
+    scatter_sentences,
     slow_noise_sentences,
     verdict_sentence,
     warning_sentences,
@@ -224,8 +225,7 @@ def _amount(evidence: Evidence) -> str:
 def _residuals(evidence: Evidence) -> Iterator[str]:
     last = evidence.comparisons[-1].as_json()
     yield html.paragraph(comparison_sentence(last))
-    if repeats := repeats_sentence(last):
-        yield html.paragraph(repeats, "soft")
+    yield from (html.paragraph(said, "soft") for said in [repeats_sentence(last), *scatter_sentences(last)] if said)
     yield html.table(channels_table(last))
     shown = evidence.residuals[:SHOWN_COVARIATES]
     yield from map(html.figure, shown)

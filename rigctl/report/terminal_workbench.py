@@ -25,6 +25,7 @@ from rigctl.report.verdicts import (
     named,
     noise_sentence,
     repeats_sentence,
+    scatter_sentences,
     slow_noise_sentences,
     transfer_sentence,
     verdict_sentence,
@@ -47,7 +48,7 @@ def print_comparison(comparison: Findings) -> None:
     worst = [[row["run_id"], row["channel"], row["component"], f"{row['sigma']:+.1f}"] for row in comparison["worst"]]
     shown = [
         _text(f"Model version {model['version']}: {model_name(model['effects'])}", comparison_sentence(comparison)),
-        _text(noise_sentence(comparison), repeats_sentence(comparison)),
+        _text(noise_sentence(comparison), repeats_sentence(comparison), *scatter_sentences(comparison)),
         channels_table(comparison),
         ResultTable("Farthest from the model", ["run", "channel", "component", "#sigma"], worst),
         _trends(comparison["trends"]),
@@ -78,6 +79,7 @@ def _trends(trends: Sequence[Findings]) -> ResultTable:
 def print_diagnosis(diagnosis: Findings, store: str) -> None:
     """The verdict first, what to do next, then what it rests on."""
     shown = [_text(verdict_sentence(diagnosis), f"Next: {advice(diagnosis, store)}", noise_sentence(diagnosis))]
+    shown += [_text(*said)] if (said := scatter_sentences(diagnosis)) else []
     shown += [_text(*said)] if (said := slow_noise_sentences(diagnosis)) else []
     shown += [ranking_table(diagnosis, RANKS)] if diagnosis["ranking"] else []
     shown.append(_listed("Cannot be told apart with these data", _inseparable(diagnosis)))

@@ -92,6 +92,46 @@ def slow_noise_sentences(diagnosis: Findings) -> list[str]:
     return said
 
 
+def scatter_sentences(findings: Findings) -> list[str]:
+    """Along what scatter changes, with weights that do it justice; how stated uncertainties fail; [] for neither."""
+    said = [_uneven(each) for each in findings.get("scatter") or []]
+    if said:
+        said.append(
+            "Readings that weigh by it tell more: put the sigma of each in a column that [table] sigma names."
+        )
+    stated = findings.get("stated_sigma")
+    return [*said, _stated(stated)] if stated else said
+
+
+def _uneven(scatter: Findings) -> str:
+    unit = " times what is stated" if scatter["of_stated"] else f" {scatter['unit']}".rstrip()
+    along, p = scatter["along"].replace("fitted level", "the fitted level"), p_value(scatter["p_value_corrected"])
+    if scatter["by_word"]:
+        sizes = ", ".join(f"{number(sigma)}{unit} at {word}" for word, sigma in scatter["by_word"].items())
+        return f"The scatter differs by {along}: {sizes} ({p})."
+    low, high = scatter["low"], scatter["high"]
+    way = "grows" if high["sigma"] > low["sigma"] else "falls"
+    same = f" (as along {', '.join(scatter['same_as'])})" if scatter["same_as"] else ""
+    return (
+        f"The scatter {way} along {along}{same}: from {number(low['sigma'])}{unit} at {number(low['at'], 4)} to "
+        f"{number(high['sigma'])}{unit} at {number(high['at'], 4)} ({p}), as {scatter['law']}."
+    )
+
+
+def _stated(stated: Findings) -> str:
+    factor = quantity(stated["factor"]["value"], stated["factor"]["sigma"], "")
+    words = f"Stated uncertainties do not fit the scatter ({p_value(stated['p_value'])}): "
+    if stated["added"] is None:
+        return f"{words}they are too large, by a factor of {factor}."
+    added = quantity(stated["added"]["value"], stated["added"]["sigma"], stated["added"]["unit"])
+    ways = {"factor": f"each times {factor}", "added": f"{added} added to each in quadrature"}
+    if stated["likelier"] is None:
+        return f"{words}{ways['factor']}, or {ways['added']}: these data do not tell which."
+    other = "added" if stated["likelier"] == "factor" else "factor"
+    odds = number(abs(stated["log_likelihood_ratio"]))
+    return f"{words}{ways[stated['likelier']]}, rather than {ways[other]} (log likelihood {odds} larger)."
+
+
 def repeats_sentence(comparison: Findings) -> str:
     """What readings taken again at one setting tell of the noise and of the model; "" where there are none."""
     lack = comparison.get("lack_of_fit")

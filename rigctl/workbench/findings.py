@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.hidden import HiddenInNoise
+from rigctl.workbench.scatter import LackOfFit, StatedSigma, UnevenScatter
 from rigctl.workbench.study import Observations, Term
 
 Verdict = Literal["adequate", "effect", "ambiguous", "unknown"]
@@ -84,20 +85,6 @@ class Trend:
 
 
 @dataclass(frozen=True)
-class LackOfFit:
-    """What a model leaves beyond the scatter of readings at one setting, `pure_error` in `unit`: F with `dof` and
-    `pure_dof` degrees of freedom."""
-
-    f: float
-    dof: int
-    pure_dof: int
-    p_value: float
-    pure_error: float
-    channel: str
-    unit: str
-
-
-@dataclass(frozen=True)
 class Outlier:
     """A datum far from the model, in sigma."""
 
@@ -122,6 +109,8 @@ class Comparison:
     lines: tuple[Mapping[str, Any], ...]
     noise: tuple[NoiseEntry, ...]
     lack_of_fit: LackOfFit | None
+    scatter: tuple[UnevenScatter, ...]
+    stated_sigma: StatedSigma | None
     observations: Observations
     residuals: FloatArray
 
@@ -143,6 +132,8 @@ class Comparison:
             "lines": [dict(each) for each in self.lines],
             "noise": [each.as_json() for each in self.noise],
             "lack_of_fit": None if self.lack_of_fit is None else vars(self.lack_of_fit),
+            "scatter": [each.as_json() for each in self.scatter],
+            "stated_sigma": None if self.stated_sigma is None else self.stated_sigma.as_json(),
         }
 
 
@@ -264,6 +255,8 @@ class Diagnosis:
     hidden_in_slow_noise: tuple[HiddenInNoise, ...] = ()
     or_correlated_noise: tuple[tuple[str, str], ...] = ()
     """An effect, given or suggested, that noise correlated along a column describes as well, and that column."""
+    scatter: tuple[UnevenScatter, ...] = ()
+    stated_sigma: StatedSigma | None = None
     next_measurement: Mapping[str, Any] | None = None
 
     def as_json(self) -> dict[str, Any]:
@@ -286,6 +279,8 @@ class Diagnosis:
             "joint_fit": None if self.joint_fit is None else self.joint_fit.as_json(),
             "hidden_in_slow_noise": [each.as_json() for each in self.hidden_in_slow_noise],
             "or_correlated_noise": [{"effect": effect, "order": order} for effect, order in self.or_correlated_noise],
+            "scatter": [each.as_json() for each in self.scatter],
+            "stated_sigma": None if self.stated_sigma is None else self.stated_sigma.as_json(),
             "next_measurement": dict(self.next_measurement or {}),
         }
 

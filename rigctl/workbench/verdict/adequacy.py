@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigctl.workbench.findings import LackOfFit
+from rigctl.workbench.scatter import LackOfFit
 from rigctl.workbench.verdict.account import LEVEL, Account
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit

@@ -11,12 +11,14 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.findings import ChannelFit, Comparison, Outlier, Trend
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
-from rigctl.workbench.verdict.account import Account, account_of
+from rigctl.workbench.verdict.account import LEVEL, Account, account_of
 from rigctl.workbench.verdict.adequacy import adequacy
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.covariates import distinct
 from rigctl.workbench.verdict.lack_of_fit import lack_of_fit
 from rigctl.workbench.verdict.noise_entries import noise_entries
+from rigctl.workbench.verdict.stated_sigma import stated_sigma
+from rigctl.workbench.verdict.uneven_scatter import uneven_scatter
 
 WORST = 10
 # Enough for a slope, a bend or a step, and few enough to keep the test's power.
@@ -69,6 +71,9 @@ def compared(attempt: Attempt, account: Account, version: int) -> Comparison:
         ),
         noise=noise_entries(attempt),
         lack_of_fit=lack_of_fit(attempt),
+        # Of the model with all that was found: what a version lacks would look like scatter.
+        scatter=uneven_scatter(account.richest, LEVEL),
+        stated_sigma=stated_sigma(account.richest),
         observations=given,
         residuals=left,
     )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from rigctl.workbench.findings import Diagnosis, JointFit, Step, Unexplained, Verdict
 from rigctl.workbench.study import Study, Term
 from rigctl.workbench.threads import one_thread
-from rigctl.workbench.verdict.account import Account, account_of
+from rigctl.workbench.verdict.account import LEVEL, Account, account_of
 from rigctl.workbench.verdict.adequacy import p_as_a_whole
 from rigctl.workbench.verdict.alike import inseparable_effects
 from rigctl.workbench.verdict.description import described
@@ -20,6 +20,8 @@ from rigctl.workbench.verdict.rivals import rivals_of
 from rigctl.workbench.verdict.search import Progress, Search
 from rigctl.workbench.verdict.significance import REPEATS_SHARE
 from rigctl.workbench.verdict.slow_noise import hidden_in_slow_noise
+from rigctl.workbench.verdict.stated_sigma import stated_sigma
+from rigctl.workbench.verdict.uneven_scatter import uneven_scatter
 
 
 @one_thread
@@ -69,6 +71,8 @@ def diagnose(
         joint_fit=_joint_fit(search, suggested) if suggested else None,
         hidden_in_slow_noise=hidden_in_slow_noise(final, alpha),
         or_correlated_noise=or_noise,
+        scatter=uneven_scatter(account.richest, LEVEL),
+        stated_sigma=stated_sigma(account.richest),
     )
 
 

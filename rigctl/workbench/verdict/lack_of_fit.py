@@ -9,7 +9,8 @@ import numpy as np
 from scipy.special import fdtrc
 
 from rigctl.core.arrays import FloatArray, IntArray
-from rigctl.workbench.findings import LackOfFit, Unexplained
+from rigctl.workbench.findings import Unexplained
+from rigctl.workbench.scatter import LackOfFit
 from rigctl.workbench.study import Observations
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.permuted import Tail
