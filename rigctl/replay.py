@@ -9,6 +9,7 @@ from pathlib import Path
 
 from drivers.wire.reading import WireLog, read_wire_log
 from drivers.wire.replayed import Replay, ReplayedConnect
+from rigctl.check.asking import Moves, questions
 from rigctl.core.errors import ConfigError, RigError
 from rigctl.core.interfaces import Identity, Instrument, Stage
 from rigctl.files.rig_file import RigFile
@@ -62,14 +63,20 @@ def follow(path: Path, file: RigFile, name: str = "") -> Outcome:
     """Do with the driver what a log begins with: as `rigctl check` does, or as whoever takes charge of a rig."""
     with replayed(path, file, name) as each:
         instrument, log = each.instrument, each.replay.log
-        instrument.open()
         identity, moving = None, False
-        if log.header.opening == "in charge":
-            moving = _moving(instrument)
-            instrument.stop()
-        else:
-            identity = instrument.identify()
-            moving = _moving(instrument)
+        match log.header.opening:
+            case "checked":
+                shown = list(questions(instrument))
+                identity = next((one for one in shown if isinstance(one, Identity)), None)
+                moving = Moves.NOW in shown
+            case "in charge":
+                instrument.open()
+                moving = _moving(instrument)
+                instrument.stop()
+            case _:
+                instrument.open()
+                identity = instrument.identify()
+                moving = _moving(instrument)
     header = log.header
     return Outcome(header.instrument, header.driver, identity, moving, each.replay.replayed, len(log.records))
 

@@ -8,10 +8,10 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from drivers.transport import Connect
-from drivers.wire.lines import Header
+from drivers.wire.lines import Header, Opening
 from drivers.wire.logged import HEAD_BYTES, RING_BYTES, LoggedConnect, WireLogger
 from drivers.wire.secrets import address_without_secret
 from rigctl.core.clock import Clock
@@ -52,7 +52,7 @@ class WireLogs:
         self._loggers[name] = WireLogger(self._directory, header, self._clock, secrets_of(table.settings))
         return LoggedConnect(connect, self._loggers[name])
 
-    def prepare(self, opening: Literal["asked", "in charge", ""]) -> None:
+    def prepare(self, opening: Opening) -> None:
         """Make the directory; `ConfigError` where it cannot be written, or two instruments would share a file."""
         if not self._loggers:
             return

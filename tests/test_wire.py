@@ -338,3 +338,12 @@ def test_text_is_shown_with_escapes_and_numbers_as_numbers() -> None:
     assert shown(b"x" * 200) == "x" * 160 + " ... (200 bytes)"
     assert shown(b"x" * 200, full=True) == "x" * 200
     assert shown(b"") == ""
+
+
+def test_what_a_check_has_asked_is_replayed_of_every_instrument(desk: Any) -> None:
+    desk.rig(of="all-instruments.rig.toml")
+    told = desk.rigctl("check", "rig.toml", "--wire-log", "logs", "--json").json
+    for name, log in told["wire_logs"].items():
+        again = desk.rigctl("replay", log, "--rig", "rig.toml", "--instrument", name, "--json").json
+        assert again["identity"] == told["instruments"][name]
+        assert again["replayed"] == again["records"], name

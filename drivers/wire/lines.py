@@ -33,14 +33,18 @@ MASKED = "*"
 """Follows the kind of a line in which something secret was replaced."""
 
 
+Opening = Literal["asked", "checked", "in charge", ""]
+"""What a connection is made for; in charge the instrument is stopped first."""
+
+
 @dataclass(frozen=True)
 class Header:
-    """Whose log it is. `opening` says what for: `asked` as by `rigctl check`, or `in charge`, with a stop first."""
+    """Whose log it is. `opening` says what for: `checked` by `rigctl check`, `asked` who answers, or `in charge`."""
 
     instrument: str
     driver: str
     address: str
-    opening: Literal["asked", "in charge", ""]
+    opening: Opening
     rigctl: str
     started: str
     head_bytes: int

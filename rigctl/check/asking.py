@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from enum import Enum
 from typing import Any
 
 from drivers.wire.secrets import address_without_secret
@@ -63,32 +64,21 @@ class Asking:
         self._ask(name, elsewhere.instrument)
 
     def _examine(self, name: str, instrument: Instrument) -> None:
-        if isinstance(instrument, Examinable):
-            for finding in instrument.examine():
-                # Before the first line: by then it is connected, and can be asked who it is.
-                self._meet(name, instrument)
-                self._note(name, finding)
-        else:
-            instrument.open()
-            self._meet(name, instrument)
-            self._note(name, unknown("capability", "questions", "its driver asks no more", "see the driver's page"))
-        if isinstance(instrument, Stage) and instrument.is_moving():
-            self.moving.append(name)
-            self._note(
-                name,
-                differs("capability", "motion now", "it MOVES", "look who moves it, or `rigctl stop`"),
-            )
-
-    def _meet(self, name: str, instrument: Instrument) -> None:
-        if name not in self.identities:
-            identity = instrument.identify()
-            self.identities[name] = identity
-            self._note(name, ok("found", "address", self.mended.get(name, {}).get("address") or self._address(name)))
-            serial = f", serial {identity.serial}" if identity.serial else ""
-            self._note(name, ok("identity", "who answers", f"{identity.model}{serial}, {identity.text}"))
+        for shown in questions(instrument):
+            if isinstance(shown, Identity):
+                self.identities[name] = shown
+                self._note(name, ok("found", "address", self._address(name)))
+                serial = f", serial {shown.serial}" if shown.serial else ""
+                self._note(name, ok("identity", "who answers", f"{shown.model}{serial}, {shown.text}"))
+            elif isinstance(shown, Finding):
+                self._note(name, shown)
+            else:
+                self.moving.append(name)
+                self._note(name, differs("capability", "motion now", "it MOVES", "look who moves it"))
 
     def _address(self, name: str) -> str:
-        return address_without_secret(self._rig.file.instruments[name].address)
+        elsewhere = self.mended.get(name, {}).get("address")
+        return str(elsewhere or address_without_secret(self._rig.file.instruments[name].address))
 
     def _fails(self, name: str, step: Step, item: str, error: RigError) -> None:
         self.unusable.add(name)
@@ -100,3 +90,27 @@ class Asking:
         if finding.rig_file:
             self.mended.setdefault(name, {}).update(finding.rig_file)
         self._tell(name, finding)
+
+
+class Moves(Enum):
+    """That a stage moves."""
+
+    NOW = "now"
+
+
+def questions(instrument: Instrument) -> Iterator[Identity | Finding | Moves]:
+    """What one instrument is asked, in this order: who it is, all that its driver looks at, whether it moves."""
+    if isinstance(instrument, Examinable):
+        met = False
+        for finding in instrument.examine():
+            # Before the first line: by then it is connected, and can be asked who it is.
+            if not met:
+                yield instrument.identify()
+            met = True
+            yield finding
+    else:
+        instrument.open()
+        yield instrument.identify()
+        yield unknown("capability", "questions", "its driver asks no more", "see the driver's page")
+    if isinstance(instrument, Stage) and instrument.is_moving():
+        yield Moves.NOW

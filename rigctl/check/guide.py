@@ -76,7 +76,7 @@ def check(
     lines = _Lines(tell)
     with rig_of_ones_own(file):
         rig = Rig(file)
-        rig.wire_logs.prepare("asked")
+        rig.wire_logs.prepare("checked")
         asking = Asking(rig, lines.add)
         asking.ask_all()
         usable = _usable(file, asking, lines.add) if wanted.steps else file

@@ -43,10 +43,6 @@ def kept_for(file: RigFile, *lines: record.Line, **changes: Any) -> record.Check
     return made
 
 
-def forget(file: RigFile) -> None:
-    record.record_path(record.instruments_sha256(file)).unlink(missing_ok=True)
-
-
 def test_a_run_asks_for_a_check_and_keeps_its_record(
     desk: Any, real_rig: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -92,7 +88,6 @@ def test_what_differed_has_to_be_mended_first(file: RigFile) -> None:
     with pytest.raises(NotChecked, match=r"rotation differed \(limits, travel: -10 to 10 deg\); mend it"):
         clearance_of(file, unchecked=False).require()
     assert clearance_of(file, unchecked=True).kept()["check"]["unchecked"] is True
-    forget(file)
 
 
 def test_another_instrument_than_at_the_check_is_refused(file: RigFile) -> None:
@@ -103,7 +98,6 @@ def test_another_instrument_than_at_the_check_is_refused(file: RigFile) -> None:
     with pytest.raises(NotChecked, match=r"rotation is XPS-C8, V3, at the check it was XPS-C8, V2\.6\.2"):
         clearance.require_same({"rotation": Identity("XPS-C8", "", "V3", "")})
     Clearance(file, clearance.record, clearance.real, unchecked=True).require_same({})
-    forget(file)
 
 
 def test_remarks_are_no_other_instruments_but_keys_are(file: RigFile) -> None:
@@ -127,7 +121,6 @@ def test_what_motion_told_is_kept_by_a_later_check_that_moves_nothing(file: RigF
     assert later.going_on(earlier, {"motion"}).lines == later.lines, "it was moved again"
     swapped = later.model_copy(update={"identities": {}})
     assert swapped.going_on(earlier, set()) == swapped, "of another instrument nothing is known"
-    forget(file)
 
 
 def test_what_motion_told_counts_where_the_rig_file_says_nothing(file: RigFile) -> None:
