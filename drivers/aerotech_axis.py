@@ -7,6 +7,7 @@ from enum import IntFlag
 from typing import TypeVar
 
 from drivers.aerotech_ascii import FAULT, INVALID, SUCCESS, Answer, AsciiLink
+from drivers.aerotech_words import Words
 from drivers.numbers import decimal, whole
 from rigctl.core.errors import BadReply, InstrumentError, LinkError, SafetyStop
 
@@ -51,8 +52,6 @@ FAULTS = {
 
 TASK_RUNNING = 3
 """TASKSTATE."""
-AXIS_NAME = 140
-"""The parameter's number in Aerotech's C header (EnsembleParameterId.h)."""
 AXES_MAX = 10
 SAFETY_FAULTS = 1 << 2 | 1 << 3 | 1 << 4 | 1 << 5 | 1 << 11
 """Limits and the emergency stop."""
@@ -61,38 +60,43 @@ SAFETY_FAULTS = 1 << 2 | 1 << 3 | 1 << 4 | 1 << 5 | 1 << 11
 class AsciiAxis:
     """Questions and commands to one axis; failures are raised as errors that say what to do.
 
-    `task` is the controller's task that oscillates it, if one does.
+    `words` is how its controller is spoken to, as far as that is known by now; `task` is the controller's task that
+    oscillates the axis, if one does.
     """
 
-    def __init__(self, name: str, axis: str, plane: int, link: AsciiLink, task: int | None) -> None:
+    def __init__(self, name: str, words: Words, link: AsciiLink, task: int | None) -> None:
         self.link = link
+        self.words = words
         self._task = task
         self._name = name
-        self._axis = axis
-        self._plane = plane
 
     def enable(self) -> None:
         """Enable, and have motions answered at once: enabling sets the wait mode back."""
-        self.tell(f"ENABLE {self._axis}")
+        self.tell(self.words.order("ENABLE"))
         self.tell("WAIT MODE NOWAIT")
 
     def number_of_axis(self) -> int:
-        """The number by which programs know the axis."""
-        if self._axis.startswith("@"):
-            return int(self._axis[1:])
+        """The number by which programs know the axis; 0 where it is the only one."""
+        words = self.words
+        if words.number is not None:
+            return words.number
         for number in range(AXES_MAX):
-            answer = self.link.ask(f"GETPARM(@{number}, {AXIS_NAME})")
+            answer = self.link.ask(f"GETPARM(@{number}, {words.numbers.axis_name})")
             if answer.status != SUCCESS:
                 break
-            if answer.value.strip('"').upper() == self._axis.upper():
+            if answer.value.strip('"').upper() == words.axis.upper():
                 return number
         raise InstrumentError(
-            f"{self._name}: no axis of the controller is called {self._axis!r}; set `axis`", instrument=self._name
+            f"{self._name}: no axis of the controller is called {words.axis!r}; set `axis`", instrument=self._name
         )
+
+    def parameter(self, number: int) -> str:
+        """The line that asks for this parameter."""
+        return self.words.question("GETPARM", number)
 
     def status(self) -> int:
         """AXISSTATUS; bits as in `AxisStatus`."""
-        return self.ask_whole(f"AXISSTATUS({self._axis})")
+        return self.ask_whole(self.words.question("AXISSTATUS"))
 
     def moving(self, status: int) -> bool:
         """True when this AXISSTATUS, the coordinated-motion plane, or the task that oscillates says so."""
@@ -103,7 +107,8 @@ class AsciiAxis:
         if status & AxisStatus.MOVE_ACTIVE:
             return True
         # Both have to be asked: coordinated motions show in the plane's status only (EPICS motorAerotech).
-        return bool(self.ask_whole(f"PLANESTATUS({self._plane})") & 1)
+        plane = self.words.plane
+        return plane is not None and bool(self.ask_whole(f"PLANESTATUS({plane})") & 1)
 
     def task_runs(self) -> bool:
         """True while a program runs in the task that oscillates: whether AXISSTATUS shows it no source says."""
@@ -111,7 +116,7 @@ class AsciiAxis:
 
     def position_mm(self) -> float:
         """The encoder in program coordinates, those of moves."""
-        return self.ask_number(f"PFBKPROG({self._axis})")
+        return self.ask_number(self.words.question("PFBKPROG"))
 
     def ask_number(self, line: str) -> float:
         """The answer to a query as a number; `BadReply` when it is none."""
@@ -149,7 +154,7 @@ class AsciiAxis:
 
         A disabled axis may answer with a fault: whether it moves is to be asked afterwards.
         """
-        line = f"ABORT {self._axis}"
+        line = self.words.order("ABORT")
         answer = self.link.insist(line)
         # ABORT on a disabled axis may answer `#` and is no failure of stopping.
         if answer.status != FAULT:
@@ -199,7 +204,7 @@ class AsciiAxis:
 
     def fault_word(self) -> int:
         """AXISFAULT as an unsigned number."""
-        answer = self.link.ask(f"AXISFAULT({self._axis})")
+        answer = self.link.ask(self.words.question("AXISFAULT"))
         try:
             # The controller sends its 32-bit words as signed decimals: negative where bit 31 is set.
             return whole(answer.value) & 0xFFFFFFFF

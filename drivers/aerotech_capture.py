@@ -8,7 +8,7 @@ import numpy as np
 
 from drivers.aerotech_axis import AsciiAxis
 from drivers.aerotech_commands import Commands
-from drivers.aerotech_settings import EnsembleSettings
+from drivers.aerotech_settings import StageSettings
 from rigctl.core.arrays import FloatArray
 from rigctl.core.clock import Clock
 from rigctl.core.errors import EdgesMissing, InstrumentError, LimitError
@@ -27,7 +27,7 @@ class PositionCapture:
     is marked, so that a controller with fewer points cannot pass old values off as new.
     """
 
-    def __init__(self, name: str, settings: EnsembleSettings, wire: AsciiAxis, clock: Clock) -> None:
+    def __init__(self, name: str, settings: StageSettings, wire: AsciiAxis, clock: Clock) -> None:
         self._name = name
         self._settings = settings
         self._wire = wire

@@ -10,13 +10,13 @@ from typing import Protocol
 
 from drivers.aerotech_ascii import FAULT, INVALID, SUCCESS
 from drivers.aerotech_axis import AsciiAxis, AxisStatus
-from drivers.aerotech_program import DECIMALS, SOURCE, ProgramCommands
-from drivers.aerotech_settings import EnsembleSettings
+from drivers.aerotech_program import DECIMALS, ProgramCommands
+from drivers.aerotech_settings import StageSettings
 from drivers.numbers import plain
 from rigctl.core.clock import Clock
 from rigctl.core.errors import InstrumentError
 
-ONE_FREQUENCY = ", 1"
+ONE_FREQUENCY = "1"
 """The fourth number, which the maker's library has and the one program seen has not."""
 
 
@@ -45,15 +45,15 @@ class Commands(Protocol):
 class AsciiCommands:
     """OSCILLATE and DATAACQ as lines of the ASCII interface."""
 
-    def __init__(self, settings: EnsembleSettings, wire: AsciiAxis, frequencies: str) -> None:
+    def __init__(self, settings: StageSettings, wire: AsciiAxis, frequencies: tuple[str, ...]) -> None:
         self._settings = settings
         self._wire = wire
         self._frequencies = frequencies
 
     def oscillation(self, distance_mm: float, frequency_hz: float, cycles: int) -> str:
         """The line; nothing has to be made ready."""
-        distance, frequency = plain(distance_mm, DECIMALS), plain(frequency_hz, DECIMALS)
-        return f"OSCILLATE {self._settings.axis}, {distance}, {frequency}, {cycles}{self._frequencies}"
+        numbers = plain(distance_mm, DECIMALS), plain(frequency_hz, DECIMALS), str(cycles)
+        return self._wire.words.listed("OSCILLATE", *numbers, *self._frequencies)
 
     def begun(self, check: Callable[[], None]) -> None:
         """The answer has told."""
@@ -64,13 +64,12 @@ class AsciiCommands:
     def arm(self, samples: int) -> None:
         """Wait for so many edges."""
         s = self._settings
-        self._wire.tell(f"DATAACQ {s.axis} INPUT {s.capture_input}")
-        self._wire.tell(f"DATAACQ {s.axis} TRIGGER {s.capture_trigger}")
-        self._wire.tell(f"DATAACQ {s.axis} ON {samples}")
+        for what in (f"INPUT {s.capture_input}", f"TRIGGER {s.capture_trigger}", f"ON {samples}"):
+            self._wire.tell(self._wire.words.order("DATAACQ", what))
 
     def read(self, first: int, count: int) -> bool:
         """Put so many counts into the registers from `first`; False when there are fewer."""
-        command = f"DATAACQ {self._settings.axis} READ {first}, {count}"
+        command = self._wire.words.order("DATAACQ", f"READ {first}, {count}")
         answer = self._wire.link.tell(command)
         # `#` although the axis has no fault: the read itself cannot be done, for want of points.
         if answer.status == FAULT and not self._wire.fault_word():
@@ -81,11 +80,11 @@ class AsciiCommands:
     def end(self) -> None:
         """Wait for no more edges."""
         # Switching it off does no harm when given twice.
-        self._wire.insist(f"DATAACQ {self._settings.axis} OFF")
+        self._wire.insist(self._wire.words.order("DATAACQ", "OFF"))
 
 
 def find_commands(
-    name: str, settings: EnsembleSettings, wire: AsciiAxis, clock: Clock, *, integers: int, doubles: int
+    name: str, settings: StageSettings, wire: AsciiAxis, clock: Clock, *, integers: int, doubles: int
 ) -> Commands:
     """What this controller, with so many registers, has; `InstrumentError` for nothing.
 
@@ -95,27 +94,28 @@ def find_commands(
         by_program = ProgramCommands(name, settings.program, settings, wire, clock)
         if by_program.check(integers, doubles):
             return by_program
-    axis = settings.axis
-    if wire.link.tell(f"DATAACQ {axis} OFF").status != INVALID:
-        ending = _oscillate_ending(axis, wire)
+    words = wire.words
+    if wire.link.tell(words.order("DATAACQ", "OFF")).status != INVALID:
+        ending = _oscillate_ending(wire)
         if ending is not None:
             return AsciiCommands(settings, wire, ending)
     raise InstrumentError(
         f"{name}: the controller has no program {settings.program!r} and does not understand OSCILLATE and "
-        f"DATAACQ as ASCII commands; compile {SOURCE} and load it (docs/hardware.md#aerotech-ensemble)",
+        f"DATAACQ as ASCII commands; compile {words.source} and load it ({words.page})",
         instrument=name,
     )
 
 
-def _oscillate_ending(axis: str, wire: AsciiAxis) -> str | None:
+def _oscillate_ending(wire: AsciiAxis) -> tuple[str, ...] | None:
     """What OSCILLATE has behind its three numbers: the number of frequencies or nothing; None when it is unknown."""
     enabled = wire.status() & AxisStatus.ENABLED
     # Only a disabled axis can be told to oscillate without any risk that it does.
     if enabled:
-        wire.tell(f"DISABLE {axis}")
+        wire.tell(wire.words.order("DISABLE"))
     try:
-        for ending in (ONE_FREQUENCY, ""):
-            if wire.link.tell(f"OSCILLATE {axis}, 0.001, 1, 1{ending}").status in (FAULT, SUCCESS):
+        for ending in ((ONE_FREQUENCY,), ()):
+            line = wire.words.listed("OSCILLATE", "0.001", "1", "1", *ending)
+            if wire.link.tell(line).status in (FAULT, SUCCESS):
                 return ending
         return None
     finally:

@@ -28,7 +28,7 @@ from drivers.aerotech_capture import PositionCapture
 from drivers.aerotech_commands import Commands, find_commands
 from drivers.aerotech_examined import examined
 from drivers.aerotech_motion import AxisMotion
-from drivers.aerotech_settings import EnsembleSettings
+from drivers.aerotech_settings import EnsembleSettings, StageSettings
 from drivers.aerotech_setup import ControllerSetup
 from drivers.aerotech_sine import Sine
 from drivers.transport import Connect
@@ -43,15 +43,17 @@ from rigctl.core.interfaces import Channel, Identity, Learned, Reading
 class AerotechEnsemble:
     """One axis of an Ensemble as a linear stage that records its own position at trigger edges."""
 
-    def __init__(self, name: str, settings: EnsembleSettings, connect: Connect, clock: Clock) -> None:
+    _set_up_as: type[ControllerSetup] = ControllerSetup
+
+    def __init__(self, name: str, settings: StageSettings, connect: Connect, clock: Clock) -> None:
         self.name = name
         self.limits = settings.limits
         self._settings = settings
         self._clock = clock
         self._link = AsciiLink(name, connect, settings.link_timeout_s)
         task = settings.program_task if settings.program else None
-        self._wire = AsciiAxis(name, settings.axis, settings.plane, self._link, task)
-        self._setup = ControllerSetup(name, settings, self._link, self._wire)
+        self._wire = AsciiAxis(name, settings.words, self._link, task)
+        self._setup = self._set_up_as(name, settings, self._link, self._wire)
         self._motion = AxisMotion(name, settings, self._wire, clock)
         self._capture = PositionCapture(name, settings, self._wire, clock)
         self._sine = Sine(name, settings, self._wire, self._motion, clock)
@@ -95,7 +97,9 @@ class AerotechEnsemble:
     def identify(self) -> Identity:
         """Model and firmware; the interface tells no serial number."""
         firmware = self._wire.succeed("VERSION", self._link.version())
-        return Identity("Ensemble", "", firmware, f"Aerotech Ensemble {firmware}, axis {self._settings.axis}")
+        words = self._wire.words
+        axis = f", axis {words.axis}" if words.axis else ""
+        return Identity(words.model, "", firmware, f"Aerotech {words.model} {firmware}{axis}")
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` when replies may have been taken for others."""
@@ -107,6 +111,7 @@ class AerotechEnsemble:
         self._motion.note_stop()
         with self._link.urgently():
             self._halt()
+            self._setup.learn_questions()
             self._capture.end()
             self._motion.await_standstill()
 
@@ -145,7 +150,7 @@ class AerotechEnsemble:
         self.limits.require_position(self.name, position_mm)
         with self._motion.stoppable(f"move to {position_mm:g} mm") as stops:
             self._prepare_motion()
-            self._motion.move(position_mm, self._setup.axis_name, stops)
+            self._motion.move(position_mm, stops)
 
     def oscillate(self, centre_mm: float, amplitude_mm: float, frequency_hz: float, duration_s: float) -> None:
         """Go to the negative end and start whole cycles for at least `duration_s`; returns once they run."""
@@ -157,7 +162,7 @@ class AerotechEnsemble:
             commands = self._commands()
             distance_mm = self._sine.distance_mm(amplitude_mm, commands)
             # OSCILLATE begins at one end of its travel, so the carriage is brought to the negative end first.
-            self._motion.move(centre_mm - amplitude_mm, self._setup.axis_name, stops)
+            self._motion.move(centre_mm - amplitude_mm, stops)
             self._sine.start(commands, distance_mm, frequency_hz, cycles, stops)
 
     def rest(self) -> None:

@@ -1,6 +1,6 @@
-"""What an Ensemble is asked before it moves anything: its axis, its unit, its registers, its limits and its faults.
+"""What an Ensemble or a Soloist is asked before it moves: its axis, unit, registers, limits and faults.
 
-Numbers of parameters are those of the maker's header EnsembleParameterId.h. That a fault is noticed only where its
+Where no source has the number of a parameter, it is to be looked up. That a fault is noticed only where its
 bit of FaultMask is set stands in the maker's help of later controllers.
 """
 
@@ -11,16 +11,14 @@ from functools import partial
 
 from drivers.aerotech_axis import FAULTS, AsciiAxis, AxisStatus, fault_text
 from drivers.aerotech_commands import AsciiCommands, Commands
-from drivers.aerotech_settings import EnsembleSettings
-from drivers.aerotech_setup import SOFTWARE_LIMIT_HIGH, SOFTWARE_LIMIT_LOW, ControllerSetup
+from drivers.aerotech_settings import UNIT_UNKNOWN, StageSettings
+from drivers.aerotech_setup import ControllerSetup
 from drivers.examining import asked, travel
 from rigctl.core.errors import InstrumentError, LimitError
-from rigctl.core.findings import Finding, differs, ok, unknown
+from rigctl.core.findings import Finding, Step, differs, ok, unknown
 
-FAULT_MASK, ABORT_DECEL_RATE, SOCKET_TIMEOUT = 26, 73, 138
 GUARDED = (0, 2, 3, 4, 5, 7, 11)
 """Faults that have to stop the axis: position error, limits, feedback, emergency stop."""
-HELP = "Ensemble.chm"
 HOME_ASYNC_SINCE = 4, 2
 USUAL_PERIOD_S, USUAL_RECORD_S = 0.01, 60.0
 """A record of a campaign: a minute at 100 Hz."""
@@ -30,32 +28,44 @@ Longest = Callable[[float], int]
 
 def examined(
     version: str,
-    settings: EnsembleSettings,
+    settings: StageSettings,
     setup: ControllerSetup,
     wire: AsciiAxis,
     commands: Callable[[], Commands],
     longest: Longest,
 ) -> Iterator[Finding]:
     """One thing after the other; `commands` finds out how it oscillates and captures, `longest` its records."""
-    yield _firmware(version, settings)
-    unit = _unit(setup)
+    numbers, help_file = wire.words.numbers, wire.words.manual
+    yield _firmware(version, settings, help_file)
+    unit = _unit(setup, wire)
     yield unit
     if unit.outcome == "ok":
-        yield asked("limits", "travel", partial(_travel, settings, wire), f"{HELP}, parameters 37 and 38")
-    yield asked("limits", "fault mask", partial(_fault_mask, settings, wire), f"{HELP}, FaultMask")
-    yield asked("limits", "deceleration", partial(_abort, settings, wire), f"{HELP}, AbortDecelRate")
-    yield asked("capability", "faults", partial(_faults, wire), f"{HELP}, AXISFAULT")
-    yield asked("capability", "state", partial(_state, wire), f"{HELP}, AXISSTATUS")
+        yield asked("limits", "travel", partial(_travel, settings, wire), f"{help_file}, software limits")
+    yield _parameter(
+        "limits", "fault mask", numbers.fault_mask, partial(_fault_mask, wire), f"{help_file}, FaultMask"
+    )
+    brakes = partial(_abort, settings, wire)
+    yield _parameter("limits", "deceleration", numbers.abort_rate, brakes, f"{help_file}, AbortDecelRate")
+    yield asked("capability", "faults", partial(_faults, wire), f"{help_file}, AXISFAULT")
+    yield asked("capability", "state", partial(_state, wire), f"{help_file}, AXISSTATUS")
     yield _registers(setup, longest)
-    yield asked("capability", "idle time-out", partial(_timeout, settings, wire), f"{HELP}, Socket2Timeout")
+    idle = partial(_timeout, wire)
+    yield _parameter("capability", "idle time-out", numbers.socket_timeout, idle, f"{help_file}, Socket2Timeout")
     yield from _ways(settings, commands)
 
 
-def _firmware(version: str, settings: EnsembleSettings) -> Finding:
+def _parameter(step: Step, item: str, number: int | None, look: Callable[[int], Finding], where: str) -> Finding:
+    """What a parameter shows; `unknown` where no source has its number."""
+    if number is None:
+        return unknown(step, item, "no source has the number of its parameter", where)
+    return asked(step, item, partial(look, number), where)
+
+
+def _firmware(version: str, settings: StageSettings, help_file: str) -> Finding:
     try:
         major, minor, *_ = (int(part) for part in version.split("."))
     except ValueError:
-        return unknown("identity", "firmware", f"{version!r} is no version as 4.01.000", HELP)
+        return unknown("identity", "firmware", f"{version!r} is no version as 4.01.000", help_file)
     if (major, minor) >= HOME_ASYNC_SINCE or not settings.home_program:
         return ok("identity", "firmware", version)
     return unknown(
@@ -66,22 +76,21 @@ def _firmware(version: str, settings: EnsembleSettings) -> Finding:
     )
 
 
-def _unit(setup: ControllerSetup) -> Finding:
+def _unit(setup: ControllerSetup, wire: AsciiAxis) -> Finding:
     name, counts = setup.unit()
     if name.lower() == "mm" and counts > 0.0:
         return ok("capability", "unit", f"{name}, {counts:g} counts each")
-    return differs(
-        "capability",
-        "unit",
-        f"the axis counts in {name!r}, {counts:g} counts each, not in mm",
-        "set UnitsName to mm and CountsPerUnit to the counts in a mm (Configuration Manager), then restart it",
-    )
+    mend = wire.words.mend_unit
+    if name == UNIT_UNKNOWN:
+        return unknown(
+            "capability", "unit", f"the controller does not tell in what its axis counts ({counts:g} each)", mend
+        )
+    return differs("capability", "unit", f"the axis counts in {name!r}, {counts:g} counts each, not in mm", mend)
 
 
-def _travel(settings: EnsembleSettings, wire: AsciiAxis) -> Finding:
-    low, high = (
-        wire.ask_number(f"GETPARM({settings.axis}, {number})") for number in (SOFTWARE_LIMIT_LOW, SOFTWARE_LIMIT_HIGH)
-    )
+def _travel(settings: StageSettings, wire: AsciiAxis) -> Finding:
+    numbers = wire.words.numbers
+    low, high = (wire.ask_number(wire.parameter(number)) for number in (numbers.limit_low, numbers.limit_high))
     called = "SoftwareLimitLow and SoftwareLimitHigh"
     if not low and not high:
         return differs(
@@ -91,8 +100,8 @@ def _travel(settings: EnsembleSettings, wire: AsciiAxis) -> Finding:
     return travel(wanted, (low, high), "mm", ("position_min_mm", "position_max_mm"), called)
 
 
-def _fault_mask(settings: EnsembleSettings, wire: AsciiAxis) -> Finding:
-    mask = round(wire.ask_number(f"GETPARM({settings.axis}, {FAULT_MASK})")) & 0xFFFFFFFF
+def _fault_mask(wire: AsciiAxis, number: int) -> Finding:
+    mask = round(wire.ask_number(wire.parameter(number))) & 0xFFFFFFFF
     unheeded = [FAULTS[bit] for bit in GUARDED if not mask >> bit & 1]
     if not unheeded:
         return ok("limits", "fault mask", f"{mask:#x}: limits, emergency stop and position error are heeded")
@@ -100,15 +109,15 @@ def _fault_mask(settings: EnsembleSettings, wire: AsciiAxis) -> Finding:
         "limits",
         "fault mask",
         f"FaultMask {mask:#x} lets the axis ignore: {', '.join(unheeded)}",
-        f"set bits {', '.join(str(bit) for bit in GUARDED if not mask >> bit & 1)} of FaultMask (parameter 26)",
+        f"set bits {', '.join(str(bit) for bit in GUARDED if not mask >> bit & 1)} of FaultMask (parameter {number})",
     )
 
 
-def _abort(settings: EnsembleSettings, wire: AsciiAxis) -> Finding:
-    rate = wire.ask_number(f"GETPARM({settings.axis}, {ABORT_DECEL_RATE})")
+def _abort(settings: StageSettings, wire: AsciiAxis, number: int) -> Finding:
+    rate = wire.ask_number(wire.parameter(number))
     found = f"a stop brakes with {rate:g} mm/s2 (AbortDecelRate), from {settings.speed_mm_s:g} mm/s"
     if rate <= 0.0:
-        return differs("limits", "deceleration", found, "set AbortDecelRate, parameter 73")
+        return differs("limits", "deceleration", found, f"set AbortDecelRate, parameter {number}")
     way_mm = settings.speed_mm_s**2 / (2.0 * rate)
     return ok("limits", "deceleration", f"{found} over {way_mm:.3g} mm")
 
@@ -142,14 +151,14 @@ def _registers(setup: ControllerSetup, longest: Longest) -> Finding:
     return differs("capability", "registers", found, mend)
 
 
-def _timeout(settings: EnsembleSettings, wire: AsciiAxis) -> Finding:
+def _timeout(wire: AsciiAxis, number: int) -> Finding:
     # The unit of the parameter stands in no source at hand.
-    number = wire.ask_number(f"GETPARM({settings.axis}, {SOCKET_TIMEOUT})")
-    found = "never" if not number else f"Socket2Timeout {number:g}"
+    limit = wire.ask_number(wire.parameter(number))
+    found = "never" if not limit else f"Socket2Timeout {limit:g}"
     return ok("capability", "idle time-out", f"{found}: the driver connects anew where nothing has been sent")
 
 
-def _ways(settings: EnsembleSettings, commands: Callable[[], Commands]) -> Iterator[Finding]:
+def _ways(settings: StageSettings, commands: Callable[[], Commands]) -> Iterator[Finding]:
     try:
         found = commands()
     except InstrumentError as error:

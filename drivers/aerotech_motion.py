@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from drivers.aerotech_ascii import SUCCESS, Answer
+from drivers.aerotech_ascii import INVALID, SUCCESS, Answer
 from drivers.aerotech_axis import AsciiAxis, AxisStatus, fault_text
 from drivers.aerotech_program import DECIMALS
-from drivers.aerotech_settings import EnsembleSettings
+from drivers.aerotech_settings import StageSettings
 from drivers.numbers import plain
 from rigctl.core.clock import Clock
 from rigctl.core.errors import InstrumentError, LinkLost, MotionStopped
@@ -20,10 +20,9 @@ HOME_COUNT, HOME_AXIS = 32, 33
 class AxisMotion:
     """Homing, moves, and the waiting for their end."""
 
-    def __init__(self, name: str, settings: EnsembleSettings, wire: AsciiAxis, clock: Clock) -> None:
+    def __init__(self, name: str, settings: StageSettings, wire: AsciiAxis, clock: Clock) -> None:
         self._name = name
         self._settings = settings
-        self._axis = settings.axis
         self._wire = wire
         self._clock = clock
         self._stops = 0
@@ -99,7 +98,7 @@ class AxisMotion:
                 return command
             self._homing_task = False
         # It answers only when homing has ended, hence the long time-out.
-        command = f"HOME {self._axis}"
+        command = self._wire.words.order("HOME")
         self._wire.succeed(command, self.send(command, stops, s.motion_timeout_s))
         return command
 
@@ -107,12 +106,10 @@ class AxisMotion:
         lines = (f"IGLOBAL({HOME_COUNT}) = 1", f"IGLOBAL({HOME_AXIS}) = {self._wire.number_of_axis()}")
         return all(self._wire.link.insist(line).status == SUCCESS for line in lines)
 
-    def move(self, position_mm: float, axis_name: str, stops: int) -> None:
+    def move(self, position_mm: float, stops: int) -> None:
         """Move and return when the axis is in position."""
         speed_mm_s = min(self._settings.move_speed_mm_s, self._settings.speed_mm_s)
-        # An axis' own speed is XF; F is that of coordinated motions (EPICS' LINEAR).
-        speed = f"{axis_name}F{plain(speed_mm_s, DECIMALS)}"
-        command = f"MOVEABS {self._axis} {plain(position_mm, DECIMALS)} {speed}"
+        command = self._wire.words.move(plain(position_mm, DECIMALS), plain(speed_mm_s, DECIMALS))
         self.start(command, stops)
         deadline_s = self._clock.now_s() + self._settings.motion_timeout_s
         idle_polls = 0
@@ -157,7 +154,7 @@ class AxisMotion:
         """Return when the axis does not move."""
         deadline_s = self._clock.now_s() + self._settings.motion_timeout_s
         while self._wire.moving(self._wire.status()):
-            self.wait(deadline_s, f"ABORT {self._axis}")
+            self.wait(deadline_s, self._wire.words.order("ABORT"))
 
     def prepare(self) -> int:
         """`InstrumentError` unless it is ready for a motion; the status."""
@@ -165,7 +162,7 @@ class AxisMotion:
         if not (status & AxisStatus.ENABLED and status & AxisStatus.HOMED):
             fault = self._wire.fault_word()
             raise InstrumentError(
-                f"{self._name}: axis {self._axis} is not enabled and homed ({fault_text(fault)}); home it",
+                f"{self._name}: {self._wire.words} is not enabled and homed ({fault_text(fault)}); home it",
                 instrument=self._name,
                 code=str(fault),
                 text=fault_text(fault),
@@ -176,8 +173,15 @@ class AxisMotion:
         """What enabling and other clients change: no waiting for the end of a motion, and the ramp."""
         ramp_mm_s2 = min(self._settings.ramp_rate_mm_s2, self._settings.acceleration_mm_s2)
         self._wire.tell("WAIT MODE NOWAIT")
-        self._wire.tell("RAMP MODE RATE")
-        self._wire.tell(f"RAMP RATE {self._axis} {plain(ramp_mm_s2, DECIMALS)}")
+        rate = plain(ramp_mm_s2, DECIMALS)
+        line = "RAMP MODE RATE"
+        answer = self._wire.link.tell(line)
+        if answer.status == INVALID:
+            # EPICS gives a Soloist its ramp by the parameter DefaultRampRate.
+            self._wire.tell(self._wire.words.listed("SETPARM", str(self._wire.words.numbers.ramp_rate), rate))
+            return
+        self._wire.succeed(line, answer)
+        self._wire.tell(self._wire.words.order("RAMP RATE", rate))
 
     def wait(self, deadline_s: float, command: str) -> None:
         """Until the next look; `InstrumentError`, and an abort, after `deadline_s`."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from drivers.aerotech_ascii import FAULT, SUCCESS, Answer
 from drivers.aerotech_axis import AsciiAxis
-from drivers.aerotech_settings import EnsembleSettings
+from drivers.aerotech_settings import StageSettings
 from drivers.numbers import plain
 from rigctl.core.clock import Clock
 from rigctl.core.errors import InstrumentError
@@ -23,7 +23,6 @@ DISTANCE, FREQUENCY = range(2)
 TELL_VERSION, OSCILLATE, ARM, READ, END = range(1, 6)
 TASK_ERROR = 6
 """TASKSTATE of a task whose program has failed."""
-SOURCE = "drivers/aerobasic/rigctl.ab"
 DECIMALS = 9
 """Of mm and Hz in commands."""
 
@@ -31,7 +30,7 @@ DECIMALS = 9
 class ProgramCommands:
     """The program by the name `program`; one action at a time in `capture_task`, oscillations in `program_task`."""
 
-    def __init__(self, name: str, program: str, settings: EnsembleSettings, wire: AsciiAxis, clock: Clock) -> None:
+    def __init__(self, name: str, program: str, settings: StageSettings, wire: AsciiAxis, clock: Clock) -> None:
         self._name = name
         self._program = program
         self._settings = settings
@@ -62,7 +61,7 @@ class ProgramCommands:
         if version != VERSION:
             raise InstrumentError(
                 f"{self._name}: {self._program} in the controller is version {version}, this driver's is {VERSION}; "
-                f"compile and load {SOURCE} anew",
+                f"compile and load {self._wire.words.source} anew",
                 instrument=self._name,
             )
         return True

@@ -1,4 +1,4 @@
-"""What an operator says of an Ensemble's axis: limits, speeds, position capture, how long to wait."""
+"""What an operator says of an axis of Aerotech's: limits, speeds, position capture, how long to wait."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from drivers.aerotech_words import NamedAxis, SoleAxis, Words
 from rigctl.core.limits import LinearLimits
 
+UNIT_UNKNOWN = "unknown"
 
-class EnsembleSettings(BaseModel):
+
+class StageSettings(BaseModel):
     """The stage's keys in a rig file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    axis: str = Field(default="X", pattern=r"^([A-Za-z]\w*|@\d)$")
-    plane: int = Field(default=0, ge=0)
     position_min_mm: float = -25.0
     position_max_mm: float = 25.0
     speed_mm_s: float = Field(default=100.0, gt=0)
@@ -26,7 +27,7 @@ class EnsembleSettings(BaseModel):
     """Of positioning moves; never above `acceleration_mm_s2`."""
     position_tolerance_mm: float = Field(default=0.001, gt=0)
     program: str = Field(default="rigctl.bcx", pattern=r'^[^"]*$')
-    """The compiled `drivers/aerobasic/rigctl.ab` in the controller; empty to go by ASCII commands alone."""
+    """Our compiled program in the controller, from `drivers/aerobasic`; empty to go by ASCII commands alone."""
     program_task: int = Field(default=1, ge=1)
     """The task that oscillates."""
     capture_task: int = Field(default=2, ge=1)
@@ -60,6 +61,16 @@ class EnsembleSettings(BaseModel):
     poll_interval_s: float = Field(default=0.02, gt=0)
 
     @property
+    def words(self) -> Words:
+        """How the controller is spoken to, as far as that is known before it is asked."""
+        raise NotImplementedError
+
+    @property
+    def unit_said(self) -> str:
+        """What the operator says the axis counts in, for a controller that does not tell."""
+        return UNIT_UNKNOWN
+
+    @property
     def limits(self) -> LinearLimits:
         """The soft limits."""
         return LinearLimits(self.position_min_mm, self.position_max_mm, self.speed_mm_s, self.acceleration_mm_s2)
@@ -75,3 +86,32 @@ class EnsembleSettings(BaseModel):
         if not self.position_min_mm < self.position_max_mm:
             raise ValueError("position_min_mm must lie below position_max_mm")
         return self
+
+
+class EnsembleSettings(StageSettings):
+    """An Ensemble's axis among others."""
+
+    axis: str = Field(default="X", pattern=r"^([A-Za-z]\w*|@\d)$")
+    plane: int = Field(default=0, ge=0)
+
+    @property
+    def words(self) -> NamedAxis:
+        """The axis has a name, or is called by its number."""
+        return NamedAxis(self.axis, self.plane, self.axis)
+
+
+class SoloistSettings(StageSettings):
+    """A Soloist's one axis."""
+
+    unit: Literal["unknown", "mm"] = "unknown"
+    """What it counts in, for a controller whose parameters do not tell."""
+
+    @property
+    def unit_said(self) -> str:
+        """What the operator says the axis counts in."""
+        return self.unit
+
+    @property
+    def words(self) -> SoleAxis:
+        """The axis is never named."""
+        return SoleAxis()

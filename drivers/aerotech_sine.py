@@ -5,7 +5,7 @@ from __future__ import annotations
 from drivers.aerotech_axis import AsciiAxis
 from drivers.aerotech_commands import AsciiCommands, Commands
 from drivers.aerotech_motion import AxisMotion
-from drivers.aerotech_settings import EnsembleSettings
+from drivers.aerotech_settings import StageSettings
 from rigctl.core.clock import Clock
 from rigctl.core.errors import InstrumentError
 from rigctl.core.interfaces import Learned
@@ -22,9 +22,7 @@ AGREEMENT = 0.1
 class Sine:
     """Oscillations, and what is known of how the controller makes them."""
 
-    def __init__(
-        self, name: str, settings: EnsembleSettings, wire: AsciiAxis, motion: AxisMotion, clock: Clock
-    ) -> None:
+    def __init__(self, name: str, settings: StageSettings, wire: AsciiAxis, motion: AxisMotion, clock: Clock) -> None:
         self._name = name
         self._settings = settings
         self._wire = wire
@@ -45,7 +43,8 @@ class Sine:
         if unknown := self.unknown(commands):
             raise InstrumentError(
                 f"{self._name}: {' and '.join(unknown)} of this controller's OSCILLATE not known: let a supervised "
-                "millimetre tell (learn_by_moving), or look up OSCILLATE in Ensemble.chm and say it in the rig file",
+                f"millimetre tell (learn_by_moving), or look up OSCILLATE in {self._wire.words.manual} and say it "
+                "in the rig file",
                 instrument=self._name,
             )
         return 2.0 * amplitude_mm / TRAVEL_BY_DISTANCE[self._distance]
@@ -71,7 +70,7 @@ class Sine:
         if self._clock.now_s() - begun_s > 0.5 * period_s:
             raise InstrumentError(
                 f"{self._name}: OSCILLATE as an ASCII command is answered only when the motion has ended, so that "
-                "nothing could stop it; load the program (docs/hardware.md#aerotech-ensemble)",
+                f"nothing could stop it; load the program ({self._wire.words.page})",
                 instrument=self._name,
             )
         commands.begun(lambda: self._motion.raise_if_stopped(stops, "trial oscillation"))
@@ -81,7 +80,7 @@ class Sine:
         if not shows:
             raise InstrumentError(
                 f"{self._name}: AXISSTATUS does not show that OSCILLATE moves the axis, so that nobody could wait "
-                "for its end; load the program (docs/hardware.md#aerotech-ensemble)",
+                f"for its end; load the program ({self._wire.words.page})",
                 instrument=self._name,
             )
         found = {DISTANCE_KEY: self._reading(min(travelled_mm), max(travelled_mm)), ANSWERS_KEY: "at once"}
@@ -105,6 +104,7 @@ class Sine:
                 return reading
         raise InstrumentError(
             f"{self._name}: OSCILLATE by {TRIAL_DISTANCE_MM:g} mm went from {low_mm:.3f} to {high_mm:.3f} mm, "
-            "neither 0 to 0.5 mm nor 0 to 1 mm; look up OSCILLATE in Ensemble.chm before anything else is moved",
+            f"neither 0 to 0.5 mm nor 0 to 1 mm; look up OSCILLATE in {self._wire.words.manual} before anything "
+            "else is moved",
             instrument=self._name,
         )

@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 from typer.testing import CliRunner
 
-from drivers.aerotech_ensemble import EnsembleSettings
+from drivers.aerotech_settings import EnsembleSettings, SoloistSettings, StageSettings
 from drivers.drag_free_satellite import SatelliteLimits
 from drivers.keyence_settings import KeyenceSettings
 from drivers.keysight_33500b import SourceSettings
@@ -37,6 +37,8 @@ from rigctl.files.rig_file import Certificate, Constant, InstrumentTable, Operat
 from rigctl.rig import DRIVERS, simulator_of
 from simulators import faults
 from simulators.aerotech_ensemble import EnsembleDialect, EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.dialect import StageDialect
+from simulators.aerotech_soloist import SoloistDialect, SoloistSimulatorSettings
 from simulators.keyence_lkg import Lkg3001Dialect, Lkg3001Settings, Lkg5000Settings
 from simulators.keysight_33500b import GeneratorSettings
 from simulators.keysight_34465a import MeterSettings
@@ -62,7 +64,9 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "rotation stages": (RotationSettings, set()),
     "newport-xps": (XpsSettings, set(RotationSettings.model_fields)),
     "newport-esp301": (Esp301Settings, set(RotationSettings.model_fields)),
-    "aerotech-ensemble": (EnsembleSettings, set()),
+    "aerotech stages": (StageSettings, set()),
+    "aerotech-ensemble": (EnsembleSettings, set(StageSettings.model_fields)),
+    "aerotech-soloist": (SoloistSettings, set(StageSettings.model_fields)),
     "keyence": (KeyenceSettings, {"generation"}),
     "voltmeter": (VoltmeterSettings, set()),
     "thermometer": (ThermometerSettings, set()),
@@ -98,9 +102,11 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "satellite missing": (satellite.Missing, set()),
     "newport-xps simulator": (XpsSimulatorSettings, set()),
     "newport-esp301 simulator": (Esp301SimulatorSettings, set()),
-    "aerotech-ensemble simulator": (EnsembleSimulatorSettings, set()),
+    "aerotech stages simulator": (EnsembleSimulatorSettings, set()),
     "newport-esp301 dialect": (Esp301Dialect, set()),
-    "aerotech-ensemble dialect": (EnsembleDialect, set()),
+    "aerotech stages dialect": (StageDialect, set()),
+    "aerotech-ensemble dialect": (EnsembleDialect, set(StageDialect.model_fields)),
+    "aerotech-soloist dialect": (SoloistDialect, set(StageDialect.model_fields)),
     "keyence simulator": (Lkg3001Settings, set()),
     "keyence dialect": (Lkg3001Dialect, set()),
     "keysight-34465a simulator": (MeterSettings, set()),
@@ -122,6 +128,8 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "reference": (ReferenceTable, set()),
 }
 """Tables of docs/files.md, the model each describes, and that model's fields it need not name."""
+WITHOUT_A_TABLE: set[type[BaseModel]] = {Lkg5000Settings, NoSettings, SoloistSimulatorSettings}
+"""They have the keys of another."""
 
 
 def _doc(name: str) -> str:
@@ -170,8 +178,12 @@ def test_every_table_of_files_md_is_held_to_a_model() -> None:
 def test_every_driver_and_simulator_is_documented() -> None:
     drivers = list(DRIVERS.sound())
     of_drivers = {use.settings for driver in drivers for use in driver.roles.values()}
-    of_simulators = {simulator_of(driver).settings for driver in drivers} - {Lkg5000Settings, NoSettings}
+    of_simulators = {simulator_of(driver).settings for driver in drivers} - WITHOUT_A_TABLE
     assert of_drivers | of_simulators <= {model for model, _ in TABLES.values()}
+
+
+def test_a_simulated_soloist_has_the_keys_of_an_ensemble() -> None:
+    assert set(SoloistSimulatorSettings.model_fields) == set(EnsembleSimulatorSettings.model_fields)
 
 
 def test_the_lkg5000_differs_from_the_lkg3001_as_documented() -> None:

@@ -101,6 +101,26 @@ def test_a_campaign_over_the_wire_finds_what_the_embedded_one_finds_within_its_s
     assert simulator.end() == (0, "")
 
 
+SOLOIST = ('driver = "aerotech-ensemble"', 'driver = "aerotech-soloist"\nunit = "mm"'), ('axis = "X"\n', "")
+
+
+def test_a_campaign_with_a_soloist_over_the_wire_finds_what_an_ensemble_does(desk: Any) -> None:
+    desk.campaign(*SHORT)
+    desk.rig(*SERVED)
+    by_ensemble = desk.rigctl("run", "campaign.toml", "--store", "ensemble", "--yes", "--json").json["result"]
+    desk.rig(*SERVED, *SOLOIST)
+    simulator = Simulator(desk, "--write-rig", "client.toml")
+    ran = desk.rigctl("run", "campaign.toml", "--rig", "client.toml", "--store", desk.store, "--yes", "--json")
+    assert ran.status == 0, ran.err
+    assert ran.json["status"]["runs_done"] == ran.json["status"]["runs_planned"]
+    for ours, theirs in zip(ran.json["result"]["nulls"], by_ensemble["nulls"], strict=True):
+        sigma_deg = math.hypot(ours["theta0_sigma_arcsec"], theirs["theta0_sigma_arcsec"]) / 3600.0
+        assert abs(ours["theta0_deg"] - theirs["theta0_deg"]) < 4.0 * sigma_deg
+    with Store.open(desk.store, readonly=True) as store:
+        assert store.identities()["stage"]["model"] == "Soloist"
+    assert simulator.end() == (0, "")
+
+
 def test_a_campaign_aborted_over_the_wire_leaves_the_served_stages_at_rest(desk: Any) -> None:
     desk.rig(*SERVED)
     desk.campaign(*SHORT)
@@ -216,8 +236,8 @@ def all_instruments(desk: Any) -> Simulator:
 def test_one_instrument_of_each_kind_answers_clients_written_by_others(all_instruments: Simulator, desk: Any) -> None:
     kinds = {each["kind"] for each in all_instruments.instruments.values()}
     assert kinds == {
-        "newport-xps", "newport-esp301", "aerotech-ensemble", "keyence-lkg3001", "keyence-lkg5000", "keysight-34465a",
-        "keysight-33500b", "operator",
+        "newport-xps", "newport-esp301", "aerotech-ensemble", "aerotech-soloist", "keyence-lkg3001",
+        "keyence-lkg5000", "keysight-34465a", "keysight-33500b", "operator",
     }  # fmt: skip
     where = all_instruments.instruments
     assert (where["rotation"]["group"], where["rotation"]["positioner"]) == ("Group1", "Pos")
@@ -227,6 +247,7 @@ def test_one_instrument_of_each_kind_answers_clients_written_by_others(all_instr
     assert ask("rotation", b"FirmwareVersionGet(char *)", b"EndOfAPI").startswith(b"0,XPS")
     assert ask("rotation", b"GroupStatusGet(Group1,int *)", b"EndOfAPI").startswith(b"0,")
     assert ask("stage", b"VERSION\n").startswith(b"%4.")
+    assert ask("spare_stage", b"AXISSTATUS\n").startswith(b"%")
     assert ask("accelerometer", b"*IDN?\n").split(b",")[1] == b"34465A"
     assert float(ask("accelerometer", b"MEAS:VOLT:DC?\n")) == pytest.approx(0.0, abs=0.1)
     assert float(ask("thermometer", b"MEAS:TEMP? FRTD,85\n")) == pytest.approx(20.0, abs=2.0)

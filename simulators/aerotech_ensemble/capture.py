@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
-from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.settings import StageSimulatorSettings
 from simulators.keyed_random import generator
 from simulators.measured import Tap
 from simulators.motion import MotionAxis
@@ -19,7 +19,7 @@ class PositionCapture:
     whenever it is made, changes it from run to run.
     """
 
-    def __init__(self, axis: MotionAxis, trigger: TriggerLine, settings: EnsembleSimulatorSettings, tap: Tap) -> None:
+    def __init__(self, axis: MotionAxis, trigger: TriggerLine, settings: StageSimulatorSettings, tap: Tap) -> None:
         self.run_key: tuple[int, ...] = ()
         self._tap = tap
         self._axis = axis

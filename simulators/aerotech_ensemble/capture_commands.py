@@ -7,7 +7,7 @@ from simulators.aerotech_ensemble.controller import AxisController
 from simulators.aerotech_ensemble.grammar import Invalid, whole
 from simulators.aerotech_ensemble.refusals import Faulted
 from simulators.aerotech_ensemble.registers import Registers
-from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.settings import StageSimulatorSettings
 from simulators.clock import SimulationClock
 
 
@@ -20,7 +20,7 @@ class CaptureCommands:
         axis: AxisController,
         capture: PositionCapture,
         registers: Registers,
-        settings: EnsembleSimulatorSettings,
+        settings: StageSimulatorSettings,
     ) -> None:
         self._clock = clock
         self._axis = axis

@@ -12,7 +12,7 @@ from simulators.aerotech_ensemble.grammar import Invalid
 from simulators.aerotech_ensemble.limits import AxisLimits
 from simulators.aerotech_ensemble.parameters import Parameter, Parameters
 from simulators.aerotech_ensemble.refusals import Faulted
-from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.settings import StageSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisFault, AxisStatus, PlaneStatus
 from simulators.clock import SimulationClock
 from simulators.keyed_random import generator
@@ -48,7 +48,7 @@ class AxisController:
         clock: SimulationClock,
         axis: MotionAxis,
         parameters: Parameters,
-        settings: EnsembleSimulatorSettings,
+        settings: StageSimulatorSettings,
     ) -> None:
         self._clock = clock
         self._axis = axis

@@ -12,9 +12,10 @@ def _build(spec: Spec, site: Site, settings: EnsembleSimulatorSettings) -> Simul
     return SimulatedEnsemble(site.clock, site.axis(spec.role), site.trigger, named, site.tap)
 
 
-SIMULATOR = SimulatorDeclaration(
-    EnsembleSimulatorSettings,
-    _build,
-    STAGE_FAULTS | {"air_lost", "wrong_unit", "missing_edges", "clock_drift"},
-    columns=lambda _: position_columns("stage_x_mm"),
-)
+def columns(_: Spec) -> dict[str, str]:
+    """The column of a run that its position fills."""
+    return position_columns("stage_x_mm")
+
+
+FAULTS = STAGE_FAULTS | {"air_lost", "wrong_unit", "missing_edges", "clock_drift"}
+SIMULATOR = SimulatorDeclaration(EnsembleSimulatorSettings, _build, FAULTS, columns=columns)

@@ -11,8 +11,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 
-class EnsembleDialect(BaseModel):
-    """How this controller reads the manual."""
+class StageDialect(BaseModel):
+    """How a controller that speaks this language reads the manual."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -22,8 +22,6 @@ class EnsembleDialect(BaseModel):
     """A set-point outside a limit: answered `#`, or `%` followed by the fault. The axis fault is set in both."""
     abort_disabled: Literal["refuse", "accept"] = "refuse"
     """ABORT on an axis that is disabled: answered `#` or `%`."""
-    bare_speed_word: bool = False
-    """Is the speed of a single axis' move understood as `F20` too, or as `XF20` alone?"""
     homing_needed: bool = True
     """Does an axis that is not homed refuse to move? In the manual's example it moves."""
     home_async: Literal["none", "program", "keyword"] = "none"
@@ -49,6 +47,13 @@ class EnsembleDialect(BaseModel):
 
     program_start_s: float = Field(default=0.05, ge=0)
     """From the acknowledge of PROGRAM RUN to the program's first line."""
+
+
+class EnsembleDialect(StageDialect):
+    """How an Ensemble reads the manual."""
+
+    bare_speed_word: bool = False
+    """Is the speed of a single axis' move understood as `F20` too, or as `XF20` alone?"""
 
 
 GENTLE = EnsembleDialect(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 LINE_LENGTH_MAX = 256
@@ -29,6 +29,8 @@ class Command:
     keyword: str
     words: tuple[str, ...] = ()
     value: str | None = None
+    called: bool = field(default=False, compare=False)
+    """Written with parentheses."""
 
 
 # A record is read register by register: the same thousand lines after every run.
@@ -48,7 +50,7 @@ def parse(line: bytes) -> Command:
     if call is None:
         raise Invalid
     arguments, value = call.groups()
-    return Command(keyword.upper(), _words(arguments), value)
+    return Command(keyword.upper(), _words(arguments), value, called=True)
 
 
 def _words(text: str) -> tuple[str, ...]:
@@ -77,7 +79,7 @@ def whole(word: str, low: int, high: int) -> int:
 def move_words(
     words: tuple[str, ...], axis_names: frozenset[str], speed_words: frozenset[str]
 ) -> tuple[float, float | None]:
-    """Position and speed of `X 5.0 XF20`, `X 5 XF 20`, `@0 5.0 F 20`, `X5 F20`, or without a speed."""
+    """Position and speed of `X 5.0 XF20`, `X 5 XF 20`, `@0 5.0 F 20`, `X5 F20`, `D5 F20`, or without a speed."""
     axes, speeds = ("|".join(sorted(map(re.escape, names))) for names in (axis_names, speed_words))
     shape = rf"(?:{axes})\s*({_NUMBER})(?:\s+(?:{speeds})\s*({_NUMBER}))?"
     match = re.fullmatch(shape, " ".join(words), re.ASCII)

@@ -9,7 +9,7 @@ from simulators.aerotech_ensemble.grammar import Invalid, parse
 from simulators.aerotech_ensemble.interpreter import Interpreter
 from simulators.aerotech_ensemble.parameters import Parameter
 from simulators.aerotech_ensemble.refusals import Blocked, Faulted, Restarting
-from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings, StageSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisFault
 from simulators.clock import SimulationClock
 from simulators.faults.mishaps import AirLost, EmergencyStop, FollowingError, LimitHit, PowerCycle, WrongUnit
@@ -36,11 +36,11 @@ class SimulatedEnsemble:
         clock: SimulationClock,
         axis: MotionAxis,
         trigger: TriggerLine,
-        settings: EnsembleSimulatorSettings | None = None,
+        settings: StageSimulatorSettings | None = None,
         tap: Tap | None = None,
     ) -> None:
         self._clock = clock
-        self._settings = settings or EnsembleSimulatorSettings()
+        self._settings: StageSimulatorSettings = settings or EnsembleSimulatorSettings()
         self._interpreter = Interpreter(clock, axis, trigger, self._settings, tap or unheard())
         # A fault ends a motion, and with it the wait for its end.
         self._interpreter.axis.on_fault = self._end_wait

@@ -8,12 +8,12 @@ from simulators.aerotech_ensemble import inputs
 from simulators.aerotech_ensemble.capture import PositionCapture
 from simulators.aerotech_ensemble.capture_commands import CaptureCommands
 from simulators.aerotech_ensemble.controller import AxisController
-from simulators.aerotech_ensemble.grammar import Command, Invalid, exactly, move_words, none, number, whole
+from simulators.aerotech_ensemble.grammar import Command, Invalid, exactly, none, number, whole
 from simulators.aerotech_ensemble.modes import ABSOLUTE, INPOS, NOWAIT, MotionModes
-from simulators.aerotech_ensemble.parameters import Parameters, named
+from simulators.aerotech_ensemble.parameters import Parameters
 from simulators.aerotech_ensemble.refusals import Blocked, Faulted, Reply, Restarting
 from simulators.aerotech_ensemble.registers import Registers
-from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.settings import StageSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisStatus, signed_32_bit
 from simulators.aerotech_ensemble.tasks import TASKS, Tasks
 from simulators.clock import SimulationClock
@@ -34,12 +34,12 @@ class Interpreter:
         clock: SimulationClock,
         axis: MotionAxis,
         trigger: TriggerLine,
-        settings: EnsembleSimulatorSettings,
+        settings: StageSimulatorSettings,
         tap: Tap,
     ) -> None:
         self._clock = clock
         self._settings = settings
-        self._names = frozenset({settings.axis.upper(), "@0"})
+        self._addressing = settings.addressing
         self.parameters = Parameters(settings)
         self.axis = AxisController(clock, axis, self.parameters, settings)
         self.capture = PositionCapture(axis, trigger, settings, tap)
@@ -47,10 +47,9 @@ class Interpreter:
         self._acquisition = CaptureCommands(clock, self.axis, self.capture, self._registers, settings)
         self._unit_mm = 1.0
         # Each task has modes of its own; task 0 is the ASCII interface.
-        self._all_modes = [MotionModes(self.parameters, self._names) for _ in range(TASKS + 1)]
+        self._all_modes = [MotionModes(self.parameters, self._addressing) for _ in range(TASKS + 1)]
         self._modes = self._all_modes[0]
         self._tasks = Tasks(clock, self._registers, settings, self._execute_in_task, self.axis.moving)
-        self._only_in_programs = _only_in_programs(settings)
         self._handlers: dict[str, Callable[[tuple[str, ...]], Reply]] = {
             "VERSION": self._version,
             "ACKNOWLEDGEALL": self._acknowledge_all,
@@ -99,8 +98,9 @@ class Interpreter:
 
     def execute(self, command: Command) -> Reply:
         """Do what the ASCII interface is told and say what is answered."""
-        if command.keyword in self._only_in_programs:
+        if command.keyword in self._settings.not_understood:
             raise Invalid
+        self._addressing.check(command)
         return self._execute(command)
 
     def _execute_in_task(self, task: int, command: Command) -> Reply:
@@ -137,8 +137,7 @@ class Interpreter:
 
     def _on_axis(self, act: Callable[[], None]) -> Callable[[tuple[str, ...]], Reply]:
         def handler(words: tuple[str, ...]) -> Reply:
-            if not words or any(word not in self._names for word in words):
-                raise Invalid
+            self._addressing.require(words)
             act()
             return None
 
@@ -146,24 +145,19 @@ class Interpreter:
 
     def _query(self, value: Callable[[], str]) -> Callable[[tuple[str, ...]], Reply]:
         def handler(words: tuple[str, ...]) -> Reply:
-            if len(words) != 1 or words[0] not in self._names:
-                raise Invalid
+            none(self._addressing.after(words))
             return value()
 
         return handler
 
     def _after_axis(self, words: tuple[str, ...]) -> tuple[str, ...]:
-        if not words or words[0] not in self._names:
-            raise Invalid
-        return words[1:]
+        return self._addressing.after(words)
 
     def _length(self, length_mm: float) -> str:
         return f"{length_mm / self._unit_mm:.6f}"
 
     def _move_words(self, words: tuple[str, ...], *, coordinated: bool = False) -> tuple[float, float | None]:
-        own = frozenset(f"{name}F" for name in self._names)
-        speed_words = own | {"F"} if coordinated or self._settings.dialect.bare_speed_word else own
-        position, speed = move_words(words, self._names, speed_words)
+        position, speed = self._addressing.move(words, coordinated=coordinated)
         return position * self._unit_mm, None if speed is None else speed * self._unit_mm
 
     def _program_mm(self, machine_mm: float) -> float:
@@ -276,11 +270,11 @@ class Interpreter:
 
     def _get_parameter(self, words: tuple[str, ...]) -> Reply:
         (name,) = exactly(1, self._after_axis(words))
-        return self.parameters.text(named(name))
+        return self.parameters.read(name)
 
     def _set_parameter(self, words: tuple[str, ...]) -> Reply:
         name, value = exactly(2, self._after_axis(words))
-        self.parameters.change(named(name), value)
+        self.parameters.change(self.parameters.named(name), value)
         return None
 
     def _commit_parameters(self, words: tuple[str, ...]) -> Reply:
@@ -291,8 +285,3 @@ class Interpreter:
     def _reset(self, words: tuple[str, ...]) -> Reply:
         none(words)
         raise Restarting
-
-
-def _only_in_programs(settings: EnsembleSimulatorSettings) -> frozenset[str]:
-    over_ascii = {"OSCILLATE": settings.dialect.oscillate_over_ascii, "DATAACQ": settings.dialect.capture_over_ascii}
-    return frozenset(keyword for keyword, understood in over_ascii.items() if not understood)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from simulators.aerotech_ensemble.parameters import Parameter, Parameters
-from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.settings import StageSimulatorSettings
 from simulators.aerotech_ensemble.status import AxisFault, AxisStatus
 from simulators.motion import MotionAxis
 
@@ -38,7 +38,7 @@ def first_crossing_s(axis: MotionAxis, from_s: float, until_s: float, bound: flo
 class AxisLimits:
     """Where the axis must not go, how fast it must not be, and what its switches say."""
 
-    def __init__(self, axis: MotionAxis, parameters: Parameters, settings: EnsembleSimulatorSettings) -> None:
+    def __init__(self, axis: MotionAxis, parameters: Parameters, settings: StageSimulatorSettings) -> None:
         self._axis = axis
         self._parameters = parameters
         self._settings = settings

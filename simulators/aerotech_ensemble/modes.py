@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from simulators.aerotech_ensemble.addressing import Addressing
 from simulators.aerotech_ensemble.grammar import Invalid, choice, exactly, none, number, positive, whole
 from simulators.aerotech_ensemble.parameters import Parameter, Parameters
 
@@ -14,11 +15,11 @@ MODES = 13
 
 
 class MotionModes:
-    """The modes, and the commands that set them; `axis_names` may stand before the value of RAMP."""
+    """The modes, and the commands that set them; the axis may stand before the value of RAMP."""
 
-    def __init__(self, parameters: Parameters, axis_names: frozenset[str]) -> None:
+    def __init__(self, parameters: Parameters, addressing: Addressing) -> None:
         self._parameters = parameters
-        self._names = axis_names
+        self._addressing = addressing
         self.restart()
 
     def restart(self) -> None:
@@ -28,7 +29,7 @@ class MotionModes:
         self.speed_mm_s = self._parameters[Parameter.DEFAULT_SPEED]
         self.program_zero_mm = 0.0
         self._ramp_mode = RAMP_WORDS["RATE"]
-        self._ramp_rate_mm_s2 = self._parameters[Parameter.DEFAULT_RAMP_RATE]
+        self._told_ramp_mm_s2: float | None = None
         self._ramp_time_s = 0.1
         self._ramp_distance_mm = 1.0
         self._s_curve_percent = 0.0
@@ -37,6 +38,11 @@ class MotionModes:
     def default_wait(self) -> None:
         """Enabling brings the default back."""
         self.wait = int(self._parameters[Parameter.DEFAULT_WAIT_MODE])
+
+    @property
+    def _ramp_rate_mm_s2(self) -> float:
+        """RAMP RATE, or the default as the parameter has it now."""
+        return self._told_ramp_mm_s2 or self._parameters[Parameter.DEFAULT_RAMP_RATE]
 
     def ramp_mm_s2(self, speed_mm_s: float, way_mm: float) -> float:
         """The acceleration of a motion of this speed over this way."""
@@ -67,13 +73,11 @@ class MotionModes:
     def set_ramp(self, words: tuple[str, ...], unit_mm: float) -> None:
         """RAMP MODE, RATE, TIME, DIST."""
         word, *rest = words or ("",)
-        if len(rest) == 2 and rest[0] in self._names:
-            rest = rest[1:]
-        (value,) = exactly(1, tuple(rest))
+        (value,) = exactly(1, self._addressing.perhaps_after(tuple(rest)))
         if word == "MODE":
             self._ramp_mode = choice(RAMP_WORDS, value)
         elif word == "RATE":
-            self._ramp_rate_mm_s2 = positive(value) * unit_mm
+            self._told_ramp_mm_s2 = positive(value) * unit_mm
         elif word == "TIME":
             self._ramp_time_s = positive(value)
         elif word == "DIST":

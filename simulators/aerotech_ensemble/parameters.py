@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from simulators.aerotech_ensemble.grammar import Invalid, number
-from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.grammar import Invalid, number, whole
+from simulators.aerotech_ensemble.settings import StageSimulatorSettings
 
+NUMBER_MAX = 400
+"""Of a parameter; chosen, above all that sources name."""
 WAIT_MODES = ("nowait", "movedone", "inpos")
 
 
@@ -85,13 +87,28 @@ def named(word: str) -> Parameter:
 class Parameters:
     """One axis' parameters."""
 
-    def __init__(self, settings: EnsembleSimulatorSettings) -> None:
+    def __init__(self, settings: StageSimulatorSettings) -> None:
         self._texts = {Parameter.UNITS_NAME: settings.units, Parameter.AXIS_NAME: settings.axis}
+        self._numbers = {str(number): Parameter[name] for number, name in settings.parameter_numbers.items()}
         self._committed = _factory(settings)
         self._values = dict(self._committed)
 
     def __getitem__(self, parameter: Parameter) -> float:
         return self._values[parameter]
+
+    def named(self, word: str) -> Parameter:
+        """The parameter of this number or name."""
+        if not self._numbers:
+            return named(word)
+        if word not in self._numbers:
+            raise Invalid
+        return self._numbers[word]
+
+    def read(self, word: str) -> str:
+        """The value of this number or name; 0 for a number that means something else here."""
+        if self._numbers and word not in self._numbers and whole(word, 0, NUMBER_MAX) >= 0:
+            return "0.000"
+        return self.text(self.named(word))
 
     def text(self, parameter: Parameter) -> str:
         """The value as it is sent."""
@@ -117,7 +134,7 @@ class Parameters:
         self._values = dict(self._committed)
 
 
-def _factory(settings: EnsembleSimulatorSettings) -> dict[Parameter, float]:
+def _factory(settings: StageSimulatorSettings) -> dict[Parameter, float]:
     return {
         Parameter.REVERSE_MOTION_DIRECTION: 0,
         Parameter.COUNTS_PER_UNIT: settings.counts_per_mm,

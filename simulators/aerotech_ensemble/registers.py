@@ -6,7 +6,7 @@ import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from simulators.aerotech_ensemble.grammar import Command, Invalid, number, whole
-from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.settings import StageSimulatorSettings
 
 INT32 = (-(1 << 31), (1 << 31) - 1)
 
@@ -14,7 +14,7 @@ INT32 = (-(1 << 31), (1 << 31) - 1)
 class Registers:
     """Whole numbers and doubles, by index from 0."""
 
-    def __init__(self, settings: EnsembleSimulatorSettings) -> None:
+    def __init__(self, settings: StageSimulatorSettings) -> None:
         self._integers = [0] * settings.integer_registers
         self._doubles = [0.0] * settings.double_registers
 

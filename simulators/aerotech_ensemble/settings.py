@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from simulators.aerotech_ensemble.dialect import EnsembleDialect
+from simulators.aerotech_ensemble.addressing import Addressing, NamedAxis
+from simulators.aerotech_ensemble.dialect import EnsembleDialect, StageDialect
 
 REGISTERS_MAX = 1_000_000
 """Of either kind: more than any controller has."""
 WaitMode = Literal["nowait", "movedone", "inpos"]
 
 
-class EnsembleSimulatorSettings(BaseModel):
+class StageSimulatorSettings(BaseModel):
     """Keys of a simulated stage; `dialect` chooses where the wire's behaviour is not known for sure."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    dialect: EnsembleDialect = EnsembleDialect()
+    dialect: StageDialect = StageDialect()
     rigctl_program: bool = True
     """Has the operator compiled and loaded `rigctl.ab`?"""
     programs: dict[str, str] = {}
@@ -92,6 +94,32 @@ class EnsembleSimulatorSettings(BaseModel):
     capture_latency_s: float = Field(default=0.0, ge=0)
     """From the edge to the latched position."""
 
+    @property
+    def addressing(self) -> Addressing:
+        """How the axis is named in a line."""
+        raise NotImplementedError
+
+    @property
+    def parameter_numbers(self) -> Mapping[int, str]:
+        """The names of parameters by number, where they are not those of EnsembleParameterId.h."""
+        return {}
+
+    @property
+    def not_understood(self) -> frozenset[str]:
+        """Keywords that the ASCII interface does not know, although programs or other controllers do."""
+        over_ascii = {"OSCILLATE": self.dialect.oscillate_over_ascii, "DATAACQ": self.dialect.capture_over_ascii}
+        return frozenset(keyword for keyword, understood in over_ascii.items() if not understood)
+
+    @property
+    def home_statement(self) -> str:
+        """HOME as the maker's HomeAsync has it."""
+        return "HOME @axis"
+
+    @property
+    def program_source(self) -> str:
+        """Which of our programs the operator has loaded."""
+        return "rigctl.ab"
+
     @model_validator(mode="after")
     def _ranges_are_not_empty(self) -> Self:
         if not self.position_min_mm < self.position_max_mm:
@@ -99,3 +127,14 @@ class EnsembleSimulatorSettings(BaseModel):
         if not self.travel_min_mm < self.travel_max_mm:
             raise ValueError("travel_min_mm must lie below travel_max_mm")
         return self
+
+
+class EnsembleSimulatorSettings(StageSimulatorSettings):
+    """Keys of a simulated Ensemble."""
+
+    dialect: EnsembleDialect = EnsembleDialect()
+
+    @property
+    def addressing(self) -> NamedAxis:
+        """The axis has a name."""
+        return NamedAxis(self.axis, self.dialect.bare_speed_word)

@@ -10,19 +10,19 @@ from simulators.aerotech_ensemble.aerobasic import Perform, Program, compiled
 from simulators.aerotech_ensemble.grammar import Command, Invalid, exactly, whole
 from simulators.aerotech_ensemble.refusals import Blocked, Faulted, Reply
 from simulators.aerotech_ensemble.registers import Registers
-from simulators.aerotech_ensemble.settings import EnsembleSimulatorSettings
+from simulators.aerotech_ensemble.settings import StageSimulatorSettings
 from simulators.clock import SimulationClock
 
 TASKS = 5
 """Four of the user's, and the auxiliary one."""
 OURS = "RIGCTL.BCX"
-SOURCE = Path(__file__).parents[2] / "drivers" / "aerobasic" / "rigctl.ab"
+SOURCES = Path(__file__).parents[2] / "drivers" / "aerobasic"
 """What an operator compiles and loads: it is read as the controller has it, line by line."""
 HOME_ASYNC = """
 PROGRAM
     DIM axis AS INTEGER
     axis = IGLOBAL(33)
-    HOME @axis
+    {home}
 END PROGRAM
 """
 """The maker's sample program, as EPICS uses it: the axis' number is in IGLOBAL(33)."""
@@ -46,7 +46,7 @@ class Tasks:
         self,
         clock: SimulationClock,
         registers: Registers,
-        settings: EnsembleSimulatorSettings,
+        settings: StageSimulatorSettings,
         perform: Callable[[int, Command], Reply],
         moving: Callable[[], bool],
     ) -> None:
@@ -126,10 +126,10 @@ class Tasks:
         return perform
 
 
-def _files(settings: EnsembleSimulatorSettings) -> dict[str, Program]:
+def _files(settings: StageSimulatorSettings) -> dict[str, Program]:
     sources = {name.upper(): source for name, source in settings.programs.items()}
     if settings.rigctl_program:
-        sources[OURS] = SOURCE.read_text(encoding="ascii")
+        sources[OURS] = (SOURCES / settings.program_source).read_text(encoding="ascii")
     if settings.dialect.home_async == "program":
-        sources["HOMEASYNC.BCX"] = HOME_ASYNC
+        sources["HOMEASYNC.BCX"] = HOME_ASYNC.format(home=settings.home_statement)
     return {name: compiled(source) for name, source in sources.items()}

@@ -180,6 +180,17 @@ def test_errors_of_others_are_told_and_taken_off_the_queues(made: Any) -> None:
         assert second == "empty"
 
 
+def test_a_soloist_is_asked_what_it_can_tell(made: Any) -> None:
+    lines = asked(made("", ('unit = "mm"', 'unit = "unknown"')), "spare_stage")
+    assert (lines["unit"].outcome, lines["fault mask"].outcome) == ("unknown", "unknown")
+    assert "Soloist.chm" in lines["unit"].mend
+    assert lines["state"].found == "not enabled, not homed"
+    told = asked(made("", ('unit = "mm"', 'unit = "mm"\nposition_max_mm = 30.0')), "spare_stage")
+    assert (told["unit"].outcome, told["travel"].outcome) == ("ok", "differs")
+    later = asked(made('[instruments.spare_stage.simulator.dialect]\nparameters = "ensemble"'), "spare_stage")
+    assert {later[item].outcome for item in ("unit", "fault mask", "travel", "deceleration")} == {"ok"}
+
+
 def test_a_stage_that_moves_is_told(made: Any) -> None:
     rig = made()
     stage = rig.instruments["stage"]

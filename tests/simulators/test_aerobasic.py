@@ -14,7 +14,7 @@ from simulators.aerotech_ensemble.aerobasic import compiled
 from simulators.aerotech_ensemble.aerobasic_expression import expression, tokens_of
 from simulators.aerotech_ensemble.grammar import Command, Invalid
 from simulators.aerotech_ensemble.registers import Registers
-from simulators.aerotech_ensemble.tasks import SOURCE, TaskState
+from simulators.aerotech_ensemble.tasks import SOURCES, TaskState
 from simulators.clock import VirtualClock
 from simulators.motion import MotionAxis
 from simulators.wiring import TriggerLine
@@ -217,6 +217,6 @@ def test_our_program_says_its_version_and_takes_its_registers_at_once() -> None:
 
 
 def test_our_program_is_in_ascii_with_comments_for_its_operator() -> None:
-    source = SOURCE.read_text(encoding="ascii")
+    source = (SOURCES / "rigctl.ab").read_text(encoding="ascii")
     assert "rigctl.bcx" in source
     assert Controller(rigctl_program=False)('PROGRAM RUN 2, "rigctl.bcx"') == "!"

@@ -49,11 +49,24 @@ capture_short_read = "refuse"
 [instruments.stage]
 """
 """The stage's lines here are written for a controller that reads the manual so."""
-RIG_TEXT = RIG.read_text(encoding="utf-8").replace("[instruments.stage]\n", PLAIN_STAGE.lstrip(), 1)
+PLAIN_SOLOIST = (
+    PLAIN_STAGE.replace("instruments.stage", "instruments.spare_stage")
+    .replace(
+        "\n[instruments.spare_stage]\n",
+        'questions = "either"\nparameters = "ensemble"\n\n[instruments.spare_stage]\n',
+    )
+    .lstrip()
+)
+RIG_TEXT = (
+    RIG.read_text(encoding="utf-8")
+    .replace("[instruments.stage]\n", PLAIN_STAGE.lstrip(), 1)
+    .replace("[instruments.spare_stage]\n", PLAIN_SOLOIST, 1)
+)
 NAMES = {
     "newport-xps": "rotation",
     "newport-esp301": "spare_rotation",
     "aerotech-ensemble": "stage",
+    "aerotech-soloist": "spare_stage",
     "keyence-lkg3001": "lasers_a",
     "keyence-lkg5000": "spare_lasers",
     "keysight-34465a": "accelerometer",
@@ -345,6 +358,21 @@ SCRIPTS: dict[tuple[str, str], tuple[str, list[Step]]] = {
 }
 
 
+def without_axis(step: Step) -> Step:
+    """The same to a Soloist: its axis is never named, `D` stands before a position and `F` before a speed."""
+    if not isinstance(step, Says):
+        return step
+    line = step.command.replace("MOVEABS X ", "MOVEABS D").replace(" XF", " F")
+    return Says(re.sub(r"\bX\b(, )?", "", line).strip(), step.reply)
+
+
+SCRIPTS |= {
+    ("aerotech-soloist", fault): (text, [without_axis(step) for step in steps])
+    for (kind, fault), (text, steps) in SCRIPTS.items()
+    if kind == "aerotech-ensemble"
+}
+
+
 @pytest.mark.parametrize(("kind", "fault"), SCRIPTS, ids=lambda each: str(each))
 def test_it_shows_on_the_wire(kind: str, fault: str) -> None:
     play(kind, *SCRIPTS[kind, fault])
@@ -607,8 +635,11 @@ def test_sensors_in_orbit_saturate_and_get_stuck() -> None:
 ELSEWHERE = {
     *((kind, fault) for kind in LASERS for fault in SUFFERED[kind]),
     *(("keysight-34465a", fault) for fault in ("stuck", "clock_jump", "clock_drift", "missing_edges", "wrong_unit")),
-    ("aerotech-ensemble", "missing_edges"),
-    ("aerotech-ensemble", "clock_drift"),
+    *(
+        (kind, fault)
+        for kind in ("aerotech-ensemble", "aerotech-soloist")
+        for fault in ("missing_edges", "clock_drift")
+    ),
     ("keysight-33500b", "clock_drift"),
     ("drag-free-satellite", "saturation"),
     ("drag-free-satellite", "stuck"),
