@@ -7,6 +7,7 @@ are asked back.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Self
 
@@ -30,6 +31,8 @@ AMPLITUDE_MINIMUM_V = 1e-3
 PERIOD_MINIMUM_S, PERIOD_MAXIMUM_S = 5e-6, 1e6
 """200 kHz, which a ramp has too, and 1 uHz."""
 PHASE_MAXIMUM_DEG = 360.0
+BURST_MAXIMUM = 100_000_000
+"""Periods; as many last longer than anything that is recorded."""
 ROUNDING, ROUNDING_V, ROUNDING_HZ, ROUNDING_DEG = 1e-3, 1e-3, 1e-6, 0.1
 """What the generator may round a setting by: relative, and in each unit on top."""
 FUNCTIONS = {"constant": "DC", "sine": "SIN", "triangle": "RAMP"}
@@ -63,6 +66,8 @@ class Keysight33500B:
         self._link = ScpiLink(name, connect, settings.link_timeout_s)
         self._prepared = False
         self._running: Mapping[str, Waveform] = {}
+        self._lasting_s = self._ends_s = math.inf
+        self._bursting = False
 
     def open(self) -> None:
         """Connect, make sure it is a 33500B with two outputs, and clear its errors; the outputs stay as they are."""
@@ -101,32 +106,49 @@ class Keysight33500B:
         s = self.settings
         return tuple(Channel(name, "V", "voltage", s.latency_s, s.limit_v) for name in s.outputs)
 
-    def start(self, waveforms: Mapping[str, Waveform]) -> Started:
+    def start(self, waveforms: Mapping[str, Waveform], lasting_s: float = math.inf) -> Started:
         """Set every output, an unnamed one to 0 V, and begin all waveforms at once.
 
-        The first time after `open` the generator is reset, which takes away what somebody else has left running.
+        For `lasting_s` sine and triangle are bursts of whole periods, which end whatever becomes of us. The first
+        time after `open` the generator is reset, which takes away what somebody else has left running.
         """
         wanted = {name: waveforms.get(name, Waveform()) for name in self.settings.outputs}
         self.check(waveforms)
         if not self._prepared:
             self._link.configure("*RST", "*CLS", "UNIT:ANGL DEG")
-            self._prepared = True
+            self._prepared, self._bursting = True, False
         for name, waveform in wanted.items():
             number = self.settings.outputs[name]
             # The load first: the generator reckons all voltages for it, and for 50 ohm they would be twice as high.
-            self._link.configure(f"OUTP{number}:LOAD INF", *_settings(number, waveform))
+            # A constant has no burst, and what is set while one waits is told as a conflict.
+            ended = (f"SOUR{number}:BURS:STAT OFF",) if self._bursting else ()
+            self._link.configure(f"OUTP{number}:LOAD INF", *ended, *_settings(number, waveform, lasting_s))
             # Only once its settings are taken without an error: the outputs are never on with what was not asked for.
             self._link.send(f"OUTP{number} ON")
         asked_s = self._clock.now_s()
         # Both outputs begin their period now; switched on one after the other they are some ms apart.
-        self._link.configure("PHAS:SYNC")
+        self._bursting = math.isfinite(lasting_s) and any(each.shape != "constant" for each in wanted.values())
+        self._link.configure("*TRG" if self._bursting else "PHAS:SYNC")
         # Half-way between question and reply, as for any reading: the error is at most half the exchange.
         start_s = 0.5 * (asked_s + self._clock.now_s())
+        self._lasting_s = lasting_s
         self._running = {name: self._as_taken(name, waveform) for name, waveform in wanted.items()}
+        self._ends_s = start_s + min(
+            (_cycles(each, lasting_s) * each.period_s for each in self._running.values() if each.shape != "constant"),
+            default=math.inf,
+        )
         return Started(start_s, self._running)
 
     def require_running(self) -> None:
-        """`InstrumentError` unless every output is on and set as `start` returned it: a power cut ends both."""
+        """`InstrumentError` unless every output is on and set as `start` returned it: a power cut ends both.
+
+        Also where a burst has come to its end.
+        """
+        if self._clock.now_s() >= self._ends_s:
+            raise InstrumentError(
+                f"{self.name}: its waveforms were to last for {self._lasting_s:g} s and are over; record sooner",
+                instrument=self.name,
+            )
         for name, waveform in self._running.items():
             number = self.settings.outputs[name]
             if not self._link.query_whole(f"OUTP{number}?"):
@@ -178,7 +200,8 @@ class Keysight33500B:
         # The generator counts peak to peak, procedures in amplitudes.
         amplitude_v = 0.5 * self._taken(f"{source}:VOLT?", 2.0 * waveform.amplitude_v, ROUNDING_V)
         offset_v = self._taken(f"{source}:VOLT:OFFS?", waveform.offset_v, ROUNDING_V)
-        phase_deg = self._taken(f"{source}:PHAS?", waveform.phase_deg, ROUNDING_DEG)
+        phase = "BURS:PHAS?" if math.isfinite(self._lasting_s) else "PHAS?"
+        phase_deg = self._taken(f"{source}:{phase}", waveform.phase_deg, ROUNDING_DEG)
         return Waveform(waveform.shape, offset_v, amplitude_v, 1.0 / frequency_hz, phase_deg)
 
     def _taken(self, query: str, asked: float, rounding: float) -> float:
@@ -189,13 +212,31 @@ class Keysight33500B:
         return value
 
 
-def _settings(number: int, waveform: Waveform) -> tuple[str, ...]:
+def _cycles(waveform: Waveform, lasting_s: float) -> float:
+    """Whole periods that last so long at least."""
+    return min(math.ceil(lasting_s / waveform.period_s), BURST_MAXIMUM) if math.isfinite(lasting_s) else math.inf
+
+
+def _settings(number: int, waveform: Waveform, lasting_s: float) -> tuple[str, ...]:
     """In the generator's order: limits depend on the function, and an old offset may leave no room for what comes."""
     source = f"SOUR{number}"
     function = f"{source}:FUNC {FUNCTIONS[waveform.shape]}"
     offset = f"{source}:VOLT:OFFS {waveform.offset_v:.6f}"
     if waveform.shape == "constant":
         return function, offset
+    begins = f"{waveform.phase_deg:.6f}"
+    end = (
+        (
+            f"{source}:PHAS 0",
+            f"{source}:BURS:MODE TRIG",
+            f"{source}:BURS:NCYC {_cycles(waveform, lasting_s):.0f}",
+            f"{source}:BURS:PHAS {begins}",
+            f"TRIG{number}:SOUR BUS",
+            f"{source}:BURS:STAT ON",
+        )
+        if math.isfinite(lasting_s)
+        else (f"{source}:PHAS {begins}",)
+    )
     symmetry = (f"{source}:FUNC:RAMP:SYMM 50",) if waveform.shape == "triangle" else ()
     return (
         f"{source}:VOLT:OFFS 0",
@@ -205,7 +246,7 @@ def _settings(number: int, waveform: Waveform) -> tuple[str, ...]:
         f"{source}:VOLT:UNIT VPP",
         f"{source}:VOLT {2.0 * waveform.amplitude_v:.6f}",
         offset,
-        f"{source}:PHAS {waveform.phase_deg:.6f}",
+        *end,
     )
 
 

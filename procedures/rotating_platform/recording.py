@@ -32,6 +32,8 @@ RUN_UP_S = 0.5
 """Where the platform turns as a run begins, the meters start so long before the turn does."""
 ASK_AGAIN_S = 0.01
 """A platform that does not answer is asked once more before its dwell is given up."""
+PREPARING_S = 900.0
+"""How long platform and meters may take until a record begins: the source's waveforms last for that as well."""
 THERMOMETER_S = 3.0
 """A temperature is only read where there is so much time."""
 
@@ -40,7 +42,7 @@ def measure(
     session: Session, bench: PlatformBench, writer: RunWriter, wanted: Wanted, watch: Watch
 ) -> dict[str, Any]:
     """Carry out a recording into `writer`; returns the conditions found."""
-    started = bench.source.start(wanted.tilt)
+    started = bench.source.start(wanted.tilt, wanted.table.duration_s + bench.settle_s + PREPARING_S)
     bench.platform.move_to(wanted.table.begin_deg)
     session.wait_s(bench.settle_s)
     return RecordingUnderWay(session, bench, writer, wanted, started, watch).made()

@@ -59,12 +59,14 @@ class VoltageSource(Instrument, Protocol):
     def channels(self) -> tuple[Channel, ...]:
         """The outputs, as columns of a run; `full_scale` is the largest voltage that may be asked for."""
 
-    def start(self, waveforms: Mapping[str, Waveform]) -> Started:
+    def start(self, waveforms: Mapping[str, Waveform], lasting_s: float = math.inf) -> Started:
         """Set and connect every output and begin all waveforms at once; returns when they run.
 
-        An output that is not named gives 0 V. May be called again at any time. `LimitError` for an unknown output or
+        Sine and triangle end by themselves after whole periods that last for `lasting_s` at least, and stay where
+        they began: nobody has to be there to stop them. A constant has no end. An output that is not named gives 0 V.
+        May be called again at any time. `LimitError` for an unknown output or
         a waveform it cannot make, before a byte is sent; what the instrument rounded is in what is returned.
         """
 
     def require_running(self) -> None:
-        """`InstrumentError` unless every output is connected and set as `start` returned it."""
+        """`InstrumentError` unless every output is connected, set as `start` returned it, and not at its end."""

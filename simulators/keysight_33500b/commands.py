@@ -17,6 +17,8 @@ from simulators.scpi import Boolean, Choice, Command, Number, ScpiError
 
 FUNCTION = Choice(("SINusoid", "RAMP", "TRIangle", "DC"))
 PHASE = Number(-360.0, 360.0, 0.0, unit="DEG")
+CYCLES = Number(1.0, 1e8, 1.0)
+TRIGGER = Choice(("IMMediate", "EXTernal", "TIMer", "BUS"))
 PERCENT = Number(0.0, 100.0, 100.0)
 LOAD = Number(1.0, 10e3, 50.0, unit="OHM")
 
@@ -40,6 +42,7 @@ class Commands:
             *self._shape(),
             *self._levels(),
             *self._connector(),
+            *self._bursts(),
             *resting.commands(self._output),
         )
 
@@ -99,6 +102,33 @@ class Commands:
             *self._pair("OUTPut<n>:LOAD", _load, _set_load),
         )
 
+    def _bursts(self) -> tuple[Command, ...]:
+        return (
+            Command("*TRG", self._fire),
+            *self._pair(
+                "TRIGger<n>:SOURce",
+                lambda output: output.course.trigger,
+                lambda output, text: output.change(trigger=_simulated(TRIGGER.parse(text))),
+            ),
+            *self._pair(
+                "[SOURce<n>:]BURSt:STATe",
+                lambda output: str(int(output.course.burst)),
+                lambda output, text: output.set_burst(Boolean().parse(text)),
+            ),
+            *self._number(
+                "[SOURce<n>:]BURSt:NCYCles",
+                lambda _: CYCLES,
+                lambda output: output.course.burst_cycles,
+                lambda output, cycles: output.change(burst_cycles=float(round(cycles))),
+            ),
+            *self._number(
+                "[SOURce<n>:]BURSt:PHASe",
+                lambda _: PHASE,
+                lambda output: output.course.burst_phase_deg,
+                lambda output, phase_deg: output.change(burst_phase_deg=phase_deg),
+            ),
+        )
+
     def _pair(
         self, header: str, get: Callable[[Output], str], put: Callable[[Output, str], None]
     ) -> tuple[Command, Command]:
@@ -133,6 +163,12 @@ class Commands:
             raise ScpiError(-114)
         return self._outputs[number]
 
+    def _fire(self) -> None:
+        if not any(output.course.burst for output in self._outputs.values()):
+            raise ScpiError(-211)
+        for output in self._outputs.values():
+            output.fire()
+
     def _reset(self) -> None:
         for output in self._outputs.values():
             output.reset()
@@ -155,6 +191,12 @@ def _load(output: Output) -> str:
 
 def _set_load(output: Output, text: str) -> None:
     output.load_ohm = math.inf if text.upper() in ("INF", "INFINITY") else LOAD.parse(text)
+
+
+def _simulated(trigger: str) -> str:
+    if trigger not in ("IMM", "BUS"):
+        raise ScpiError(-221, "not simulated")
+    return trigger
 
 
 def _only(word: str, text: str) -> None:

@@ -21,8 +21,8 @@ OUTPUTS = (1, 2)
 class Simulated33500B:
     """The generator with its LAN socket; it drives the line of each output, one of its own where none is given.
 
-    The connectors see high impedances. Not there: functions other than DC, sine and ramp, modulation, sweep, burst
-    (which says that it is off), units other than V peak to peak and degrees, and the steps of the converter.
+    The connectors see high impedances. Not there: functions other than DC, sine and ramp, modulation, sweep, bursts
+    but those that the bus triggers, units other than V peak to peak and degrees, and the steps of the converter.
     """
 
     kind = "keysight-33500b"

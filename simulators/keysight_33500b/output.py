@@ -36,10 +36,19 @@ class Course:
     began_s: float = 0.0
     began_turns: float = 0.0
     clock_rate: float = 1.0
+    burst: bool = False
+    burst_cycles: float = 1.0
+    burst_phase_deg: float = 0.0
+    trigger: str = "IMM"
+    triggered: bool = False
 
     def turns(self, times_s: FloatArray) -> FloatArray:
         """Periods passed since the last synchronisation, phase not counted in."""
-        return self.began_turns + self.clock_rate * self.frequency_hz * (times_s - self.began_s)
+        turns = self.began_turns + self.clock_rate * self.frequency_hz * (times_s - self.began_s)
+        if not self.burst:
+            return turns
+        # Before its trigger and after its last cycle a burst rests at the level it begins with.
+        return np.clip(turns, 0.0, self.burst_cycles) if self.triggered else np.zeros_like(turns)
 
     def volts(self, times_s: FloatArray) -> FloatArray:
         """The voltage at the connector, with a high impedance on it."""
@@ -47,7 +56,8 @@ class Course:
             return np.zeros_like(times_s)
         if self.function == "DC":
             return np.full_like(times_s, self.offset_v)
-        turns = self.turns(times_s) + self.phase_deg / 360.0
+        phase_deg = self.burst_phase_deg if self.burst else self.phase_deg
+        turns = self.turns(times_s) + phase_deg / 360.0
         shape = np.sin(2.0 * math.pi * turns) if self.function == "SIN" else _ramp(turns, self.symmetry)
         return self.offset_v + 0.5 * self.amplitude_vpp * shape
 
@@ -85,6 +95,19 @@ class Output:
         """Settings that touch no other: symmetry, phase, the relay."""
         self._run(replace(self._course, **fields))  # type: ignore[arg-type]
 
+    def set_burst(self, on: bool) -> None:
+        """Wait for a trigger, or go on without end; a constant has no periods to count."""
+        if on and self._course.function == "DC":
+            raise ScpiError(-221, "burst turned off by selection of other mode or modulation")
+        if on and self._course.trigger != "BUS":
+            raise ScpiError(-221, "not simulated")
+        self.change(burst=on, triggered=False)
+
+    def fire(self) -> None:
+        """The bus's trigger."""
+        if self._course.burst and self._course.trigger == "BUS":
+            self.change(triggered=True, began_s=self._clock.now_s(), began_turns=0.0)
+
     def synchronise(self) -> None:
         """Begin a period now."""
         self.change(began_s=self._clock.now_s(), began_turns=0.0)
@@ -105,8 +128,11 @@ class Output:
     def set_function(self, function: str) -> None:
         """SIN, RAMP, TRI or DC; frequency and offset give way."""
         symmetry = 0.5 if function == "TRI" else self._course.symmetry
-        self.change(function="RAMP" if function == "TRI" else function, symmetry=symmetry)
         changed = ""
+        if function == "DC" and self._course.burst:
+            self.change(burst=False)
+            changed = "burst turned off by selection of other mode or modulation"
+        self.change(function="RAMP" if function == "TRI" else function, symmetry=symmetry)
         if self._course.frequency_hz > self.frequency_maximum_hz():
             self.set_frequency(self.frequency_maximum_hz())
             changed = "frequency reduced for ramp function"

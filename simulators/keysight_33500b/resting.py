@@ -1,7 +1,7 @@
 """What other clients ask of a generator at every snapshot (QCoDeS), and what is never changed here.
 
-Bursts, triggers, pulses and the sync connector are not simulated: they have the values of *RST, which may be set
-again; any other is a settings conflict, so that nobody takes for done what was not.
+Gated bursts, other triggers than the bus's, pulses and the sync connector are not simulated: they have the values of
+*RST, which may be set again; any other is a settings conflict, so that nobody takes for done what was not.
 """
 
 from __future__ import annotations
@@ -15,13 +15,9 @@ POLARITY = Choice(("NORMal", "INVerted"))
 OF_AN_OUTPUT: Mapping[str, tuple[ParameterType, object]] = {
     "[SOURce<n>:]FREQuency:MODE": (Choice(("CW", "LIST", "SWEep", "FIXed")), "CW"),
     "[SOURce<n>:]FUNCtion:PULSe:WIDTh": (Number(16e-9, 1e6, 1e-4, unit="S"), 1e-4),
-    "[SOURce<n>:]BURSt:STATe": (Boolean(), False),
     "[SOURce<n>:]BURSt:MODE": (Choice(("TRIGgered", "GATed")), "TRIG"),
-    "[SOURce<n>:]BURSt:NCYCles": (Number(1.0, 1e8, 1.0), 1.0),
-    "[SOURce<n>:]BURSt:PHASe": (Number(-360.0, 360.0, 0.0, unit="DEG"), 0.0),
     "[SOURce<n>:]BURSt:GATE:POLarity": (POLARITY, "NORM"),
     "[SOURce<n>:]BURSt:INTernal:PERiod": (Number(1e-6, 8e3, 1e-2, unit="S"), 1e-2),
-    "TRIGger<n>:SOURce": (Choice(("IMMediate", "EXTernal", "TIMer", "BUS")), "IMM"),
     "TRIGger<n>:SLOPe": (Choice(("POSitive", "NEGative")), "POS"),
     "TRIGger<n>:COUNt": (Number(1.0, 1e6, 1.0), 1.0),
     "TRIGger<n>:DELay": (Number(0.0, 1e3, 0.0, unit="S"), 0.0),

@@ -118,6 +118,45 @@ def test_both_outputs_begin_at_once(bench: Bench) -> None:
     assert z_v[1] > 0.0
 
 
+@pytest.mark.parametrize("phase_deg", [0.0, 90.0, -30.0])
+def test_a_waveform_with_an_end_needs_nobody_to_end_it(bench: Bench, phase_deg: float) -> None:
+    bench.source.open()
+    bench.clock.sleep_s(3.0)
+    waveform = Waveform("triangle", 0.5, 1.0, 10.0, phase_deg)
+    started = bench.source.start({"dm1_y_v": waveform, "dm1_z_v": Waveform(offset_v=0.25)}, lasting_s=34.0)
+    bench.source.close()  # the computer has died
+    bench.clock.sleep_s(200.0)
+    during_s, after_s = np.linspace(0.0, 40.0, 401), np.linspace(40.0, 200.0, 161)
+    taken = started.waveforms["dm1_y_v"]
+    # Four whole periods last for 34 s; then it stays where it began.
+    assert bench.volts("dm1_y_v", started.start_s + during_s) == pytest.approx(taken.volts(during_s), abs=1e-6)
+    level_v = float(taken.volts(np.zeros(1))[0])
+    assert bench.volts("dm1_y_v", started.start_s + after_s) == pytest.approx(np.full(161, level_v), abs=1e-6)
+    assert bench.volts("dm1_z_v", [started.start_s + 200.0]) == pytest.approx([0.25]), "a constant has no end"
+
+
+def test_waveforms_with_an_end_begin_at_once_and_are_over_when_they_are(bench: Bench) -> None:
+    bench.source.open()
+    sines = {"dm1_y_v": Waveform("sine", 0.0, 1.0, 10.0, 90.0), "dm1_z_v": Waveform("sine", 0.0, 1.0, 10.0)}
+    started = bench.source.start(sines, lasting_s=30.0)
+    elapsed_s = np.linspace(0.0, 30.0, 61)
+    y_v, z_v = (bench.volts(name, started.start_s + elapsed_s) for name in sines)
+    assert y_v**2 + z_v**2 == pytest.approx(np.ones(61), abs=1e-9)
+    bench.clock.sleep_s(29.0)
+    bench.source.require_running()
+    bench.clock.sleep_s(2.0)
+    with pytest.raises(InstrumentError, match="were to last for 30 s and are over"):
+        bench.source.require_running()
+    # The next start goes on without an end, or with another, and constants follow bursts.
+    bench.source.start({"dm1_y_v": Waveform("sine", 0.0, 1.0, 10.0)})
+    bench.clock.sleep_s(100.0)
+    bench.source.require_running()
+    bench.source.start(sines, lasting_s=5.0)
+    bench.source.start({"dm1_y_v": Waveform(offset_v=0.5)}, lasting_s=5.0)
+    bench.clock.sleep_s(100.0)
+    bench.source.require_running()
+
+
 def test_a_new_start_replaces_every_output(bench: Bench) -> None:
     bench.source.open()
     bench.source.start({"dm1_y_v": Waveform(offset_v=1.0), "dm1_z_v": Waveform("sine", 0.0, 2.0, 10.0)})

@@ -284,7 +284,7 @@ def test_what_is_not_simulated_says_so_and_stays_as_it_is(bench: Bench, header: 
     [
         ("OUTP:SYNC OFF", "-221"),
         ("SOUR1:BURS:STAT 1", "-221"),
-        ("TRIG2:SOUR BUS", "-221"),
+        ("TRIG2:SOUR EXT", "-221"),
         ("TRIG2:SOUR MAYBE", "-224"),
         ("OUTP3:POL NORM", "-114"),
     ],
