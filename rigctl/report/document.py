@@ -112,7 +112,7 @@ def gather(bench: Workbench, tell: Tell) -> Evidence:
     """Fit, compare and diagnose what has not been; everything is kept in the store."""
     store, current = bench.store, bench.current
     rungs = bench.history(tell)
-    comparisons = [bench.compare(version) for version in _side_by_side(bench, tell)]
+    comparisons = [bench.compare(version) for version in _side_by_side(bench, rungs, tell)]
     tell("diagnosing")
     # What was diagnosed already is not asked again: a diagnosis takes minutes.
     diagnosis = versions.kept_diagnosis(store, current, ALPHA) or bench.diagnose(ALPHA, tell).as_json()
@@ -140,10 +140,14 @@ def _drawn(bench: Workbench, lines_hz: Sequence[float], missing: Sequence[Any]) 
         return Drawn(left_out={"result": str(error)})
 
 
-def _side_by_side(bench: Workbench, tell: Tell) -> Iterator[versions.ModelVersion]:
-    """The first version, the current one and the latest between, as far as their plugins are there."""
-    usable = []
+def _side_by_side(
+    bench: Workbench, rungs: Sequence[Mapping[str, Any]], tell: Tell
+) -> Iterator[versions.ModelVersion]:
+    """The first version, the current one and the latest between, as far as they have a fit and their plugins."""
+    usable, unfitted = [], {rung["version"] for rung in rungs if "note" in rung}
     for version in versions.versions(bench.store):
+        if version.version in unfitted:
+            continue
         try:
             usable.append(bench.version(version.version))
         # A version whose plug-in is not there cannot be evaluated; the others can.

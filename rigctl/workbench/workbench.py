@@ -137,9 +137,17 @@ class Workbench:
             fewer = [each for each in self._usable_versions() if set(each.effects) < set(version.effects)]
             # With the same choices: the same effect with another period is no part of this model.
             fewer = [each for each in fewer if all(term in version.terms for term in each.terms)]
-            parents = [self._optimum(each) for each in fewer]
+            # A term may be determined only beside the one that was added after it.
+            parents = [self._optimum(each) for each in fewer if self._attempt_if_fit(each) is not None]
             self._optima[version.version] = maximum_likelihood(attempt, attempt.estimator, parents)
         return self._optima[version.version]
+
+    def _attempt_if_fit(self, version: ModelVersion) -> Attempt | None:
+        """A version fitted; None where the data do not determine it."""
+        try:
+            return self._attempt(version)
+        except UNFIT:
+            return None
 
     def _warnings(self, version: ModelVersion) -> list[str]:
         """What speaks against a version's fit: a promise that is not kept, runs held out that it predicts worse."""
@@ -148,7 +156,7 @@ class Workbench:
         parent = None
         if version.added is not None and version.parent is not None:
             earlier = versions.versions(self.store)[version.parent - 1]
-            parent = self._attempt(earlier) if earlier.can_be_used_with(self._files) else None
+            parent = self._attempt_if_fit(earlier) if earlier.can_be_used_with(self._files) else None
         return warnings(self._attempt(version), parent, version.start)
 
     def _usable_versions(self) -> list[ModelVersion]:
@@ -216,7 +224,8 @@ class Workbench:
     def history(self, progress: Callable[[str], None] | None = None) -> list[dict[str, Any]]:
         """The error ladder, keys of `rigctl model history --json`; fits what has not been fitted to these runs.
 
-        An older version whose plugin file is not there has no numbers, and a `note` says why.
+        An older version whose plugin file is not there, or which the data do not determine, has no numbers, and a
+        `note` says why.
         """
         versions.current(self.store).require(self._files)
         return [self._rung(version, progress) for version in versions.versions(self.store)]
@@ -232,11 +241,11 @@ class Workbench:
         if found is None:
             try:
                 version.require(self._files)
-            except ConfigError as error:
+                if progress is not None:
+                    progress(f"fitting version {version.version}")
+                found = self.fit(version).as_json()
+            except UNFIT as error:
                 return {**rung, "chi2_per_dof": None, "error_fit": None, "error_held_out": None, "note": str(error)}
-            if progress is not None:
-                progress(f"fitting version {version.version}")
-            found = self.fit(version).as_json()
         return {**rung, **{key: found[key] for key in RUNG}}
 
     @one_thread

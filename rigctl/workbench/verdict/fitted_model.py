@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 
@@ -161,13 +162,16 @@ def fit_with_given_noise(
     noise = noise or Noise(given.sigma, np.full(len(given.value), np.inf), given.factors, ())
     # Another choice of the same name is nowhere to start from.
     usable = {name: value for name, value in start.items() if name not in scanned}
-    try:
+    with suppress(UNFIT):
         return _fitted_from(model, noise, held or absorbed_parameters(model, noise, scanned, usable), usable)
-    except UNFIT:
-        if not usable:
-            raise
-        # Where another model ended may be nowhere to start from.
-        return _fitted_from(model, noise, absorbed_parameters(model, noise, scanned, {}), {})
+    # Where another model ended may be nowhere to start from.
+    if usable:
+        with suppress(UNFIT):
+            return _fitted_from(model, noise, absorbed_parameters(model, noise, scanned, {}), {})
+    # An effect may be determined only where the model without effects fits.
+    effects = frozenset(each.name for each, owner in zip(model.parameters, model.owners, strict=True) if owner)
+    without = _fitted_from(model, noise, effects, {}).values
+    return _fitted_from(model, noise, absorbed_parameters(model, noise, scanned, without), without)
 
 
 def _fitted_from(model: Model, noise: Noise, held: frozenset[str], start: Mapping[str, float]) -> FittedModel:
