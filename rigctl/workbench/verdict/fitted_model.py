@@ -162,11 +162,11 @@ def fit_with_given_noise(
     noise = noise or Noise(given.sigma, np.full(len(given.value), np.inf), given.factors, ())
     # Another choice of the same name is nowhere to start from.
     usable = {name: value for name, value in start.items() if name not in scanned}
-    with suppress(UNFIT):
+    with suppress(*UNFIT):
         return _fitted_from(model, noise, held or absorbed_parameters(model, noise, scanned, usable), usable)
     # Where another model ended may be nowhere to start from.
     if usable:
-        with suppress(UNFIT):
+        with suppress(*UNFIT):
             return _fitted_from(model, noise, absorbed_parameters(model, noise, scanned, {}), {})
     # An effect may be determined only where the model without effects fits.
     effects = frozenset(each.name for each, owner in zip(model.parameters, model.owners, strict=True) if owner)
