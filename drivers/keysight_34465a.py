@@ -14,7 +14,7 @@ import numpy as np
 from drivers.keysight_34465a_examined import as_voltmeter, reads
 from drivers.keysight_memory import ReadingMemory
 from drivers.keysight_meter import SCALING_QUESTION, Keysight34465A
-from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
+from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings, require_period
 from drivers.keysight_thermometer import MeterThermometer
 from drivers.transport import Connect
 from rigctl.core.arrays import FloatArray
@@ -102,11 +102,7 @@ class _Voltmeter(Keysight34465A):
     def longest_record(self, period_s: float) -> int:
         """Most samples of one record; `LimitError` for a period below the aperture or beyond the timer's longest."""
         s = self.settings
-        if not s.aperture_s <= period_s <= PERIOD_MAXIMUM_S:
-            raise LimitError(
-                f"{self.name}: a sample every {period_s:g} s asked for; possible are {s.aperture_s:g} s "
-                f"(aperture_s) to {PERIOD_MAXIMUM_S:g} s"
-            )
+        require_period(self.name, period_s, s.aperture_s, PERIOD_MAXIMUM_S)
         return SAMPLES_MAXIMUM
 
     def _check_limits(self, samples: int, period_s: float) -> None:

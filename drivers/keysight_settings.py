@@ -6,15 +6,27 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from rigctl.core.errors import LimitError
+
 RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 PROBES = {"frtd": "FRTD,85", "rtd": "RTD,85", "fthermistor": "FTH,5000", "thermistor": "THER,5000"}
 """Four-wire and two-wire platinum (alpha 0.00385) and 5 kohm thermistors."""
 
 
-def _known_range(range_v: float) -> float:
+def known_range(range_v: float) -> float:
+    """A range that these meters have; `ValueError` for another."""
     if range_v not in RANGES_V:
         raise ValueError(f"the meter's ranges are {', '.join(f'{r:g}' for r in RANGES_V)} V")
     return range_v
+
+
+def require_period(name: str, period_s: float, aperture_s: float, longest_s: float) -> None:
+    """`LimitError` of the meter `name` for a period below its aperture, or beyond its timer's longest."""
+    if not aperture_s <= period_s <= longest_s:
+        raise LimitError(
+            f"{name}: a sample every {period_s:g} s asked for; possible are {aperture_s:g} s "
+            f"(aperture_s) to {longest_s:g} s"
+        )
 
 
 class VoltmeterSettings(BaseModel):
@@ -27,7 +39,7 @@ class VoltmeterSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     channel: str = Field(default="accel_v", min_length=1)
-    range_v: Annotated[float, AfterValidator(_known_range)] = 10.0
+    range_v: Annotated[float, AfterValidator(known_range)] = 10.0
     aperture_s: float = Field(default=1e-3, ge=20e-6, le=1.67)
     latency_s: float | None = None
     memory_readings: int = Field(default=50_000, ge=1)

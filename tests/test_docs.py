@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 from drivers.aerotech_settings import EnsembleSettings, SoloistSettings, StageSettings
 from drivers.drag_free_satellite import SatelliteLimits
 from drivers.keyence_settings import KeyenceSettings
+from drivers.keysight_3458a import Meter3458ASettings
 from drivers.keysight_33500b import SourceSettings
 from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
 from drivers.newport_esp301 import Esp301Settings
@@ -40,6 +41,7 @@ from simulators.aerotech_ensemble import EnsembleDialect, EnsembleSimulatorSetti
 from simulators.aerotech_ensemble.dialect import StageDialect
 from simulators.aerotech_soloist import SoloistDialect, SoloistSimulatorSettings
 from simulators.keyence_lkg import Lkg3001Dialect, Lkg3001Settings, Lkg5000Settings
+from simulators.keysight_3458a import Meter3458ADialect, Meter3458ASimulatorSettings
 from simulators.keysight_33500b import GeneratorSettings
 from simulators.keysight_34465a import MeterSettings
 from simulators.newport_esp301 import Esp301SimulatorSettings
@@ -69,6 +71,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "aerotech-soloist": (SoloistSettings, set(StageSettings.model_fields)),
     "keyence": (KeyenceSettings, {"generation"}),
     "voltmeter": (VoltmeterSettings, set()),
+    "keysight-3458a": (Meter3458ASettings, set()),
     "thermometer": (ThermometerSettings, set()),
     "source": (SourceSettings, set()),
     "satellite": (SatelliteLimits, set()),
@@ -110,6 +113,8 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "keyence simulator": (Lkg3001Settings, set()),
     "keyence dialect": (Lkg3001Dialect, set()),
     "keysight-34465a simulator": (MeterSettings, set()),
+    "keysight-3458a simulator": (Meter3458ASimulatorSettings, set()),
+    "keysight-3458a dialect": (Meter3458ADialect, set()),
     "keysight-33500b simulator": (GeneratorSettings, set()),
     "faults on the wire": (faults.WireFaults, set()),
     "fault": (faults.Fault, set()),

@@ -101,23 +101,28 @@ def test_a_campaign_over_the_wire_finds_what_the_embedded_one_finds_within_its_s
     assert simulator.end() == (0, "")
 
 
+MULTIMETER = (
+    'driver = "keysight-34465a"\naddress = "sim:"                  # TCPIP::192.168.0.20::5025::SOCKET',
+    ('driver = "keysight-3458a"\naddress = "sim:"'),
+)
 SOLOIST = ('driver = "aerotech-ensemble"', 'driver = "aerotech-soloist"\nunit = "mm"'), ('axis = "X"\n', "")
 
 
-def test_a_campaign_with_a_soloist_over_the_wire_finds_what_an_ensemble_does(desk: Any) -> None:
+def test_a_campaign_with_a_soloist_and_a_3458a_over_the_wire_finds_the_same(desk: Any) -> None:
     desk.campaign(*SHORT)
     desk.rig(*SERVED)
-    by_ensemble = desk.rigctl("run", "campaign.toml", "--store", "ensemble", "--yes", "--json").json["result"]
-    desk.rig(*SERVED, *SOLOIST)
+    by_others = desk.rigctl("run", "campaign.toml", "--store", "others", "--yes", "--json").json["result"]
+    desk.rig(*SERVED, *SOLOIST, MULTIMETER)
     simulator = Simulator(desk, "--write-rig", "client.toml")
     ran = desk.rigctl("run", "campaign.toml", "--rig", "client.toml", "--store", desk.store, "--yes", "--json")
     assert ran.status == 0, ran.err
     assert ran.json["status"]["runs_done"] == ran.json["status"]["runs_planned"]
-    for ours, theirs in zip(ran.json["result"]["nulls"], by_ensemble["nulls"], strict=True):
+    for ours, theirs in zip(ran.json["result"]["nulls"], by_others["nulls"], strict=True):
         sigma_deg = math.hypot(ours["theta0_sigma_arcsec"], theirs["theta0_sigma_arcsec"]) / 3600.0
         assert abs(ours["theta0_deg"] - theirs["theta0_deg"]) < 4.0 * sigma_deg
     with Store.open(desk.store, readonly=True) as store:
-        assert store.identities()["stage"]["model"] == "Soloist"
+        identities = store.identities()
+        assert (identities["stage"]["model"], identities["accelerometer"]["model"]) == ("Soloist", "HP3458A")
     assert simulator.end() == (0, "")
 
 
@@ -237,7 +242,7 @@ def test_one_instrument_of_each_kind_answers_clients_written_by_others(all_instr
     kinds = {each["kind"] for each in all_instruments.instruments.values()}
     assert kinds == {
         "newport-xps", "newport-esp301", "aerotech-ensemble", "aerotech-soloist", "keyence-lkg3001",
-        "keyence-lkg5000", "keysight-34465a", "keysight-33500b", "operator",
+        "keyence-lkg5000", "keysight-34465a", "keysight-3458a", "keysight-33500b", "operator",
     }  # fmt: skip
     where = all_instruments.instruments
     assert (where["rotation"]["group"], where["rotation"]["positioner"]) == ("Group1", "Pos")
@@ -252,6 +257,7 @@ def test_one_instrument_of_each_kind_answers_clients_written_by_others(all_instr
     assert float(ask("accelerometer", b"MEAS:VOLT:DC?\n")) == pytest.approx(0.0, abs=0.1)
     assert float(ask("thermometer", b"MEAS:TEMP? FRTD,85\n")) == pytest.approx(20.0, abs=2.0)
     assert ask("spare_source", b"SOUR2:FUNC DC;VOLT:OFFS 1.5;OFFS?\n") == b"+1.50000000000000E+00\n"
+    assert ask("spare_meter", b"ID?\n") == b"HP3458A\r\n"
     assert ask_serially("lasers_a", b"M1\r").startswith(b"M1,")
     assert ask("spare_lasers", b"MS,01\r", b"\r").startswith(b"MS,01,")
     assert b"ESP301" in ask_serially("spare_rotation", b"VE?\r")

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
+from simulators.aperture import mean_over_aperture
 from simulators.clock import SimulationClock
 from simulators.keysight_34465a.acquisition import Memory, PacedReadings, Readings, TimedReadings
 from simulators.keysight_34465a.configuration import OVERLOAD_V, RANGES_V, Configuration, Integration
@@ -25,13 +26,6 @@ EXPECTED_S = 0.01
 """How soon to look again for edges that nobody has announced."""
 LISTENERS_LIMIT = 1_000_000
 """A train on the VM COMP output is announced up to this many edges."""
-
-
-SHORT_S = 1e-3
-"""An aperture whose mean is the value in its middle: of a sine of 10 Hz less by 2e-4."""
-
-NODES = 5
-"""Of Gauss and Legendre, for the mean over a longer one."""
 
 
 class Meter:
@@ -230,11 +224,7 @@ class Meter:
             return np.asarray(signal(edges_s + self._settings.latency_s), dtype=np.float64)
         lasts_s = self.configuration.integration_s
         middle_s = edges_s + (0.5 if isinstance(self._readings, PacedReadings) else -0.5) * lasts_s
-        if lasts_s <= SHORT_S:
-            return np.asarray(signal(middle_s), dtype=np.float64)
-        places, weights = np.polynomial.legendre.leggauss(NODES)
-        values = np.asarray(signal(np.add.outer(middle_s, 0.5 * lasts_s * places).ravel()), dtype=np.float64)
-        return np.asarray(values.reshape(-1, NODES) @ (0.5 * weights))
+        return mean_over_aperture(signal, middle_s, lasts_s)
 
     def _as_voltage(self, volts: FloatArray) -> FloatArray:
         setup = self.configuration

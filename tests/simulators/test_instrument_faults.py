@@ -70,11 +70,18 @@ NAMES = {
     "keyence-lkg3001": "lasers_a",
     "keyence-lkg5000": "spare_lasers",
     "keysight-34465a": "accelerometer",
+    "keysight-3458a": "spare_meter",
     "keysight-33500b": "spare_source",
 }
 SIMULATORS = {driver.kind: simulator_of(driver) for driver in DRIVERS.sound()}
 SUFFERED = {kind: simulator.faults for kind, simulator in SIMULATORS.items()}
-ENDS = {"newport-xps": b",EndOfAPI", "newport-esp301": b"\r\n", "keyence-lkg3001": b"\r", "keyence-lkg5000": b"\r"}
+ENDS = {
+    "newport-xps": b",EndOfAPI",
+    "newport-esp301": b"\r\n",
+    "keysight-3458a": b"\r\n",
+    "keyence-lkg3001": b"\r",
+    "keyence-lkg5000": b"\r",
+}
 
 
 @dataclass(frozen=True)
@@ -314,6 +321,17 @@ SCRIPTS: dict[tuple[str, str], tuple[str, list[Step]]] = {
             Wait(51.0),
             Says("GETPARM(X, 129)", "%mm"),
             Says("PFBK(X)", "%12.700000"),
+        ],
+    ),
+    ("keysight-3458a", "power_cycle"): (
+        "power_cycle = { at_s = 20.0, lasting_s = 5.0 }",
+        [
+            Says("MEM FIFO;NRDGS 7,AUTO;TRIG AUTO;TARM SGL", None),
+            Says("MCOUNT?", " 7"),
+            Wait(21.0),
+            Lost(25.0),
+            Says("MCOUNT?", " 0"),
+            Says("TARM?", " 1"),
         ],
     ),
     ("keysight-34465a", "power_cycle"): (
@@ -630,6 +648,32 @@ def test_sensors_in_orbit_saturate_and_get_stuck() -> None:
     assert joined(came) == truth
 
 
+METER = '[instruments.accelerometer]\ndriver = "keysight-34465a"'
+"""The readout of the shipped rig, to be another."""
+
+
+def block_of_a_3458a(fault: str) -> list[float]:
+    """Eight readings by the accelerometer's 3458A, 0.25 s apart from 1 s on."""
+    text = RIG_TEXT.replace(METER, METER.replace("34465a", "3458a"), 1)
+    wire, clock, _ = rig_with("keysight-3458a", fault, "accelerometer", text)
+    clock.sleep_s(1.0 - clock.now_s())
+    wire.write(b"PRESET NORM;TARM HOLD;DCV 10;APER 1E-3;AZERO OFF;MEM FIFO;TIMER 0.25;NRDGS 8,TIMER;TRIG AUTO\n")
+    wire.write(b"TARM SGL\n")
+    wire.write(b"RMEM 1,8\n")
+    reply = wire.read_until(b"\r\n", 10.0)
+    return [clock.now_s(), *(float(value) for value in reply.decode().split(",")[::-1])]
+
+
+def test_a_3458a_overloads_and_drifts() -> None:
+    ended_s, *volts = block_of_a_3458a("seed = 1")
+    assert max(map(abs, volts)) < 10.0
+    assert ended_s == pytest.approx(1.0 + 1e-3 + 7 * 0.25, abs=1e-6)
+    _, *spoilt = block_of_a_3458a("saturation = { at_s = 1.6, lasting_s = 0.5 }")
+    assert [abs(value) == 1e38 for value in spoilt] == [False] * 3 + [True] * 2 + [False] * 3
+    ended_s, *_ = block_of_a_3458a("clock_drift = { ppm = 1e5 }")
+    assert ended_s == pytest.approx(1.0 + 1e-3 + 7 * 0.25 / 1.1, abs=1e-6)
+
+
 # what there is for whom
 
 ELSEWHERE = {
@@ -640,6 +684,8 @@ ELSEWHERE = {
         for kind in ("aerotech-ensemble", "aerotech-soloist")
         for fault in ("missing_edges", "clock_drift")
     ),
+    ("keysight-3458a", "saturation"),
+    ("keysight-3458a", "clock_drift"),
     ("keysight-33500b", "clock_drift"),
     ("drag-free-satellite", "saturation"),
     ("drag-free-satellite", "stuck"),
