@@ -9,6 +9,7 @@ import numpy as np
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.inflight.model.baseline import Baseline, Stretch
 from rigctl.experiments.inflight.model.observed import Observed
+from rigctl.experiments.inflight.observe.sessions import DRIFT
 from rigctl.workbench.study import NoisePool, Observations, Series
 
 DIFFERENTIAL, OWN = "2 m_dx", "own channel"
@@ -47,7 +48,8 @@ def _components(stretch: Stretch) -> list[tuple[str, str]]:
     for place in stretch.compared:
         line = stretch.lines[place]
         where = line.name if line.harmonic == 0 else f"{stretch.session.name} {line.name}"
-        names += [(DIFFERENTIAL, f"{where} {part}") for part in ("cosine", "sine")]
+        parts = ("slope", "bend") if line == DRIFT else ("cosine", "sine")
+        names += [(DIFFERENTIAL, f"{where} {part}") for part in parts]
     if stretch.has_own:
         names += [(OWN, f"{stretch.session.name} f {part}") for part in ("in-phase", "quadrature")]
     return names

@@ -11,10 +11,13 @@ from rigctl.workbench.verdict.attempt import Attempt
 
 
 def diagnosed(diagnosis: Mapping[str, Any] | None, effect: str) -> Term | None:
-    """The term as a diagnosis (its JSON) ranked it; None when that says nothing of it."""
+    """The term as a diagnosis (its JSON) fitted it with all it suggested, else as it ranked it; None when that says
+    nothing of it."""
+    # A rival that is suggested is ranked beside what it stands for: it may explain what is left there otherwise.
+    joint = (diagnosis or {}).get("joint_fit") or {"terms": []}
     ranking = diagnosis["ranking"] if diagnosis else []
-    ranked = [Term(effect, rank["choice"]) for rank in ranking if rank["effect"] == effect]
-    return ranked[0] if ranked else None
+    told = [Term(effect, each["choice"]) for each in [*joint["terms"], *ranking] if each["effect"] == effect]
+    return told[0] if told else None
 
 
 def best(study: Study, terms: Sequence[Term], effect: str) -> Term:

@@ -384,3 +384,41 @@ def test_another_stimulus_is_among_what_can_be_flown_and_tells_what_it_would(fli
         for place, parameter in enumerate(NAMES):
             size = np.abs(true[:, place]).max()
             assert told[-len(true) :, place] == pytest.approx(true[:, place], abs=0.03 * size), (name, parameter)
+
+
+def test_a_bias_that_drifts_is_seen_where_samples_are_lost_too(flight):
+    """Lines are fitted beside a slope there, and have nothing of it."""
+    rate = 1e-16
+
+    def drifting(_, own, conditions):
+        t_s = own["t_s"]
+        lost = np.zeros(len(t_s), dtype=bool)
+        for begin_s in np.arange(2500.0, t_s[-1], 7000.0):
+            lost |= (t_s > begin_s) & (t_s < begin_s + 60.0)
+        moved = {"m1_x": own["m1_x"] + rate * (t_s - t_s.mean())}
+        return {name: np.where(lost & (name != "t_s"), np.nan, column) for name, column in (own | moved).items()}, (
+            conditions
+        )
+
+    study = InflightStudy(recording(flight, spoil=drifting, sessions=("dx", "dz", "ad11")))
+    scored = Attempt(study, ()).scored_effect("bias-drift").score
+    assert 2.0 * scored.estimate[0] == pytest.approx(rate, abs=4.0 * 2.0 * scored.sigma[0])
+    assert scored.sigma[0] < 0.05 * rate
+
+
+def test_a_spring_that_loses_a_hundred_thousandth_of_the_motion_is_seen(flight):
+    """What a moved mass's channel has in quadrature is as well known as its noise is, not as its gain."""
+    f_hz, moved_m = flight.STIMULI["k2c_1"]
+    loss_1_s2 = 1e-5 * (2 * np.pi * f_hz) ** 2
+
+    def losing(name, own, conditions):
+        speed_m_s = -2 * np.pi * f_hz * moved_m * np.sin(2 * np.pi * f_hz * own["t_s"])
+        if name == "k2c_1":
+            own = own | {"m1_x": own["m1_x"] + loss_1_s2 / (2 * np.pi * f_hz) * speed_m_s}
+        return own, conditions
+
+    study = InflightStudy(recording(flight, spoil=losing, sessions=("dx", "dz", "ad11", "k2c_1", "k2c_2")))
+    scored = Attempt(study, ()).scored_effect("wire-stiffness")
+    place = scored.candidate.names.index("loss_1")
+    assert scored.score.estimate[place] == pytest.approx(loss_1_s2, abs=4.0 * scored.score.sigma[place])
+    assert scored.score.sigma[place] < 0.2 * loss_1_s2

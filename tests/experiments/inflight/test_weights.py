@@ -7,7 +7,17 @@ from scipy import signal
 from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.grid import grid_of, thinned, thinning_gain
 from rigctl.experiments.inflight.observe.series import NEEDED
-from rigctl.experiments.inflight.observe.weights import DROPPED_S, amplitudes, band_pass, response, templates, weights
+from rigctl.experiments.inflight.observe.weights import (
+    DRIFT_CYCLES,
+    DROPPED_S,
+    amplitudes,
+    band_pass,
+    drift_weights,
+    response,
+    spread,
+    templates,
+    weights,
+)
 
 STEP_S = 2.0
 T_S = np.arange(29750) * STEP_S
@@ -101,3 +111,28 @@ def test_beside_a_gap_a_moved_masss_line_stays_what_it_is(step_s):
     expected = thinning_gain(np.array([f_hz]), step_s, made.step_s)[0] * np.cos(2 * np.pi * f_hz * made.t_s)
     assert made.columns["m1_x"][made.present] == pytest.approx(expected[made.present], abs=1e-9)
     assert made.present.mean() > 1.0 - (40.0 + 5.0 + 90.0 + 3 * 20.0) / duration_s
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.1])
+def test_slope_and_bend_of_a_stretch_with_gaps_are_told_beside_its_lines(missing):
+    present = bursts(missing)
+    rows = drift_weights(T_S, LINES_HZ, present)
+    x = 2.0 * (T_S - T_S[0]) / (T_S[-1] - T_S[0]) - 1.0
+    for f_hz in LINES_HZ:
+        assert rows @ (present * (7.0 + np.cos(2 * np.pi * f_hz * T_S + 0.4))) == pytest.approx(np.zeros(2), abs=1e-9)
+    assert rows @ (5.0 * np.sqrt(3.0) * x * present) == pytest.approx([5.0, 0.0], abs=1e-9)
+    # In lines that are fitted beside it a slope leaves nothing.
+    if missing:
+        assert np.abs(weights(T_S, LINES_HZ, present) @ (5.0 * x * present)).max() < 1e-9
+
+
+def test_what_flicker_noise_makes_of_a_slope_and_of_a_bend_is_what_its_density_at_one_frequency_says():
+    present = bursts(0.02)
+    rows = drift_weights(T_S, LINES_HZ, present)
+    power = np.abs(np.fft.rfft(rows, 64 * len(T_S), axis=1)[:, 1:]) ** 2
+    width_hz = 1.0 / (64 * len(T_S) * STEP_S)
+    f_hz = width_hz * np.arange(1, power.shape[1] + 1)
+    made = np.sqrt(power @ (width_hz / f_hz))
+    slow_hz = DRIFT_CYCLES / (len(T_S) * STEP_S)
+    told = np.sqrt(1.0 / slow_hz) * spread(np.repeat(np.sum(rows[0] ** 2), 2), STEP_S)[0]
+    assert made == pytest.approx([told, told], rel=0.05)

@@ -5,15 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from rigctl.analysis.least_squares import FitResult, Parameter, Prior, least_squares
 from rigctl.core.arrays import ComplexArray, FloatArray
-from rigctl.experiments.inflight.model.equation import AnyArray, coefficients, gain_ratio, own_channel, own_force
+from rigctl.experiments.inflight.model.equation import (
+    AnyArray,
+    coefficients,
+    common_series,
+    gain_ratio,
+    own_channel,
+    own_force,
+    own_series,
+)
 from rigctl.experiments.inflight.model.parameters import NAMES, NUISANCE_UNITS, NUISANCES, SHARED, UNITS
 from rigctl.experiments.inflight.observe.series import INDEX, Amplitudes, with_true_attitude
-from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
+from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session, moved_axis
 
 # Bounds of the paper (K1 1e-2, theta_c 2.5e-3 rad, K2 14000 s2/m) over root 3: uniform within them.
 PRIORS = dict(
@@ -89,17 +98,34 @@ class Baseline:
     def _priors(self) -> dict[str, Prior]:
         """Of the nuisances; the gains across the sensitive axis are measured where control shakes the satellite."""
         priors = {name: Prior(*prior) for name, prior in PRIORS.items()}
-        for name, session, series in (("ad22", "ad12", "y"), ("ad33", "ad13", "z")):
+        for name, axis in (("ad22", "y"), ("ad33", "z")):
+            if axis in self._gain_ratios:
+                priors[name] = Prior(self._gain_ratios[axis], _GAIN_RATIO)
+        return priors
+
+    @cached_property
+    def _gain_ratios(self) -> dict[str, float]:
+        """a_d11, a_d22, a_d33 by axis, where a session shakes the satellite along it."""
+        found = {}
+        for axis, session in (("x", "ad11"), ("y", "ad12"), ("z", "ad13")):
             # The thrusters' noise and the stimulus shake both masses alike: the ratio of outputs is that of gains.
             measured = [
-                gain_ratio(each.amplitudes.of(f"own {series}")[place], each.amplitudes.of(series)[place])
+                gain_ratio(row @ own_series(axis), row @ common_series(axis))
                 for each in self.stretches
                 if each.session.name == session and STIMULUS in each.lines
-                for place in (each.lines.index(STIMULUS),)
+                for row in (each.amplitudes.table[each.lines.index(STIMULUS)],)
             ]
             if measured:
-                priors[name] = Prior(float(np.mean(measured)), _GAIN_RATIO)
-        return priors
+                found[axis] = float(np.mean(measured))
+        return found
+
+    def _own_measured(self, each: Stretch, table: ComplexArray) -> ComplexArray:
+        """The moved mass's own channel, (1,), without what unequal gains let in of the satellite's motion out of
+        phase with it: that motion, which a moved mass brings about, lags as the loop does, like a spring's loss."""
+        own, axis = _own(each, table), "xyz"[moved_axis(each.session)]
+        turn = np.exp(1j * each.session.phase_rad)
+        lagging = 1j * turn * np.imag((own @ common_series(axis)) / turn)
+        return np.asarray(own @ own_channel(each.session) - 2.0 * self._gain_ratios.get(axis, 0.0) * lagging)
 
     def observed(self) -> FloatArray:
         """What was measured, shape (data,)."""
@@ -107,7 +133,7 @@ class Baseline:
             [
                 each.parts(
                     table[each.compared, INDEX["m1"]] - table[each.compared, INDEX["m2"]],
-                    _own(each, table) @ own_channel(each.session) if each.has_own else None,
+                    self._own_measured(each, table) if each.has_own else None,
                 )
                 for each, table in zip(self.stretches, self._tables, strict=True)
             ]
@@ -150,7 +176,7 @@ class Baseline:
         own, inverse = _own(each, table), values[self._gain_of[each.run_id]]
         force = own @ own_force(each.session)
         # With the gain's inverse on the measured side the equation is linear in it.
-        return each.parts(table[each.compared] @ c, inverse * (own @ own_channel(each.session)) - force)
+        return each.parts(table[each.compared] @ c, inverse * self._own_measured(each, table) - force)
 
     def jacobian(self, values: FloatArray, changes: Sequence[ComplexArray] | None = None) -> FloatArray:
         """d residual / d values, shape (data, parameters)."""
@@ -163,9 +189,7 @@ class Baseline:
             block[: len(shared), :SHARED] = shared
             if each.has_own:
                 gain = self._gain_of[each.run_id]
-                block[:, gain] = each.parts(
-                    0.0 * table[each.compared, 0], _own(each, table) @ own_channel(each.session)
-                )
+                block[:, gain] = each.parts(0.0 * table[each.compared, 0], self._own_measured(each, table))
             blocks.append(block)
         return np.vstack(blocks)
 

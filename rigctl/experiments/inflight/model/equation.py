@@ -110,8 +110,20 @@ def gain_ratio(apart: complex, common: complex) -> float:
 
 def own_channel(session: Session) -> AnyArray:
     """Coefficients of the series that make the moved masses' own channel, m_1 - m_2 along the motion; (series,)."""
+    return own_series("xyz"[moved_axis(session)])
+
+
+def own_series(axis: str) -> AnyArray:
+    """Coefficients of m_1 - m_2 along an axis, (series,)."""
     c = np.zeros(len(SERIES))
-    c[INDEX[f"own {'xyz'[moved_axis(session)]}"]] = 1.0
+    c[INDEX[f"own {axis}"]] = 1.0
+    return c
+
+
+def common_series(axis: str) -> AnyArray:
+    """Coefficients of (m_1 + m_2) / 2 along an axis, (series,)."""
+    c = np.zeros(len(SERIES))
+    c[[INDEX[name] for name in (("m1", "m2") if axis == "x" else (axis,))]] = 0.5 if axis == "x" else 1.0
     return c
 
 

@@ -14,8 +14,8 @@ from rigctl.effects.catalogue import Effect
 from rigctl.effects.trial import AnyColumns
 from rigctl.experiments.inflight.observe.reduction import ReducedRun
 from rigctl.experiments.inflight.observe.series import GRADIENTS, INDEX, SERIES, temperatures
-from rigctl.experiments.inflight.observe.sessions import Session, moved_axis, moved_shares
-from rigctl.experiments.inflight.observe.weights import amplitudes, weights
+from rigctl.experiments.inflight.observe.sessions import DRIFT, Session, moved_axis, moved_shares
+from rigctl.experiments.inflight.observe.weights import amplitudes, drift_weights, weights
 
 MEASURED_POINT, FORCE_POINT, GRADIENT_POINT, PLACE_POINT = (
     "measured_m_s2",
@@ -217,8 +217,11 @@ class Reducer:
             inside = (run.coarse.t_s >= half.start_s) & (run.coarse.t_s < half.stop_s)
             where = slice(int(np.argmax(inside)), int(len(inside) - np.argmax(inside[::-1])))
             part = run.coarse.part(where)
-            frequencies = [run.session.frequency_of(line) for line in half.lines]
-            stretches.append((where, weights(part.t_s, frequencies, part.present)))
+            frequencies = [run.session.frequency_of(line) for line in half.lines if line != DRIFT]
+            rows = weights(part.t_s, frequencies, part.present)
+            if DRIFT in half.lines:
+                rows = np.vstack([rows, drift_weights(part.t_s, frequencies, part.present)])
+            stretches.append((where, rows))
         return stretches
 
 

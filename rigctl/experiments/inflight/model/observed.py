@@ -20,7 +20,8 @@ from rigctl.experiments.inflight.model.paper import FittedRun
 from rigctl.experiments.inflight.model.parameters import SHARED
 from rigctl.experiments.inflight.observe.reduction import ReducedRun, ReducedStretch
 from rigctl.experiments.inflight.observe.series import Amplitudes
-from rigctl.experiments.inflight.observe.sessions import STIMULUS, Line, Session
+from rigctl.experiments.inflight.observe.sessions import DRIFT, STIMULUS, Line, Session
+from rigctl.experiments.inflight.observe.weights import DRIFT_CYCLES
 
 POWERS = (-2, -1, 0, 2, 4)
 """The density is a sum of these powers of frequency with positive weights: drift, flicker, white, read-out."""
@@ -115,10 +116,10 @@ _ROUNDS = 3
 _FIRST = 4e-24
 """Densities to begin with, (m/s2)^2/Hz: only their ratio matters, once."""
 
-_LEAST_OWN = (1e-3, 2e-4)
-"""No moved mass's own channel counts as better known, as a part of its amplitude or of the injected one, in phase
-and in quadrature. Its gain is wanted for nothing else, and a prior of 1e-2 must not drown beside it; the two masses'
-gains differ by as much, so that a spring's loss, some hundredths of the amplitude, is seen to a hundredth."""
+_LEAST_OWN = (1e-3, 2e-7)
+"""No moved mass's own channel counts as better known, as a part of its amplitude or of the injected one, in phase and
+in quadrature. Its gain is wanted for nothing else, and a prior of 1e-2 must not drown beside it. In quadrature there
+is nothing but what a spring loses, or a clock, and what unequal gains leave where they are known to 1e-4."""
 
 
 @dataclass(frozen=True)
@@ -174,6 +175,7 @@ def stretch_of(
 
 
 def _stretch(run: ReducedRun, half: ReducedStretch, noise: RunNoise) -> Stretch:
-    frequencies = np.array([run.session.frequency_of(line) for line in half.lines])
-    sigma = np.sqrt(noise.density(frequencies)) * half.spread
+    slow_hz = DRIFT_CYCLES / (half.stop_s - half.start_s)
+    frequencies = [slow_hz if line == DRIFT else run.session.frequency_of(line) for line in half.lines]
+    sigma = np.sqrt(noise.density(np.array(frequencies))) * half.spread
     return stretch_of(run.run_id, run.session, half.lines, half.amplitudes, sigma, np.sqrt(noise.own) * half.spread)

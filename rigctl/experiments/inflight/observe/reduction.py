@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -15,13 +15,21 @@ from rigctl.core.errors import DataError
 from rigctl.experiments.inflight.observe.grid import Grid, grid_of, thinned, thinning_gain
 from rigctl.experiments.inflight.observe.series import Amplitudes, raw_series, stretch_amplitudes
 from rigctl.experiments.inflight.observe.sessions import (
+    DRIFT,
     FEWEST_ORBITS,
     STIMULUS,
     Line,
     Session,
     session_of,
 )
-from rigctl.experiments.inflight.observe.weights import level_weights, spread, taper, templates, weights
+from rigctl.experiments.inflight.observe.weights import (
+    drift_weights,
+    level_weights,
+    spread,
+    taper,
+    templates,
+    weights,
+)
 
 
 @dataclass(frozen=True)
@@ -93,6 +101,14 @@ class ReducedStretch:
     amplitudes: Amplitudes
     spread: FloatArray
 
+    def at(self, lines: Sequence[Line]) -> ReducedStretch:
+        """At those of its lines that are among `lines`."""
+        kept = [place for place, line in enumerate(self.lines) if line in lines]
+        amplitudes = replace(self.amplitudes, table=self.amplitudes.table[kept])
+        return replace(
+            self, lines=tuple(self.lines[k] for k in kept), amplitudes=amplitudes, spread=self.spread[kept]
+        )
+
 
 @dataclass(frozen=True)
 class ReducedRun:
@@ -150,20 +166,28 @@ def halves_of(session: Session, grid: Grid) -> tuple[ReducedStretch, ...]:
     """Both halves of a run at all lines that they resolve; `DataError` where samples are too few for that."""
     middle = len(grid.t_s) // HALVES
     parts = [grid.part(where) for where in (slice(0, middle), slice(middle, None))]
-    return tuple(_stretch(session, part, session.reduced_lines(part.duration_s)) for part in parts)
+    return tuple(_stretch(session, part, session.reduced_lines(part.duration_s), drift=True) for part in parts)
 
 
-def _stretch(session: Session, grid: Grid, lines: Sequence[Line]) -> ReducedStretch:
+def _stretch(session: Session, grid: Grid, lines: Sequence[Line], *, drift: bool = False) -> ReducedStretch:
     # Levels beside all known lines, also those that are not asked for: they are in the samples all the same.
     frequencies = tuple(session.frequency_of(line) for line in lines)
     known = tuple(session.frequency_of(line) for line in session.reduced_lines(grid.duration_s))
     # Whole stretches share their weights, which are large; every pattern of gaps has its own.
     if bool(grid.present.all()):
         rows, level = _rows(float(grid.t_s[0]), grid.step_s, len(grid.t_s), frequencies, known)
+        drift = False
     else:
         rows, level = weights(grid.t_s, frequencies, grid.present), level_weights(grid.t_s, known, grid.present)
+    if drift:
+        rows = np.vstack([rows, drift_weights(grid.t_s, frequencies, grid.present)])
+        lines = (*lines, DRIFT)
     amplitudes = stretch_amplitudes(session, grid.t_s, grid.columns, rows, level)
-    start_s, each = float(grid.t_s[0]), spread(np.sum(rows**2, axis=1), grid.step_s)
+    squares = np.sum(rows**2, axis=1)
+    if drift:
+        # The bend is as well known as the slope by its scale.
+        squares[-1] = squares[-2]
+    start_s, each = float(grid.t_s[0]), spread(squares, grid.step_s)
     return ReducedStretch(start_s, start_s + grid.duration_s, tuple(lines), amplitudes, each)
 
 

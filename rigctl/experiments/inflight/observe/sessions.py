@@ -38,7 +38,9 @@ class Line:
 
     @property
     def name(self) -> str:
-        """As "f + 2 f_orb"."""
+        """As "f + 2 f_orb"; "drift" for what has no frequency."""
+        if self == DRIFT:
+            return "drift"
         stimulus = {0: "", 1: "f"}.get(self.harmonic, f"{self.harmonic} f")
         count = abs(self.orbital)
         orbit = {0: "", 1: "f_orb"}.get(count, f"{count} f_orb")
@@ -49,6 +51,8 @@ class Line:
 
 ORBITAL = tuple(Line(0, k) for k in (1, 2, 3, 4))
 STIMULUS = Line(1, 0)
+DRIFT = Line(0, 0)
+"""What is slower than the orbit: slope and bend of a stretch with gaps stand at its place, for cosine and sine."""
 
 
 @dataclass(frozen=True)

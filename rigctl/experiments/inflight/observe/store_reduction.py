@@ -17,7 +17,7 @@ from rigctl.experiments.inflight.observe.reduction import BetweenLines, ReducedR
 from rigctl.experiments.inflight.observe.series import Amplitudes, without_pulses
 from rigctl.experiments.inflight.observe.sessions import Line, session_of
 
-RECIPE = Recipe("inflight-calibration", 8)
+RECIPE = Recipe("inflight-calibration", 9)
 """Its version is counted up whenever reduction.py or model/residual_samples.py would give other numbers."""
 
 
@@ -44,7 +44,9 @@ def reduced_without(source: RunSource, run: ReducedRun, pulses_s: FloatArray) ->
     def make() -> Packed:
         samples = without_pulses(source.samples(run.run_id), pulses_s)
         again = reduce_run(run.run_id, run.conditions, samples, orbit_period_of(source))
-        return packed(replace(again, remarks=run.remarks))
+        # Models with and without the pulses are compared on the same data.
+        halves = tuple(after.at(before.lines) for after, before in zip(again.halves, run.halves, strict=True))
+        return packed(replace(again, halves=halves, remarks=run.remarks))
 
     # By the pulses themselves: other pulses make another reduction of the same run.
     return kept_by(source, "without", pulses_s.tobytes()).once(run.run_id, make, lambda kept: unpacked(kept, run))

@@ -8,6 +8,7 @@ series is ever made, and samples may come in chunks.
 A filter has no meaning across a gap. Where samples are missing the lines are fitted without it, beside a constant, a
 slope and slow waves, by least squares with weights that go smoothly to nothing at the edges of each gap. The
 sensor's read-out noise grows as f^2, to a thousand times the noise at the lines; an abrupt edge would let it in.
+What is slow leaves nothing in such lines, where the band-pass lets a part of it through: `drift_weights` tell it.
 """
 
 from __future__ import annotations
@@ -28,6 +29,11 @@ TAPER_S = 12.0
 FEWEST_SAMPLES = 0.3
 """Part of a stretch's samples that must be there."""
 
+DRIFT_CYCLES = 0.67
+"""Of a stretch: flicker noise makes of its slope what white noise of the density at that frequency would."""
+
+# Flicker noise makes less of a bend by this factor.
+_BENDS_LESS = 1.34
 _SINGULAR = 1e-6
 _AT_ONCE = 1 << 16
 
@@ -67,6 +73,19 @@ def weights(
     if present is None or bool(np.all(present)):
         return _filtered(t_s, lines_hz, single)
     return _tapered(t_s, lines_hz, present)
+
+
+def drift_weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray) -> FloatArray:
+    """Rows w with w s the slope and the bend of s beside a constant and its lines, shape (2, samples).
+
+    As factors of Legendre's polynomials over the stretch, of unit mean square; the bend so much more that flicker
+    noise makes as much of either.
+    """
+    x = 2.0 * (t_s - t_s[0]) / float(t_s[-1] - t_s[0]) - 1.0
+    shapes = np.sqrt(3.0) * x, np.sqrt(5.0) * (1.5 * x**2 - 0.5) / _BENDS_LESS
+    design = np.vstack([*shapes, np.ones_like(x), templates(t_s, lines_hz)])
+    weighted = design * taper(present, float(t_s[1] - t_s[0]))
+    return _solved(weighted @ design.T, weighted)[:2]
 
 
 def level_weights(t_s: FloatArray, lines_hz: Sequence[float], present: BoolArray | None = None) -> FloatArray:
