@@ -19,6 +19,7 @@ from rigctl.workbench.verdict.bootstrap import Bootstrap, bootstrap
 from rigctl.workbench.verdict.fitted_model import FittedModel, fit_with_given_noise
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.known_noise import KnownNoise
+from rigctl.workbench.verdict.noise_alone import ChanceOfNoise, in_doubt
 from rigctl.workbench.verdict.noise_estimate import estimator_of, with_estimated_noise
 from rigctl.workbench.verdict.permuted import Permuted, is_heavy_tailed
 from rigctl.workbench.verdict.questions import Questions
@@ -96,6 +97,8 @@ class Attempt(FittedModel):
     def chi2_p_value(self, told: float = 0.0) -> float:
         """Of all that is left; what the saturated design leaves told the noise, and says nothing more."""
         p_value, frame = super().chi2_p_value(told + self.estimator.dof), self.estimator.saturated
+        if self.chance_of_noise is not None and in_doubt(p_value):
+            return max(p_value, self.chance_of_noise.of_projected)
         if frame is None or self.permuted is None:
             return p_value
         return max(p_value, self.permuted.p_of_share(frame, self.projector.basis))
@@ -265,6 +268,14 @@ class Attempt(FittedModel):
             )
             best = max(best, with_value(minimum.x), key=lambda each: each.score.statistic)
         return best
+
+    @cached_property
+    def chance_of_noise(self) -> ChanceOfNoise | None:
+        """What noise alone would show, where it may be correlated along an order that all data have."""
+        pool = self.estimator.whole_pool
+        if pool is None:
+            return None
+        return ChanceOfNoise(self, pool, self._questions.groups, self.price_of, self.generic, self.seed)
 
     @property
     def scores(self) -> list[Score]:

@@ -21,6 +21,15 @@ def in_units(given: Observations, where: IntArray, columns: FloatArray) -> Float
     return scaled
 
 
+def from_units(given: Observations, where: IntArray, columns: FloatArray) -> FloatArray:
+    """The inverse of `in_units` for columns (n, k)."""
+    scaled = columns.copy()
+    if given.offsets and len(where) == len(given.value):
+        for members, factor in given.factors:
+            scaled[members] = factor @ scaled[members]
+    return np.asarray(scaled * given.sigma[where][:, None])
+
+
 def without_offsets(given: Observations, residuals: FloatArray) -> FloatArray:
     """Residuals (n,) less the offsets that data share, as best predicted from them (Henderson's equations)."""
     if not given.offsets:

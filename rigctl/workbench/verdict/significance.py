@@ -9,6 +9,7 @@ from rigctl.core.arrays import FloatArray
 from rigctl.workbench.families import family_of
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.generic import Best
+from rigctl.workbench.verdict.noise_alone import in_doubt
 from rigctl.workbench.verdict.score import corrected, single
 from rigctl.workbench.verdict.trials import smallest_of
 
@@ -28,11 +29,14 @@ def p_of_scored(attempt: Attempt, scored: Scored) -> float:
     if attempt.corrected(p_value, effect) >= CONFIRM_FROM:
         return p_value
     p_value = max(p_value, _permuted_p_of_scored(attempt, scored), _rotated_p_of_scored(attempt, scored))
-    if not attempt.to_be_drawn(score.basis):
+    if attempt.to_be_drawn(score.basis):
+        law = attempt.bootstrap.law(effect)
+        # The larger: that the noise is estimated can only make an effect less sure.
+        p_value = max(p_value, law.p_value(score.statistic, score.dimension))
+    chance = attempt.chance_of_noise
+    if chance is None or not in_doubt(attempt.corrected(p_value, effect)):
         return p_value
-    law = attempt.bootstrap.law(effect)
-    # The larger: that the noise is estimated can only make an effect less sure.
-    return max(p_value, law.p_value(score.statistic, score.dimension))
+    return max(p_value, single(chance.of_effect(effect), attempt.trials_of(effect)))
 
 
 def is_significant(attempt: Attempt, scored: Scored, alpha: float) -> bool:
@@ -57,6 +61,8 @@ def p_of_shape(attempt: Attempt) -> float:
     if p_value < CONFIRM_FROM and attempt.to_be_drawn(shape.columns):
         law = attempt.bootstrap.shapes
         p_value = max(p_value, corrected(law.p_value(shape.statistic, shape.dimension), shape.n_eff))
+    if attempt.chance_of_noise is not None and in_doubt(p_value):
+        p_value = max(p_value, attempt.chance_of_noise.of_shapes)
     return p_value
 
 

@@ -1,0 +1,147 @@
+"""What noise that is correlated along the order of the data shows by itself is no effect; what it does not, is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
+from rigctl.core.arrays import FloatArray
+from rigctl.experiments.table.study import TableStudy
+from rigctl.workbench.verdict.account import account_of
+from rigctl.workbench.verdict.attempt import Attempt
+from rigctl.workbench.verdict.compare import compared
+from rigctl.workbench.verdict.diagnose import diagnose
+from rigctl.workbench.verdict.kernels import kernel
+from rigctl.workbench.verdict.noise_alone import BATCH, BATCHES, EVERY, Asked, NoiseAlone
+from rigctl.workbench.verdict.offsets import from_units, in_units
+from rigctl.workbench.verdict.significance import is_adequate
+from tests.foreign.false_alarms import recording
+
+DAYS = 80
+
+
+def study_of(flow: FloatArray, **columns: FloatArray) -> TableStudy:
+    spec = {"response": "flow", "baseline": "b0", "start": {}, "order": "day"}
+    given = {"flow": flow, "day": np.arange(float(len(flow))), **columns}
+    run = RunRecord(READINGS, READINGS, "import", {})
+    return TableStudy(Recording(Header("table", extra={"table": spec}), (run,), {READINGS: given}, ImportReport(1)))
+
+
+def relaxing(seed: int, days: int = DAYS, of: float = 0.7) -> FloatArray:
+    """First-order autoregressive noise of unit variance."""
+    drawn = np.random.default_rng(seed).normal(size=days)
+    for day in range(1, days):
+        drawn[day] = of * drawn[day - 1] + np.sqrt(1.0 - of**2) * drawn[day]
+    return drawn
+
+
+def least_minus_2_log_l(flow: FloatArray, columns: FloatArray, alone: NoiseAlone) -> float:
+    """Over the same correlations, with covariance matrices and a determinant as they stand in a textbook."""
+    day = np.arange(float(len(flow)))
+    apart = np.abs(day[:, None] - day[None, :])
+    least = np.inf
+    for whitenings in alone.whitenings:
+        for each in whitenings.correlations[::EVERY]:
+            r = np.eye(len(flow))
+            if each.kernel:
+                r = r + each.ratio * kernel(each.kernel, apart, (1.0, float(len(flow) - 1)))
+            inverse = np.linalg.inv(r)
+            beta = np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse @ flow)
+            left = flow - columns @ beta
+            least = min(least, len(flow) * np.log(left @ inverse @ left) + float(np.linalg.slogdet(r)[1]))
+    return float(least)
+
+
+def asked_beside(attempt: Attempt, *asked: Asked) -> NoiseAlone:
+    pool = attempt.estimator.whole_pool
+    assert pool is not None
+    return NoiseAlone(attempt, pool, asked, attempt.seed)
+
+
+def test_what_an_effect_gains_is_the_difference_of_two_likelihoods_at_its_best_choice() -> None:
+    flow = relaxing(3, 30) + 2.0 * (np.arange(30) >= 12)
+    attempt = Attempt(study_of(flow), ())
+    steps = np.stack([1.0 * (np.arange(30) >= place) for place in (4, 12, 20)], axis=1)[:, :, None]
+    waves = np.stack([np.cos(np.arange(30) / 3.0), np.sin(np.arange(30) / 3.0)], axis=1)[:, None]
+    alone = asked_beside(attempt, Asked(waves, 7.0), Asked(steps, 5.0))
+    constant = np.ones((30, 1))
+    without = least_minus_2_log_l(flow, constant, alone)
+    beside = [least_minus_2_log_l(flow, np.hstack([constant, steps[:, place]]), alone) for place in range(3)]
+    wave = least_minus_2_log_l(flow, np.hstack([constant, waves[:, 0]]), alone)
+    assert alone.gained == pytest.approx([without - wave - 7.0, without - min(beside) - 5.0], abs=1e-6)
+    # Draws are in single precision, which costs their gains less than any of them differ by.
+    single = alone.gains(attempt.unexplained()[:, None], np.float32)[:, 0]
+    assert single == pytest.approx(alone.gained, abs=0.01)
+
+
+def test_how_often_chance_does_as_much_is_a_probability() -> None:
+    by_chance = []
+    for seed in range(40):
+        attempt = Attempt(study_of(relaxing(seed)), ())
+        steps = [each.derivative for each in attempt.candidates if each.term.effect == "step[day]"]
+        by_chance.append(asked_beside(attempt, Asked(np.stack(steps, axis=1), 0.0)).probability(0))
+    # The correlation that is drawn is an estimate: it may make the step less sure, but not surer.
+    assert stats.kstest(by_chance, "uniform", alternative="greater").pvalue > 1e-3
+    assert stats.kstest(by_chance, "uniform", alternative="less").pvalue > 1e-6
+
+
+def test_beyond_the_draws_gains_fall_off_exponentially(monkeypatch: pytest.MonkeyPatch) -> None:
+    attempt = Attempt(study_of(relaxing(1, 20)), ())
+    alone = asked_beside(attempt, Asked(np.arange(20.0)[:, None, None] ** 2, 0.0))
+    rng = np.random.default_rng(2)
+    monkeypatch.setattr(alone, "gains", lambda drawn, precision: rng.exponential(2.0, (1, BATCH)))
+    for gained in (5.0, 12.0):
+        alone.gained = np.array([gained])
+        # A tenth of the draws tell the slope, and how far out it begins.
+        error = 3.0 * (gained / 2.0 - np.log(10.0)) / np.sqrt(0.1 * BATCH * BATCHES) + 3.0 * 0.14
+        assert np.log(alone.probability(0)) == pytest.approx(-gained / 2.0, abs=error)
+
+
+@pytest.mark.parametrize("seed", [1, 98])
+def test_flicker_noise_that_looks_white_is_neither_an_effect_nor_a_shape(seed: int) -> None:
+    """The slow part is projected out where the noise is estimated, and nothing of it was left to be seen."""
+    study = TableStudy(recording("flicker", seed))
+    attempt = Attempt(study, ())
+    assert attempt.noise.correlations[0].kernel == ""
+    # By the noise that was estimated, an effect or a shape is beyond doubt.
+    shape = attempt.best_shape
+    assert shape is not None
+    assert shape.p_value_corrected < 1e-3
+    assert is_adequate(attempt, 0.01)
+    account = account_of(study, [()])
+    assert account.search is not None
+    assert not account.search.suggested
+    assert compared(account.attempt(study, ()), account, 1).p_value > 0.01
+
+
+@pytest.mark.parametrize(
+    ("sizes", "named"),
+    [
+        ({"slow": 6.0}, "day]"),
+        ({"fast": 0.9}, "z]"),
+    ],
+)
+def test_what_noise_alone_does_not_show_is_named(sizes: dict[str, float], named: str) -> None:
+    rng = np.random.default_rng(11)
+    z = rng.normal(size=DAYS)
+    along = (np.arange(DAYS) / DAYS) ** 2
+    flow = sizes.get("slow", 0.0) * along + sizes.get("fast", 0.0) * z + rng.normal(size=DAYS)
+    found = diagnose(study_of(flow, z=z), ())
+    assert found.verdict in {"effect", "ambiguous"}
+    assert any(term.effect.endswith(named) or term.effect == "drift" for term in found.suggested)
+
+
+def test_units_are_put_back_as_they_were_taken_off() -> None:
+    rng = np.random.default_rng(12)
+    lot = np.repeat(np.arange(10), 5)
+    flow = rng.normal(size=50) + 2.0 * rng.normal(size=10)[lot]
+    spec = {"response": "flow", "baseline": "b0", "start": {}, "sigma": "u", "batch": ["lot"]}
+    given = {"flow": flow, "z": rng.normal(size=50), "u": rng.uniform(0.5, 2.0, 50)}
+    run = RunRecord(READINGS, READINGS, "import", {"lot": [f"L{each}" for each in lot]})
+    made = Recording(Header("table", extra={"table": spec}), (run,), {READINGS: given}, ImportReport(1))
+    observed = TableStudy(made).observations
+    assert observed.offsets
+    columns, where = rng.normal(size=(50, 3)), np.arange(50)
+    assert from_units(observed, where, in_units(observed, where, columns)) == pytest.approx(columns, rel=1e-9)
