@@ -14,7 +14,7 @@ from rigctl.check.mended import mended
 from rigctl.check.motions import Motions
 from rigctl.check.record import CheckRecord, Line, Who, instruments_sha256, keep, kept_record, utc_now
 from rigctl.check.trigger import try_trigger
-from rigctl.core.errors import RigError
+from rigctl.core.errors import Aborted, RigError
 from rigctl.core.findings import Finding, Step, differs, unknown
 from rigctl.core.interfaces import Identity
 from rigctl.files.rig_file import RigFile
@@ -120,19 +120,26 @@ def _usable(file: RigFile, asking: Asking, tell: Tell) -> RigFile:
 
 
 def _tried(file: RigFile, wanted: Wanted, tell: Tell, say: Callable[[str], None]) -> dict[str, dict[str, str]]:
-    """Start and move things, everything at rest before and after; what was learned by it."""
+    """Start and move things, everything at rest before and after; what was learned by it. `Aborted`."""
     rig = Rig(file)
-    with in_charge(rig) as control:
-        hands = Hands(say, control.raise_if_aborted, rig.clock)
-        if wanted.trigger:
-            try_trigger(rig, tell)
-        motions = Motions(rig, hands, tell)
-        if wanted.move:
-            motions.try_all()
-        # Last: what it has stopped wants homing.
-        if wanted.interlocks:
-            try_interlocks(rig, hands, tell)
-    return motions.learned
+    learned: dict[str, dict[str, str]] = {}
+    try:
+        with in_charge(rig) as control:
+            hands = Hands(say, control.raise_if_aborted, rig.clock)
+            if wanted.trigger:
+                try_trigger(rig, tell)
+            if wanted.move:
+                learned = Motions(rig, hands, tell).try_all()
+            # Last: what it has stopped wants homing.
+            if wanted.interlocks:
+                try_interlocks(rig, hands, tell)
+    except Aborted:
+        raise
+    # What was found by then is kept all the same.
+    except RigError as error:
+        words = "; ".join([str(error), *getattr(error, "__notes__", [])])
+        tell("", differs("capability", "all at rest", words, "look whether everything stands still"))
+    return learned
 
 
 def _left_out(wanted: Wanted) -> Iterator[Finding]:

@@ -23,17 +23,20 @@ MOUNTING_ACTION = "Mount the package, its faces before the heads, with both stag
 
 
 class Motions:
-    """Moves one stage after the other and back; `learned` are keys of the rig file by instrument."""
+    """Moves one stage after the other and back."""
 
     def __init__(self, rig: Rig, hands: Hands, tell: Tell) -> None:
-        self.learned: dict[str, dict[str, str]] = {}
+        self._learned: dict[str, dict[str, str]] = {}
         self._rig = rig
         self._hands = hands
         self._tell = tell
         self._package_mounted = False
 
-    def try_all(self) -> None:
-        """Home, learn, move; what fails with one stage keeps nobody from the next."""
+    def try_all(self) -> dict[str, dict[str, str]]:
+        """Home, move, learn; what fails with one stage keeps nobody from the next.
+
+        Returns what was learned: keys of the rig file with their values, by instrument.
+        """
         stages = [(name, each) for name, each in self._rig.instruments.items() if isinstance(each, Stage)]
         homed = [(name, each) for name, each in stages if self._attempt(name, "homing", self._home, each)]
         # To the middle first: there the heads see the cube.
@@ -49,6 +52,7 @@ class Motions:
                 self._attempt(name, "what only motion tells", self._learn, stage)
         if stages:
             self._tell("", self._level())
+        return self._learned
 
     def _attempt(self, name: str, what: str, act: Callable[[Any], bool], stage: Any) -> bool:
         try:
@@ -142,7 +146,7 @@ class Motions:
         if not self._hands.confirm(f"MOVES: {stage.name} by a millimetre at most, to learn {learnt}."):
             return False
         for learned in stage.learn_by_moving():
-            self.learned.setdefault(stage.name, {})[learned.key] = learned.value
+            self._learned.setdefault(stage.name, {})[learned.key] = learned.value
             found = f"{learned.value}: it went {learned.measured}; kept, and used where the rig file does not say"
             self._tell(stage.name, ok("motion", learned.key, found))
         return True
