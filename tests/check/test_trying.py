@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from rigctl.campaign.session.operator import Operator
 from rigctl.check import guide, lasers
 from rigctl.check.guide import Wanted
 from rigctl.check.hands import Hands
@@ -224,9 +225,20 @@ def test_what_only_motion_tells_is_learned_kept_and_used(desk: Any, file: Any) -
     assert found["stage", "oscillate_distance"].found.startswith("amplitude: it went 0.000 to 1.000 mm")
     desk.rig((OSCILLATE, ""))
     desk.campaign(('["pendulum", "flag"]', '["flag"]'), ("[0.3, 0.6]", "[0.6]"), ('"roll-gravity", ', ""))
-    assert desk.run().status == 0, "the campaign knows it from the record"
-    again, _ = tried(silent, trigger=True)
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Operator, "remount", interrupted)
+        assert desk.run().status == 130
+    checked.path.unlink()
+    assert desk.rigctl("resume", desk.store).status == 0, "the campaign knows it from its store"
+    assert desk.rigctl("run", "campaign.toml", "--store", "y.rig.sqlite", "--yes").status != 0
+    again, _ = tried(silent, move=True)
     assert again.record.learned == checked.record.learned
+    assert tried(silent, trigger=True)[0].record.learned == checked.record.learned
+    assert desk.rigctl("run", "campaign.toml", "--store", "z.rig.sqlite", "--yes").status == 0
 
 
 HEADS = {
