@@ -33,7 +33,6 @@ from drivers.newport_xps_group import (
     NOT_REFERENCED,
     ONLY_KILL_STOPS,
     READY,
-    SAFETY_STATES,
     XpsGroup,
 )
 from drivers.newport_xps_socket import FIRMWARE, XpsSocket
@@ -135,7 +134,12 @@ class NewportXps:
                 text=reply.text,
             )
         version = re.search(r"[Vv]\d[\w.]*", reply.text)
-        return Identity(model[0], "", version[0] if version else "", reply.text)
+        if version is not None:
+            return Identity(model[0], "", version[0], reply.text)
+        # An XPS-D has the version of its software in another place (newportxps).
+        installed = self._wire.query("InstallerVersionGet(char *)")
+        firmware = installed.text if installed.code == 0 else ""
+        return Identity(model[0], "", firmware, f"{reply.text} {firmware}".strip())
 
     def confirm_in_step(self) -> None:
         """`OutOfStep` when replies may have been taken for others, on either connection."""
@@ -184,8 +188,7 @@ class NewportXps:
 
     def safety_stop(self) -> str:
         """The group's state, when an emergency signal or an end of run has brought it there."""
-        status = self._wire.status()
-        return self._wire.status_text(status) if status in SAFETY_STATES else ""
+        return self._wire.safety_text(self._wire.status())
 
     def is_moving(self) -> bool:
         """True while the group moves, brakes, homes or is initialised."""

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from drivers.examining import asked, at_most, travel
-from drivers.newport_xps_group import DISABLED, NOT_INITIALISED, NOT_REFERENCED, READY, SAFETY_STATES, XpsGroup
+from drivers.newport_xps_group import DISABLED, NOT_INITIALISED, NOT_REFERENCED, READY, XpsGroup
 from rigctl.core.findings import Finding, differs, ok, unknown
 from rigctl.core.limits import RotationLimits
 
@@ -59,7 +59,7 @@ def _unknown_names(group: str, positioner: str, wire: XpsGroup) -> Iterator[Find
 def _state(wire: XpsGroup) -> Finding:
     status = wire.status()
     found = f"{status}, {wire.status_text(status)}"
-    if status in SAFETY_STATES:
+    if wire.safety_text(status):
         return differs("capability", "state", found, "remove what has stopped it, then `rigctl home` it")
     if status in READY or status in NOT_INITIALISED | DISABLED | {NOT_REFERENCED}:
         return ok("capability", "state", found if status in READY else f"{found}: to be homed")

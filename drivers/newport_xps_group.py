@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 
 from drivers.newport_xps_socket import Reply, XpsSocket
 from rigctl.core.errors import BadReply, InstrumentError, LinkError, RigError, SafetyStop
@@ -10,14 +11,18 @@ from rigctl.core.errors import BadReply, InstrumentError, LinkError, RigError, S
 # Numbers of GroupStatusGet, as three public drivers agree on them.
 NOT_INITIALISED = frozenset({*range(10), 50, 63, 66, 67, 71, 72, 83, 106})
 READY = frozenset({*range(10, 20), 56, 70, 77})
-DISABLED = frozenset(range(20, 39))
+DISABLED_BY_SOMETHING = frozenset(range(84, 104))
+"""States of newer firmware (XPS-D): disabled by an interlock, a time-out or an interferometer; its text tells."""
+DISABLED = frozenset({*range(20, 39), 74, 75, 76}) | DISABLED_BY_SOMETHING
 NOT_REFERENCED = 42
 AT_REST = NOT_INITIALISED | READY | DISABLED | {NOT_REFERENCED}
 ONLY_KILL_STOPS = frozenset({41, 43, 49})
-IN_MOTION = frozenset({40, 41, *range(43, 50), 51, 64, 68, 69, 73})
+IN_MOTION = frozenset({40, 41, *range(43, 50), 51, 64, 68, 69, 73, 104, 105})
 
-SAFETY_STATES = frozenset({1, 2, 8, 40})
-"""After an emergency brake, an emergency stop, or an end of run; braking."""
+SAFETY_STATES = frozenset({1, 2, 8, 40, 83})
+"""After an emergency brake, an emergency stop, an end of run, or an interlock; braking."""
+INTERLOCK = re.compile("interlock|emergency|^no text$", re.IGNORECASE)
+"""Of those states; one that nobody can name is taken for a safety device's."""
 
 NOT_ALLOWED, ABORTED = -22, -27
 SAFETY_ERRORS = frozenset({-26, -45, -113})
@@ -124,6 +129,13 @@ class XpsGroup:
     def status_text(self, status: int) -> str:
         """The controller's text for a state."""
         return self._look_up(f"GroupStatusStringGet({status},char *)") or "no text"
+
+    def safety_text(self, status: int) -> str:
+        """The controller's text for a state that a safety device has brought about; "" for any other."""
+        if status not in SAFETY_STATES | DISABLED_BY_SOMETHING:
+            return ""
+        text = self.status_text(status)
+        return text if status in SAFETY_STATES or INTERLOCK.search(text) else ""
 
     def _look_up(self, request: str) -> str:
         """A text for a message, empty when it cannot be had."""

@@ -5,6 +5,6 @@ Grammar, argument checking, motion state machine and gathering memory are separa
 """
 
 from simulators.newport_xps.controller import SimulatedXps
-from simulators.newport_xps.settings import XpsSimulatorSettings
+from simulators.newport_xps.settings import XPS_D, XpsSimulatorSettings
 
-__all__ = ["SimulatedXps", "XpsSimulatorSettings"]
+__all__ = ["XPS_D", "SimulatedXps", "XpsSimulatorSettings"]

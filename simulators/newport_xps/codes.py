@@ -42,12 +42,14 @@ class GroupState(IntEnum):
     JOGGING = 47
     ENCODER_CALIBRATING = 49
     REFERENCING = 64
+    NOT_INITIALISED_INTERLOCK = 83
+    DISABLED_INTERLOCK = 84
 
     @property
     def must_initialise(self) -> bool:
         """Nothing but GroupInitialize helps."""
         # Codes go by what a state allows: to 9 not initialised, to 19 ready, to 39 disabled, then what is under way.
-        return self < GroupState.READY_FROM_ABORT
+        return self < GroupState.READY_FROM_ABORT or self is GroupState.NOT_INITIALISED_INTERLOCK
 
     @property
     def ready(self) -> bool:
@@ -57,7 +59,8 @@ class GroupState(IntEnum):
     @property
     def disabled(self) -> bool:
         """Homed, but the servo loop is open."""
-        return GroupState.DISABLED <= self < GroupState.EMERGENCY_BRAKING
+        by_itself = GroupState.DISABLED <= self < GroupState.EMERGENCY_BRAKING
+        return by_itself or self is GroupState.DISABLED_INTERLOCK
 
 
 STATUS_TEXTS = {
@@ -102,6 +105,8 @@ STATUS_TEXTS = {
     51: "Spinning state due to a SpinParametersSet command",
     63: "Not initialized state due to a motor initialization error",
     64: "Referencing state",
+    83: "Not initialized state due to an interlock",
+    84: "Disabled state due to an interlock",
 }
 
 ERROR_TEXTS = {

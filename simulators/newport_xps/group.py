@@ -22,6 +22,9 @@ _AFTER_FOLLOWING_ERROR = {
     GroupState.JOGGING: GroupState.JOG_FOLLOWING_ERROR,
 }
 
+REFERENCED = frozenset({GroupState.MOVING, GroupState.JOGGING})
+"""States under way in which the group knows where it is."""
+
 
 class Group:
     """One or more positioners that are initialised, homed, moved and stopped together."""
@@ -118,6 +121,8 @@ class Group:
     def enable(self) -> None:
         """Close the servo loop."""
         self._require(self.state.disabled and not self._turning())
+        if self.inhibited:
+            raise Refused(-26)
         self.state = GroupState.READY_FROM_ENABLE
 
     def enable_jog(self) -> None:
@@ -184,7 +189,13 @@ class Group:
         for positioner in self.positioners.values():
             positioner.error_word |= INHIBITION_BIT
         if not self.state.must_initialise:
-            self._collapse(GroupState.EMERGENCY_STOP, -26)
+            self._collapse(self._stopped_state(), -26)
+
+    def _stopped_state(self) -> GroupState:
+        if not self._settings.interlock_states:
+            return GroupState.EMERGENCY_STOP
+        referenced = self.state.ready or self.state.disabled or self.state in REFERENCED
+        return GroupState.DISABLED_INTERLOCK if referenced else GroupState.NOT_INITIALISED_INTERLOCK
 
     def release_emergency_stop(self) -> None:
         """It may be initialised again."""

@@ -34,3 +34,17 @@ class XpsSimulatorSettings(BaseModel):
 
     outside_limits_code: Literal[-17, -35] = -17
     killed_motion_code: int = Field(default=-27, lt=0)
+    interlock_states: bool = False
+    """Does the emergency stop lead to the states 83 and 84, which newer firmware has, or to 2?"""
+
+
+XPS_D = XpsSimulatorSettings(
+    firmware="XPS-D",
+    installer_version="XPS-D-N13006",
+    sockets_max=84,
+    servo_period_s=100e-6,
+    outside_limits_code=-35,
+    killed_motion_code=-26,
+    interlock_states=True,
+)
+"""What is known of an XPS-D, and of what is not the reading that is harder for a client."""

@@ -19,7 +19,7 @@ from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.motion import MotionAxis
 from simulators.newport_esp301 import Esp301SimulatorSettings, SimulatedEsp301
 from simulators.newport_esp301.settings import Esp301Dialect
-from simulators.newport_xps import SimulatedXps, XpsSimulatorSettings
+from simulators.newport_xps import XPS_D, SimulatedXps, XpsSimulatorSettings
 
 SPEED_DEG_S, ACCELERATION_DEG_S2 = 10.0, 40.0
 WAIT_S = 10.0
@@ -102,6 +102,7 @@ SIMULATORS: dict[str, Callable[[SimulationClock, MotionAxis], Any]] = {
     "xps, other codes": lambda clock, axis: SimulatedXps(
         clock, {"Group1": {"Pos": axis}}, XpsSimulatorSettings(outside_limits_code=-35, killed_motion_code=-26)
     ),
+    "xps, D": lambda clock, axis: SimulatedXps(clock, {"Group1": {"Pos": axis}}, XPS_D),
     "esp301": lambda clock, axis: SimulatedEsp301(clock, [axis]),
     "esp301, keypad": lambda clock, axis: SimulatedEsp301(
         clock, [axis], Esp301SimulatorSettings(dialect=Esp301Dialect(keypad_lock=True))
