@@ -67,11 +67,14 @@ metamorphic-bundles: setup
 dialects: setup
 	RIGCTL_ALL_PAIRS=1 $(BIN)/pytest tests/drivers/test_linear_stage_contract.py
 
-# Other people's drivers against the simulators, in an environment of their own: tests/clients/README.md.
+# Other people's drivers against the simulators, in an environment of their own: tests/clients/README.md. Two that no index has
+# are taken along with RIGCTL_ODEMIS=DIR and RIGCTL_EMULATORS=DIR. InstrumentKit asks for versions that no longer build.
 CLIENTS := out/clients
 clients:
 	test -x $(CLIENTS)/bin/python || $(PYTHON) -m venv $(CLIENTS)
 	$(CLIENTS)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[clients]" pytest pytest-timeout hypothesis
+	$(CLIENTS)/bin/python -m pip install --quiet --disable-pip-version-check future pyusb python-usbtmc python-vxi11 quantities ruamel.yaml
+	$(CLIENTS)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps instrumentkit==0.6.0
 	RIGCTL_CLIENTS=1 $(CLIENTS)/bin/python -m pytest -p no:cacheprovider tests/clients
 
 # The flight model with an LK-G5000 and with the LK-G3001 in each reading of its manual, and the hidden effects: the same axes. Ten minutes.

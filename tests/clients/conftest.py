@@ -14,6 +14,13 @@ from simulators.wiring import SimulatedInstrument
 
 collect_ignore_glob = [] if os.environ.get("RIGCTL_CLIENTS") else ["test_*.py"]
 
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Theirs are warnings of the versions of Python and of libraries that they were written for."""
+    for category in ("DeprecationWarning", "FutureWarning", "ResourceWarning"):
+        config.addinivalue_line("filterwarnings", f"ignore::{category}")
+
+
 BAUD = 19200
 SPEED = 20.0
 """Rig seconds per second: motions end soon, the clients' own time-outs are far."""
