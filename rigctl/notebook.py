@@ -35,12 +35,14 @@ class Campaign:
         unattended: bool = False,
         seed: int | None = None,
         plugins: Sequence[Path | str] = (),
+        unchecked: bool = False,
     ) -> Result:
         """Run into a new store and return the result; blocks until the campaign ends.
 
-        `unattended`: the simulated operator answers. Raises what the command would report.
+        `unattended`: the simulated operator answers; `unchecked`: also with real instruments that `rigctl check` has
+        not passed. Raises what the command would report.
         """
-        options = runner.Options(unattended=unattended, seed=seed, plugins=_paths(plugins))
+        options = runner.Options(unattended=unattended, seed=seed, plugins=_paths(plugins), unchecked=unchecked)
         runner.start(self.file, self.rig_file, Path(store), options)
         return self.result(store, plugins)
 

@@ -11,7 +11,7 @@ from rigctl import results, runner
 from rigctl.campaign.session import requests
 from rigctl.campaign.status import status_of
 from rigctl.campaign.store.store import Store
-from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, WireLog, print_json, say, tell
+from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, Unchecked, WireLog, print_json, say, tell
 from rigctl.cli.steering import ask
 from rigctl.core.errors import ConfigError, DataError, ProcedureError, RigError
 from rigctl.files.campaign_file import read_campaign
@@ -29,9 +29,7 @@ def run(
     seed: Annotated[int | None, typer.Option(help="Seed of a simulated world.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="The simulated operator answers.")] = False,
     dry: Annotated[bool, typer.Option("--dry-run", help="Check and tell what would be done.")] = False,
-    unchecked: Annotated[
-        bool, typer.Option("--unchecked", help="Move real instruments that `rigctl check` has not passed.")
-    ] = False,
+    unchecked: Unchecked = False,
     plugin: Plugins = None,
     wire_log: WireLog = None,
     as_json: Json = False,

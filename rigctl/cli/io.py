@@ -20,6 +20,9 @@ CampaignToml = Annotated[Path, typer.Argument(metavar="CAMPAIGN.toml", help="A c
 Plugins = Annotated[
     list[Path] | None, typer.Option("--plugin", metavar="FILE", help="A file with effects of your own.")
 ]
+Unchecked = Annotated[
+    bool, typer.Option("--unchecked", help="Move real instruments that `rigctl check` has not passed.")
+]
 WireLog = Annotated[
     Path | None, typer.Option(metavar="DIR", help="Log every byte of every instrument to a file in DIR.")
 ]

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from rigctl import planning, runner
-from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, print_json, say, tell
+from rigctl.cli.io import CampaignToml, Json, Plugins, StoreFile, Unchecked, print_json, say, tell
 from rigctl.composition import opened_workbench
 from rigctl.core.errors import DataError
 from rigctl.core.making_safe import ended_by_signals
@@ -62,6 +62,7 @@ def investigate(
         int | None, typer.Option(min=1, metavar="N", help="At most so many runs; default: those of a full scan.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Add what is found; the simulated operator answers.")] = False,
+    unchecked: Unchecked = False,
     plugin: Plugins = None,
     as_json: Json = False,
 ) -> None:
@@ -70,7 +71,7 @@ def investigate(
     # A store that is there has its rig file in it.
     rig_file = read_rig(campaign_file.rig_path) if campaign_file.rig and not store.exists() else None
     with ProgressBar() as bar:
-        options = runner.Options(unattended=yes, display=bar, plugins=tuple(plugin or ()))
+        options = runner.Options(unattended=yes, display=bar, plugins=tuple(plugin or ()), unchecked=unchecked)
         # Asked on stderr: what comes on stdout is the document.
         agree = (lambda _: True) if yes else partial(typer.confirm, err=True)
         settings = Settings(options, agree, tell, max_runs=max_runs)

@@ -17,6 +17,8 @@ from rigctl.check.hands import Hands
 from rigctl.check.interlocks import try_interlocks
 from rigctl.check.record import Line
 from rigctl.check.trigger import Edges
+from rigctl.core.clock import RealClock
+from rigctl.core.errors import Aborted
 from rigctl.core.findings import Finding
 from rigctl.files.package import HeadSettings
 from rigctl.files.rig_file import RigFile, parse_rig
@@ -282,3 +284,32 @@ def test_the_sense_of_a_turn_shows_at_a_head(changed_mm: float, outcome: str, wo
     found = lasers.about_z("a_mm", HEADS["a_mm"], 72.0, 1.0, changed_mm)
     assert found.outcome == outcome
     assert words in found.found
+
+
+# The person
+
+
+@pytest.mark.parametrize(("typed", "goes_on"), [(b"done\n", True), (b"maybe\nskip\n", False)])
+def test_somebody_at_a_terminal_is_asked_before_anything_moves(
+    monkeypatch: pytest.MonkeyPatch, typed: bytes, goes_on: bool
+) -> None:
+    near, far = os.openpty()
+    with os.fdopen(far) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        said: list[str] = []
+        os.write(near, typed)
+        assert Hands(said.append, lambda: None, RealClock()).confirm("MOVES: it goes.") is goes_on
+    os.close(near)
+    assert said == ["MOVES: it goes. Type 'done' or 'skip'."]
+
+
+def test_whoever_aborts_is_heard_while_a_question_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    def aborted() -> None:
+        raise Aborted("by signal")
+
+    near, far = os.openpty()
+    with os.fdopen(far) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        with pytest.raises(Aborted):
+            Hands(lambda _: None, aborted, RealClock()).confirm("MOVES: it goes.")
+    os.close(near)
