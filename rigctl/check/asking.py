@@ -7,7 +7,7 @@ from enum import Enum
 from typing import Any
 
 from drivers.wire.secrets import address_without_secret
-from rigctl.check.elsewhere import found_elsewhere
+from rigctl.check.elsewhere import found_elsewhere, tried_besides
 from rigctl.core.errors import LinkError, RigError, WrongInstrument
 from rigctl.core.findings import Finding, Step, differs, ok, unknown
 from rigctl.core.interfaces import Examinable, Identity, Instrument, Stage
@@ -35,33 +35,31 @@ class Asking:
         for name, instrument in self._rig.instruments.items():
             self._ask(name, instrument)
 
-    def _ask(self, name: str, instrument: Instrument) -> None:
+    def _ask(self, name: str, instrument: Instrument, *, elsewhere: bool = False) -> None:
         try:
             self._examine(name, instrument)
-        except LinkError as error:
-            if name in self.identities:
-                self._fails(name, "capability", "link", error)
-            else:
-                # Before others try: a line has room for one.
-                instrument.close()
-                self._look_elsewhere(name, error)
-        except WrongInstrument as error:
-            self._fails(name, "identity", "model", error)
         except RigError as error:
-            self._fails(name, "capability", "questions", error)
+            # Before others try: a line has room for one.
+            instrument.close()
+            if name in self.identities or elsewhere or not self._found_elsewhere(name, error):
+                self._fails(name, error)
         finally:
             instrument.close()
 
-    def _look_elsewhere(self, name: str, error: LinkError) -> None:
+    def _found_elsewhere(self, name: str, error: RigError) -> bool:
+        """True when it answers at another rate or port, where it is asked then."""
+        said = self._rig.file.instruments[name].address
+        # At a wrong rate bytes may come, but not these; in a network something else has answered.
+        if not (isinstance(error, LinkError) or said.startswith("serial:")):
+            return False
         elsewhere = found_elsewhere(self._rig, name)
         if elsewhere is None:
-            self._fails(name, "found", "address", error)
-            return
-        said = self._rig.file.instruments[name].address
+            return False
         mend = f'write address = "{elsewhere.address}", or set the instrument to what {said} says'
         found = f"nothing understandable comes at {said}, but it answers at {elsewhere.words}"
         self._note(name, differs("found", "address", found, mend, {"address": elsewhere.address}))
-        self._ask(name, elsewhere.instrument)
+        self._ask(name, elsewhere.instrument, elsewhere=True)
+        return True
 
     def _examine(self, name: str, instrument: Instrument) -> None:
         for shown in questions(instrument):
@@ -80,11 +78,18 @@ class Asking:
         elsewhere = self.mended.get(name, {}).get("address")
         return str(elsewhere or address_without_secret(self._rig.file.instruments[name].address))
 
-    def _fails(self, name: str, step: Step, item: str, error: RigError) -> None:
+    def _fails(self, name: str, error: RigError) -> None:
         self.unusable.add(name)
         # A message is what and where, then the mend.
         what, _, mend = str(error).rpartition("; ")
-        self._note(name, differs(step, item, what or mend, mend))
+        step, item = self._step_of(name, error)
+        besides = tried_besides(self._rig, name) if step == "found" else ""
+        self._note(name, differs(step, item, f"{what or mend}{besides}", mend))
+
+    def _step_of(self, name: str, error: RigError) -> tuple[Step, str]:
+        if isinstance(error, LinkError):
+            return ("capability", "link") if name in self.identities else ("found", "address")
+        return ("identity", "model") if isinstance(error, WrongInstrument) else ("capability", "questions")
 
     def _note(self, name: str, finding: Finding) -> None:
         if finding.rig_file:

@@ -47,6 +47,16 @@ def found_elsewhere(rig: Rig, name: str) -> Elsewhere | None:
     return None
 
 
+def tried_besides(rig: Rig, name: str) -> str:
+    """Where `found_elsewhere` has looked, as the end of a sentence; "" for nowhere."""
+    table = rig.file.instruments[name]
+    if table.simulated or not any(_places(table.address, drivers_of(rig.file)[name].declaration)):
+        return ""
+    if table.address.startswith("serial:"):
+        return f"; tried besides: {', '.join(map(str, BAUDS))} baud with parity {' and '.join(PARITIES)}"
+    return f"; tried besides: port {drivers_of(rig.file)[name].declaration.port}"
+
+
 def _answers(instrument: Instrument) -> bool:
     try:
         instrument.open()

@@ -17,6 +17,9 @@ from rigctl.rig import Rig
 MILLIMETRE, DEGREE = 1.0, 1.0
 ENCODER_TOLERANCE = 0.01
 """Of the motion: how far the position may be off once it has ended."""
+AT_ZERO = 0.01
+"""Of a millimetre or a degree: what stands so near is not moved there."""
+SPARE = "spare"
 MOUNTING_S, PATIENCE_S = 900.0, 60.0
 """How long mounting takes, rig time, and how long a check waits for it on the wall clock."""
 MOUNTING_ACTION = "Mount the package, its faces before the heads, with both stages where they are now."
@@ -37,7 +40,13 @@ class Motions:
 
         Returns what was learned: keys of the rig file with their values, by instrument.
         """
-        stages = [(name, each) for name, each in self._rig.instruments.items() if isinstance(each, Stage)]
+        roles = {name: table.role for name, table in self._rig.file.instruments.items()}
+        # A spare one has no part in the experiment, and is left alone.
+        stages = [
+            (name, each)
+            for name, each in self._rig.instruments.items()
+            if isinstance(each, Stage) and roles[name] != SPARE
+        ]
         homed = [(name, each) for name, each in stages if self._attempt(name, "homing", self._home, each)]
         # To the middle first: there the heads see the cube.
         placed = [(name, each) for name, each in homed if self._attempt(name, "to zero", self._to_zero, each)]
@@ -72,8 +81,15 @@ class Motions:
         return True
 
     def _to_zero(self, stage: Any) -> bool:
-        stage.move_to(self._inside(stage, 0.0))
-        return True
+        now = stage.position() if isinstance(stage, LinearStage) else stage.angle()
+        zero = self._inside(stage, 0.0)
+        there = abs(now.value - zero) < AT_ZERO
+        if there or self._hands.confirm(f"MOVES: {stage.name} from {now.value:g} to {zero:g} {now.unit}."):
+            if not there:
+                stage.move_to(zero)
+            return True
+        self._tell(stage.name, unknown("motion", "to zero", "skipped", "check --move again"))
+        return False
 
     def _mount(self) -> None:
         """The package, where somebody or a simulated operator can; without it the heads see nothing."""
@@ -104,10 +120,8 @@ class Motions:
         changed = lasers.changes_mm(before, lasers.readings_mm(self._rig))
         stage.move_to(start_mm)
         self._tell(stage.name, _arrived("a millimetre", moved_mm, target_mm - start_mm, "mm"))
-        # A spare one moves something else than the package.
-        if self._rig.file.instruments[stage.name].role == "linear":
-            for head, finding in lasers.along_x(self._rig.file.heads, moved_mm, changed).items():
-                self._tell(self._controller_of(head), finding)
+        for head, finding in lasers.along_x(self._rig.file.heads, moved_mm, changed).items():
+            self._tell(self._controller_of(head), finding)
         return True
 
     def _degree(self, stage: RotationStage) -> bool:
@@ -122,8 +136,7 @@ class Motions:
         changed = lasers.changes_mm(before, lasers.readings_mm(self._rig))
         stage.move_to(start_deg)
         self._tell(stage.name, _arrived("a degree", turned_deg, target_deg - start_deg, "deg"))
-        if self._rig.file.instruments[stage.name].role == "rotation":
-            self._tell(stage.name, self._sense(turned_deg, changed))
+        self._tell(stage.name, self._sense(turned_deg, changed))
         return True
 
     def _sense(self, turned_deg: float, changed_mm: dict[str, float]) -> Finding:

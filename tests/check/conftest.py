@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, nullcontext
@@ -38,3 +39,10 @@ def real_rig(desk: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Serve]:
             return client
 
         yield serve
+
+
+@pytest.fixture
+def dead_port() -> int:
+    """A port at which nobody listens."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return int(probe.getsockname()[1])

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rigctl.check.asking import Asking
+from rigctl.check.elsewhere import Elsewhere
+from rigctl.core.errors import LinkTimeout
 from rigctl.core.findings import Finding
-from rigctl.files.rig_file import parse_rig
-from rigctl.rig import Rig
+from rigctl.files.rig_file import parse_rig, read_rig
+from rigctl.rig import Rig, drivers_of
+from tests.check.conftest import FASTER
 
 ALL = "all-instruments.rig.toml"
 Told = list[tuple[str, Finding]]
@@ -214,3 +218,63 @@ def test_a_driver_that_cannot_examine_is_asked_who_answers(made: Any) -> None:
     lines = asked(rig, "rotation")
     assert lines["who answers"].found.startswith("XPS-C8")
     assert lines["questions"].outcome == "unknown"
+
+
+# Not where the rig file says
+
+
+def test_an_instrument_that_is_nowhere_is_told_with_what_was_tried(desk: Any, dead_port: int) -> None:
+    desk.rig(
+        ('"virtual"', '"real"'),
+        ('address = "sim:"                  # tcp://192.168.0.254:5001', f'address = "tcp://127.0.0.1:{dead_port}"'),
+    )
+    checked = desk.rigctl("check", "rig.toml", "--json")
+    assert checked.status == 1
+    (line,) = [line for line in checked.json["findings"] if line["outcome"] == "differs"]
+    assert (line["instrument"], line["step"], line["item"]) == ("rotation", "found", "address")
+    assert "tried besides: port 5001" in line["found"]
+    assert line["mend"].startswith("check power and cable")
+    assert "rotation" not in checked.json["instruments"]
+
+
+def test_an_instrument_at_its_usual_port_is_found_there(
+    desk: Any, real_rig: Any, monkeypatch: pytest.MonkeyPatch, dead_port: int
+) -> None:
+    rig = real_rig(FASTER)
+    port = int(read_rig(rig).instruments["rotation"].address.rpartition(":")[2])
+    monkeypatch.setattr(
+        "rigctl.check.elsewhere.drivers_of",
+        lambda file: {
+            name: replace(driver, declaration=replace(driver.declaration, port=port))
+            for name, driver in drivers_of(file).items()
+        },
+    )
+    rig.write_text(rig.read_text().replace(f":{port}", f":{dead_port}"))
+    lines = [
+        line for line in desk.rigctl("check", rig, "--json").json["findings"] if line["instrument"] == "rotation"
+    ]
+    assert lines[0]["rig_file"] == {"address": f"tcp://127.0.0.1:{port}"}
+    assert [line["outcome"] for line in lines[1:3]] == ["ok", "ok"]
+
+
+def test_a_place_that_answers_once_and_never_again_is_given_up(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = made()
+    silent = Silent(rig.instruments["rotation"])
+    rig.instruments["rotation"] = silent
+    monkeypatch.setattr("rigctl.check.asking.found_elsewhere", lambda *_: Elsewhere("tcp://x:1", "port 1", silent))
+    lines = asked(rig, "rotation")
+    assert silent.opened == 2
+    assert lines["address"].outcome == "differs"
+
+
+class Silent(Plain):
+    """Connects and says nothing."""
+
+    def __init__(self, inner: Any) -> None:
+        super().__init__(inner)
+        self.opened = 0
+        self.open = self._open
+
+    def _open(self) -> None:
+        self.opened += 1
+        raise LinkTimeout("nothing came; check the cable")

@@ -220,6 +220,21 @@ def test_a_millimetre_and_a_degree_are_held_against_the_heads(file: Any) -> None
     assert checked.record.learned == {}, "the rig file says it already"
 
 
+def test_a_spare_stage_is_left_alone_and_every_motion_is_told_before_it_is_made(file: Any, wire: Any) -> None:
+    said: list[str] = []
+    moving: list[int] = []
+
+    def say(text: str) -> None:
+        said.append(text)
+        moving.append(len(wire.motions))
+
+    guide.check(file(of="all-instruments.rig.toml"), Wanted(move=True), say=say)
+    motions = [text for text in said if text.startswith("MOVES: ")]
+    assert {text.split()[1] for text in motions} == {"rotation", "stage"}
+    assert moving[0] == 0
+    assert not any(b"1MO" in data or b"1PA" in data for data in wire.sent), "the spare stage"
+
+
 def test_what_only_motion_tells_is_learned_kept_and_used(desk: Any, file: Any) -> None:
     silent = file((OSCILLATE, ""))
     checked, found = tried(silent, move=True)
