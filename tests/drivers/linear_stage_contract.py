@@ -153,6 +153,14 @@ def test_an_oscillation_lasts_as_long_as_asked_and_ends_by_itself(homed: Backend
     assert homed.stage.position().value == pytest.approx(-1.0, abs=2e-3)
 
 
+def test_an_oscillation_ends_by_itself_when_its_computer_is_gone(homed: Backend) -> None:
+    homed.stage.oscillate(0.0, 1.0, 1.0, 3.5)
+    homed.stage.close()  # no stop, no rest: nobody is there any more
+    homed.clock.sleep_s(8.0)
+    homed.stage.open()
+    assert not homed.stage.is_moving()
+
+
 def test_a_new_oscillation_replaces_the_old(homed: Backend) -> None:
     homed.stage.oscillate(0.0, 2.0, 0.5, 200.0)
     homed.stage.oscillate(3.0, 0.5, 0.5, 200.0)
