@@ -25,6 +25,7 @@ from rigctl.experiments.inflight.observe.series import temperatures, without_pul
 from rigctl.experiments.inflight.observe.store_reduction import kept_by, reduced_without, reduction
 from rigctl.experiments.inflight.observe.weights import templates
 from rigctl.experiments.inflight.sample_findings import relative_noise
+from rigctl.experiments.inflight.templates import by_own_columns
 from rigctl.workbench.study import Observations, Proposal
 
 
@@ -117,8 +118,18 @@ class FlightData:
 
     @cached_property
     def observations(self) -> Observations:
-        """Lines of all halves, each half a run of its own and a block."""
-        return observations_of(self.observed, self.baseline)
+        """Lines of all halves, each half a run of its own and a block; nobody asks what imagined runs leave."""
+        given = observations_of(self.observed, self.baseline)
+        if self.imagined:
+            return given
+        return replace(given, templates=by_own_columns(self.reduced.runs, self.effects, self.baseline, self._at))
+
+    @property
+    def _at(self) -> FloatArray:
+        """Parameters of the baseline where effects are looked at."""
+        start = np.array([each.start for each in self.baseline.parameters])
+        start[: len(self.observed.values)] = self.observed.values
+        return start
 
     @cached_property
     def effects(self) -> EffectChanges:

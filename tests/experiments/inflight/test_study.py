@@ -16,6 +16,7 @@ from rigctl.workbench.verdict.account import account_of
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.fit import fit, parameters_of
+from rigctl.workbench.verdict.significance import p_of_shape
 
 WARM_K = 1e-3
 
@@ -422,3 +423,22 @@ def test_a_spring_that_loses_a_hundred_thousandth_of_the_motion_is_seen(flight):
     place = scored.candidate.names.index("loss_1")
     assert scored.score.estimate[place] == pytest.approx(loss_1_s2, abs=4.0 * scored.score.sigma[place])
     assert scored.score.sigma[place] < 0.2 * loss_1_s2
+
+
+@pytest.mark.parametrize(("of_signal", "told"), [(False, "since_s"), (True, "signal*since_s")], ids=["bias", "gain"])
+def test_what_follows_a_column_of_ones_own_is_told_by_it(flight, of_signal, told):
+    """At each line it is little; no catalogue has it."""
+
+    def since(t_s):
+        return {"since_s": np.mod(t_s + 1300.0, 9100.0)}
+
+    def following(_, own, conditions):
+        shape = (own["since_s"] - 4550.0) / 2600.0
+        return own | {"m1_x": own["m1_x"] + shape * (1e-5 * own["m1_x"] if of_signal else 4e-13)}, conditions
+
+    study = InflightStudy(recording(flight, spoil=following, columns=since, sessions=("dx", "dz", "ad11", "k2d")))
+    attempt = Attempt(study, ())
+    assert attempt.best_shape.shape.covariate == told
+    assert p_of_shape(attempt) < 1e-6
+    plain = InflightStudy(recording(flight, columns=since, sessions=("dx", "dz", "ad11", "k2d")))
+    assert p_of_shape(Attempt(plain, ())) > 1e-3
