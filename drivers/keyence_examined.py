@@ -50,7 +50,7 @@ def own_clock(storage: str, samples_max: int, longest_s: float, start_u_s: float
         "capability", "storage", f"{storage} is accepted; {samples_max} values an output, {longest_s:g} s at 100 Hz"
     )
     yield ok(
-        "trigger",
+        "capability",
         "clock",
         f"its own, no trigger wire; its start is known to {1e3 * start_u_s:g} ms at least (start_u_s)",
     )

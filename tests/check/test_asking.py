@@ -11,6 +11,7 @@ import pytest
 
 from rigctl.check.asking import Asking
 from rigctl.check.elsewhere import Elsewhere
+from rigctl.check.record import ASKED_FOR
 from rigctl.core.errors import LinkTimeout
 from rigctl.core.findings import Finding
 from rigctl.files.rig_file import parse_rig, read_rig
@@ -53,6 +54,9 @@ def test_nothing_differs_on_a_rig_as_its_file_says_and_nothing_moves(made: Any, 
     for name in rig.file.instruments:
         steps = [finding.step for each, finding in told if each == name]
         assert steps[:2] == ["found", "identity"], "first whether it is there, then who it is"
+    assert not [each for each in told if each[1].step in ASKED_FOR and each[1].outcome != "unknown"], (
+        "nothing is tried"
+    )
     assert wire.motions == []
     assert all(finding.mend for _, finding in told if finding.outcome != "ok")
 
