@@ -116,6 +116,38 @@ def test_flicker_noise_that_looks_white_is_neither_an_effect_nor_a_shape(seed: i
     assert compared(account.attempt(study, ()), account, 1).p_value > 0.01
 
 
+def test_what_noise_alone_may_be_is_told_as_hidden_and_how_large_it_would_have_to_be() -> None:
+    found = diagnose(TableStudy(recording("flicker", 98)), ())
+    assert found.verdict == "adequate"
+    hidden = found.hidden_in_slow_noise[0]
+    assert hidden.order == "time_s"
+    assert hidden.p_value_if_white < 1e-3
+    assert hidden.p_value_corrected > 0.01
+    assert set(hidden.detectable) == set(hidden.detectable_if_white) != set()
+    for name, size in hidden.detectable.items():
+        assert size > 1.5 * hidden.detectable_if_white[name]
+
+
+def test_uncertainties_in_the_likeliest_noise_are_those_of_generalised_least_squares() -> None:
+    attempt = Attempt(study_of(relaxing(3, 30)), ())
+    day = np.arange(30.0)[:, None]
+    alone = asked_beside(attempt, Asked(day[:, None] ** 2, 0.0))
+    whitenings, scale = alone._likeliest
+    white = np.hstack([np.ones((30, 1)), day])
+    r = whitenings.turned_back(np.diag(scale**-2.0) @ whitenings.turned(np.eye(30)))
+    inverse = np.linalg.inv(r)
+    covariance = np.linalg.inv(white.T @ inverse @ white)
+    left = attempt.unexplained() - attempt.unexplained().mean()
+    left = left - (inverse @ left).sum() / inverse.sum()
+    expected = np.sqrt(covariance[1, 1] * (left @ inverse @ left) / 29.0)
+    given = attempt.model.observations
+    in_sigma = in_units(given, np.arange(30), np.hstack([day, 1e6 * day**2]))
+    assert alone.sigma(in_sigma[:, :1]) == pytest.approx([expected], rel=1e-6)
+    # Beside the square a slope is less sure, in whatever unit the square is.
+    assert alone.sigma(in_sigma)[0] > 2.0 * expected
+    assert not np.isfinite(alone.sigma(in_sigma[:, [0, 0]])).any()
+
+
 @pytest.mark.parametrize(
     ("sizes", "named"),
     [

@@ -136,6 +136,22 @@ class NoiseAlone:
                     beside[group.effects] = np.minimum(beside[group.effects], cost)
         return np.asarray(alone - beside - self._price[:, None], dtype=np.float64)
 
+    def sigma(self, columns: FloatArray) -> FloatArray:
+        """Standard uncertainties (d,) of what columns (n, d) in units of the given sigma are multiplied by, in the
+        likeliest noise alone; infinite where they are not determined."""
+        whitenings, scale = self._likeliest
+        fitted = np.linalg.qr(whitenings.turned(self._fitted) * scale[:, None])[0]
+        left, free = (whitenings.turned(each) * scale[:, None] for each in (self._left[:, None], columns))
+        left, free = left - fitted @ (fitted.T @ left), free - fitted @ (fitted.T @ free)
+        noise = float(np.sqrt(np.sum(left**2) / (len(left) - fitted.shape[1])))
+        # Parameters' units differ by powers of ten: of columns of unit length it shows what is determined.
+        size = np.linalg.norm(free, axis=0)
+        unit = free / np.where(size > 0.0, size, 1.0)
+        root, determined = inverse_root((unit.T @ unit)[None], (size > 0.0)[None])
+        if not determined.all():
+            return np.full(len(size), np.inf)
+        return np.asarray(noise * np.sqrt(np.sum(root[0] ** 2, axis=1)) / size)
+
     def _gained_by_chance(self) -> FloatArray:
         """By the best of all effects, in draws of correlated noise like that of the data, (BATCH,)."""
         whitenings, scale = self._likeliest
@@ -175,6 +191,11 @@ class ChanceOfNoise:
         """That the best of all effects does as well as this one by chance."""
         alone, places = self._effects
         return CORRELATED * min(alone.probability(place) for place in places[effect])
+
+    def sigma(self, candidate: Candidate) -> FloatArray:
+        """Standard uncertainties (d,) of a candidate's parameters in the noise that is likeliest alone."""
+        columns = in_units(self._fitted.model.observations, self._pool.where, candidate.derivative)
+        return self._effects[0].sigma(columns)
 
     @cached_property
     def of_shapes(self) -> float:

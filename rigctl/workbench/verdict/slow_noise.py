@@ -7,11 +7,14 @@ the latter finds is neither excluded nor shown by these data, and other measurem
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from rigctl.core.arrays import FloatArray
 from rigctl.workbench.hidden import HiddenInNoise
 from rigctl.workbench.verdict.attempt import Attempt, Scored
+from rigctl.workbench.verdict.noise_alone import in_doubt
 from rigctl.workbench.verdict.ranking import detectable
 from rigctl.workbench.verdict.score import Projector, Score
 from rigctl.workbench.verdict.significance import CATALOGUE_SHARE, corrected_for, is_significant, p_of_scored
@@ -33,7 +36,8 @@ def hidden_in_slow_noise(attempt: Attempt, alpha: float) -> tuple[HiddenInNoise,
         shown = [
             each
             for each in waiting
-            if _corrected(attempt, scored[id(each)]) < CATALOGUE_SHARE * alpha and _costs(each, scored[id(each)])
+            if _corrected(attempt, scored[id(each)]) < CATALOGUE_SHARE * alpha
+            and (_costs(each, scored[id(each)]) or _is_as_noise(attempt, each, alpha))
         ]
         if not shown:
             break
@@ -79,8 +83,18 @@ def _costs(now: Scored, white: Scored) -> bool:
     return bool(np.all(now.score.sigma > (1.0 + unsure) * white.score.sigma))
 
 
+def _is_as_noise(attempt: Attempt, scored: Scored, alpha: float) -> bool:
+    """Whether an effect is not significant only because noise that is correlated does as well alone."""
+    chance, p_value = attempt.chance_of_noise, _corrected(attempt, scored)
+    if chance is None or not in_doubt(p_value) or p_value >= CATALOGUE_SHARE * alpha:
+        return False
+    return chance.of_effect(scored.candidate.term.effect) >= CATALOGUE_SHARE * alpha
+
+
 def _orders(attempt: Attempt) -> list[str]:
-    """Along what noise that comes from the scatter is correlated here."""
+    """Along what noise that comes from the scatter is correlated here, or may be."""
+    if (pool := attempt.estimator.whole_pool) is not None and pool.order is not None:
+        return [pool.order]
     given, noise = attempt.model.observations, attempt.noise
     correlated = np.zeros(len(given.value), dtype=np.bool_)
     # Those known beforehand come first, and are no slow noise.
@@ -96,10 +110,14 @@ def _corrected(attempt: Attempt, scored: Scored) -> float:
 
 def _hidden(attempt: Attempt, now: Scored, white: Scored, order: str, alpha: float) -> HiddenInNoise:
     candidate, effect = now.candidate, now.candidate.term.effect
+    p_value = p_of_scored(attempt, now)
+    if _is_as_noise(attempt, now, alpha) and attempt.chance_of_noise is not None:
+        # The noise looks white: how large the effect would have to be, the noise that imitates it says.
+        now = Scored(candidate, replace(now.score, sigma=attempt.chance_of_noise.sigma(candidate)))
     return HiddenInNoise(
         term=candidate.term,
         order=order,
-        p_value_corrected=corrected_for(attempt, p_of_scored(attempt, now), effect),
+        p_value_corrected=corrected_for(attempt, p_value, effect),
         p_value_if_white=corrected_for(attempt, white.score.p_value, effect),
         detectable=detectable(attempt, now, alpha),
         detectable_if_white=detectable(attempt, white, alpha),
