@@ -9,6 +9,7 @@ from scipy import stats
 from rigctl.campaign.recording import READINGS, Header, ImportReport, Recording, RunRecord
 from rigctl.core.arrays import FloatArray
 from rigctl.experiments.table.study import TableStudy
+from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.account import account_of
 from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.compare import compared
@@ -74,6 +75,16 @@ def test_what_an_effect_gains_is_the_difference_of_two_likelihoods_at_its_best_c
     # Draws are in single precision, which costs their gains less than any of them differ by.
     single = alone.gains(attempt.unexplained()[:, None], np.float32)[:, 0]
     assert single == pytest.approx(alone.gained, abs=0.01)
+
+
+def test_beside_a_step_whose_place_has_no_slope_the_likeliest_noise_is_still_told() -> None:
+    flow = relaxing(5) + 6.0 * (np.arange(DAYS) >= 30)
+    study = study_of(flow)
+    beside = Attempt(study, [Term("step[day]", {"at": 29.5})])
+    assert not beside.model.jacobian(beside.result.values).any(axis=0).all()
+    alone = asked_beside(beside, Asked(np.arange(DAYS)[:, None, None] ** 2.0, 0.0))
+    # Noise of which half is left after a day and a half is not white.
+    assert alone._likeliest[0] is not alone.whitenings[0]
 
 
 def test_how_often_chance_does_as_much_is_a_probability() -> None:

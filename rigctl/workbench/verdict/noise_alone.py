@@ -20,11 +20,12 @@ from rigctl.core.arrays import FloatArray, IntArray
 from rigctl.workbench.study import Candidate
 from rigctl.workbench.verdict.fitted_model import FittedModel
 from rigctl.workbench.verdict.generic import Generic
+from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.noise_pool import WHITE_ODDS, Pool, Whitenings
 from rigctl.workbench.verdict.offsets import from_units, in_units
 from rigctl.workbench.verdict.questions import Groups
 from rigctl.workbench.verdict.scan import inverse_root
-from rigctl.workbench.verdict.score import ABSORBED
+from rigctl.workbench.verdict.score import ABSORBED, UNDETERMINED
 
 BATCHES, BATCH = 5, 100
 """Draws: all of them where the first ones do not decide."""
@@ -73,8 +74,9 @@ class NoiseAlone:
     def __init__(self, fitted: FittedModel, pool: Pool, asked: Sequence[Asked], seed: int) -> None:
         given = fitted.model.observations
         self.whitenings = pool.tried
-        free = np.array([name not in fitted.held for name in fitted.names], dtype=np.bool_)
-        self._fitted = in_units(given, pool.where, fitted.model.jacobian(fitted.result.values)[:, free])
+        jacobian = in_units(given, pool.where, fitted.model.jacobian(fitted.result.values))
+        # Of what is held or has no slope nothing is left here: a determinant of it would be none.
+        self._fitted = orthonormal(jacobian, UNDETERMINED)
         self._left = in_units(given, pool.where, fitted.unexplained())
         self._price = np.array([each.price for each in asked])
         self._groups: list[_Group] = []
