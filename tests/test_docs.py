@@ -26,6 +26,7 @@ from drivers.keysight_33500b import SourceSettings
 from drivers.keysight_settings import ThermometerSettings, VoltmeterSettings
 from drivers.newport_esp301 import Esp301Settings
 from drivers.newport_xps import XpsSettings
+from drivers.pi_gcs2 import GcsSettings
 from drivers.rotation_settings import RotationSettings
 from procedures.inflight.tables import Calibration, MonteCarlo
 from procedures.rotating_platform import tables as platform_tables
@@ -47,6 +48,7 @@ from simulators.keysight_34465a import MeterSettings
 from simulators.newport_esp301 import Esp301SimulatorSettings
 from simulators.newport_esp301.settings import Esp301Dialect
 from simulators.newport_xps import XpsSimulatorSettings
+from simulators.pi_gcs2 import Gcs2Dialect, Gcs2SimulatorSettings
 from simulators.worlds import bench_settings as world
 from simulators.worlds import platform_effects
 from simulators.worlds import platform_settings as platform
@@ -66,6 +68,7 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "rotation stages": (RotationSettings, set()),
     "newport-xps": (XpsSettings, set(RotationSettings.model_fields)),
     "newport-esp301": (Esp301Settings, set(RotationSettings.model_fields)),
+    "pi-gcs2": (GcsSettings, set(RotationSettings.model_fields)),
     "aerotech stages": (StageSettings, set()),
     "aerotech-ensemble": (EnsembleSettings, set(StageSettings.model_fields)),
     "aerotech-soloist": (SoloistSettings, set(StageSettings.model_fields)),
@@ -112,6 +115,8 @@ TABLES: dict[str, tuple[type[BaseModel], set[str]]] = {
     "aerotech-soloist dialect": (SoloistDialect, set(StageDialect.model_fields)),
     "keyence simulator": (Lkg3001Settings, set()),
     "keyence dialect": (Lkg3001Dialect, set()),
+    "pi-gcs2 simulator": (Gcs2SimulatorSettings, set()),
+    "pi-gcs2 dialect": (Gcs2Dialect, set()),
     "keysight-34465a simulator": (MeterSettings, set()),
     "keysight-3458a simulator": (Meter3458ASimulatorSettings, set()),
     "keysight-3458a dialect": (Meter3458ADialect, set()),

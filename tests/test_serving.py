@@ -105,14 +105,18 @@ MULTIMETER = (
     'driver = "keysight-34465a"\naddress = "sim:"                  # TCPIP::192.168.0.20::5025::SOCKET',
     ('driver = "keysight-3458a"\naddress = "sim:"'),
 )
+GCS = (
+    ('driver = "newport-xps"', 'driver = "pi-gcs2"\nunit = "deg"'),
+    ('group = "Group1"\npositioner = "Pos"\n', ""),
+)
 SOLOIST = ('driver = "aerotech-ensemble"', 'driver = "aerotech-soloist"\nunit = "mm"'), ('axis = "X"\n', "")
 
 
-def test_a_campaign_with_a_soloist_and_a_3458a_over_the_wire_finds_the_same(desk: Any) -> None:
+def test_a_campaign_with_a_gcs_stage_a_soloist_and_a_3458a_over_the_wire_finds_the_same(desk: Any) -> None:
     desk.campaign(*SHORT)
     desk.rig(*SERVED)
     by_others = desk.rigctl("run", "campaign.toml", "--store", "others", "--yes", "--json").json["result"]
-    desk.rig(*SERVED, *SOLOIST, MULTIMETER)
+    desk.rig(*SERVED, *GCS, *SOLOIST, MULTIMETER)
     simulator = Simulator(desk, "--write-rig", "client.toml")
     ran = desk.rigctl("run", "campaign.toml", "--rig", "client.toml", "--store", desk.store, "--yes", "--json")
     assert ran.status == 0, ran.err
@@ -122,7 +126,8 @@ def test_a_campaign_with_a_soloist_and_a_3458a_over_the_wire_finds_the_same(desk
         assert abs(ours["theta0_deg"] - theirs["theta0_deg"]) < 4.0 * sigma_deg
     with Store.open(desk.store, readonly=True) as store:
         identities = store.identities()
-        assert (identities["stage"]["model"], identities["accelerometer"]["model"]) == ("Soloist", "HP3458A")
+        models = [identities[name]["model"] for name in ("rotation", "stage", "accelerometer")]
+        assert models == ["C-863.12", "Soloist", "HP3458A"]
     assert simulator.end() == (0, "")
 
 
@@ -241,7 +246,7 @@ def all_instruments(desk: Any) -> Simulator:
 def test_one_instrument_of_each_kind_answers_clients_written_by_others(all_instruments: Simulator, desk: Any) -> None:
     kinds = {each["kind"] for each in all_instruments.instruments.values()}
     assert kinds == {
-        "newport-xps", "newport-esp301", "aerotech-ensemble", "aerotech-soloist", "keyence-lkg3001",
+        "newport-xps", "newport-esp301", "pi-gcs2", "aerotech-ensemble", "aerotech-soloist", "keyence-lkg3001",
         "keyence-lkg5000", "keysight-34465a", "keysight-3458a", "keysight-33500b", "operator",
     }  # fmt: skip
     where = all_instruments.instruments
@@ -340,9 +345,8 @@ def test_a_written_rig_file_says_the_same_but_for_addresses_clock_and_world(text
     )
     for name, table in client.instruments.items():
         assert table.model_copy(update={"address": "sim:"}) == original.instruments[name]
-        assert table.address.startswith(
-            "serial:/dev/" if "lkg3001" in table.driver or "esp" in table.driver else "tcp:"
-        )
+        serial = table.driver in {"keyence-lkg3001", "newport-esp301", "pi-gcs2"}
+        assert table.address.startswith("serial:/dev/" if serial else "tcp:")
 
 
 @pytest.mark.parametrize(

@@ -247,7 +247,7 @@ def test_a_campaign_may_run_on_another_rig_and_keeps_its_store_beside_the_user(d
     assert found.status == 0, found.err
     assert found.json["store"] == "campaign.rig.sqlite"
     with Store.open(desk.directory / "campaign.rig.sqlite", readonly=True) as store:
-        assert len(store.identities()) == 11
+        assert len(store.identities()) == 12
 
 
 def test_a_result_for_people_is_printed_beside_its_reference(desk: Any, measured: Path) -> None:

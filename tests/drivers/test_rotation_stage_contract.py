@@ -11,6 +11,7 @@ import pytest
 
 from drivers.newport_esp301 import Esp301Settings, NewportEsp301
 from drivers.newport_xps import NewportXps, XpsSettings
+from drivers.pi_gcs2 import GcsSettings, PiGcsStage
 from drivers.transport import InProcessTransport
 from rigctl.core.errors import InstrumentError, LimitError, LinkError, MotionStopped, RigError, WrongInstrument
 from rigctl.core.interfaces import RotationStage
@@ -20,10 +21,11 @@ from simulators.motion import MotionAxis
 from simulators.newport_esp301 import Esp301SimulatorSettings, SimulatedEsp301
 from simulators.newport_esp301.settings import Esp301Dialect
 from simulators.newport_xps import XPS_D, SimulatedXps, XpsSimulatorSettings
+from simulators.pi_gcs2 import Gcs2Dialect, Gcs2SimulatorSettings, SimulatedGcs2
 
 SPEED_DEG_S, ACCELERATION_DEG_S2 = 10.0, 40.0
 WAIT_S = 10.0
-HOMING_STEPS = (b"GroupInitialize", b"GroupHomeSearch", b"1MO\r", b"1OR")
+HOMING_STEPS = (b"GroupInitialize", b"GroupHomeSearch", b"1MO\r", b"1OR", b"SVO 1", b"FRF 1")
 
 
 class Tap:
@@ -93,6 +95,8 @@ def driver(kind: str, endpoint: Any, clock: SimulationClock, **settings: Any) ->
 
     if kind.startswith("xps"):
         return NewportXps("stage", XpsSettings(**{**LIMITS, **settings}), connect, clock)
+    if kind.startswith("gcs2"):
+        return PiGcsStage("stage", GcsSettings(**{"unit": "deg"} | LIMITS | settings), connect, clock)
     return NewportEsp301("stage", Esp301Settings(**{**LIMITS, **settings}), connect, clock)
 
 
@@ -104,6 +108,10 @@ SIMULATORS: dict[str, Callable[[SimulationClock, MotionAxis], Any]] = {
     ),
     "xps, D": lambda clock, axis: SimulatedXps(clock, {"Group1": {"Pos": axis}}, XPS_D),
     "esp301": lambda clock, axis: SimulatedEsp301(clock, [axis]),
+    "gcs2": lambda clock, axis: SimulatedGcs2(clock, axis),
+    "gcs2, gentle": lambda clock, axis: SimulatedGcs2(
+        clock, axis, Gcs2SimulatorSettings(dialect=Gcs2Dialect(tells_unit=True, numbers="decimal", settle_s=0.0))
+    ),
     "esp301, keypad": lambda clock, axis: SimulatedEsp301(
         clock, [axis], Esp301SimulatorSettings(dialect=Esp301Dialect(keypad_lock=True))
     ),
@@ -269,6 +277,9 @@ def test_stop_from_another_thread_ends_homing(scaled: Bench) -> None:
         ("xps", b"PositionerSGammaParametersSet"),
         ("xps", b"GroupInitialize"),
         ("xps", b"GroupHomeSearch"),
+        ("gcs2", b"VEL 1"),
+        ("gcs2", b"SVO 1"),
+        ("gcs2", b"FRF 1"),
         ("esp301", b"1VA"),
         ("esp301", b"1MO\r"),
         ("esp301", b"1OR"),
@@ -318,7 +329,7 @@ def test_a_following_error_is_an_instrument_error_and_homing_recovers(scaled: Be
     move.join()
     assert isinstance(move.error, InstrumentError)
     assert not isinstance(move.error, MotionStopped)
-    assert (move.error.code, move.error.instrument) in {("-25", "stage"), ("103", "stage")}
+    assert (move.error.code, move.error.instrument) in {("-25", "stage"), ("103", "stage"), ("1024", "stage")}
     assert "following error" in move.error.text.lower()
     assert scaled.clock.wait_for(lambda: not scaled.axis.moving(scaled.clock.now_s()), 20.0)
     scaled.stage.home()
@@ -362,7 +373,7 @@ def test_a_motion_that_never_ends_is_stopped_and_not_repeated(kind: str) -> None
         stage.move_to(140.0)
     clock.sleep_s(30.0)
     assert slow.axis.position(clock.now_s()) < 80.0
-    moves = [data for data in slow.tap.sent if b"MoveAbsolute" in data or b"PA" in data]
+    moves = [data for data in slow.tap.sent if b"MoveAbsolute" in data or b"PA" in data or b"MOV" in data]
     assert len(moves) == 1
 
 

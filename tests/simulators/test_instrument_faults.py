@@ -65,6 +65,7 @@ RIG_TEXT = (
 NAMES = {
     "newport-xps": "rotation",
     "newport-esp301": "spare_rotation",
+    "pi-gcs2": "another_rotation",
     "aerotech-ensemble": "stage",
     "aerotech-soloist": "spare_stage",
     "keyence-lkg3001": "lasers_a",
@@ -155,6 +156,7 @@ XPS_READY = [
 ]
 XPS_MOVE = "GroupMoveAbsolute(Group1,150)"
 ESP_READY = [Says("1MO;1OR1;1WS;1MD?", "1"), Says("TB?", "0,.*")]
+GCS_READY = [Says("SVO 1 1", None), Says("FRF 1", None), Wait(15.0), Says("FRF? 1", "1=1"), Says("ERR?", "0")]
 STAGE_READY = [
     Says("ENABLE X", "%"),
     Says("WAIT MODE NOWAIT", "%"),
@@ -321,6 +323,30 @@ SCRIPTS: dict[tuple[str, str], tuple[str, list[Step]]] = {
             Wait(51.0),
             Says("GETPARM(X, 129)", "%mm"),
             Says("PFBK(X)", "%12.700000"),
+        ],
+    ),
+    ("pi-gcs2", "power_cycle"): (
+        "power_cycle = { at_s = 20.0, lasting_s = 5.0 }",
+        [
+            *GCS_READY,
+            Says("MOV 1 150", None),
+            Wait(20.5),
+            Says("POS? 1", None),
+            Wait(26.0),
+            Says("FRF? 1", "1=0"),
+            Says("SVO? 1", "1=0"),
+        ],
+    ),
+    ("pi-gcs2", "following_error"): (
+        "following_error = { at_s = 20.0 }",
+        [
+            *GCS_READY,
+            Says("MOV 1 150", None),
+            Wait(20.5),
+            Says("ERR?", "1024"),
+            Says("SVO? 1", "1=0"),
+            Says("MOV 1 0", None),
+            Says("ERR?", "5"),
         ],
     ),
     ("keysight-3458a", "power_cycle"): (
