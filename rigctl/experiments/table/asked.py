@@ -16,6 +16,7 @@ from rigctl.experiments.table.candidates import (
     has_another_name,
     is_a_square,
     plugin_candidate,
+    richer_candidates,
     scan_candidates,
     spans_of,
 )
@@ -23,8 +24,8 @@ from rigctl.experiments.table.catalogue import next_id
 from rigctl.experiments.table.model.form import Form
 from rigctl.experiments.table.model.forms import Turning
 from rigctl.experiments.table.model.model import TableModel
-from rigctl.experiments.table.model.pieces import PluginPiece
-from rigctl.experiments.table.model.scanned import Scanned
+from rigctl.experiments.table.model.pieces import ColumnPiece, PluginPiece
+from rigctl.experiments.table.model.scanned import Periodic, Scanned
 from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group, Level
 from rigctl.experiments.table.spanned import Spanned
@@ -64,9 +65,19 @@ class Asked:
         unit = self._data.readings.response.unit
         if isinstance(effect, Scanned):
             name = next_id(base, self._taken)
-            return scan_candidates(effect, name, self._data.scans, unit, self._spanned, self._left)
+            there, beside = self._periods(effect), (unit, self._spanned, self._left)
+            more = scan_candidates(effect, name, [term.choice for term in there], self._data.scans, *beside)
+            return [*more, *(richer_candidates(effect, there, *beside) if isinstance(effect, Periodic) else ())]
         choices = effect.choices(spans_of(self._spanned))
         return [candidate_of(effect, Term(base, each), unit, self._spanned, self._left) for each in choices]
+
+    def _periods(self, form: Scanned) -> list[Term]:
+        """The terms of a periodic form that the model has, with the periods as they are fitted."""
+        return [
+            Term(piece.term.effect, {**piece.choice, "period": float(part[0])})
+            for piece, part in self._model.with_values(self._values)
+            if isinstance(piece, ColumnPiece) and isinstance(piece.form, Periodic) and piece.form.id == form.id
+        ]
 
     def _of_plugin(self, name: str) -> list[Candidate] | NotTestable:
         if name in self._taken:

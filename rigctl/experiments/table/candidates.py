@@ -17,7 +17,7 @@ from rigctl.experiments.table.model.forms import Drift, Interaction, Power, Turn
 from rigctl.experiments.table.model.functions import Function
 from rigctl.experiments.table.model.pieces import PluginPiece
 from rigctl.experiments.table.model.scan_sums import sums_of
-from rigctl.experiments.table.model.scanned import Scanned
+from rigctl.experiments.table.model.scanned import Periodic, Scanned
 from rigctl.experiments.table.model.start import span_of
 from rigctl.experiments.table.model.words import Group, Level, Slope
 from rigctl.experiments.table.observe.readings import Column
@@ -130,16 +130,40 @@ def _summed_scan_of(form: Scanned, choices: Sequence[Choice], space_of: Callable
 
 
 def scan_candidates(
-    form: Scanned, effect: str, scans: Scans, response_unit: str, spanned: Spanned, residual: FloatArray
+    form: Scanned,
+    effect: str,
+    there: Sequence[Choice],
+    scans: Scans,
+    response_unit: str,
+    spanned: Spanned,
+    residual: FloatArray,
 ) -> list[Candidate]:
-    """A scanned form with each of its choices: what `candidate_of` does for one."""
+    """A scanned form with each of its choices: what `candidate_of` does for one. `there` are periods of the model."""
     scan = scans.scan(form, spanned)
     names, units = tuple(f"{effect}{name}" for name in form.names()), form.units(response_unit)
     typical = _rms(residual) / np.maximum(scan.rms, np.finfo(np.float64).tiny)
     return [
         Candidate(Term(effect, choice), names, units, scan, typical[place], place, scanned=1)
         for place, choice in enumerate(scans.choices(form))
+        if not isinstance(form, Periodic) or all(form.resolved_from(choice["period"], one) for one in there)
     ]
+
+
+def richer_candidates(
+    form: Periodic, terms: Sequence[Term], response_unit: str, spanned: Spanned, residual: FloatArray
+) -> list[Candidate]:
+    """Periodic terms of the model, each with one harmonic more: what that adds at its period."""
+    found = []
+    space = _trivial_space(form, spanned)
+    for term, choice in [(each, choice) for each in terms for choice in form.richer(each.choice)]:
+        known = form.names(term.choice)
+        new = [place for place, name in enumerate(form.names(choice)) if name not in known]
+        columns = form.basis(choice)[:, new]
+        columns = columns - space @ (space.T @ columns)
+        names = tuple(f"{term.effect}{form.names(choice)[place]}" for place in new)
+        units = (response_unit,) * len(names)
+        found.append(Candidate(Term(term.effect, choice), names, units, columns, _rms(residual) / _rms(columns)))
+    return found
 
 
 def group_candidate(group: Group, slopes: FloatArray, residual: FloatArray) -> Candidate:

@@ -104,7 +104,9 @@ class TableStudy(StudyBase[TableData]):
                 continue
             grid = piece.form.grid(POINTS_MAX)
             for value in grid[:: max(len(grid) // _RESTARTS, 1)]:
-                moved = replace(piece, term=Term(piece.term.effect, piece.form.full_choice(float(value))))
+                moved = replace(
+                    piece, term=Term(piece.term.effect, {**piece.choice, **piece.form.full_choice(float(value))})
+                )
                 pieces = (*model.pieces[:number], moved, *model.pieces[number + 1 :])
                 fit = fitted(replace(model, pieces=pieces, starts=self._starts(pieces)))
                 fits += [fit] if fit is not None and fit.verdict == "converged" else []

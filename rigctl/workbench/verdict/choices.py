@@ -20,6 +20,11 @@ def diagnosed(diagnosis: Mapping[str, Any] | None, effect: str) -> Term | None:
     return told[0] if told else None
 
 
+def joined(terms: Sequence[Term], term: Term) -> tuple[Term, ...]:
+    """The terms and one more, in the place of the one of its effect: a period with more harmonics."""
+    return (*(each for each in terms if each.effect != term.effect), term)
+
+
 def best(study: Study, terms: Sequence[Term], effect: str) -> Term:
     """The term of `effect` that fits best beside `terms`; `DataError` when these data cannot be asked about it.
 

@@ -248,7 +248,12 @@ def refitted_values(model: Model, noise: Noise, held: frozenset[str], start: Map
     # Amplitudes first, then what was scanned for too.
     for waiting in (chosen, set[str]()):
         parameters = [
-            replace(each, start=values[each.name], fixed=each.fixed or each.name in held or each.name in waiting)
+            # Where a smaller model ended, a scan may have been placed elsewhere.
+            replace(
+                each,
+                start=float(np.clip(values[each.name], each.lower, each.upper)),
+                fixed=each.fixed or each.name in held or each.name in waiting,
+            )
             for each in model.parameters
         ]
         found = whitened_least_squares(model, noise, parameters).values

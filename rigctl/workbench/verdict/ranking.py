@@ -36,7 +36,8 @@ def ranking(search: Search, rivals: Sequence[Rival]) -> tuple[Rank, ...]:
             ranks.append(_rank_of_suggested(search, first, final, term, rivals))
     ranks.sort(key=lambda rank: rank.p_value)
     others = sorted(final.scored, key=lambda each: (each.score.p_value, -each.score.statistic))
-    others = [each for each in others if each.candidate.term.effect not in {rank.term.effect for rank in ranks}]
+    there = {term.effect for term in final.terms}
+    others = [each for each in others if each.candidate.term.effect not in there]
     for place, scored in enumerate(others):
         ranks.append(_rank_of_other(search, final, scored, held_out=place < HELD_OUT))
     return tuple(ranks)

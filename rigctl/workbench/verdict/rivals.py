@@ -11,7 +11,7 @@ from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.verdict.noise import orthonormal
 from rigctl.workbench.verdict.score import Projector, contained
 from rigctl.workbench.verdict.search import Search
-from rigctl.workbench.verdict.simplest import substituted
+from rigctl.workbench.verdict.simplest import alternatives, substituted
 
 _CONTAINED = 0.99
 _LEAST_STATISTIC = 0.25
@@ -35,7 +35,7 @@ def rivals_of(search: Search, term: Term) -> list[Rival]:
     if without is None or suggested is None:
         return []
     rivals = []
-    for each in without.scored:
+    for each in alternatives(without):
         effect = each.candidate.term.effect
         if effect == term.effect or not each.score.dimension:
             continue

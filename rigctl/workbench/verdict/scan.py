@@ -49,7 +49,8 @@ def asked_along(projector: Projector, own: OwnNoise | None) -> FloatArray:
 class ScanScores:
     """The scores of an effect's choices, whose whitened columns are `unit` ones times `scale`.
 
-    `along` are the vectors that `asked_along` gives, for those who ask about many scans.
+    `along` are the vectors that `asked_along` gives, for those who ask about many scans. `asked` are the places of
+    the choices that are scored, by default of all.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class ScanScores:
         scale: float,
         own: OwnNoise | None,
         along: FloatArray | None = None,
+        asked: IntArray | None = None,
     ) -> None:
         self._unit, self._projector = unit, projector
         self._fitted, rank = projector.basis[: projector.data], projector.basis.shape[1]
@@ -75,19 +77,21 @@ class ScanScores:
         if own is not None:
             self._judge_by_own_noise(own, products[rank + 1 : -1], products[-1])
         self._size = np.where(unit.size > 0.0, unit.size * scale, 1.0)
+        self._asked = np.arange(len(self._along)) if asked is None else asked
 
     @property
     def scores(self) -> list[Score]:
-        """Of all choices."""
-        return [self.score(place) for place in range(len(self._along))]
+        """Of all choices that are asked about."""
+        return [self.score(number) for number in range(len(self._asked))]
 
     @cached_property
     def strongest(self) -> int:
-        """The place of the choice with the largest statistic, the first of equals."""
-        return int(np.argmax(self.statistic))
+        """The number of the choice with the largest statistic, the first of equals."""
+        return int(np.argmax(self.statistic[self._asked]))
 
-    def score(self, place: int) -> Score:
-        """Of one choice."""
+    def score(self, number: int) -> Score:
+        """Of one choice that is asked about."""
+        place = int(self._asked[number])
         seen, dimension = self._seen[place], int(self.dimension[place])
         determined, root = seen & (dimension > 0), self._root[place]
         return Score(
@@ -121,6 +125,7 @@ class ScanScores:
         # T = x' R R' x with x what is left of a draw along the columns: no basis is made for a choice.
         form = np.einsum("kij,klj->kil", self._root, self._root).astype(np.float32)
         smallest, used = [], self.dimension > 0
+        used &= np.isin(np.arange(len(used)), self._asked)
         for first in range(0, len(draws), _AT_ONCE):
             rows = slice(first, first + _AT_ONCE)
             free = along[rows] - (fitted[rows] @ shadow).reshape(-1, *along.shape[1:])

@@ -58,12 +58,12 @@ class Scoring:
 
     def of_scan(self, choices: Sequence[Candidate]) -> ScanScores:
         """Of all choices of a scan."""
-        scan = choices[0].columns
+        scan, asked = choices[0].columns, np.array([each.place for each in choices], dtype=np.intp)
         # Sums over the rows cannot be whitened across them.
         if not isinstance(scan, Scan | SummedScan) or (isinstance(scan, SummedScan) and self._noise.factors):
-            scan = Scan(np.stack([each.derivative for each in choices], axis=1))
+            scan, asked = Scan(np.stack([each.derivative for each in choices], axis=1)), np.arange(len(choices))
         unit, scale = self.unit_columns(scan)
-        return ScanScores(self._fitted.projector, unit, scale, self._own, self._along)
+        return ScanScores(self._fitted.projector, unit, scale, self._own, self._along, asked)
 
     @cached_property
     def _in_frame(self) -> FloatArray:

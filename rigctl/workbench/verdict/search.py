@@ -18,6 +18,7 @@ from rigctl.workbench.verdict.beside_shapes import (
     replaced_by_shape,
     significant_beside_shape,
 )
+from rigctl.workbench.verdict.choices import joined
 from rigctl.workbench.verdict.fitted_model import held_out_ratio
 from rigctl.workbench.verdict.generic import Best, Generic
 from rigctl.workbench.verdict.known_noise import KnownNoise
@@ -31,7 +32,7 @@ from rigctl.workbench.verdict.significance import (
     is_significant,
     significant_shape,
 )
-from rigctl.workbench.verdict.simplest import simplest
+from rigctl.workbench.verdict.simplest import most_evident_first, simplest
 from rigctl.workbench.verdict.unrecorded import imitations
 
 # Well beyond the three hidden effects that the search is tried on: it has to end somewhere.
@@ -187,7 +188,7 @@ class Search:
         them only by what it costs: parameters, and how many there were to choose from.
         """
         attempt = self.attempt(self.terms)
-        allowed = [e for e in attempt.scored if e.score.dimension and e.candidate.term.effect != self._barred]
+        allowed = [e for e in self._allowed(attempt, self.terms) if e.score.dimension]
         pairs = list(itertools.combinations(allowed, 2))
         per_dimension, choices = 0.5 * float(np.log(len(attempt.result.residuals))), float(np.log(max(len(pairs), 1)))
         wanted = 0.5 * shape.statistic - shape.dimension * per_dimension - float(np.log(shape.n_eff))
@@ -226,7 +227,7 @@ class Search:
             chosen = self._next(attempt)
             if chosen is None:
                 break
-            terms, dropped = self._floated((*self.terms, chosen))
+            terms, dropped = self._floated(joined(self.terms, chosen))
             # A set that was there before: it would go round in circles.
             if any(move.terms == terms for move in self.moves):
                 break
@@ -266,14 +267,14 @@ class Search:
 
     def _choose(self, attempt: Attempt) -> Term | None:
         """The most significant term; None when nothing in the catalogue is, or a plain shape explains it better."""
-        allowed = [each for each in attempt.scored if each.candidate.term.effect != self._barred]
+        allowed = self._allowed(attempt, self.given)
         significant = [each for each in allowed if is_significant(attempt, each, self.alpha)]
         if not significant:
             return None
         if replaced_by_shape(attempt, max(significant, key=attempt.evidence), self.alpha):
             beside = significant_beside_shape(attempt, self.alpha)
             significant = [each for each in significant if each.candidate.term.effect in beside]
-        significant.sort(key=attempt.evidence, reverse=True)
+        significant = most_evident_first(attempt, significant)
         while significant:
             first = significant[0].score.statistic
             # Where T is linear a refit moves it by a few units; beyond, second order may reverse distant candidates.
@@ -287,9 +288,14 @@ class Search:
             significant = [each for each in significant if each.candidate.term.effect not in tried_out]
         return None
 
+    def _allowed(self, attempt: Attempt, kept: Sequence[Term]) -> list[Scored]:
+        """Candidates but the barred effect and what makes one of the `kept` terms richer."""
+        barred = {term.effect for term in kept} | {self._barred}
+        return [each for each in attempt.scored if each.candidate.term.effect not in barred]
+
     def _refitted_cost(self, attempt: Attempt, scored: Scored) -> float:
         """Chi-square after the full fit, with the price of dimensions and choices; infinite when it is singular."""
-        trial = self.attempt_if_fit((*attempt.terms, scored.candidate.term))
+        trial = self.attempt_if_fit(joined(attempt.terms, scored.candidate.term))
         if trial is None:
             return float("inf")
         # One noise for all: the sigma of each trial is its own guess.
@@ -299,7 +305,7 @@ class Search:
     def _is_improvement(self, attempt: Attempt, scored: Scored) -> bool:
         """Whether held-out data come out better with the candidate in, undecided counting as yes, and plain shapes
         do not make it needless."""
-        with_it = self.attempt((*attempt.terms, scored.candidate.term))
+        with_it = self.attempt(joined(attempt.terms, scored.candidate.term))
         if held_out_ratio(with_it, attempt) >= 1.0:
             return False
         return not needless_beside_shapes(attempt, scored, with_it, self.alpha, self.seed)

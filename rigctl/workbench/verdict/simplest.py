@@ -31,6 +31,27 @@ def substituted(fit: Fit, others: tuple[Term, ...], rival: Term, found: Scored, 
     return instead if is_adequate(instead, alpha) else None
 
 
+def most_evident_first(attempt: Attempt, candidates: Sequence[Scored]) -> list[Scored]:
+    """By evidence; but a detail of what the model has, a harmonic, after every effect of its own that explains more.
+
+    A harmonic has no scan to pay for, and would take the place of another period that does more.
+    """
+    there = {term.effect for term in attempt.terms}
+    own = [each for each in candidates if each.candidate.term.effect not in there]
+    most = max((each.score.statistic for each in own), default=0.0)
+
+    def is_detail(each: Scored) -> bool:
+        return each.candidate.term.effect in there and each.score.statistic < most
+
+    return sorted(candidates, key=lambda each: (is_detail(each), -attempt.evidence(each)))
+
+
+def alternatives(attempt: Attempt) -> list[Scored]:
+    """Candidates that are effects of their own, and not more of one that the model has."""
+    there = {term.effect for term in attempt.terms}
+    return [each for each in attempt.scored if each.candidate.term.effect not in there]
+
+
 def simplest(fit: Fit, terms: Sequence[Term], term: Term, alpha: float) -> Term:
     """The simplest effect that does instead of a `term` of the model with hardly less evidence; else the term itself.
 
@@ -43,7 +64,7 @@ def simplest(fit: Fit, terms: Sequence[Term], term: Term, alpha: float) -> Term:
         return term
     catalogue = list(without.study.effects())
     least = without.evidence(found) - NEAR_TIE
-    simpler = [each for each in without.scored if each.score.dimension and without.evidence(each) >= least]
+    simpler = [each for each in alternatives(without) if each.score.dimension and without.evidence(each) >= least]
     for each in sorted(simpler, key=lambda one: _simplicity(one, catalogue)):
         if _simplicity(each, catalogue) >= _simplicity(found, catalogue):
             break

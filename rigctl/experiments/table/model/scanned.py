@@ -16,6 +16,9 @@ from rigctl.experiments.table.observe.readings import Column
 # Neighbours on a grid lie so close that midway between them no more than 5 % of an effect's power is lost.
 _PHASE_STEP_RAD = 0.14
 _RATE_RATIO = 1.3
+_SHORT_OF_NYQUIST = 0.25
+# Of a period: beyond, a wave's harmonics fill the spectrum and stand for anything.
+_HARMONIC, _MOST_HARMONICS = "harmonic", 6
 _STEP_LOGIT = 0.05
 # Fewer readings beyond a step are outliers.
 _ROWS_BESIDE_A_STEP = 3
@@ -53,7 +56,10 @@ class _OfColumn(Form):
 
 @dataclass(frozen=True)
 class Periodic(_OfColumn):
-    """cos and sin of 2 pi (C - origin) / period; the origin is 0 unless the column is far from it."""
+    """cos and sin of 2 pi h (C - origin) / period, for h = 1 and the harmonics that are chosen.
+
+    The origin is 0 unless the column is far from it.
+    """
 
     kind = "periodic"
     scanned = "period"
@@ -69,16 +75,16 @@ class Periodic(_OfColumn):
         return too_few(self.column, 5) if self.column.distinct.size < 5 else ""
 
     def names(self, choice: Choice = PLAIN) -> tuple[str, ...]:
-        """Two quadratures."""
-        del choice
-        return (".cos", ".sin")
+        """Two quadratures of each harmonic."""
+        numbers = ["" if h == 1 else str(h) for h in _harmonics(choice)]
+        return tuple(f".{quadrature}{number}" for number in numbers for quadrature in ("cos", "sin"))
 
     def grid(self, points_max: int) -> FloatArray:
         """Periods from twice the spacing to twice the span, equally spaced in frequency (as Lomb and Scargle)."""
         column = self.column
         low = 0.5 / column.span
         # Short of the Nyquist frequency, at which evenly spaced values show one quadrature only.
-        high = max(column.frequency_max - 0.25 / column.span, 2.0 * low)
+        high = max(column.frequency_max - _SHORT_OF_NYQUIST / column.span, 2.0 * low)
         # Midway between neighbours the phase is off by so much, rms over the readings.
         step = 2.0 * _PHASE_STEP_RAD / (2.0 * np.pi * column.standard_deviation)
         points = min(int(np.ceil((high - low) / step)) + 1, points_max)
@@ -96,9 +102,9 @@ class Periodic(_OfColumn):
         return {"period": value, "origin": middle if abs(middle) > _FAR_FROM_ZERO * self.column.span else 0.0}
 
     def basis(self, choice: Choice) -> FloatArray:
-        """Shape (n, 2)."""
+        """Shape (n, 2 harmonics)."""
         phase = self._phase(choice)
-        return np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        return np.stack([of(h * phase) for h in _harmonics(choice) for of in (np.cos, np.sin)], axis=1)
 
     def scan(self, choices: Sequence[Choice]) -> FloatArray:
         """The bases of many choices of one origin, shape (n, choices, 2)."""
@@ -109,10 +115,37 @@ class Periodic(_OfColumn):
     def slope(self, choice: Choice, linear: FloatArray) -> FloatArray:
         """By the period."""
         phase = self._phase(choice)
-        return np.asarray((linear[0] * np.sin(phase) - linear[1] * np.cos(phase)) * phase / choice["period"])
+        turned = [
+            h * (cos * np.sin(h * phase) - sin * np.cos(h * phase))
+            for h, cos, sin in zip(_harmonics(choice), linear[::2], linear[1::2], strict=True)
+        ]
+        return np.asarray(sum(turned) * phase / choice["period"])
+
+    def richer(self, choice: Choice) -> list[dict[str, float]]:
+        """The same with each of the harmonics that it lacks."""
+        lacks = [h for h in self._shown(choice["period"]) if h not in _harmonics(choice)]
+        return [{**choice, f"{_HARMONIC}{h}": 1.0} for h in lacks]
+
+    def resolved_from(self, period: float, choice: Choice) -> bool:
+        """Whether a period is another one than that of a term with this choice and than its harmonics.
+
+        Two that differ by less than an oscillation in the span are one whose amplitude changes: their sum is
+        determined, and neither of them.
+        """
+        frequencies = np.array(self._shown(choice["period"])) / choice["period"]
+        return bool(np.abs(frequencies - 1.0 / period).min() >= 1.0 / self.column.span)
+
+    def _shown(self, period: float) -> list[int]:
+        """The fundamental and the harmonics of a period that these values show."""
+        fastest = self.column.frequency_max - _SHORT_OF_NYQUIST / self.column.span
+        return [1, *(h for h in range(2, _MOST_HARMONICS + 1) if h <= fastest * period)]
 
     def _phase(self, choice: Choice) -> FloatArray:
         return np.asarray(2.0 * np.pi * (self.column.values - choice["origin"]) / choice["period"])
+
+
+def _harmonics(choice: Choice) -> list[int]:
+    return [1, *sorted(int(name.removeprefix(_HARMONIC)) for name in choice if name.startswith(_HARMONIC))]
 
 
 @dataclass(frozen=True)
