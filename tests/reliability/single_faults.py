@@ -16,7 +16,7 @@ from tests.reliability.random_faults import as_toml
 from tests.reliability.truth import wrong_number
 
 SEED = 1
-IN_A_RUN_S, AFTER_IT_S, TURNING_S = 24.0, 27.9, 35.0
+IN_A_RUN_S, AFTER_IT_S, TURNING_S = 26.0, 29.9, 37.0
 """Rig times in the first run of a scan of angles, when its records are fetched, and on the way to the second."""
 QUOTED = 2
 """Messages of one campaign: what happened first, and what it waited for."""
