@@ -7,10 +7,11 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from simulators.faults import FaultPlan
-from tests.reliability import fuzzed_replies, simulated_days, single_faults
+from tests.reliability import fuzzed_replies, simulated_days, single_faults, truth
 from tests.reliability.__main__ import table, with_table
 from tests.reliability.bounds import upper_bound
 from tests.reliability.campaigns import SMALL_CAMPAIGNS
@@ -160,3 +161,13 @@ def test_every_kind_of_fault_has_a_campaign_that_tells_of_it() -> None:
 def test_the_operator_is_told_of_a_fault_first(tmp_path: Path, fault: str, instrument: str, said: str) -> None:
     (single,) = [s for s in single_faults.SINGLE_FAULTS if (s.fault, s.instrument) == (fault, instrument)]
     assert re.match(f".*{said}", single_faults.said_of(single, tmp_path)[0])
+
+
+@pytest.mark.parametrize("late_rows", [0.0, 0.3, 0.5, -1.5, 2.4])
+def test_a_clock_that_drifts_past_half_a_row_is_laid_where_its_values_were_measured(late_rows: float) -> None:
+    at_s = 0.01 * np.arange(2400)
+    measured = truth.Truth(at_s, np.random.default_rng(1).normal(size=2400))
+    taken = slice(200, 2200)
+    own_s = (at_s[taken] - at_s[200]) * (1.0 + 4e-5) + at_s[200] + 0.01 * late_rows - 4e-4
+    laid_s = truth._nearest_rows(own_s, measured.values[taken], 0.0, measured)
+    assert np.array_equal(measured.at(laid_s)[0], measured.values[taken])

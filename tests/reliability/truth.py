@@ -143,12 +143,14 @@ def _wrong_sample(samples: dict[str, FloatArray], start_s: float, truths: dict[s
 
 
 def _nearest_rows(own_s: FloatArray, values: FloatArray, start_s: float, truth: Truth) -> FloatArray:
-    """The times of a clock of its own, moved by whole rows to where most values were measured.
+    """The times of a clock of its own, moved to where most values were measured.
 
-    When it began is known to a row or two only: that is what an offset is fitted for.
+    When it began is known to a row or two only: that is what an offset is fitted for. By half rows: one that is off
+    by half a row has no whole shift that a drifting clock agrees with all the time.
     """
     step_s = float(np.median(np.diff(own_s))) if len(own_s) > 1 else 1.0
-    moved = [own_s + rows * step_s for rows in (0, *(sign * rows for rows in (1, 2, 3) for sign in (1, -1)))]
+    halves = sorted(range(-6, 7), key=abs)
+    moved = [own_s + 0.5 * half * step_s for half in halves]
 
     def agreeing(times_s: FloatArray) -> int:
         measured, _ = truth.at(start_s + times_s)
