@@ -14,6 +14,7 @@ from rigctl.workbench.verdict.attempt import Attempt
 from rigctl.workbench.verdict.compare import compared
 from rigctl.workbench.verdict.diagnose import diagnose
 from rigctl.workbench.verdict.rather_than_noise import BY_CHANCE, break_rather_than_noise
+from tests.foreign.false_alarms import recording
 
 DAYS = 80
 
@@ -58,3 +59,10 @@ def test_correlated_noise_is_seldom_taken_for_a_step() -> None:
     assert sum(break_rather_than_noise(each) is not None for each in attempts) <= stats.binom.isf(
         1e-3, tables, BY_CHANCE
     )
+
+
+def test_no_effect_that_shows_nothing_takes_the_place_of_a_break_for_being_simpler() -> None:
+    """Flicker noise that a step describes: a drift is as likely beside the noise, but is significant beside none."""
+    found = diagnose(TableStudy(recording("flicker", 116)), ())
+    assert [term.effect for term in found.suggested] == ["step[time_s]"]
+    assert found.or_correlated_noise == (("step[time_s]", "time_s"),)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from rigctl.workbench.study import Term
 from rigctl.workbench.verdict.attempt import Attempt, Scored
-from rigctl.workbench.verdict.significance import is_adequate
+from rigctl.workbench.verdict.significance import is_adequate, is_significant
 
 NEAR_TIE = 1.0
 """Difference of log evidence that is no reason to prefer the larger: a Bayes factor below e is "not worth more than a
@@ -68,6 +68,9 @@ def simplest(fit: Fit, terms: Sequence[Term], term: Term, alpha: float) -> Term:
     for each in sorted(simpler, key=lambda one: _simplicity(one, catalogue)):
         if _simplicity(each, catalogue) >= _simplicity(found, catalogue):
             break
+        # A break of the level may be there on other grounds, beside noise in which nothing is significant.
+        if not is_significant(without, each, alpha):
+            continue
         instead = substituted(fit, others, each.candidate.term, found, alpha)
         # Scores are of first order: what counts is the fit, by one noise and less the price.
         if (
