@@ -15,7 +15,7 @@ from zaber_stage.simulator import SimulatedZaber, ZaberSimulatorSettings
 
 from drivers.transport import InProcessTransport
 from rigctl.core.errors import BadReply, InstrumentError, MotionStopped, OutOfStep, WrongInstrument
-from simulators.clock import SimulationClock, VirtualClock
+from simulators.clock import ScaledClock, SimulationClock, VirtualClock
 from simulators.faults.mishaps import FollowingError
 from simulators.motion import MotionAxis
 from tests.drivers.linear_stage_contract import *  # noqa: F403 - the suite itself
@@ -55,6 +55,19 @@ def test_the_bytes_are_those_of_the_manual() -> None:
         assert wire.read_until(b"\r\n", 1.0) == heard
     wire.write(b"/2 1 home\n/1 1 home:00\n")
     assert wire.unread() == b""
+
+
+def test_who_sees_the_search_at_its_end_sees_the_reference() -> None:
+    # Nobody runs the clock's events here: the answers alone have to agree with each other.
+    wire = InProcessTransport("wire", device(clock := ScaledClock(1000.0)), clock)
+    wire.write(b"/home\n")
+    reply = wire.unread()
+    while b"BUSY" in reply:
+        wire.write(b"/\n")
+        reply = wire.unread()
+    assert reply == b"@01 0 OK IDLE -- 0\r\n"
+    wire.write(b"/warnings\n")
+    assert wire.unread() == b"@01 0 OK IDLE -- 00\r\n"
 
 
 def test_a_sum_makes_all_bytes_behind_the_first_zero() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 
@@ -64,10 +65,11 @@ class SimulatedZaber:
 
     def befall(self, event: Event) -> None:
         """It stalls, or loses its power."""
+        self._find()
         moving = self.busy
         if isinstance(event, PowerCycle | FollowingError):
             self._axis.halt(self.clock.now_s(), BRAKE_MM_S2)
-            self._homing += 1
+            self._found_at_s = math.inf
         if isinstance(event, FollowingError) and moving:
             self.flags |= {"FS"}
 
@@ -81,8 +83,14 @@ class SimulatedZaber:
         """True while it moves."""
         return self._axis.moving(self.clock.now_s())
 
+    def raised(self) -> frozenset[str]:
+        """The flags that are on."""
+        self._find()
+        return frozenset(self.flags)
+
     def answer(self, words: list[str], axis: str) -> str:
         """Carry out a command; what comes back. Raises `Refused`."""
+        self._find()
         if axis not in ("0", "1"):
             raise Refused("BADAXIS")
         return self._carry_out(words)
@@ -114,7 +122,7 @@ class SimulatedZaber:
 
     def _power_on(self) -> None:
         """Without a reference it takes itself to be at the far end."""
-        self._homing = 0
+        self._found_at_s = math.inf
         self.flags = {"WR"}
         self._zero_mm = self._axis.position(self.clock.now_s()) - self.settings.travel_mm
 
@@ -147,18 +155,19 @@ class SimulatedZaber:
         return max(self.written["accel"], 1) / 1.6384 * 1e4 * self.settings.microstep_mm
 
     def _interrupt(self) -> None:
-        self._homing += 1
+        self._found_at_s = math.inf
         self.flags -= {"FS"}
 
     def _home(self) -> None:
         self._interrupt()
         self._brake_at_once()
-        search, s = self._homing, self.settings
-        end_s = self._axis.move_to(self.clock.now_s(), s.home_mm, s.home_speed_mm_s, self._acceleration_mm_s2())
-        self.clock.call_at(end_s, lambda: self._found(search))
+        s, now_s = self.settings, self.clock.now_s()
+        self._found_at_s = self._axis.move_to(now_s, s.home_mm, s.home_speed_mm_s, self._acceleration_mm_s2())
 
-    def _found(self, search: int) -> None:
-        if search == self._homing:
+    def _find(self) -> None:
+        # Not by an appointment with the clock: who sees the search at its end has to see its outcome as well.
+        if self.clock.now_s() >= self._found_at_s:
+            self._found_at_s = math.inf
             self.flags -= {"WR"}
             self._zero_mm = self.settings.home_mm
 
@@ -238,7 +247,7 @@ class ZaberClient:
         except Refused as refused:
             verdict, data = "RJ", str(refused)
         message = "" if number is None else f"{int(number):02d} "
-        state, flag = "BUSY" if device.busy else "IDLE", min(device.flags, default="--")
+        state, flag = "BUSY" if device.busy else "IDLE", min(device.raised(), default="--")
         text = f"{device.settings.device:02d} {axis} {message}{verdict} {state} {flag} {data}"
         total = f":{_lrc(text)}" if device.written["comm.checksum"] else ""
         return f"@{text}{total}\r\n".encode("latin-1")
