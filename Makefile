@@ -11,7 +11,7 @@ RELIABILITY := $(BIN)/python -m tests.reliability
 TRIALS := out/reliability
 TABLES ?= 500
 
-.PHONY: setup flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles reliability reliability-ci reliability-full clean laser-dialects
+.PHONY: setup flight-model test checks lint types imports pytest foreign dialects clients samples false-alarms metamorphic metamorphic-bundles reliability reliability-ci reliability-full clean laser-dialects wire-dialects
 
 setup: $(READY)
 
@@ -80,6 +80,13 @@ clients:
 # The flight model with an LK-G5000 and with the LK-G3001 in each reading of its manual, and the hidden effects: the same axes. Ten minutes.
 laser-dialects: setup
 	RIGCTL_ALL_PAIRS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest tests/campaigns/test_laser_dialects.py
+
+# The same over sockets and pseudo-terminals, each reading of every instrument of the rig alone and the hardest together,
+# with either kind of lasers; out/wire-dialects.md is the table of docs/hardware.md. A quarter of an hour on two cores.
+wire-dialects: setup
+	mkdir -p out
+	rm -f out/wire-dialects.md
+	RIGCTL_WIRE_DIALECTS=$(CURDIR)/out/wire-dialects.md OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 tests/campaigns/test_dialects_over_the_wire.py
 
 # What the pages show beside what the program prints now; WRITE=--write renews the pages.
 samples: setup

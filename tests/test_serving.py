@@ -109,14 +109,15 @@ GCS = (
     ('driver = "newport-xps"', 'driver = "pi-gcs2"\nunit = "deg"'),
     ('group = "Group1"\npositioner = "Pos"\n', ""),
 )
+LKG5000 = (('driver = "keyence-lkg3001"', 'driver = "keyence-lkg5000"\ntiming_pulse_s = 4e-3'),) * 2
 SOLOIST = ('driver = "aerotech-ensemble"', 'driver = "aerotech-soloist"\nunit = "mm"'), ('axis = "X"\n', "")
 
 
-def test_a_campaign_with_a_gcs_stage_a_soloist_and_a_3458a_over_the_wire_finds_the_same(desk: Any) -> None:
+def test_a_campaign_with_a_gcs_stage_a_soloist_lkg5000s_and_a_3458a_over_the_wire_finds_the_same(desk: Any) -> None:
     desk.campaign(*SHORT)
     desk.rig(*SERVED)
     by_others = desk.rigctl("run", "campaign.toml", "--store", "others", "--yes", "--json").json["result"]
-    desk.rig(*SERVED, *GCS, *SOLOIST, MULTIMETER)
+    desk.rig(*SERVED, *GCS, *SOLOIST, *LKG5000, MULTIMETER)
     simulator = Simulator(desk, "--write-rig", "client.toml")
     ran = desk.rigctl("run", "campaign.toml", "--rig", "client.toml", "--store", desk.store, "--yes", "--json")
     assert ran.status == 0, ran.err
@@ -126,8 +127,8 @@ def test_a_campaign_with_a_gcs_stage_a_soloist_and_a_3458a_over_the_wire_finds_t
         assert abs(ours["theta0_deg"] - theirs["theta0_deg"]) < 4.0 * sigma_deg
     with Store.open(desk.store, readonly=True) as store:
         identities = store.identities()
-        models = [identities[name]["model"] for name in ("rotation", "stage", "accelerometer")]
-        assert models == ["C-863.12", "Soloist", "HP3458A"]
+        models = [identities[name]["model"] for name in ("rotation", "stage", "lasers_a", "accelerometer")]
+        assert models == ["C-863.12", "Soloist", "LK-G5000", "HP3458A"]
     assert simulator.end() == (0, "")
 
 
