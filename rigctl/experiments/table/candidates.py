@@ -142,11 +142,19 @@ def scan_candidates(
     scan = scans.scan(form, spanned)
     names, units = tuple(f"{effect}{name}" for name in form.names()), form.units(response_unit)
     typical = _rms(residual) / np.maximum(scan.rms, np.finfo(np.float64).tiny)
+    choices = scans.choices(form)
     return [
-        Candidate(Term(effect, choice), names, units, scan, typical[place], place, scanned=1)
-        for place, choice in enumerate(scans.choices(form))
-        if not isinstance(form, Periodic) or all(form.resolved_from(choice["period"], one) for one in there)
+        Candidate(Term(effect, choices[place]), names, units, scan, typical[place], place, scanned=1)
+        for place in _resolved(form, choices, there)
     ]
+
+
+def _resolved(form: Scanned, choices: Sequence[Choice], there: Sequence[Choice]) -> list[int]:
+    """Places of the choices that are others than the periods that are `there`."""
+    if not isinstance(form, Periodic) or not there:
+        return list(range(len(choices)))
+    periods = np.array([choice["period"] for choice in choices])
+    return np.flatnonzero(np.all([form.resolved_from(periods, one) for one in there], axis=0)).tolist()
 
 
 def richer_candidates(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -29,12 +31,12 @@ class TableModel:
     pieces: tuple[Piece | GroupPiece, ...]
     starts: FloatArray
 
-    @property
+    @cached_property
     def terms(self) -> tuple[Term, ...]:
         """What the baseline was extended with, choices filled in."""
         return tuple(piece.term for piece in self.pieces)
 
-    @property
+    @cached_property
     def parameters(self) -> Sequence[Parameter]:
         """Of the baseline, named as its expression does, and then of the terms."""
         baseline_values, parts = self._split(self.starts)
@@ -44,21 +46,21 @@ class TableModel:
             each for piece, values in zip(self.pieces, parts, strict=True) for each in piece.parameters(values)
         ]
 
-    @property
+    @cached_property
     def units(self) -> Sequence[str]:
         """Of each parameter; the baseline's are not known: ""."""
         return ["" for _ in self.readings.expression.parameters] + [
             unit for piece in self.pieces for unit in piece.units
         ]
 
-    @property
+    @cached_property
     def owners(self) -> Sequence[str]:
         """The effect each parameter belongs to; "" for the baseline."""
         return ["" for _ in self.readings.expression.parameters] + [
             piece.term.effect for piece in self.pieces for _ in piece.units
         ]
 
-    @property
+    @cached_property
     def exactly_linear(self) -> frozenset[str]:
         """Of terms whose shape is fixed."""
         fixed = {
@@ -120,9 +122,15 @@ class TableModel:
         return [(piece, part) for piece, part in self.with_values(values) if not isinstance(piece, GroupPiece)]
 
     def _split(self, values: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-        sizes = [len(self.readings.expression.parameters), *(len(piece.units) for piece in self.pieces)]
-        baseline_values, *parts = np.split(np.asarray(values, dtype=np.float64), np.cumsum(sizes)[:-1])
+        given = np.asarray(values, dtype=np.float64)
+        baseline_values, *parts = (given[part] for part in self._parts)
         return baseline_values, parts
+
+    @cached_property
+    def _parts(self) -> list[slice]:
+        """Of all parameters those of the baseline, and of each term."""
+        sizes = [len(self.readings.expression.parameters), *(len(piece.units) for piece in self.pieces)]
+        return [slice(*ends) for ends in pairwise(accumulate(sizes, initial=0))]
 
 
 def as_result(model: TableModel, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:

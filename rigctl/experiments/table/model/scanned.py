@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.units import power
 from rigctl.experiments.table.model.form import PLAIN, Choice, Form, too_few
 from rigctl.experiments.table.observe.readings import Column
@@ -126,14 +126,15 @@ class Periodic(_OfColumn):
         lacks = [h for h in self._shown(choice["period"]) if h not in _harmonics(choice)]
         return [{**choice, f"{_HARMONIC}{h}": 1.0} for h in lacks]
 
-    def resolved_from(self, period: float, choice: Choice) -> bool:
-        """Whether a period is another one than that of a term with this choice and than its harmonics.
+    def resolved_from(self, periods: FloatArray, choice: Choice) -> BoolArray:
+        """Which of many periods are others than that of a term with this choice and than its harmonics.
 
         Two that differ by less than an oscillation in the span are one whose amplitude changes: their sum is
         determined, and neither of them.
         """
         frequencies = np.array(self._shown(choice["period"])) / choice["period"]
-        return bool(np.abs(frequencies - 1.0 / period).min() >= 1.0 / self.column.span)
+        apart = np.abs(np.subtract.outer(1.0 / periods, frequencies)).min(axis=1)
+        return np.asarray(apart >= 1.0 / self.column.span)
 
     def _shown(self, period: float) -> list[int]:
         """The fundamental and the harmonics of a period that these values show."""
