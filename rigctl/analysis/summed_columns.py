@@ -82,9 +82,9 @@ class SummedColumns:
         return np.asarray(found * self._weight[0] if alike else found)
 
     def along_draws(self, draws: NDArray[np.float32], name: object) -> NDArray[np.float32]:
-        """Products with draws of noise (draws, rows), shape (draws, choices, d)."""
+        """Products with draws of noise (draws, rows), shape (draws, d, choices)."""
         del name
-        return self.along(draws.T.astype(np.float64)).astype(np.float32)
+        return self.along(draws.T.astype(np.float64)).astype(np.float32).transpose(0, 2, 1)
 
     def columns(self, place: int) -> FloatArray:
         """Of one choice, exactly but for its size, (rows, d)."""

@@ -35,16 +35,17 @@ class UnitColumns:
         return (vectors.T @ self._columns).reshape(-1, self.choices, self.dimension)
 
     def along_draws(self, draws: NDArray[np.float32], name: object) -> NDArray[np.float32]:
-        """Products with draws of noise (draws, n), shape (draws, choices, d); kept for the last two by `name`."""
+        """Products with draws of noise (draws, n), shape (draws, d, choices); kept for the last two by `name`."""
         if name not in self._drawn:
             # Draws that all models share, and one model's permuted residuals, are asked for in turn.
             while len(self._drawn) >= _NAMES_KEPT:
                 del self._drawn[next(iter(self._drawn))]
             # Single precision: draws tell the number of trials to 16 % only, and are the largest arrays there are.
-            self._drawn[name] = draws @ self._columns.astype(np.float32)
+            columns = self.stack.transpose(0, 2, 1).astype(np.float32)
+            self._drawn[name] = draws @ columns.reshape(len(columns), -1)
         # The last asked for is the last to go.
         self._drawn[name] = self._drawn.pop(name)
-        return self._drawn[name].reshape(-1, self.choices, self.dimension)
+        return self._drawn[name].reshape(-1, self.dimension, self.choices)
 
     def columns(self, place: int) -> FloatArray:
         """Of one choice, (n, d)."""

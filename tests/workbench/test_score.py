@@ -191,6 +191,15 @@ def test_families_together_keep_the_level() -> None:
     assert np.mean(alarms) == pytest.approx(0.02, rel=4 * 0.17 * np.sqrt(2.0))
 
 
+def test_the_smallest_p_is_that_of_chi_square_in_each_dimension() -> None:
+    statistics = np.array([[1.0, 30.0, 2.0, 4.0], [9.0, 800.0, 2.0, 30.0], [-1e-9, 0.0, 0.0, 0.0]])
+    dimensions = np.array([1, 0, 1, 3])
+    found = smallest_p(statistics, dimensions)
+    of_one, of_three = stats.chi2(1).sf(statistics[:, [0, 2]]).min(axis=1), stats.chi2(3).sf(statistics[:, 3])
+    # What has no dimensions (the second) is no trial.
+    np.testing.assert_allclose(found, np.minimum(of_one, of_three), rtol=1e-12)
+
+
 def test_without_anything_to_try_there_is_one_trial() -> None:
     assert trials({}, 9, 1).of("") == trials({}, 9, 1).all == 1.0
     assert count_of([np.zeros((9, 0))], 9, 1) == 1.0

@@ -21,8 +21,8 @@ from rigctl.workbench.verdict.score import ABSORBED, Projector, Score, p_of, sma
 TOGETHER = 32
 """So many choices of an effect are scored together."""
 
-# Draws by choices by columns would not fit into memory all at once.
-_AT_ONCE = 250
+# Numbers, draws by choices by columns, that fit into the processor's cache.
+_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -121,15 +121,18 @@ class ScanScores:
         data = self._projector.data
         along = self._unit.along_draws(np.ascontiguousarray(draws[:, :data]), name)
         fitted = draws @ self._projector.basis.astype(np.float32)
-        shadow = self._shadow.astype(np.float32).reshape(len(self._shadow), -1)
+        shadow = self._shadow.transpose(0, 2, 1).astype(np.float32).reshape(len(self._shadow), -1)
         # T = x' R R' x with x what is left of a draw along the columns: no basis is made for a choice.
-        form = np.einsum("kij,klj->kil", self._root, self._root).astype(np.float32)
-        smallest, used = [], self.dimension > 0
-        used &= np.isin(np.arange(len(used)), self._asked)
-        for first in range(0, len(draws), _AT_ONCE):
-            rows = slice(first, first + _AT_ONCE)
+        form = np.einsum("kij,klj->ilk", self._root, self._root).astype(np.float32)
+        counts = np.isin(np.arange(len(form[0, 0])), self._asked) & (self.dimension > 0)
+        form[:, :, ~counts] = 0.0
+        # T = 0 of what does not count has p = 1 in any dimension: it is left among the others.
+        dimension = np.where(counts, self.dimension, np.max(self.dimension))
+        smallest, at_once = [], max(_AT_ONCE // shadow.shape[1], 1)
+        for first in range(0, len(draws), at_once):
+            rows = slice(first, first + at_once)
             free = along[rows] - (fitted[rows] @ shadow).reshape(-1, *along.shape[1:])
-            smallest.append(smallest_p(_quadratic(free, form)[:, used], self.dimension[used]))
+            smallest.append(smallest_p(_quadratic(free, form), dimension))
         return np.concatenate(smallest)
 
     def _dof_of_each(self) -> FloatArray:
@@ -184,10 +187,12 @@ def inverse_root(gram: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArr
 
 
 def _quadratic(columns: NDArray[np.float32], form: NDArray[np.float32]) -> NDArray[np.float32]:
-    """x' F x of each choice: columns (draws, k, d), forms (k, d, d)."""
-    d = columns.shape[2]
-    total = np.zeros(columns.shape[:2], dtype=np.float32)
-    for i in range(d):
-        for j in range(i, d):
-            total += (form[:, i, j] * (1.0 if i == j else 2.0)) * columns[:, :, i] * columns[:, :, j]
+    """x' F x of each choice: columns (draws, d, k), forms (d, d, k)."""
+    total = np.zeros((len(columns), columns.shape[2]), dtype=np.float32)
+    for i in range(len(form)):
+        part = form[i, i] * columns[:, i]
+        for j in range(i):
+            part += (2.0 * form[i, j]) * columns[:, j]
+        part *= columns[:, i]
+        total += part
     return total

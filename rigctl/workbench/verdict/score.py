@@ -132,13 +132,23 @@ def p_of(statistic: FloatArray | float, dimension: IntArray | float, dof: FloatA
 
 
 def smallest_p(statistics: NDArray[np.floating], dimensions: IntArray) -> FloatArray:
-    """Smallest p of each draw, from statistics (draws, trials)."""
+    """Smallest p of each draw, from statistics (draws, trials); of no dimensions is no trial."""
     smallest = np.ones(len(statistics))
-    for d in np.unique(dimensions):
+    for d in np.unique(dimensions[dimensions > 0]):
         # Of equal dimension the largest has the smallest p: one tail is worked out instead of all.
-        largest = statistics[:, dimensions == d].max(axis=1)
-        smallest = np.minimum(smallest, special.chdtrc(d, largest))
+        alike = dimensions == d
+        largest = (statistics if alike.all() else statistics[:, alike]).max(axis=1)
+        smallest = np.minimum(smallest, _chi_square_tail(int(d), largest.astype(np.float64)))
     return smallest
+
+
+def _chi_square_tail(d: int, statistics: FloatArray) -> FloatArray:
+    """Probability of a larger chi-square of d degrees of freedom."""
+    if d > 1:
+        return np.asarray(special.chdtrc(d, statistics))
+    # In closed form: the general one takes thirty times as long, and is asked for in every draw. Rounding may leave a
+    # statistic a little below zero.
+    return np.asarray(special.erfc(np.sqrt(0.5 * np.maximum(statistics, 0.0))))
 
 
 def corrected(p_value: float, n_eff: float) -> float:
