@@ -54,6 +54,7 @@ duration_s = 20.0
 pattern = "scan"
 step_deg = 45.0
 dwell_s = 20.0
+v_z_v = -0.5
 
 [[procedure.runs]]
 pattern = "noise"
@@ -215,7 +216,21 @@ def test_a_scan_and_a_flip_show_what_they_are_for(small: Path) -> None:
     theta = np.deg2rad(scan["theta_deg"][still])
     columns = np.stack([np.ones_like(theta), np.cos(theta), np.sin(theta)], axis=1)
     found = np.linalg.lstsq(columns, scan["q_a_v"][still] / GAIN_A, rcond=None)[0]
-    assert found == pytest.approx([10.54e-4, 2.8757e-4, 2.98e-4], abs=2e-5)
+    assert found == pytest.approx([10.54e-4, 0.964 * -0.5 / 825.0 + 2.8757e-4, 2.98e-4], abs=2e-5)
+
+
+def test_a_scan_under_the_papers_tilt_stands_beside_equation_6(small: Path) -> None:
+    with Store.open(small, readonly=True) as store:
+        found = result(workbench_of(store))
+    (scan,) = found["scans"]
+    assert scan["commanded_z_m_s2"] == pytest.approx(-0.5 / 825.0, rel=1e-3)
+    # As the paper's readings: m_y as -2.94 cos - 2.98 sin - 14.33, m_z as -3.34 cos + 3.02 sin + 10.54, in 1e-4 m/s2.
+    # The 11 % of m_z's cosine are what a model with axes at a right angle cannot have (0.93 and 2.49 deg).
+    for channel, printed in (("y", (-14.33, -2.94, -2.98)), ("z", (10.54, -2.966, 3.02))):
+        for name, value in zip(("offset", "cos", "sin"), printed, strict=True):
+            assert scan[channel][name]["value"] == pytest.approx(1e-4 * value, abs=1.5e-5)
+    (table,) = (each for each in tables(found, {}) if "eq. 6" in each.title)
+    assert table.rows[1][-3:] == ["1054", "-334", "302"]
 
 
 def test_a_bundle_of_it_is_read_back_as_it_was(small: Path, desk: Any) -> None:

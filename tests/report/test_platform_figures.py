@@ -21,6 +21,7 @@ RUNS = [
     SampledRun("a", 300.0, 12, v_z_v=1.0, external="sine", external_period_s=3600.0),
     SampledRun("c", 60.0, 60, v_z_v=1.0, external="triangle", external_period_s=3600.0),
     SampledRun(angles_deg=(0.0, 60.0, 120.0, 180.0, 240.0, 300.0), dwell_s=60.0),
+    SampledRun(angles_deg=(0.0, 60.0, 120.0, 180.0, 240.0, 300.0), dwell_s=60.0, v_z_v=-0.5),
 ]
 
 
@@ -70,7 +71,19 @@ def test_precision_stands_beside_theory_and_table_4(figures: Path) -> None:
 
 def test_scan_and_tilts_are_shown_together(figures: Path) -> None:
     found = rows(figures / "fig5.csv")
-    assert sum(row["kind"] == "scan" for row in found) == 12
+    scans = [row for row in found if row["kind"] == "scan"]
+    assert len(scans) == 24
+    # Equation 6 has numbers for the paper's tilt only.
+    assert {float(row["commanded_m_s2"]) for row in scans if row["printed_m_s2"]} == {-0.5 / 825.0}
+    at_zero = {row["channel"]: row for row in scans if row["printed_m_s2"] and row["theta_deg"] == "0.0"}
+    assert {name: float(row["printed_m_s2"]) for name, row in at_zero.items()} == pytest.approx(
+        {"y": -14.33e-4 - 2.94e-4, "z": 10.54e-4 - 3.34e-4}
+    )
+    assert float(at_zero["y"]["value_m_s2"]) == pytest.approx(-14.33e-4 - 2.98e-4, abs=2e-5), (
+        "4 sigma of the chain, f > 1 per scan"
+    )
+    assert "0.9297" in (figures / "figures.md").read_text(encoding="utf-8")
+    assert "-2.49 deg" in (figures / "figures.md").read_text(encoding="utf-8")
     tilts = [row for row in found if row["kind"] == "tilt"]
     assert [float(row["commanded_m_s2"]) for row in tilts] == pytest.approx([0.0, 1.0 / 825.0])
     for row in tilts:

@@ -10,11 +10,13 @@ from rigctl.core.errors import DataError, ProcedureError
 from rigctl.experiments.rotating_platform.analysis import analyse
 from rigctl.experiments.rotating_platform.observe.recorded import chains
 from rigctl.experiments.rotating_platform.result.bench_runs import scans
+from rigctl.experiments.rotating_platform.result.published import SCAN_M_S2, scanned_alike
 from rigctl.report.drawn import Drawn
 from rigctl.report.quantities import number, quantity
 from rigctl.report.tables.result_table import ResultTable
 from rigctl.workbench.workbench import Workbench
 
+_EQUATION_6 = ("offset", "cos", "sin")
 _TURNED_OVER = (("gain_v_per_m_s2", "scale factor", "V s2/m"), ("bias_v", "electrical bias", "V"))
 
 
@@ -42,7 +44,7 @@ def tables(found: Mapping[str, Any], reference: Mapping[str, Any]) -> list[Resul
     notes = [remark for run in runs for remark in run["remarks"]]
     notes += [f"left out: {why}" for why in found["left_out"].values()]
     notes.append(f"Not tested by any modulation: {', '.join(found['not_tested'])}.")
-    shown = [_recording(found), _means(runs), _precision(found), _responses(runs)]
+    shown = [_recording(found), _scanned(found.get("scans", ())), _means(runs), _precision(found), _responses(runs)]
     # Notes stand once, below the last table.
     *others, last = [each for each in shown if each.rows]
     return [*others, replace(last, notes=notes)]
@@ -64,6 +66,35 @@ def _recording(result: Mapping[str, Any]) -> ResultTable:
             value = quantity(turned[name]["value"], turned[name]["sigma"], unit)
             rows.append([f"{what}, sensor turned over: {words}", value])
     return ResultTable("The recording as a whole.", ["quantity", "value"], rows)
+
+
+def _scanned(scans: Sequence[Mapping[str, Any]]) -> ResultTable:
+    """Eq. 6 measured beside eq. 6 printed, where a scan was made under the same tilt."""
+    rows = [
+        [
+            scan["run_id"],
+            f"{1e6 * scan['commanded_z_m_s2']:.0f}",
+            f"m_{channel}",
+            *(_short(scan[channel][name]) for name in _EQUATION_6),
+            *(_printed(scan, channel, name) for name in _EQUATION_6),
+        ]
+        for scan in scans
+        for channel in ("y", "z")
+    ]
+    columns = [
+        "scan",
+        "#tilt z",
+        "reading",
+        "#offset",
+        "#cos",
+        "#sin",
+        *(f"#{each}, printed" for each in _EQUATION_6),
+    ]
+    return ResultTable("Readings over the platform's angle / 1e-6 m/s2 (eq. 6).", columns, rows)
+
+
+def _printed(scan: Mapping[str, Any], channel: str, name: str) -> str:
+    return f"{1e6 * SCAN_M_S2[channel][name]:.0f}" if scanned_alike(scan["commanded_z_m_s2"]) else ""
 
 
 def _means(runs: Sequence[Mapping[str, Any]]) -> ResultTable:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rigctl.campaign.recording import RunRecord, RunSource
-from rigctl.core.arrays import FloatArray
+from rigctl.core.arrays import BoolArray, FloatArray
 from rigctl.core.errors import DataError
 from rigctl.experiments.rotating_platform.observe.noise_fit import NoiseFit, fit_noise
-from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, READINGS, Chains
+from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS, COMMANDS, READINGS, Chains
 from rigctl.experiments.rotating_platform.observe.spectrum import NoiseSpectrum, noise_spectrum
 from rigctl.experiments.rotating_platform.observe.store_reduction import chunks_of
 from rigctl.experiments.rotating_platform.result.alignment import Axes, Fitted, Value, angle_scan, axes, flip
@@ -25,9 +25,13 @@ _LONGEST = 1 << 22
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan: angles at which the platform rested [rad], mean readings by channel [m/s2], fits, and the two axes."""
+    """A scan: angles at which the platform rested [rad], mean readings by channel [m/s2], fits, and the two axes.
+
+    `commanded_m_s2` is the tilt along Z that was commanded meanwhile.
+    """
 
     run_id: str
+    commanded_m_s2: float
     theta_rad: FloatArray
     readings_m_s2: dict[str, FloatArray]
     fits: dict[str, Fitted]
@@ -36,7 +40,8 @@ class Scan:
     def as_json(self) -> dict[str, Any]:
         """Within `rigctl result --json`."""
         axes = {name: value.as_json() for name, value in vars(self.axes).items()}
-        return {"run_id": self.run_id, **{channel: fit.as_json() for channel, fit in self.fits.items()}, **axes}
+        fits = {channel: fit.as_json() for channel, fit in self.fits.items()}
+        return {"run_id": self.run_id, "commanded_z_m_s2": self.commanded_m_s2, **fits, **axes}
 
 
 @dataclass(frozen=True)
@@ -144,7 +149,19 @@ def _scan(source: RunSource, record: RunRecord, chains: Chains) -> Scan:
         for channel in CHANNELS
     }
     fits = {channel: angle_scan(angles, readings[channel]) for channel in CHANNELS}
-    return Scan(record.run_id, angles, readings, fits, axes(fits["y"], fits["z"]))
+    return Scan(
+        record.run_id, _commanded(samples, rests, record, chains), angles, readings, fits, axes(fits["y"], fits["z"])
+    )
+
+
+def _commanded(samples: Mapping[str, FloatArray], rests: BoolArray, record: RunRecord, chains: Chains) -> float:
+    """The tilt along Z [m/s2] while the platform rested; the run's condition where no column has it."""
+    command_v = samples.get(COMMANDS["z"])
+    if command_v is None or not np.isfinite(command_v[rests]).any():
+        level_v = float(record.conditions.get("v_z_v") or 0.0)
+    else:
+        level_v = float(np.nanmean(command_v[rests]))
+    return level_v / chains.command_v_per_m_s2["z"]
 
 
 def _column(source: RunSource, run_id: str, name: str) -> FloatArray:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rigctl.experiments.rotating_platform.observe.recorded import CHANNELS
@@ -16,14 +17,17 @@ from rigctl.experiments.rotating_platform.result.result import PlatformResult
 from rigctl.experiments.rotating_platform.result.run_result import RunResult
 from rigctl.report.figures.data import Plate
 from rigctl.report.figures.style import INK, SOFT, new_figure, panel_letter, series_style
-from rigctl.report.quantities import number
+from rigctl.report.quantities import number, quantity
+
+CURVE_STEP_DEG = 5.0
 
 
 @dataclass(frozen=True)
 class AlignmentRow:
     """A reading at an angle of a scan, or the acceleration of a run at its commanded tilt, with what fits it.
 
-    `printed_m_s2` is what the paper's eq. 13 gives there; empty for a scan.
+    Rows of kind "curve" are between a scan's angles and have no reading.
+    `printed_m_s2` is what the paper's eq. 6 or 13 gives there; empty for a scan under another tilt than the paper's.
     """
 
     kind: str
@@ -31,7 +35,7 @@ class AlignmentRow:
     channel: str
     theta_deg: float
     commanded_m_s2: float
-    value_m_s2: float
+    value_m_s2: float | None
     sigma_m_s2: float
     fitted_m_s2: float
     printed_m_s2: float | None
@@ -43,16 +47,7 @@ def alignment_plate(
     """Readings against the angle (eq. 6) and accelerations against the commanded tilt (eq. 13)."""
     rows: list[AlignmentRow] = []
     for scan in scans:
-        for channel in CHANNELS:
-            fit = scan.fits[channel]
-            for theta, value in zip(scan.theta_rad, scan.readings_m_s2[channel], strict=True):
-                # Eq. 6: what stays in a turn of the platform is bias, what turns with it acceleration.
-                fitted = fit.value("offset") + fit.value("cos") * math.cos(theta) + fit.value("sin") * math.sin(theta)
-                rows.append(
-                    AlignmentRow(
-                        "scan", scan.run_id, channel, math.degrees(theta), 0.0, float(value), 0.0, fitted, None
-                    )
-                )
+        rows += _scan_rows(scan)
     for run in steady:
         # Periods that do not count have no command.
         commanded = float(np.nanmean(run.commanded))
@@ -63,7 +58,8 @@ def alignment_plate(
             AlignmentRow("tilt", run.run.run_id, "z", 0.0, commanded, value.value, value.sigma, fitted, printed)
         )
     caption = (
-        f"(a) Readings over the platform's angle and their fits (eq. 6). (b) Acceleration of each run against the "
+        f"(a) Readings over the platform's angle and their fits (eq. 6).{_axes_beside_printed(scans)} "
+        f"(b) Acceleration of each run against the "
         f"commanded tilt less the printed line (eq. 13, {published.SOURCE}): measured gain "
         f"{number(result.tilt_gain.value, 5)}, printed {published.TILT_GAIN:g}; measured intercept "
         f"{number(result.accel_m_s2['z'].value, 5)} m/s2, printed {published.INTERCEPT_M_S2:g}."
@@ -71,19 +67,56 @@ def alignment_plate(
     return Plate("fig5", caption, rows, draw_alignment)
 
 
+def _scan_rows(scan: Scan) -> list[AlignmentRow]:
+    between_deg = np.arange(0.0, 360.1, CURVE_STEP_DEG)
+    rows = []
+    for channel in CHANNELS:
+        read = zip(np.degrees(scan.theta_rad), scan.readings_m_s2[channel], strict=True)
+        rows += [_scan_row(scan, "scan", channel, float(angle), float(value)) for angle, value in read]
+        rows += [_scan_row(scan, "curve", channel, float(angle), None) for angle in between_deg]
+    return rows
+
+
+def _scan_row(scan: Scan, kind: str, channel: str, theta_deg: float, value: float | None) -> AlignmentRow:
+    fit, command = scan.fits[channel], scan.commanded_m_s2
+    measured = _equation_6({name: fit.value(name) for name in fit.names}, theta_deg)
+    printed = _equation_6(published.SCAN_M_S2[channel], theta_deg) if published.scanned_alike(command) else None
+    return AlignmentRow(kind, scan.run_id, channel, theta_deg, command, value, 0.0, measured, printed)
+
+
+def _equation_6(coefficients: Mapping[str, float], theta_deg: float) -> float:
+    """What stays in a turn of the platform is bias, what turns with it acceleration."""
+    theta_rad = math.radians(theta_deg)
+    turning = coefficients["cos"] * math.cos(theta_rad) + coefficients["sin"] * math.sin(theta_rad)
+    return coefficients["offset"] + turning
+
+
+def _axes_beside_printed(scans: Sequence[Scan]) -> str:
+    """How the two readings' amplitudes and directions compare, and how those that eq. 6 prints do."""
+    compared = [scan for scan in scans if published.scanned_alike(scan.commanded_m_s2)]
+    if not compared:
+        return ""
+    ratio, beyond = compared[-1].axes.amplitude_ratio, compared[-1].axes.nonorthogonality_rad
+    y, z = (published.SCAN_M_S2[channel] for channel in ("y", "z"))
+    printed_ratio = math.hypot(y["cos"], y["sin"]) / math.hypot(z["cos"], z["sin"])
+    phase_rad = math.atan2(y["sin"], y["cos"]) - math.atan2(z["sin"], z["cos"])
+    printed_deg = math.degrees(math.remainder(phase_rad - 0.5 * math.pi, 2.0 * math.pi))
+    return (
+        f" Dashed: as printed; its amplitudes' ratio y to z is {number(printed_ratio, 4)} and its axes stand "
+        f"{number(printed_deg, 3)} deg beyond a right angle, where eq. 3 allows only 1 (but for "
+        f"scale factors) and 0; measured {quantity(ratio.value, ratio.sigma)} and "
+        f"{quantity(math.degrees(beyond.value), math.degrees(beyond.sigma), 'deg')}."
+    )
+
+
 def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
     """Two panels: the scan, the tilt regression less the printed line."""
     figure = new_figure(2.6)
     scan, tilt = figure.subplots(1, 2)
-    for index, channel in enumerate(CHANNELS):
-        points = sorted((r for r in rows if r.kind == "scan" and r.channel == channel), key=lambda r: r.theta_deg)
-        look = series_style(index)
-        if points:
-            angles = [r.theta_deg for r in points]
-            scan.plot(angles, [r.value_m_s2 for r in points], look.marker, color=look.color, label=f"m_{channel}")
-            scan.plot(angles, [r.fitted_m_s2 for r in points], linestyle=look.line, color=look.color)
+    for run_id in dict.fromkeys(row.run_id for row in rows if row.kind == "scan"):
+        _draw_scan(scan, [row for row in rows if row.run_id == run_id])
     if scan.lines:
-        scan.legend(loc="best")
+        _legend_once(scan)
     else:
         scan.text(0.5, 0.5, "no scan in this recording", ha="center", transform=scan.transAxes, color=SOFT)
     scan.set_xlabel("platform angle θ / deg")
@@ -93,7 +126,7 @@ def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
     tilt.errorbar(
         [r.commanded_m_s2 for r in points],
         # Less the printed line: the slope is near 1, and differences would not be seen.
-        [r.value_m_s2 - (r.printed_m_s2 or 0.0) for r in points],
+        [(r.value_m_s2 or 0.0) - (r.printed_m_s2 or 0.0) for r in points],
         yerr=[r.sigma_m_s2 for r in points],
         fmt=look.marker,
         color=look.color,
@@ -109,4 +142,29 @@ def draw_alignment(rows: Sequence[AlignmentRow]) -> Figure:
     for panel, letter in ((scan, "a"), (tilt, "b")):
         panel.ticklabel_format(axis="y", scilimits=(-3, 4))
         panel_letter(panel, letter)
+    # A turn has quarters; a tilt is small in every unit that is not.
+    scan.set_xticks(range(0, 361, 90))
+    tilt.ticklabel_format(axis="x", scilimits=(-2, 4))
     return figure
+
+
+def _draw_scan(panel: Axes, rows: Sequence[AlignmentRow]) -> None:
+    for index, channel in enumerate(CHANNELS):
+        look = series_style(index)
+        points = [row for row in rows if (row.kind, row.channel) == ("scan", channel)]
+        curve = [row for row in rows if (row.kind, row.channel) == ("curve", channel)]
+        angles_deg = [row.theta_deg for row in curve]
+        # A table has no number where there is none, a line has nan.
+        values = np.array([row.value_m_s2 for row in points], dtype=np.float64)
+        panel.plot([row.theta_deg for row in points], values, look.marker, color=look.color, label=f"m_{channel}")
+        panel.plot(angles_deg, [row.fitted_m_s2 for row in curve], color=look.color)
+        printed = np.array([row.printed_m_s2 for row in curve], dtype=np.float64)
+        if np.isfinite(printed).any():
+            panel.plot(angles_deg, printed, color=INK, linestyle="--", linewidth=0.7, label="printed")
+
+
+def _legend_once(panel: Axes) -> None:
+    """Each label once, however many scans and channels share it; above what is drawn."""
+    handles, labels = panel.get_legend_handles_labels()
+    first = dict(zip(reversed(labels), reversed(handles), strict=True))
+    panel.legend(first.values(), first.keys(), loc="center")

@@ -15,13 +15,18 @@ from rigctl.experiments.rotating_platform.result import published
 from rigctl.experiments.rotating_platform.result.result import PlatformResult
 from rigctl.experiments.rotating_platform.result.run_result import RunResult
 from rigctl.report.figures.data import Plate
-from rigctl.report.figures.style import new_figure, panel_letter, series_style
+from rigctl.report.figures.style import INK, new_figure, panel_letter, series_style
 from rigctl.report.quantities import number
+
+_KNOWN = {"accel_m_s2": "known_m_s2", "accel_slope_m_s3": "known_slope_m_s3"}
 
 
 @dataclass(frozen=True)
 class CourseRow:
-    """A period of a run with a varying external signal: outputs in the z channel, and what was commanded."""
+    """A period of a run with a varying external signal: outputs in the z channel, and what was commanded.
+
+    `known_m_s2` and `known_slope_m_s3` are what the command amounts to with the tilt gain and the level of the fit.
+    """
 
     run_id: str
     pattern: str
@@ -32,6 +37,8 @@ class CourseRow:
     bias_m_s2: float
     accel_slope_m_s3: float
     bias_slope_m_s3: float
+    known_m_s2: float
+    known_slope_m_s3: float
     expected_bias_m_s2: float | None
 
 
@@ -46,6 +53,8 @@ def course_plate(
         expected = _expected_bias(run, result.tilt_gain.value, chains) if external == "sine" else None
         z = CHANNELS.index("z")
         period_s = run.sampled.pattern.period_s
+        known = result.tilt_gain.value * run.commanded + result.accel_m_s2["z"].value
+        known_slope = np.gradient(known, period_s) if len(known) > 1 else np.full(len(known), np.nan)
         for number_, commanded in enumerate(run.commanded):
             # The middle of the samples that count, not of the period.
             time_s = (number_ + 0.5) * period_s + run.sampled.centre_s
@@ -60,26 +69,29 @@ def course_plate(
                     float(run.series.bias_mean[number_, z]),
                     float(run.series.accel_slope[number_, z]),
                     float(run.series.bias_slope[number_, z]),
+                    float(known[number_]),
+                    float(known_slope[number_]),
                     None if expected is None else float(expected[number_]),
                 )
             )
-        if run.response is not None:
+        if external == "sine" and run.response is not None:
             response = run.response
             responses.append(
                 f"{run.run.run_id} (pattern {run.run.conditions['pattern']}, {period_s:g} s): bias "
                 f"{number(response.bias_pp)} m/s2 peak to peak, {response.shift.end_min:.1f} min late stamped at the "
                 f"end of the window, {response.shift.centre_min:.1f} at its centre"
             )
-    printed = ""
+    said = ""
     if external == "sine":
-        printed = (
-            f" Printed for pattern a, {published.SINE_TAU_S:g} s, {published.SINE_V:g} V: "
+        said = (
+            f" {'; '.join(responses)}. Printed for pattern a, {published.SINE_TAU_S:g} s, {published.SINE_V:g} V: "
             f"{published.BIAS_PP_M_S2:g} expected, {published.BIAS_PP_MEASURED_M_S2:g} measured, "
             f"{published.SHIFT_MIN:g} min stamped at the end ({published.SOURCE}, figure 8)."
         )
     caption = (
         f"Acceleration and bias of the z channel under an external {external}, period by period: (a) acceleration, "
-        f"(b) bias, (c) slope of the acceleration, (d) slope of the bias. {'; '.join(responses)}.{printed}"
+        f"(b) bias, (c) slope of the acceleration, (d) slope of the bias. Black dots: the signal "
+        f"that was commanded, with the tilt gain and the level of the fit.{said}"
     )
     return Plate(name, caption, rows, draw_course)
 
@@ -98,14 +110,25 @@ def draw_course(rows: Sequence[CourseRow]) -> Figure:
             times = [row.time_min for row in periods]
             text = f"{run_id}: {periods[0].pattern}, {periods[0].modulation_period_s:g} s"
             panel.plot(times, [getattr(r, name) for r in periods], color=look.color, linestyle=look.line, label=text)
+            known = _KNOWN.get(name)
+            if known is not None:
+                values = [getattr(r, known) for r in periods]
+                label_once = None if index else "commanded"
+                panel.plot(times, values, color=INK, linestyle=":", linewidth=1.2, label=label_once, zorder=3)
             if name == "bias_m_s2" and periods[0].expected_bias_m_s2 is not None:
-                panel.plot(times, [r.expected_bias_m_s2 for r in periods], ":", color=look.color, linewidth=0.8)
+                expected, words = [r.expected_bias_m_s2 for r in periods], None if index else "expected (eq. 16)"
+                panel.plot(times, expected, ":", color=INK, linewidth=1.2, zorder=3, label=words)
         panel.set_ylabel(label)
         panel_letter(panel, letter)
         panel.ticklabel_format(axis="y", scilimits=(-3, 4))
     for panel in panels[2:]:
         panel.set_xlabel("time / min")
     panels[0].legend(loc="best")
+    # What is expected of a bias has a line where there is a sine.
+    handles, words = panels[1].get_legend_handles_labels()
+    told = [(handle, text) for handle, text in zip(handles, words, strict=True) if text.startswith("expected")]
+    if told:
+        panels[1].legend(*zip(*told, strict=True), loc="best")
     return figure
 
 
