@@ -167,6 +167,7 @@ class Lockstep:
         self.clock = LockstepClock()
         self.clock.carry = self.carry
         self.server: Server
+        self.simulated: SimulatedRig
         self.lines: dict[str, Line] = {}
         self.wires: list[Wire] = []
 
@@ -181,6 +182,7 @@ class Lockstep:
             name: HeardInstrument(each, self.lines[name]) for name, each in made.instruments.items()
         }
         made.instruments = heard
+        self.simulated = made
         return made
 
     def carry(self) -> None:
