@@ -1,8 +1,9 @@
 """The sensing axis as the normal of the non-sensitivity plane.
 
 The motion vectors found at the nulls span a plane through the origin; its normal is the sensing axis.
-Lucente et al. 2022 (Planetary and Space Science 211) solve z = -a'x - b'y (eq. 12), which fails for a
-normal near the xy-plane; here the total-least-squares normal, and eq. 12 as a cross-check where defined.
+Lucente et al. 2022 (Planetary and Space Science 211) solve z = -a'x - b'y by the normal equations (eq. 12). They
+count all scatter as one of z, so that an axis near the xy-plane is drawn off, by arcseconds for the paper's Y. Here
+the result is the total-least-squares normal; eq. 12 stands beside it: the printed theta_m are a property of it.
 
 Arrays are (n, 3), rows are points; angles are in rad unless the name says arcsec.
 """
@@ -20,8 +21,8 @@ from rigctl.core.errors import ProcedureError
 ARCSEC = np.pi / 648000.0
 """One second of arc in rad."""
 
-# Below this |z| of the normal the coefficients of z = -a'x - b'y exceed 5 and weight the scatter wrongly.
-_MIN_NORMAL_Z = 0.2
+# Of the normal equations: beyond it the vectors stand upright over one line, and z follows from nothing.
+_MAX_CONDITION = 1e12
 # Vectors of one configuration differ by the mounting's milliradians: a line through them is no plane.
 _MIN_SPREAD = 0.05
 
@@ -44,19 +45,32 @@ class AxisAngle:
 
 
 @dataclass(frozen=True)
+class PaperAxis:
+    """The axis `unit` (3,) by the paper's eq. 12, and the mean angle out of its plane, `theta_m_rad` (eq. 19)."""
+
+    unit: FloatArray
+    theta_m_rad: float
+
+    @property
+    def theta_m_arcsec(self) -> float:
+        """Mean angle out of the plane (eq. 19), as the paper's Table 1 gives it."""
+        return self.theta_m_rad / ARCSEC
+
+
+@dataclass(frozen=True)
 class PlaneFit:
     """The plane through the origin nearest to the vectors, and how well it is known.
 
     `half_cone_rad` (n,) are the vectors' angles out of the plane, positive on the side of the normal.
     `sigma_hc_rad` is their standard deviation (eq. 16, n - 1), `theta_m_rad` their mean (eq. 19).
-    `normal_equations_axis` is the axis of eq. 12, None where it is not defined: for a normal near the xy-plane.
+    `paper_axis` is None where eq. 12 has no solution.
     """
 
     axis: Axis
     half_cone_rad: FloatArray
     sigma_hc_rad: float
     theta_m_rad: float
-    normal_equations_axis: FloatArray | None
+    paper_axis: PaperAxis | None
 
     @property
     def normal(self) -> FloatArray:
@@ -159,11 +173,12 @@ def _sign_towards(nominal_axis: FloatArray, normal: FloatArray) -> float:
     return 1.0 if along > 0.0 else -1.0
 
 
-def _normal_equations(units: FloatArray, normal: FloatArray) -> FloatArray | None:
-    """Solve z = -a'x - b'y by the normal equations (eq. 12); the axis is (a', b', 1) normalised."""
-    if abs(normal[2]) < _MIN_NORMAL_Z:
-        return None
+def _normal_equations(units: FloatArray, normal: FloatArray) -> PaperAxis | None:
+    """Solve z = -a'x - b'y by the normal equations (eq. 12); the axis is (a', b', 1) normalised, on the normal's side."""
     horizontal, vertical = units[:, :2], units[:, 2]
+    if np.linalg.cond(horizontal.T @ horizontal) > _MAX_CONDITION:
+        return None
     a, b = np.linalg.solve(horizontal.T @ horizontal, -horizontal.T @ vertical)
     axis: FloatArray = np.array([a, b, 1.0]) / np.sqrt(a * a + b * b + 1.0)
-    return axis if axis @ normal > 0.0 else -axis
+    axis = axis if axis @ normal > 0.0 else -axis
+    return PaperAxis(axis, float(np.arcsin(np.clip(units @ axis, -1.0, 1.0)).mean()))

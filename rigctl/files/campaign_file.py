@@ -30,6 +30,7 @@ class ReferenceTable(Table):
     source: str = ""
     axes: dict[str, tuple[float, float, float]] = {}
     std_hc_2sigma_arcsec: dict[str, float] = {}
+    theta_m_arcsec: dict[str, float] = {}
     offset_deg: dict[str, float] = {}
 
 

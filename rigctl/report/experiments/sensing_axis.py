@@ -145,18 +145,26 @@ def _axes(axes: Mapping[str, Any], reference: Mapping[str, Any]) -> ResultTable:
         # Rounding may leave a variance along the axis, which is zero, below zero.
         sigmas = [max(axis["covariance"][i][i], 0.0) ** 0.5 for i in range(3)]
         rows.append([" ±σ", *(f"{sigma:.1e}" for sigma in sigmas), "", "", "", ""])
+        if axis["eq12"]:
+            theta_m = f"{axis['eq12']['theta_m_arcsec']:+.3f}"
+            rows.append(["eq12", *_components(axis["eq12"]["coc"]), "", theta_m, "", ""])
         if name in printed:
-            half_cone = reference.get("std_hc_2sigma_arcsec", {}).get(name)
-            shown = "" if half_cone is None else f"{half_cone:.2f}"
-            rows.append([" ref", *_components(printed[name]), shown, "", "", ""])
+            half_cone, theta_m = (_digits(reference, key, name) for key in ("std_hc_2sigma_arcsec", "theta_m_arcsec"))
+            rows.append([" ref", *_components(printed[name]), half_cone, theta_m, "", ""])
     limits = ", ".join(f"{limit:g}" for limit in sorted({axis["requirement_arcsec"] for axis in axes.values()}))
     note = (
-        "half-cone: half-cone deviation at 2 sigma, mean: its mean, both in arcsec; n: null vectors; "
+        "half-cone: half-cone deviation at 2 sigma, mean: its mean, both in arcsec; n: null vectors; eq12: the axis by "
+        "the paper's normal equations, to which its printed means belong; "
         f"pass: half-cone up to {limits} arcsec"
     )
     columns = ["axis", "#x", "#y", "#z", "#half-cone", "#mean", "#n", "verdict"]
     marked = [row[-1] == "FAIL" for row in rows]
     return ResultTable("Sensing axes in the cube's frame", columns, rows, marked, [note], "Axes")
+
+
+def _digits(reference: Mapping[str, Any], key: str, axis: str) -> str:
+    value = reference.get(key, {}).get(axis)
+    return "" if value is None else f"{value:+.3f}" if key == "theta_m_arcsec" else f"{value:.2f}"
 
 
 def _components(vector: Sequence[float]) -> list[str]:

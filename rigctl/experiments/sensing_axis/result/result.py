@@ -101,7 +101,7 @@ def axis_result(name: str, package: Package, nulls: Sequence[NullPoint]) -> Axis
 
 def _axis_json(axis: AxisResult) -> dict[str, Any]:
     plane = axis.plane
-    cross = plane.normal_equations_axis
+    paper = plane.paper_axis
     return {
         "coc": plane.normal.tolist(),
         "uoaf": axis.uoaf.tolist(),
@@ -112,5 +112,5 @@ def _axis_json(axis: AxisResult) -> dict[str, Any]:
         "dof": plane.dof,
         "requirement_arcsec": axis.requirement_arcsec,
         "pass": axis.passed,
-        "eq12": None if cross is None else cross.tolist(),
+        "eq12": None if paper is None else {"coc": paper.unit.tolist(), "theta_m_arcsec": paper.theta_m_arcsec},
     }
