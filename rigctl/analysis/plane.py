@@ -174,7 +174,7 @@ def _sign_towards(nominal_axis: FloatArray, normal: FloatArray) -> float:
 
 
 def _normal_equations(units: FloatArray, normal: FloatArray) -> PaperAxis | None:
-    """Solve z = -a'x - b'y by the normal equations (eq. 12); the axis is (a', b', 1) normalised, on the normal's side."""
+    """Solve z = -a'x - b'y by the normal equations (eq. 12): the axis is (a', b', 1), on the normal's side."""
     horizontal, vertical = units[:, :2], units[:, 2]
     if np.linalg.cond(horizontal.T @ horizontal) > _MAX_CONDITION:
         return None

@@ -153,8 +153,8 @@ def _axes(axes: Mapping[str, Any], reference: Mapping[str, Any]) -> ResultTable:
             rows.append([" ref", *_components(printed[name]), half_cone, theta_m, "", ""])
     limits = ", ".join(f"{limit:g}" for limit in sorted({axis["requirement_arcsec"] for axis in axes.values()}))
     note = (
-        "half-cone: half-cone deviation at 2 sigma, mean: its mean, both in arcsec; n: null vectors; eq12: the axis by "
-        "the paper's normal equations, to which its printed means belong; "
+        "half-cone: half-cone deviation at 2 sigma, mean: its mean, both in arcsec; n: null vectors; eq12: the axis "
+        "by the paper's normal equations, to which its printed means belong; "
         f"pass: half-cone up to {limits} arcsec"
     )
     columns = ["axis", "#x", "#y", "#z", "#half-cone", "#mean", "#n", "verdict"]
