@@ -12,6 +12,7 @@ from rigctl.check.hands import Hands
 from rigctl.check.interlocks import try_interlocks
 from rigctl.check.mended import mended
 from rigctl.check.motions import Motions
+from rigctl.check.moving_edges import MovingEdges
 from rigctl.check.record import CheckRecord, Line, Who, instruments_sha256, keep, kept_record, utc_now
 from rigctl.check.trigger import try_trigger
 from rigctl.core.errors import Aborted, RigError
@@ -130,6 +131,8 @@ def _tried(file: RigFile, wanted: Wanted, tell: Tell, say: Callable[[str], None]
                 try_trigger(rig, tell)
             if wanted.move:
                 learned = Motions(rig, hands, tell).try_all()
+            if wanted.trigger and wanted.move:
+                MovingEdges(rig, hands, tell).try_all()
             # Last: what it has stopped wants homing.
             if wanted.interlocks:
                 try_interlocks(rig, hands, tell)

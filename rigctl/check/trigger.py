@@ -117,7 +117,7 @@ class Edges:
             rows = recorder.collect()
         except RigError as error:
             return _failed(error)
-        delay = self._delay(watched, first_s) if watched else "it does not tell when: see latency_s"
+        delay = self._delay(watched, first_s) if watched else "when, tells a motion: --trigger --move"
         return ok("trigger", "edges", f"{len(rows)} of {EDGES}; {delay}")
 
     def _delay(self, watched: _Watched, first_s: float) -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rigctl.campaign.session.operator import Operator
@@ -15,6 +17,7 @@ from rigctl.check import guide, lasers
 from rigctl.check.guide import Wanted
 from rigctl.check.hands import Hands
 from rigctl.check.interlocks import try_interlocks
+from rigctl.check.moving_edges import delay_between
 from rigctl.check.record import Line
 from rigctl.check.trigger import Edges
 from rigctl.core.clock import RealClock
@@ -67,6 +70,42 @@ def test_a_controller_on_its_own_clock_needs_no_edges(file: Any) -> None:
     _, found = tried(file(), trigger=True)
     assert "on its own clock" in found["lasers_a", "edges"].found
     assert found["lasers_a", "edges"].outcome == "ok"
+
+
+CAPTURES = "integer_registers = 50010           # GlobalIntegers, raised by the operator: a record has one each\n"
+
+
+@pytest.mark.parametrize(("latency_s", "outcome"), [(0.0, "ok"), (0.004, "ok"), (0.02, "differs")])
+def test_the_delay_of_a_latched_position_is_found_while_the_stage_moves(
+    latency_s: float, outcome: str, file: Any
+) -> None:
+    late = f"{CAPTURES}capture_latency_s = {latency_s}\n"
+    _, found = tried(file((CAPTURES, late)), trigger=True, move=True)
+    line = found["stage", "delay"]
+    low_ms, high_ms, jitter_ms = map(float, re.findall(r"(-?[\d.e-]+)(?: to| ms after| ms at most)", line.found))
+    # Nothing takes time on a virtual clock: what is left is the encoder's step and its noise, at 0.6 mm/s.
+    assert low_ms - 0.05 < 1e3 * latency_s < high_ms + 0.05
+    assert jitter_ms < 0.05
+    assert line.outcome == outcome
+    assert ("write latency_s = 0.02" in line.mend) == (outcome == "differs")
+
+
+def test_questions_that_take_time_bound_the_delay() -> None:
+    """A stage at 1 mm/s whose positions are latched 3 ms late, asked by questions of 4 ms that are heard anywhere."""
+    edges_s = 100.0 + 0.1 * np.arange(10)
+    asked_s = np.arange(99.9, 101.1, 0.007)
+    heard = np.random.default_rng(1).uniform(0.0, 4e-3, len(asked_s))
+    looks = np.column_stack([asked_s, asked_s + 4e-3, asked_s + heard])
+    found = delay_between(edges_s, edges_s + 3e-3, looks)
+    assert found is not None
+    assert found.low_s <= 3e-3 <= found.high_s
+    assert found.high_s - found.low_s < 1e-3
+    assert found.jitter_s < 1e-6
+    jittery = delay_between(edges_s, edges_s + 3e-3 + 1e-3 * np.random.default_rng(2).standard_normal(10), looks)
+    assert jittery is not None
+    assert 0.4e-3 < jittery.jitter_s < 2e-3
+    assert delay_between(edges_s, np.abs(edges_s - 100.5), looks) is None
+    assert delay_between(edges_s, edges_s + 50.0, looks) is None
 
 
 @pytest.mark.parametrize("who", ["stage", "lasers"])
