@@ -60,7 +60,10 @@ class SharedOffset:
     share: float
 
 
-OF_SIGNAL = "signal*"
+SIGNAL = "signal"
+"""Among covariates, with a power: the signal itself, as a curve of the response goes with it."""
+
+OF_SIGNAL = f"{SIGNAL}*"
 """Before a covariate's name: in proportion to the signal, as a gain that follows it."""
 
 

@@ -103,6 +103,15 @@ def test_an_effect_that_is_only_like_the_unknown_is_not_named(made_up: Any) -> N
         assert not found.suggested
 
 
+def test_a_weak_unknown_is_seldom_named_either(made_up: Any) -> None:
+    """The same gain at 8 sigma: which of the two it is, is one question at the whole level."""
+    theta, w = np.radians(made_up.conditions()["theta_deg"]), made_up.conditions()["frequency_hz"] / 0.5
+    column = np.cos(theta) * made_up.conditions()["approach"]
+    foreign = made_up.sized(np.concatenate([column / w, np.zeros(96)])[:, None], 8.0)
+    # At the share of the level at which something is found at all it was three of these six.
+    assert sum(bool(diagnose(made_up.study(seed, foreign=foreign), ()).suggested) for seed in range(6)) <= 1
+
+
 def test_a_known_effect_beside_an_unknown_one_is_suggested_and_the_rest_is_unknown(made_up: Any) -> None:
     theta = np.radians(made_up.conditions()["theta_deg"])
     foreign = np.concatenate([np.zeros(48), 6.0 * np.cos(3.0 * theta), np.zeros(48)])

@@ -207,3 +207,14 @@ def test_a_template_tells_what_no_series_shows_alone(made_up: Any) -> None:
     assert (best.shape.series, best.shape.covariate) == (2, "count")
     assert best.described_by == best.shape
     assert np.array_equal(best.columns[:, 0], column)
+
+
+def test_a_statistic_is_that_of_its_p_value(made_up: Any) -> None:
+    """A constant beside a shape serves to describe it, and is no part of what stands out."""
+    theta = np.radians(made_up.conditions()["theta_deg"])
+    foreign = np.concatenate([np.zeros(48), 6.0 * np.cos(3.0 * theta) + 2.0, np.zeros(48)])
+    attempt = Attempt(made_up.study(3, foreign=foreign), ())
+    best = Generic(attempt.model.observations).best(attempt.noise, attempt.projector, np.random.default_rng(1))
+    assert best is not None
+    exact = attempt.projector.score(attempt.whitened_columns(best.columns))
+    assert (best.statistic, best.dimension) == (pytest.approx(exact.statistic), exact.dimension)

@@ -24,7 +24,8 @@ def replaced_by_shape(attempt: Attempt, best: Scored, alpha: float) -> bool:
     p_value = attempt.projector_with(shape_columns).score(columns).p_value
     effect = attempt.corrected(p_value, best.candidate.term.effect)
     beside = corrected(attempt.projector_with(columns).score(shape_columns).p_value, shape.n_eff)
-    return effect >= CATALOGUE_SHARE * alpha and beside < SHAPES_SHARE * alpha
+    # That something is there is settled, at its share of the level: which of the two it is, is one more question.
+    return effect >= CATALOGUE_SHARE * alpha and beside < alpha
 
 
 def significant_beside_shape(attempt: Attempt, alpha: float) -> set[str]:

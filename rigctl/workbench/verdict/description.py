@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rigctl.workbench.findings import Unexplained
-from rigctl.workbench.study import OF_SIGNAL, Observations
+from rigctl.workbench.study import OF_SIGNAL, SIGNAL, Observations
 from rigctl.workbench.verdict.generic import Best
 from rigctl.workbench.verdict.score import Score
 from rigctl.workbench.verdict.shapes import Shape
@@ -43,9 +43,12 @@ def described(given: Observations, best: Best, score: Score) -> Unexplained:
 
 def _conditions(given: Observations, shape: Shape) -> list[str]:
     """How it goes with the frequency and with a covariate."""
-    words = [] if given.frequency is None else [_BY_POWER[shape.power]]
+    # A template has its own way with the frequency.
+    plain = given.frequency is not None and (shape.series, shape.covariate) not in given.templates
+    words = [_BY_POWER[shape.power]] if plain else []
     if shape.covariate:
         name, _, degree = shape.covariate.removeprefix(OF_SIGNAL).partition("^")
+        name = f"the {SIGNAL}" if name == SIGNAL else name
         powers = {"": name, "2": f"the square of {name}", "3": f"the cube of {name}"}
         shown = powers.get(degree, f"power {degree} of {name}")
         words += ["in proportion to the signal"] if shape.covariate.startswith(OF_SIGNAL) else []

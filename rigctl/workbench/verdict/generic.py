@@ -133,9 +133,10 @@ class Generic:
         n_eff = trials_of(smallest)
         top = _strongest(statistics, dimensions, p_values, projector.data)
         p_value = float(p_values[top])
-        statistics = statistics + np.concatenate([each.constant_statistic for each in scored])
-        dimensions = dimensions + np.concatenate([each.constant_statistic > 0.0 for each in scored])
-        described = shapes[_strongest(statistics, dimensions, p_of(statistics, dimensions, dof), projector.data)]
+        beside = statistics + np.concatenate([each.constant_statistic for each in scored])
+        beside_dimensions = dimensions + np.concatenate([each.constant_statistic > 0.0 for each in scored])
+        p_beside = p_of(beside, beside_dimensions, dof)
+        described = shapes[_strongest(beside, beside_dimensions, p_beside, projector.data)]
         described_columns = columns = self._columns(shapes[top])
         if described != shapes[top]:
             constant = self._columns(Shape(described.series, 0, 0, ""))

@@ -149,11 +149,9 @@ class Search:
         """Add and drop until nothing that is left can be explained."""
         self._climb()
         if self.unexplained is not None and (both := self._pair(self.unexplained)):
-            self.moves += [
-                Move((*self.terms, both[0]), both[0].effect, ()),
-                Move((*self.terms, *both), both[1].effect, ()),
-            ]
-            self.terms, self.unexplained = (*self.terms, *both), None
+            first, (terms, dropped) = (*self.terms, both[0]), self._floated((*self.terms, *both))
+            self.moves += [Move(first, both[0].effect, ()), Move(terms, both[1].effect, dropped)]
+            self.terms, self.unexplained = terms, None
         self._take_detour()
         self._prefer_simplest()
 

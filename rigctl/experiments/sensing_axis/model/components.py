@@ -10,6 +10,7 @@ import numpy as np
 from rigctl.core.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from rigctl.experiments.sensing_axis.model.model import Prediction
 from rigctl.experiments.sensing_axis.model.parameters import by_configuration, by_mounting
+from rigctl.experiments.sensing_axis.model.templates import templates
 from rigctl.experiments.sensing_axis.observe.observables import HARMONICS, Amplitudes, RunObservables
 from rigctl.experiments.sensing_axis.observe.reduction import ACCEL
 from rigctl.workbench.study import NoisePool, Observations, Series
@@ -60,6 +61,7 @@ def stacked(runs: Sequence[RunObservables], heads: Sequence[str]) -> Stacked:
     run_of, series_index = (np.asarray(each, dtype=np.intp) for each in np.nonzero(present))
     pools, pool_of = _pools(runs, series, run_of, series_index, dof[present])
     axes = list(dict.fromkeys(run.axis for run in runs))
+    covariates = _covariates(runs)
     return Stacked(
         Observations(
             run_ids=tuple(run.run_id for run in runs),
@@ -73,9 +75,10 @@ def stacked(runs: Sequence[RunObservables], heads: Sequence[str]) -> Stacked:
             # Another axis is another sensor: its drift has nothing to do with this one's.
             group_of=np.array([axes.index(run.axis) for run in runs], dtype=np.intp)[run_of],
             block_of=_blocks(runs),
-            covariates=_covariates(runs),
+            covariates=covariates,
             angle="theta_deg",
             frequency="frequency_hz",
+            templates=templates(runs, covariates, present),
         ),
         present,
     )
