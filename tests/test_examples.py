@@ -123,9 +123,10 @@ def test_what_no_effect_explains_is_described(unknown: dict[str, Any]) -> None:
     assert found["suggested"] == ["resonance", "roll-gravity"]
     left = found["unexplained"]
     assert (left["channel"], left["component"]) == ("accel_v", "nu in-phase")
-    assert left["details"]["covariate"] == "pressure_hpa"
-    assert left["details"]["harmonic_of_angle"] == 1
-    assert left["details"]["frequency_power"] == 2
+    assert left["details"]["covariate"] == "signal*pressure_hpa"
+    assert left["description"].endswith(
+        "in proportion to the signal, with pressure_hpa (size per standard deviation of it)"
+    )
     assert left["p_value"] < 1e-20
 
 

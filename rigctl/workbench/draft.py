@@ -20,7 +20,7 @@ from rigctl.core.errors import DataError
 from rigctl.core.experiments import experiment_named
 from rigctl.core.units import known_unit, power, ratio, unit_of_column
 from rigctl.workbench.findings import Diagnosis, Unexplained
-from rigctl.workbench.study import OF_SIGNAL, Observations
+from rigctl.workbench.study import OF_SIGNAL, SIGNAL, Observations
 from rigctl.workbench.study_base import StudyBase
 from rigctl.workbench.verdict.attempt import Attempt, Scored
 from rigctl.workbench.workbench import Workbench
@@ -110,6 +110,10 @@ def _forms(
 ) -> Iterator[Form]:
     """At every point with its unit, with and without the harmonic of the angle."""
     name, degree = _covariate(unexplained)
+    if name == SIGNAL:
+        for point, unit in units.items():
+            yield Form(point, f"k * run.signal**{degree}", ratio("1", power(unit, float(degree) - 1.0)), ("k",))
+        return
     factor, counted = "", ""
     if name:
         here = study.expressions.get(name, f'run.column("{name}")')

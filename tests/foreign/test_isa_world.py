@@ -75,6 +75,24 @@ def test_sizes_are_in_sigma_and_linear() -> None:
     assert size_of(trial.design, bench, trial.noise, doubled) == pytest.approx(2.0 * size, rel=0.01), name
 
 
+@pytest.mark.parametrize(
+    ("seed", "form"), [(436, "k * run.signal**3"), (509, 'k * (run.column("humidity_percent") -')]
+)
+def test_an_unknown_is_drafted_as_what_the_world_has(tmp_path: Path, seed: int, form: str) -> None:
+    """Nothing is named beside it; the drafted effect is of its form, and brings the size."""
+    trial = drawn(seed)
+    write(trial.design, trial.bench, trial.noise, seed, tmp_path / "elsewhere")
+    store, draft = str(tmp_path / "elsewhere.rig.sqlite"), tmp_path / "draft.py"
+    run("import", str(tmp_path / "elsewhere"), "--store", store)
+    found = command("diagnose", store, "--draft", str(draft))
+    assert (found["verdict"], found["suggested"]) == ("unknown", [])
+    assert form in draft.read_text()
+    run("model", "add", store, "drafted", "--plugin", str(draft))
+    fit = command("fit", store, "--plugin", str(draft))
+    (true,) = trial.parameters.values()
+    assert abs(fit["parameters"]["k"]["value"] - true) < 3.5 * fit["parameters"]["k"]["sigma"]
+
+
 def test_a_trial_scores_what_was_said() -> None:
     """One known effect and one of no catalogue; the rest is `python -m tests.foreign.trials`."""
     known, unknown = tried(SENSING_AXIS, 3), tried(SENSING_AXIS, 11)

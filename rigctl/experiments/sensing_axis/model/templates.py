@@ -32,14 +32,15 @@ def templates(
 
     What was measured stands for the signal: beside it the noise is nothing. `covariates` are columns over the runs.
     """
-    signal = np.array([run.accel_v.value[1:] for run in runs])
-    usual_v = float(np.sqrt(np.mean(np.abs(signal[:, 0]) ** 2)))
+    read_v = np.array([run.accel_v.value[1:] for run in runs])
+    usual_v = float(np.sqrt(np.mean(np.abs(read_v[:, 0]) ** 2)))
     if not usual_v > 0.0:  # runs to come have no readings
         return {}
-    found = {}
+    # Of a signal of usual size.
+    share, found = read_v / usual_v, {}
     for name, away in _followed(covariates):
-        found[_NU_IN_PHASE, OF_SIGNAL + name] = _at(present, signal * away[:, None])
-    found[_NU_IN_PHASE, f"{SIGNAL}^3"] = _at(present, _cubed(signal, _force(runs)))
+        found[_NU_IN_PHASE, OF_SIGNAL + name] = _at(present, np.asarray(share * away[:, None], dtype=np.complex128))
+    found[_NU_IN_PHASE, f"{SIGNAL}^3"] = _at(present, _cubed(share, _force(runs)))
     return {key: column for key, column in found.items() if column.any()}
 
 
@@ -56,17 +57,17 @@ def _followed(covariates: Mapping[str, FloatArray]) -> list[tuple[str, FloatArra
 
 
 def _force(runs: Sequence[RunObservables]) -> FloatArray:
-    """The varying force along the sensing axis in units of its usual size: gains differ, a curve is one of the force."""
+    """The varying force along the sensing axis, of usual size 1: where gains differ, a curve is one of the force."""
     force = np.array([run.peak_acceleration_m_s2 * np.sin(run.theta_rad) for run in runs])
     size = float(np.sqrt(np.mean(force**2)))
     return force / size if size > 0.0 else force
 
 
-def _cubed(signal_v: ComplexArray, force: FloatArray) -> ComplexArray:
+def _cubed(signal: ComplexArray, force: FloatArray) -> ComplexArray:
     """Harmonics of the cube of a sine of unit amplitude, times the signal and the square of the force."""
     phase = 2.0 * np.pi * np.arange(GRID_POINTS) / GRID_POINTS
     cube = referred(harmonics(np.sin(phase)[None, :] ** 3, HARMONICS))[:, 1:]
-    return np.asarray(signal_v[:, :1].real * force[:, None] ** 2 * cube)
+    return np.asarray(signal[:, :1].real * force[:, None] ** 2 * cube)
 
 
 def _at(present: BoolArray, lines: ComplexArray) -> FloatArray:
