@@ -37,7 +37,8 @@ def templates(
     if not usual_v > 0.0:  # runs to come have no readings
         return {}
     # Of a signal of usual size.
-    share, found = read_v / usual_v, {}
+    share = np.asarray(read_v / usual_v, dtype=np.complex128)
+    found = {}
     for name, away in _followed(covariates):
         found[_NU_IN_PHASE, OF_SIGNAL + name] = _at(present, np.asarray(share * away[:, None], dtype=np.complex128))
     found[_NU_IN_PHASE, f"{SIGNAL}^3"] = _at(present, _cubed(share, _force(runs)))
